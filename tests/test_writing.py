@@ -169,6 +169,6 @@ def test_channels_of_such_names_are_read_from_a_measurement(tmp_path):
 
 def test_a_quote_that_is_not_closed_is_named_with_its_line(tmp_path):
     (tmp_path / "gauges.csv").write_text(f"{','.join(NEEDED)}\nG1,0,0,0,1,0,0\n" + '"' + "x" * 200_000)
-    with pytest.raises(DeckError, match=r"gauges\.csv:3  is no line of a table") as caught:
+    with pytest.raises(DeckError, match=r"gauges\.csv:3  the line is not a valid table row") as caught:
         read_bonded(tmp_path / "gauges.csv")
     assert caught.value.remedy

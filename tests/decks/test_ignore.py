@@ -31,7 +31,7 @@ SHELLS = (
 )
 
 
-def test_card_count_line_and_remedy_are_named_and_what_is_named_in_the_config_is_left_out(tmp_path):
+def test_unsupported_cards_are_refused_or_ignored(tmp_path):
     error = refused(tmp_path, TETRAHEDRON + SHELLS)
     assert f"2 × CQUAD (first at {tmp_path}/deck.bdf:9), 1 × PLOAD1 (first at {tmp_path}/deck.bdf:12)" in error.what
     assert error.where == f"{tmp_path}/deck.bdf:9"
@@ -65,13 +65,13 @@ def test_elements_ties_and_loads_are_refused(tmp_path, card):
     refused(tmp_path, TETRAHEDRON + card + "\n")
 
 
-def test_a_card_that_is_supported_may_be_left_out_too(tmp_path):
+def test_supported_card_can_be_ignored(tmp_path):
     mesh = imported(tmp_path, TETRAHEDRON + "CELAS2,60,9.,4,3\nPLOAD4,1,99,1.\n", ["CELAS2", "PLOAD4"])
     assert (mesh.springs, mesh.loads) == ((), {})
     assert mesh.ignored == {"CELAS2": 1, "PLOAD4": 1}
 
 
-def test_a_plate_that_is_left_out_still_says_where_a_pressure_acts(tmp_path):
+def test_ignored_plate_locates_pressure(tmp_path):
     mesh = imported(tmp_path, TETRAHEDRON + "CTRIA3,70,3,2,3,4\nPLOAD2,1,2.,70\n", ["CTRIA3"])
     assert mesh.loads["LOAD-1"].force.sum(axis=0) == pytest.approx([1, 1, 1])
 
@@ -88,7 +88,7 @@ def test_keywords_and_types_of_elements_of_abaqus(tmp_path):
     assert imported(tmp_path, text, ["DLOAD", "M3D3", "TIE"], name="deck.inp").loads == {}
 
 
-def test_types_of_elements_of_abaqus_that_are_supported_may_be_left_out_too(tmp_path):
+def test_supported_abaqus_elements_can_be_ignored(tmp_path):
     text = ABAQUS + "*ELEMENT, TYPE=SPRING1, ELSET=SP\n60, 4\n*SPRING, ELSET=SP\n3\n1e5\n"
     text += "*ELEMENT, TYPE=MASS, ELSET=M\n61, 4\n*MASS, ELSET=M\n2.\n"
     both = imported(tmp_path, text, name="deck.inp")
@@ -108,7 +108,7 @@ def test_types_of_elements_of_abaqus_that_are_supported_may_be_left_out_too(tmp_
         ("deck.inp", ABAQUS + "*STEP\n*BOUNDARY, OP=MOD\n4, 3\n4, 1, 1, .1\n*END STEP\n"),
     ],
 )
-def test_an_enforced_displacement_is_held_with_a_warning_or_free_where_it_is_named(tmp_path, name, text):
+def test_enforced_displacement_is_fixed_or_free(tmp_path, name, text):
     mesh = imported(tmp_path, text, name=name)
     assert [3, 0] in mesh.fixed.tolist()
     assert sanity_warnings(mesh)[0].startswith("1 × ENFORCED DISPLACEMENT of another value than zero ignored: the motion is held")
@@ -125,13 +125,13 @@ def test_an_enforced_displacement_is_held_with_a_warning_or_free_where_it_is_nam
         ("deck.inp", ABAQUS + "*STEP\n*TEMPERATURE\n4, 20.\n*BASE MOTION, DOF=1\n*END STEP\n", "*TEMPERATURE"),
     ],
 )
-def test_heat_that_changes_no_stiffness_is_listed(tmp_path, name, text, card):
+def test_constant_thermal_load_is_listed(tmp_path, name, text, card):
     mesh = imported(tmp_path, text, name=name)
     assert mesh.effect[card] == "none"
     assert not mesh.unsupported
 
 
-def test_heat_that_changes_the_modulus_has_to_be_named(tmp_path):
+def test_temperature_dependent_modulus_is_refused(tmp_path):
     text = ABAQUS.replace("*DENSITY", "1.9e11, .3, 400.\n*DENSITY") + "*STEP\n*TEMPERATURE\n4, 20.\n*END STEP\n"
     assert "TEMPERATURE" in refused(tmp_path, text, name="deck.inp").what
 
@@ -172,7 +172,7 @@ def read(folder, text, ignore=()):
 
 
 @pytest.mark.parametrize("name", ASKED)
-def test_modes_under_a_preload_are_refused_with_their_line_or_named_in_the_config(name, tmp_path):
+def test_preloaded_modes_are_refused_unless_ignored(name, tmp_path):
     text, line, by = ASKED[name]
     with pytest.raises(DeckError, match="Unsupported entities that affect the model") as caught:
         read(tmp_path, text)
@@ -184,13 +184,13 @@ def test_modes_under_a_preload_are_refused_with_their_line_or_named_in_the_confi
     assert f"card PRELOAD by {by}" in {row[0] for row in assumed_table(mesh, "", free=False).rows}
 
 
-def test_displacements_stay_large_from_step_to_step_until_a_deck_says_no(tmp_path):
+def test_nlgeom_persists_between_steps(tmp_path):
     steps = f"*STEP, NLGEOM\n{LOADED}*STEP\n{LOADED}*STEP, NLGEOM=NO\n{LOADED}*STEP\n{MODES}"
     assert read(tmp_path, inp(more=steps), ["PRELOAD"]).ignored == {"PRELOAD by *STEP, NLGEOM": 2}
 
 
 @pytest.mark.parametrize("name", NOT_ASKED)
-def test_modes_without_one_are_no_error_and_no_warning(name, tmp_path):
+def test_modes_without_preload_are_accepted(name, tmp_path):
     mesh = read(tmp_path, NOT_ASKED[name])
     assert not any("PRELOAD" in card for card in mesh.ignored)
     assert sanity_warnings(mesh) == ()
@@ -207,7 +207,7 @@ def import_checked(tmp_path, text, **more):
     return mesh, checked(mesh, config)[0][0]
 
 
-def test_it_is_left_out_with_a_note_and_weighs_nothing(tmp_path):
+def test_element_without_region_is_noted_and_massless(tmp_path):
     mesh, weight = import_checked(tmp_path, LOOSE)
     assert [point.id for point in mesh.point_masses] == [91]
     assert mesh.notes[-1].startswith("a point mass of 2.5 kg on nodes that no element, tie, spring or support holds, left out")
@@ -218,14 +218,14 @@ def test_it_is_left_out_with_a_note_and_weighs_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("card", ["RBE2,20,50,123,4", "CELAS2,20,1.+6,50,1,4,1", "MPC,1,50,1,1.,4,1,-1."])
-def test_what_holds_its_node_keeps_it(tmp_path, card):
+def test_supported_node_is_kept(tmp_path, card):
     (tmp_path / "deck.bdf").write_text(f"{LOOSE}{card}\n")
     mesh = mesh_of(MeshFile(file="deck.bdf"), tmp_path / "deck.bdf")
     assert len(mesh.point_masses) == 2
     assert not any("left out" in note for note in mesh.notes)
 
 
-def test_a_tie_of_the_config_keeps_it(tmp_path):
+def test_tied_node_is_kept(tmp_path):
     ties = (Tie(type="averaging", set="SET1-7", reference=50),)
     mesh, weight = import_checked(tmp_path, LOOSE, ties=ties)
     assert len(mesh.point_masses) == 2

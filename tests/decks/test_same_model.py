@@ -215,7 +215,7 @@ def test_sets_are_the_same(meshes, name):
         assert np.sort(mesh.element_sets[title]).tolist() == own
 
 
-def test_supports_are_the_same_where_the_format_has_them(meshes):
+def test_supports_agree_between_formats(meshes):
     held = [
         sorted((int(mesh.node_ids[node]), int(component)) for node, component in mesh.fixed)
         for mesh in (meshes["nastran"], meshes["abaqus"])

@@ -76,14 +76,14 @@ def stiffness(mesh):
     return build_model(mesh, supported=False).stiffness.constant.toarray()
 
 
-def test_all_formats_say_the_same(tmp_path):
+def test_all_formats_agree(tmp_path):
     """Connectivity, and the eigenvalues of K; the pressure of Nastran is along the normal, that of Abaqus too."""
     nastran, abaqus = made(tmp_path / "a.bdf", NASTRAN), made(tmp_path / "a.inp", ABAQUS)
     given = {"mesh.sections.skin": GivenSection(None, ShellSection(T))}
-    gmsh = made(tmp_path / "a.msh", GMSH, given=given)
+    gmsh = made(tmp_path / "a.msh", GMSH, sections=given)
     cells = [("quad8", [np.array(QUAD) - 1]), ("triangle6", [np.array(TRI) - 1])]
     meshio.Mesh(np.column_stack([XY, np.zeros(len(XY))]), cells).write(tmp_path / "a.vtu")
-    vtu = read_mesh(tmp_path / "a.vtu", given=given)
+    vtu = read_mesh(tmp_path / "a.vtu", sections=given)
     for mesh in (nastran, abaqus, gmsh, vtu):
         assert [block.kind for block in mesh.shells] == ["quad8", "tri6"]
         np.testing.assert_array_equal(mesh.shells[0].nodes, [np.array(QUAD) - 1])
@@ -96,7 +96,7 @@ def test_all_formats_say_the_same(tmp_path):
     assert force[0].sum(axis=0)[2] == pytest.approx(2 * (2.5 + 2 / 3 * (0.2 + 0.05)), rel=1e-12)
 
 
-def test_angle_offset_and_thickness_stand_behind_the_nodes(tmp_path):
+def test_quadratic_shell_fields_follow_nodes(tmp_path):
     text = NASTRAN.replace(",7,8\n", f",7,8,{T},{T},{T},{T},30.,.01\n").replace("11,10,6\n", "11,10,6\n,45.,-.02\n")
     quad, tri = made(tmp_path / "a.bdf", text).shells
     assert (quad.offset, tri.offset) == ([0.01], [-0.02])
@@ -109,19 +109,19 @@ def test_angle_offset_and_thickness_stand_behind_the_nodes(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "what", "line"),
     [
-        (",7,8\n", ",7\n", r"CQUAD8 1: 3 of 4 mid-side nodes \(G8 is blank\)", 12),
-        ("11,10,6\n", "11,,6\n", r"CTRIA6 2: 2 of 3 mid-side nodes \(G5 is blank\)", 14),
+        (",7,8\n", ",7\n", r"the element has 3 of 4 mid-side nodes \(G8 is blank\)", 12),
+        ("11,10,6\n", "11,,6\n", r"the element has 2 of 3 mid-side nodes \(G5 is blank\)", 14),
         ("GRID,5,,1,0,0.", "GRID,5,,1.6,0,0.", "node 5 of quad8 element 1 lies at 0.8 of its side", 12),
         ("GRID,7,,1,1.1,0.", "GRID,7,,1,1.9,0.", "node 7 of quad8 element 1 is 0.45 side lengths off its side", 12),
     ],
 )
-def test_what_is_wrong_is_named_with_file_line_and_remedy(tmp_path, old, new, what, line):
+def test_errors_have_file_line_and_remedy(tmp_path, old, new, what, line):
     assert old in NASTRAN
     with expect_refusal(DeckError, what, where=f"a.bdf:{line}", remedy=""):
         checked(made(tmp_path / "a.bdf", NASTRAN.replace(old, new)))
 
 
-def test_a_face_below_is_counted_the_other_way(tmp_path):
+def test_pressure_on_lower_face_is_reversed(tmp_path):
     def load(side):
         surface = f"*SURFACE, NAME=S\nALL, {side}\n*STEP"
         return made(tmp_path / "a.inp", ABAQUS.replace("*STEP", surface).replace("*DLOAD\nALL, P,", "*DSLOAD\nS, P,")).loads
@@ -135,14 +135,14 @@ def test_lines_of_three_nodes_become_beams(tmp_path):
     text = GMSH.replace("Elements\n2\n", "Elements\n3\n").replace("$EndElements", "3 8 2 8 2 1 2 5\n$EndElements")
     section = BeamSection(1e-4, np.diag([1e-9, 2e-9]), torsion=3e-9)
     given = {"mesh.sections.bar": GivenSection(None, section, direction=(0.0, 1.0, 0.0))}
-    beams = made(tmp_path / "a.msh", text, given=given).beams
+    beams = made(tmp_path / "a.msh", text, sections=given).beams
     assert [(own.kind, own.nodes.tolist()) for own in beams] == [("beam3", [[0, 1, 4]])]
     np.testing.assert_allclose(beams[0].axes[0], np.eye(3))
     with pytest.raises(DeckError, match="element 3 is a line of three nodes, and its section does not bend"):
-        made(tmp_path / "a.msh", text, given={"mesh.sections.bar": GivenSection(None, BeamSection(1e-4))})
+        made(tmp_path / "a.msh", text, sections={"mesh.sections.bar": GivenSection(None, BeamSection(1e-4))})
 
 
-def test_a_beam_of_an_abaqus_deck_has_its_middle_node_between(tmp_path):
+def test_abaqus_b32_middle_node_order(tmp_path):
     """n1 by the fourth node, and its centroid off the nodes, against OFFSET2, along the axes of each place."""
     text = """*NODE
 1, 1., 0., 0.

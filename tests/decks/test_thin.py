@@ -29,12 +29,12 @@ def strip(tmp_path):
             text = text.replace(old, new)
         (tmp_path / "strip.msh").write_text(text)
         given = {f"mesh.sections.{name}": own for name, own in sections.items()}
-        return read_mesh(tmp_path / "strip.msh", unit, "kg", given=given)
+        return read_mesh(tmp_path / "strip.msh", unit, "kg", sections=given)
 
     return of
 
 
-def test_regions_that_have_a_section_are_shells_and_beams_and_the_others_sets_of_nodes(strip):
+def test_regions_with_section_become_shells_and_beams(strip):
     mesh = strip(skin=SHELL, spar=BEAM)
     points, quads, lines = grid()
     (shells,), (beams,) = mesh.shells, mesh.beams
@@ -63,19 +63,19 @@ def test_sections_are_in_metres_whatever_the_unit_of_the_file(strip):
     np.testing.assert_allclose(moved.shells[0].offset, 0.02, rtol=1e-14)
 
 
-def test_without_moments_of_area_lines_are_rods(strip):
+def test_lines_without_moments_are_rods(strip):
     (rods,) = strip(spar=ROD).beams
     assert rods.kind == "rod"
     np.testing.assert_allclose(rods.axes[:, :, 0], np.tile([1.0, 0, 0], (8, 1)))
     np.testing.assert_allclose(rods.axes.swapaxes(1, 2) @ rods.axes, np.tile(np.eye(3), (8, 1, 1)), atol=1e-15)
 
 
-def test_a_grid_of_triangles_quadrangles_and_lines_with_one_region_is_shells_and_beams(tmp_path):
+def test_single_region_grid_becomes_shells_and_beams(tmp_path):
     given = {
         "mesh.sections.a": GivenSection((7,), ShellSection(T)),
         "mesh.sections.b": GivenSection((7,), BEAM.section, 0.0, (0, 0, 1)),
     }
-    mesh = read_mesh(vtu(tmp_path / "strip.vtu"), given=given)
+    mesh = read_mesh(vtu(tmp_path / "strip.vtu"), sections=given)
     points, quads, lines = grid()
     kinds = {block.kind: mesh.position[block.nodes] for block in mesh.thin}
     np.testing.assert_allclose(kinds["quad4"], points[quads[:8]])
@@ -86,21 +86,21 @@ def test_a_grid_of_triangles_quadrangles_and_lines_with_one_region_is_shells_and
     assert {name: len(ids) for name, ids in mesh.node_sets.items()} == {"root": 3, "spar": 9, "tip": 3}
 
 
-def test_a_grid_without_regions_is_shells_throughout(tmp_path):
+def test_grid_without_regions_becomes_shells(tmp_path):
     points, quads, lines = grid()
     path = tmp_path / "strip.vtk"
     meshio.Mesh(points, [("quad", quads), ("line", lines["root"])]).write(path)
-    mesh = read_mesh(path, given={"mesh.sections.a": GivenSection(None, ShellSection(T))})
+    mesh = read_mesh(path, sections={"mesh.sections.a": GivenSection(None, ShellSection(T))})
     assert ({i: own.name for i, own in mesh.regions.items()}, len(mesh.shells[0].ids)) == ({1: "shells"}, 16)
     assert mesh.ignored == {"line cells": 2}
 
 
-def test_skin_on_a_solid_stands_beside_it(tmp_path):
+def test_skin_is_added_to_solid(tmp_path):
     x = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
     cells = [("tetra", [[0, 1, 2, 3]]), ("triangle", [[0, 1, 2], [0, 1, 3]])]
     path = tmp_path / "part.vtu"
     meshio.Mesh(x, cells, cell_data={"region": [[1], [1, 2]], "on": [[1], [0, 1]]}).write(path)
-    plain, mesh = read_mesh(path), read_mesh(path, given={"a": GivenSection((2,), ShellSection(T))})
+    plain, mesh = read_mesh(path), read_mesh(path, sections={"a": GivenSection((2,), ShellSection(T))})
     assert (plain.thin, plain.ignored) == ((), {"triangle cells": 2})
     assert (mesh.blocks[0].ids.tolist(), mesh.shells[0].ids.tolist()) == ([1], [3])
     assert {i: own.name for i, own in mesh.regions.items()} == {1: "region 1", 2: "region 2"}
@@ -108,7 +108,7 @@ def test_skin_on_a_solid_stands_beside_it(tmp_path):
     assert mesh.ignored == {"triangle cells": 1}
 
 
-def test_an_element_in_two_groups_counts_once_and_has_one_section(strip):
+def test_element_in_two_groups_has_one_section(strip):
     last = gmsh().splitlines()[-2].split()
     again = f"29 3 2 4 4 {' '.join(last[5:])}\n$EndElements"
     text = gmsh().replace("$Elements\n28", "$Elements\n29").replace("$EndElements", again)
@@ -140,21 +140,21 @@ def test_an_element_in_two_groups_counts_once_and_has_one_section(strip):
             "13 is a 9-node quadrangle",
             "SecondOrderIncomplete = 1",
         ),
-        ({}, (), None, r"no solid element \(12 2-node lines, 16 4-node quadrangles\)", "mesh.sections gives their regions"),
+        ({}, (), None, r"no solid elements \(12 2-node lines, 16 4-node quadrangles\)", "mesh.sections gives their regions"),
     ],
 )
-def test_what_cannot_be_a_shell_or_beam_is_refused(strip, sections, changes, key, what, remedy):
+def test_unsupported_thin_elements_are_refused(strip, sections, changes, key, what, remedy):
     with expect_refusal(UserError, what, remedy=remedy, key=(key and f"mesh.sections.{key}")) as error:
         strip(*changes, **sections)
     if key is None and sections:
         assert error.value.where.rpartition(":")[2].isdigit()
 
 
-def test_solids_have_no_section_and_a_deck_states_its_own(tmp_path):
+def test_sections_of_solids_and_decks_are_refused(tmp_path):
     (tmp_path / "deck.bdf").write_text(TETRAHEDRON)
-    with expect_refusal(UserError, r"deck.bdf is a deck, which states its sections itself", key="mesh.sections.a"):
-        read_mesh(tmp_path / "deck.bdf", given={"mesh.sections.a": SHELL})
+    with expect_refusal(UserError, r"mesh\.sections\.a: deck\.bdf is a deck", key="mesh.sections.a"):
+        read_mesh(tmp_path / "deck.bdf", sections={"mesh.sections.a": SHELL})
     meshio.Mesh(np.vstack([np.zeros(3), np.eye(3)]), [("tetra", [range(4)])]).write(tmp_path / "part.vtu")
     for regions, what in (((1,), "no region 1 of triangles"), (None, "the file has no triangles")):
         with pytest.raises(UserError, match=what):
-            read_mesh(tmp_path / "part.vtu", given={"mesh.sections.a": GivenSection(regions, ShellSection(T))})
+            read_mesh(tmp_path / "part.vtu", sections={"mesh.sections.a": GivenSection(regions, ShellSection(T))})

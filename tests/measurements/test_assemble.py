@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.measurements.assemble import assemble, held_samples, release
+from strainsight.measurements.assemble import assemble, find_repeated_samples, remove_repeated_samples
 from strainsight.measurements.calibration import ARRANGEMENTS, Bridge, ChannelSettings, strain_of
 from strainsight.measurements.clock import Delay
 from strainsight.measurements.records import Recording
@@ -48,7 +48,7 @@ def readings():
     return found
 
 
-def test_a_test_from_the_rig_comes_back_to_the_truth():
+def test_assembled_signals_match_truth():
     channels = {name: values[KEPT] for name, values in readings().items()}
     signals = assemble(Recording(TIME[KEPT], channels, UNITS, "rig.csv"), SETTINGS)
     assert signals.names == ("g2", "F", "g1", "acc")
@@ -59,14 +59,14 @@ def test_a_test_from_the_rig_comes_back_to_the_truth():
         np.testing.assert_array_equal(np.isnan(signals.values[:, column]), gone)
         scale = np.abs(TRUTH[name]).max()
         np.testing.assert_allclose(signals.values[~gone, column], TRUTH[name][~gone], rtol=0, atol=1e-12 * scale)
-    assert any(note.startswith("12 rows without samples were put in behind 5.699 s") for note in signals.notes)
-    assert any(note.startswith("1 row without samples was put in behind 6.499 s") for note in signals.notes)
+    assert any(note.startswith("12 rows without samples were inserted after 5.699 s") for note in signals.notes)
+    assert any(note.startswith("1 row without samples was inserted after 6.499 s") for note in signals.notes)
     assert f"g1: {int(LOST['g1'][KEPT].sum())} of {len(KEPT)} samples are missing" in signals.notes
-    assert "g2: mV/V became strain, half-poisson bridge, gauge factor 2.05" in signals.notes
+    assert "g2: converted from mV/V to strain with a half-poisson bridge and gauge factor 2.05" in signals.notes
 
 
 @pytest.mark.parametrize("factor", [0.25, 0.5, 1, 2, 5])
-def test_the_step_of_the_filter_moves_no_sample(factor):
+def test_filter_step_does_not_shift_samples(factor):
     recording = Recording(TIME[KEPT], {"F": readings()["F"][KEPT]}, {"F": None}, "rig.csv")
     signals = assemble(recording, {"F": SETTINGS["F"]}, STEP * factor)
     assert np.diff(signals.time) == pytest.approx(STEP * factor, rel=1e-6)
@@ -91,7 +91,7 @@ def late_record(gap=()):
 @pytest.mark.parametrize(
     "delay", [Delay(samples=LATE), Delay(seconds=LATE * STEP), Delay(seconds=LATE * STEP * 1.0005)]
 )
-def test_a_channel_that_is_written_late_is_put_at_its_own_time(delay):
+def test_delayed_channel_is_shifted(delay):
     found = assemble(late_record(), {"a": ChannelSettings("m/m"), "b": ChannelSettings("m/m", delay=delay)})
     np.testing.assert_allclose(found.values[:-LATE, 1], found.values[:-LATE, 0], atol=1e-12)
     assert np.isnan(found.values[-LATE:, 1]).all()
@@ -99,7 +99,7 @@ def test_a_channel_that_is_written_late_is_put_at_its_own_time(delay):
 
 
 @pytest.mark.parametrize("step", [2 * STEP, STEP / 2])
-def test_a_delay_is_in_samples_of_the_file_whatever_the_step_of_the_filter(step):
+def test_delay_is_in_file_samples(step):
     settings = {"a": ChannelSettings("m/m"), "b": ChannelSettings("m/m", delay=Delay(samples=LATE))}
     found = assemble(late_record(gap=[40, 41]), settings, step)
     there = np.isfinite(found.values).all(axis=1)
@@ -110,12 +110,12 @@ def test_a_delay_is_in_samples_of_the_file_whatever_the_step_of_the_filter(step)
 @pytest.mark.parametrize(
     ("delay", "what"),
     [
-        (Delay(seconds=2.4 * STEP), r"a delay of 0\.0024 s is 2\.4 samples of 0\.001 s, and nothing is interpolated"),
-        (Delay(samples=100), "a delay of 100 samples, the record has 100"),
-        (Delay(seconds=-1.0), "a delay of -1000 samples, the record has 100"),
+        (Delay(seconds=2.4 * STEP), r"a delay of 0\.0024 s is 2\.4 samples of 0\.001 s, but delays are not"),
+        (Delay(samples=100), "the delay is 100 samples, but the record has only 100"),
+        (Delay(seconds=-1.0), "the delay is -1000 samples, but the record has only 100"),
     ],
 )
-def test_a_delay_that_does_not_fit_the_record_is_refused(delay, what):
+def test_invalid_delay_is_refused(delay, what):
     with expect_refusal(UserError, what, key="b"):
         assemble(late_record(), {"b": ChannelSettings("m/m", delay=delay)})
 
@@ -132,20 +132,20 @@ def held(n, values=MOVING, phase=0):
 
 @pytest.mark.parametrize("n", [2, 5, 20])
 @pytest.mark.parametrize("phase", [0, 1])
-def test_first_sample_of_every_run_remains(n, phase):
-    found, notes = release("F", held(n, phase=phase), 1e-3)
+def test_first_repeated_sample_is_kept(n, phase):
+    found, notes = remove_repeated_samples("F", held(n, phase=phase), 1e-3)
     fresh = np.flatnonzero(np.isfinite(found))
     np.testing.assert_array_equal(np.diff(fresh), n)
     assert fresh[0] == phase
     np.testing.assert_array_equal(found[fresh], MOVING[fresh])
-    assert f"runs of {n} equal ones, a channel of {1000 / n:.4g} Hz" in notes[0]
-    assert f"(n − 1)/2 = {(n - 1) / 2:g} samples late" in notes[0]
+    assert f"repeated {n} times, from a channel of {1000 / n:.4g} Hz" in notes[0]
+    assert f"(n − 1)/2 = {(n - 1) / 2:g} samples" in notes[0]
 
 
-def test_rest_and_missing_samples_hide_no_repetition():
+def test_repetition_is_found_despite_rest_and_gaps():
     values = held(4, np.where(INDEX < 100, 0.0, MOVING))
     values[[0, 250]] = np.nan
-    found, _ = release("F", values, 1e-3)
+    found, _ = remove_repeated_samples("F", values, 1e-3)
     assert np.isfinite(found).sum() == SAMPLES // 4 - 1
 
 
@@ -161,17 +161,17 @@ def test_rest_and_missing_samples_hide_no_repetition():
         np.clip(MOVING, -20, 20),
     ],
 )
-def test_other_equal_samples_are_left_alone(values):
-    assert held_samples(values) is None
-    found, notes = release("F", values, 1e-3)
+def test_equal_samples_without_pattern_are_kept(values):
+    assert find_repeated_samples(values) is None
+    found, notes = remove_repeated_samples("F", values, 1e-3)
     assert found is values
     assert notes == ()
 
 
-def test_rates_without_a_whole_ratio_are_refused():
+def test_noninteger_rate_ratio_is_refused():
     values = MOVING[np.floor(np.floor(INDEX / 3.4) * 3.4).astype(int)]
-    with pytest.raises(UserError, match=r"runs of 3 and 4 equal ones: a channel of 250 to 333\.3 Hz"):
-        release("F", values, 1e-3)
+    with pytest.raises(UserError, match=r"'F' repeats its samples 3 or 4 times: a channel of 250 to 333\.3 Hz was"):
+        remove_repeated_samples("F", values, 1e-3)
 
 
 # The inverse of an exact Wheatstone bridge, solved by Kirchhoff's laws.
@@ -209,7 +209,7 @@ def wheatstone(x: np.ndarray) -> float:
 
 @pytest.mark.parametrize("arrangement", ARRANGEMENTS)
 @pytest.mark.parametrize("strain", [1e-6, 1e-3, 0.05, -1e-6, -1e-3, -0.05])
-def test_the_formula_inverts_an_exact_bridge(arrangement, strain):
+def test_bridge_formula_is_exact_inverse(arrangement, strain):
     bridge = Bridge(arrangement, 2.07, NU if "poisson" in arrangement else None)
     r = output(GAUGES[arrangement], 2.07, strain)
     # A difference of two voltages near 0.5 V carries 1e-16 V.
@@ -225,7 +225,7 @@ def test_the_formula_inverts_an_exact_bridge(arrangement, strain):
         ((1500e-6, -500e-6, 700e-6, -300e-6), (2000 * 1000 + 1000 * 400) / 3000 * 1e-6),
     ],
 )
-def test_a_sum_is_linear_and_off_by_what_neighbouring_arms_have_in_common(arms, low):
+def test_bridge_sum_is_linear_with_known_error(arms, low):
     """GF 2: every leg is read (ε₁ + ε₂) of its share too low, to first order; the second order is 1e-6 of it here."""
     arms = np.array(arms)
     total = arms @ [1, -1, 1, -1]
@@ -235,7 +235,7 @@ def test_a_sum_is_linear_and_off_by_what_neighbouring_arms_have_in_common(arms, 
     assert 1 - read / total == pytest.approx(low, rel=2e-3, abs=1e-12)
 
 
-def test_missing_samples_stay_missing_and_the_impossible_becomes_so():
+def test_impossible_bridge_output_is_nan():
     r = np.array([np.nan, 0.0, 0.49, 0.5, 0.7, -0.49, -0.5, 9.0])
     np.testing.assert_array_equal(np.isnan(strain_of(Bridge("quarter", 2.0), r)), [1, 0, 0, 1, 1, 0, 1, 1])
     np.testing.assert_array_equal(

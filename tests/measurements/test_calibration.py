@@ -51,22 +51,22 @@ def test_units_and_their_spellings(units, si):
         np.testing.assert_allclose(calibrated(np.full(1000, 3.0), ChannelSettings(unit))[0], 3 * si, rtol=1e-14)
 
 
-def test_the_file_and_the_settings_have_to_agree_unless_overridden():
+def test_file_unit_must_match_config():
     ones = np.ones(1000)
     for same in ("ppm", "µm/m", None):
         assert calibrated(ones, ChannelSettings("um/m"), same)[0][0] == 1e-6
-    with expect_refusal(UserError, "stated in um/m, the file has it in mV/V", remedy="override"):
+    with expect_refusal(UserError, "the unit of 'a' is um/m in the config, but mV/V in the file", remedy="override"):
         calibrated(ones, ChannelSettings("um/m"), "mV/V")
-    with pytest.raises(UserError, match="the file has it in Volt"):
+    with pytest.raises(UserError, match="but Volt in the file"):
         calibrated(ones, ChannelSettings("um/m"), "Volt")
     values, notes = calibrated(ones, ChannelSettings("um/m", override=True), "mV/V")
     assert values[0] == 1e-6
-    assert notes[0] == "a: the file says mV/V, taken as um/m as the settings say"
-    with pytest.raises(UserError, match=r"-9999 um/m in 1 of 1000 samples.*stands for a missing value"):
+    assert notes[0] == "a: the unit is mV/V in the file, but um/m is used as set in the config"
+    with pytest.raises(UserError, match=r"-9999 um/m in 1 of 1000 samples.*marks missing values"):
         calibrated(np.r_[ones[1:], -9999.0], ChannelSettings("um/m", override=True), "mV/V")
 
 
-def test_offset_drift_zero_scale_and_sign_in_their_order():
+def test_calibration_order():
     signal = 50 * np.sin(20 * TIME)
     reading = 7.0 + 3.0 * TIME + signal
     settings = ChannelSettings("um/m", offset=7.0, drift=3.0, scale=2.0, sign=-1)
@@ -77,17 +77,17 @@ def test_offset_drift_zero_scale_and_sign_in_their_order():
     assert any("the mean of 201 samples from 0.2 to 0.4 s" in note for note in notes)
 
 
-def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
+def test_missing_samples_are_excluded_from_mean():
     reading = np.where(np.arange(1000) % 10 == 3, np.nan, 5.0)
     values, _ = calibrated(reading, ChannelSettings("um/m", zero=(0, 1)))
     np.testing.assert_array_equal(np.isnan(values), np.isnan(reading))
     assert np.nanmax(np.abs(values)) < 1e-18
     dead, notes = calibrated(np.full(1000, np.nan), ChannelSettings("um/m", zero=(0, 1)))
     assert np.isnan(dead).all()
-    assert "a: no sample at all, so nothing was zeroed" in notes
+    assert "a: the channel has no samples, so nothing was zeroed" in notes
 
 
-def test_samples_that_are_marked_as_missing_do_not_enter_the_mean():
+def test_marked_samples_are_excluded_from_mean():
     values = np.full(1000, 5.0)
     values[[100, 200, 201]] = 1e31, 700.0, -900.0
     spans = ((0.1, 0.1), (0.1995, 0.2015))
@@ -95,38 +95,38 @@ def test_samples_that_are_marked_as_missing_do_not_enter_the_mean():
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(own)), [100, 200, 201])
     np.testing.assert_allclose(own[np.isfinite(own)], 0.0, atol=1e-20)
     assert "a: 3 samples were marked as missing" in notes
-    with pytest.raises(UserError, match=r"no sample from 2 to 3 s, the record runs from 0 to 0\.999 s"):
+    with pytest.raises(UserError, match=r"there is no sample from 2 to 3 s; the record runs from 0 to 0\.999 s"):
         calibrated(values, ChannelSettings("um/m", missing=((2.0, 3.0),)))
 
 
-def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
+def test_impossible_readings_are_refused():
     ones = np.ones(1000)
-    with pytest.raises(UserError, match=r"no sample from 2 to 3 s, the record runs from 0 to 0.999 s"):
+    with pytest.raises(UserError, match=r"'a' has no sample from 2 to 3 s; the record runs from 0 to 0\.999 s"):
         calibrated(ones, ChannelSettings("um/m", zero=(2, 3)))
     reading = ones.copy()
     reading[41] = 600.0
-    with pytest.raises(UserError, match="reads 600 mV/V, more than a quarter bridge") as caught:
+    with pytest.raises(UserError, match="has the value 600 mV/V, outside the range of a quarter bridge") as caught:
         calibrated(reading, ChannelSettings("mV/V", bridge=Bridge("quarter", 2.0)))
     assert caught.value.where == "test.csv:43"
     reading[41] = -9.97e36
-    with pytest.raises(UserError, match=r"reads -9\.97e\+36 um/m") as caught:
+    with pytest.raises(UserError, match=r"has the value -9\.97e\+36 um/m") as caught:
         calibrated(reading, ChannelSettings("um/m"))
     assert caught.value.where == "test.csv:43"
-    assert "a: strains up to 100 %: is the unit right?" in calibrated(ones, ChannelSettings("strain"))[1]
+    assert "a: strains up to 100 %; check the unit" in calibrated(ones, ChannelSettings("strain"))[1]
 
 
 @pytest.mark.parametrize(
     ("settings", "wrong", "said"),
     [
-        (ChannelSettings, {"unit": "mV/V"}, "without bridge"),
-        (ChannelSettings, {"unit": "um/m", "bridge": Bridge("quarter", 2.0)}, "with a quarter bridge"),
+        (ChannelSettings, {"unit": "mV/V"}, "a channel in mV/V requires a bridge and a gauge factor"),
+        (ChannelSettings, {"unit": "um/m", "bridge": Bridge("quarter", 2.0)}, "a channel in um/m cannot have a quarter bridge"),
         (ChannelSettings, {"unit": "um/m", "zero": (1.0, 0.0)}, "window"),
         (Bridge, {"arrangement": "half-poisson", "gauge_factor": 2.0}, "no Poisson's ratio"),
-        (Bridge, {"arrangement": "half", "gauge_factor": 2.0, "poisson_ratio": 0.3}, "no gauge across"),
+        (Bridge, {"arrangement": "half", "gauge_factor": 2.0, "poisson_ratio": 0.3}, "has no transverse gauge"),
         (TextFormat, {"delimiter": ",", "decimal": ","}, "decimal"),
     ],
 )
-def test_settings_that_cannot_be(settings, wrong, said):
+def test_invalid_settings_are_refused(settings, wrong, said):
     with pytest.raises(UserError, match=said):
         settings(**wrong)
 
@@ -138,14 +138,14 @@ def stamps(time):
 
 
 @pytest.mark.parametrize("start", [0.0, -3.0, 1.7e9])
-def test_a_clean_clock_is_found_as_it_is(start):
+def test_clean_clock_is_unchanged(start):
     clock = uniform_clock(stamps(start + np.arange(5000) / 1024))
     assert clock.step == pytest.approx(1 / 1024, rel=1e-9)
     assert clock.start == pytest.approx(start, abs=1e-6)
     assert (clock.count, clock.notes) == (5000, ())
 
 
-def test_printed_times_give_the_true_step():
+def test_step_from_rounded_times():
     # 2048 Hz with six decimals: intervals of 488 and 489 µs, whose median is 0.06 % low, half a step after 850 samples.
     time = np.round(np.arange(200_000) / 2048, 6)
     clock = uniform_clock(stamps(time))
@@ -154,14 +154,14 @@ def test_printed_times_give_the_true_step():
     assert abs(clock.time - time).max() < 0.6e-6
 
 
-def test_gaps_of_whole_steps_are_filled_and_reported():
+def test_integer_gaps_are_filled():
     kept = np.r_[0:100, 112:300, 301:1000]
     rng = np.random.default_rng(0)
     clock = uniform_clock(stamps(kept * 1e-3 + rng.uniform(-2e-5, 2e-5, kept.size)))
     np.testing.assert_array_equal(clock.row, kept)
     # A line through n stamps with errors s has a slope known to s √12 / n^1.5.
     assert clock.step == pytest.approx(1e-3, rel=4 * 0.0116 * np.sqrt(12) / 1000**1.5)
-    assert [note[: note.index("put")] for note in clock.notes] == [
+    assert [note[: note.index("inserted")] for note in clock.notes] == [
         "12 rows without samples were ",
         "1 row without samples was ",
     ]
@@ -171,20 +171,20 @@ def test_gaps_of_whole_steps_are_filled_and_reported():
     assert np.count_nonzero(np.isnan(spread)) == 13
 
 
-def test_single_stamps_off_the_clock_are_corrected_with_a_note():
+def test_single_wrong_time_stamps_are_corrected():
     time = 0.01 * np.arange(1000)
     time[[400, 700]] += [0.004, -0.003]
     clock = uniform_clock(stamps(time))
     np.testing.assert_allclose(clock.time, 0.01 * np.arange(1000), atol=1e-9)
     assert clock.notes == (
-        "the time 4.004 s (test.csv:402) is off the uniform clock: 4 s was taken",
-        "the time 6.997 s (test.csv:702) is off the uniform clock: 7 s was taken",
+        "the time 4.004 s (test.csv:402) is not on the uniform clock, so 4 s was used",
+        "the time 6.997 s (test.csv:702) is not on the uniform clock, so 7 s was used",
     )
 
 
-def test_stamps_that_are_all_inexact_are_refused_with_the_rate_as_remedy():
+def test_inexact_time_stamps_are_refused():
     time = 0.01 * np.arange(1000) + np.random.default_rng(0).uniform(-3e-3, 3e-3, 1000)
-    with expect_refusal(UserError, "the clock jumps", remedy="time: {rate: 100, unit: Hz}"):
+    with expect_refusal(UserError, "the time increases", remedy="time: {rate: 100, unit: Hz}"):
         uniform_clock(stamps(time))
 
 
@@ -197,16 +197,16 @@ def jump(at, size, count=1000, step=1e-3):
 @pytest.mark.parametrize(
     ("time", "said", "line"),
     [
-        (jump(400, 0.0104), r"jumps by 0.0114 s from 0.399 to 0.4104 s: 11.4 steps of 0.001 s", 402),
-        (jump(400, -0.0105), r"steps back by 0.0095 s, from 0.399 to 0.3895 s", 402),
-        (jump(400, -0.001), r"0.399 s stands twice", 402),
-        (jump(999, 1e6), r"would have 1e\+09 with its gaps filled", 1001),
-        (np.cumsum(np.r_[np.full(500, 1e-3), np.full(499, 1.3e-3)]), r"and so in many places", 502),
-        (np.arange(1000)[::-1] * 1e-3, r"steps back.*the first of 999 places", 3),
-        (np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700), r"is 7.99 % of a step off", 702),
+        (jump(400, 0.0104), r"the time increases by 0\.0114 s from 0\.399 to 0\.4104 s, which is 11\.4 steps", 402),
+        (jump(400, -0.0105), r"the time decreases by 0\.0095 s, from 0\.399 to 0\.3895 s", 402),
+        (jump(400, -0.001), r"0.399 s occurs twice", 402),
+        (jump(999, 1e6), r"filling the gaps of the record with 1000 samples would result in 1e\+09", 1001),
+        (np.cumsum(np.r_[np.full(500, 1e-3), np.full(499, 1.3e-3)]), ", and in many other places", 502),
+        (np.arange(1000)[::-1] * 1e-3, r"the time decreases by 0\.001 s, from 0\.999 to 0\.998 s,", 3),
+        (np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700), r"the time 0\.70008 s deviates by 7\.99 %", 702),
     ],
 )
-def test_faults_are_refused_at_their_place(time, said, line):
+def test_clock_errors_are_refused_with_place(time, said, line):
     with pytest.raises(UserError, match=said) as caught:
         uniform_clock(stamps(time))
     if line:
@@ -214,30 +214,30 @@ def test_faults_are_refused_at_their_place(time, said, line):
     assert caught.value.remedy
 
 
-def test_a_finer_step_leaves_rows_between_and_a_coarser_one_takes_every_kth():
+def test_finer_and_coarser_filter_step():
     clock = Clock(2.0, 1e-3, 10, np.array([0, 1, 2, 4, 5, 7, 8, 9]))
     fine, taken, notes = to_step(clock, 0.25e-3)
     np.testing.assert_array_equal(taken, np.arange(8))
     np.testing.assert_allclose(fine.time[fine.row], clock.time[clock.row], rtol=1e-15)
     assert fine.count == 37
-    assert "3 rows without samples stand between two samples" in notes[0]
+    assert "3 rows without samples were inserted between two samples" in notes[0]
     coarse, taken, notes = to_step(clock, 2e-3)
     np.testing.assert_allclose(coarse.time, [2, 2.002, 2.004, 2.006, 2.008])
     np.testing.assert_array_equal(coarse.row, [0, 1, 2, 4])
     np.testing.assert_allclose(coarse.time[coarse.row], clock.time[clock.row][taken])
-    assert "content above 250 Hz folds back" in notes[0]
+    assert "frequencies above 250 Hz cause aliasing" in notes[0]
     same, taken, notes = to_step(clock, 1e-3)
     assert (same.count, notes, len(taken)) == (10, (), 8)
 
 
-def test_six_digits_of_a_step_are_the_same_step():
+def test_step_tolerance_covers_six_digits():
     found, _, notes = to_step(Clock(0.0, 4.88281e-4, 10**6, np.arange(10**6)), 1 / 2048)
     assert found.step == 1 / 2048
     assert "0.51 ppm" in notes[0]
 
 
 @pytest.mark.parametrize("step", [0.7e-3, 1.5e-3, 1.0002e-3])
-def test_other_ratios_are_refused(step):
+def test_noninteger_step_ratio_is_refused(step):
     with pytest.raises(UserError) as caught:
         to_step(Clock(0.0, 1e-3, 1000, np.arange(1000)), step)
     assert caught.value.remedy

@@ -52,12 +52,12 @@ def expect_plain(recording):
         "time (ms),a [um/m],b [um/m]\n0,1.5e0,-2E+0\n1,+2.5,-3.\n2,3.5,-4\n",
     ],
 )
-def test_the_same_table_in_many_forms(read, content):
+def test_equivalent_csv_forms_agree(read, content):
     expect_plain(read(content))
 
 
 def test_decimal_commas_between_commas_are_refused_with_a_remedy(read):
-    with expect_refusal(UserError, "4 cells where the names are 2", where=":2", remedy="';'"):
+    with expect_refusal(UserError, "the line has 4 cells, but there are 2 names: '0,001,2,5'", where=":2", remedy="';'"):
         read("time [s],a [um/m]\n0,001,2,5\n", ["a"])
 
 
@@ -69,7 +69,7 @@ def test_missing_samples_are_nan(read, quoted):
     np.testing.assert_array_equal(found.channels["b"], [1, np.nan, np.nan, 5])
 
 
-def test_words_for_missing_samples_are_stated(read):
+def test_missing_words_from_config(read):
     table = "time [s],a [um/m]\n0,1\n1,NA\n2,-9999\n"
     found = read(table, ["a"], form=TextFormat(missing=("NA", "-9999")))
     np.testing.assert_array_equal(found.channels["a"], [1, np.nan, np.nan])
@@ -80,13 +80,13 @@ def test_words_for_missing_samples_are_stated(read):
         read(table, ["a"])
 
 
-def test_a_comment_that_looks_like_a_row_is_a_comment(read):
+def test_comment_resembling_row_is_skipped(read):
     found = read("note,time [s],a [um/m]\nx,0,1\n# out,1,2\ny,2,3\n", ["a"])
     np.testing.assert_array_equal(found.time, [0, 2])
     assert found.place(1).endswith(":4")
 
 
-def test_names_in_a_stated_line_and_in_a_comment(read):
+def test_header_line_setting_and_comment_header(read):
     body = "0,1.5,-2\n0.001,2.5,-3\n0.002,3.5,-4\n"
     expect_plain(read("logger 7\nrate;1000\n\ntime [s],a [um/m],b [um/m]\n" + body, form=TextFormat(header_line=4)))
     expect_plain(read("# time [s],a [um/m],b [um/m]\n" + body, form=TextFormat(header_line=1)))
@@ -94,13 +94,13 @@ def test_names_in_a_stated_line_and_in_a_comment(read):
         read("# time [s],a [um/m],b [um/m]\n" + body)
 
 
-def test_a_channel_is_asked_for_with_or_without_its_unit(read):
+def test_channel_name_with_or_without_unit(read):
     found = read(PLAIN, ["a [um/m]", "b"])
     assert list(found.channels) == ["a [um/m]", "b"]
     assert found.units["a [um/m]"] == "um/m"
 
 
-def test_brackets_that_hold_no_unit_belong_to_the_name(read):
+def test_brackets_without_unit_belong_to_name(read):
     found = read("time [s],gauge (left),strain[0],strain[1]\n0,1,2,3\n1,4,5,6\n", ["gauge (left)", "strain[1]"])
     assert found.units == {"gauge (left)": None, "strain[1]": None}
     np.testing.assert_array_equal(found.channels["strain[1]"], [3, 6])
@@ -108,7 +108,7 @@ def test_brackets_that_hold_no_unit_belong_to_the_name(read):
 
 @pytest.mark.parametrize("block", [64, 100, 129, 1 << 22])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_blocks_leave_no_seam(read, monkeypatch, block, end):
+def test_block_size_does_not_change_result(read, monkeypatch, block, end):
     monkeypatch.setattr(csv_file, "BLOCK", block)
     rng = np.random.default_rng(1)
     a = np.where(rng.random(300) < 0.1, np.nan, rng.normal(size=300))
@@ -125,23 +125,23 @@ def test_blocks_leave_no_seam(read, monkeypatch, block, end):
 HEAD = "time [s],a [um/m],b [um/m]\n"
 FAULTS = {
     # content, line, what is said, word of the remedy
-    "a word": (HEAD + "0,1,2\n0.001,oops,3\n", 3, "'oops' under 'a' is no number", ""),
-    "a cut line": (HEAD + "0,1,2\n0.001,1\n", 3, "2 cells where the names are 3", ""),
-    "no time": (HEAD + "0,1,2\n,1,2\n", 3, "a sample without time", ""),
-    "infinite": (HEAD + "0,1,2\n1,inf,2\n", 3, "no finite number", ""),
-    "underscores": (HEAD + "0,1,2\n1,1_000,2\n", 3, "no number", ""),
-    "open quote": (HEAD + '0,1,2\n1,"2,3\n', 3, "no line of a table", ""),
-    "binary": (HEAD + "0,1,2\n1,\0\0,2\n", 3, "a binary file", ""),
-    "too few units": (HEAD + "[s],[um/m]\n0,1,2\n", 2, "2 units for 3 names", ""),
-    "other units": (HEAD + "[s],[mm],[um/m]\n0,1,2\n", 2, "is in um/m in the line of names, in mm", ""),
-    "a date alone": (HEAD + "2024-05-01,1,2\n", 2, "'2024-05-01' under 'time' is no number", ""),
-    "a number below clock times": (HEAD + "12:00:00,1,2\n7,1,2\n", 3, "'7' under 'time' is no time that follows", ""),
-    "no such column": ("time [s],aa,b\n0,1,2\n", None, "no column 'a'", "did you mean aa?"),
-    "twice": ("time [s],a,a,b\n0,1,2,3\n", None, "'a' stands over columns 2, 3", "own name"),
-    "two delimiters": ("time [s];a;b, left\n0;1;2\n", None, "commas and semicolons", "which of them"),
+    "a word": (HEAD + "0,1,2\n0.001,oops,3\n", 3, "'oops' under 'a' is not a number", ""),
+    "a cut line": (HEAD + "0,1,2\n0.001,1\n", 3, r"the line has 2 cells, but there are 3 names: '0\.001,1'", ""),
+    "no time": (HEAD + "0,1,2\n,1,2\n", 3, "the sample has no time: ',1,2'", ""),
+    "infinite": (HEAD + "0,1,2\n1,inf,2\n", 3, "'inf' under 'a' is not a finite number", ""),
+    "underscores": (HEAD + "0,1,2\n1,1_000,2\n", 3, "'1_000' under 'a' is not a number", ""),
+    "open quote": (HEAD + '0,1,2\n1,"2,3\n', 3, "is not a valid table row", ""),
+    "binary": (HEAD + "0,1,2\n1,\0\0,2\n", 3, "the file is binary, not a text table", ""),
+    "too few units": (HEAD + "[s],[um/m]\n0,1,2\n", 2, "the line has 2 units, but there are 3 names", ""),
+    "other units": (HEAD + "[s],[mm],[um/m]\n0,1,2\n", 2, "is um/m in the line of names", ""),
+    "a date alone": (HEAD + "2024-05-01,1,2\n", 2, r"write the time in seconds, or as clock time: 10:00:00\.01, 2024-05-03", ""),
+    "a number below clock times": (HEAD + "12:00:00,1,2\n7,1,2\n", 3, "'7' under 'time' is not a time after", ""),
+    "no such column": ("time [s],aa,b\n0,1,2\n", None, "column 'a' not found", "did you mean aa?"),
+    "twice": ("time [s],a,a,b\n0,1,2,3\n", None, "'a' is the name of several columns: 2,", "unique name"),
+    "two delimiters": ("time [s];a;b, left\n0;1;2\n", None, "commas and semicolons", "the delimiter"),
     "no names": ("0,1,2\n1,2,3\n", None, "no names", "line of names"),
-    "no unit of time": ("time,a,b\n0,1,2\n1,2,3\n", None, "does not say the unit of its time", "time [s]"),
-    "no numbers": ("time [s],a,b\n", None, "no line of numbers", "again"),
+    "no unit of time": ("time,a,b\n0,1,2\n1,2,3\n", None, "the file does not define the unit of its time", "time [s]"),
+    "no numbers": ("time [s],a,b\n", None, "the table has no numbers", "again"),
     "one sample": ("time [s],a,b\n0,1,2\n", None, "1 samples", "two"),
 }
 
@@ -153,7 +153,7 @@ def test_faults_are_named_with_their_line_and_a_remedy(read, fault):
         read(content)
 
 
-def test_the_unit_of_time_is_stated_or_in_the_file_and_never_two(read):
+def test_time_unit_in_config_or_file(read):
     np.testing.assert_allclose(read("time,a\n0,1\n1,2\n", ["a"], time_unit="ms").time, [0, 1e-3])
-    with pytest.raises(UserError, match="stated in s, the file has it in ms"):
+    with pytest.raises(UserError, match="the time unit is s in the config, but ms in the file"):
         read("time [ms],a\n0,1\n1,2\n", ["a"], time_unit="s")

@@ -53,16 +53,16 @@ CONTENTS = {"empty": b"", "rubbish": RUBBISH, "zeros": bytes(5000), "text": b"ti
 
 @pytest.mark.parametrize("kind", NAMES)
 @pytest.mark.parametrize("content", [*CONTENTS, "head"])
-def test_what_is_no_such_file(tmp_path, kind, content):
+def test_wrong_file_type_is_refused(tmp_path, kind, content):
     path = tmp_path / NAMES[kind]
     path.write_bytes(CONTENTS.get(content, HEADS[kind] + RUBBISH))
-    other = f"cannot be read as {kind.upper()}|no channel|no variable|claims|ends in"
+    other = f"cannot be read as {kind.upper()}|not found|according to the file|incomplete"
     refused(path, "the file is empty" if content == "empty" else other)
 
 
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.6, 0.9, 0.995])
-def test_a_file_that_was_cut(tmp_path, name, share):
+def test_truncated_file_is_refused(tmp_path, name, share):
     path = FILES[name](tmp_path / name)
     np.testing.assert_array_equal(read(path).channels["G1"], A)
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
@@ -70,26 +70,26 @@ def test_a_file_that_was_cut(tmp_path, name, share):
 
 
 @pytest.mark.parametrize(("kind", "package"), [("mdf", "asammdf"), ("tdms", "npTDMS")])
-def test_a_package_that_is_not_installed_is_named_with_its_extra(tmp_path, monkeypatch, kind, package):
+def test_missing_package_is_reported(tmp_path, monkeypatch, kind, package):
     monkeypatch.setattr(reader, "find_spec", lambda name: None)
     (tmp_path / NAMES[kind]).write_bytes(b"x")
-    with pytest.raises(UserError, match=f"read by {package}, which is not installed") as caught:
+    with pytest.raises(UserError, match=f"files require {package}, which is not installed") as caught:
         read_binary(kind, tmp_path / NAMES[kind], ["G1"])
     assert caught.value.remedy == 'install it: pip install "strainsight[daq]"'
 
 
-def test_no_package_is_asked_for_a_mat_file(tmp_path, monkeypatch):
+def test_mat_needs_no_package(tmp_path, monkeypatch):
     monkeypatch.setattr(reader, "find_spec", lambda name: None)
     np.testing.assert_array_equal(read(FILES["5.mat"](tmp_path / "a.mat")).channels["G1"], A)
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RecursionError("deep"), ValueError("odd\nvalue"), KeyError()])
-def test_whatever_a_library_raises_ends_in_a_sentence(tmp_path, monkeypatch, error):
+def test_library_errors_become_messages(tmp_path, monkeypatch, error):
     def signals(path, names):
         raise error
 
     monkeypatch.setattr(reader, "import_module", lambda name: SimpleNamespace(signals=signals))
     refused(
         FILES["a.tdms"](tmp_path / "a.tdms"),
-        "more memory" if isinstance(error, MemoryError) else "cannot be read as TDMS: ",
+        "too much memory" if isinstance(error, MemoryError) else "cannot be read as TDMS: ",
     )

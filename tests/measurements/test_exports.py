@@ -76,7 +76,7 @@ def advised(path, key, **options):
 
 @pytest.mark.parametrize("mark", ["\t", ";"])
 @pytest.mark.parametrize("below", [True, False])
-def test_catman_is_read_after_what_its_messages_say(tmp_path, mark, below):
+def test_catman_export_is_read(tmp_path, mark, below):
     names = [TIME, "MX840A_0 hw Kanal_1", "Kraft"]
     units = ["s", "µm/m", "kN"]
     head = (
@@ -92,7 +92,7 @@ def test_catman_is_read_after_what_its_messages_say(tmp_path, mark, below):
     the_record(read(path, header_line=line, decimal=",", **options), names[1:])
 
 
-def test_two_kinds_of_delimiters_in_the_names(tmp_path):
+def test_ambiguous_delimiter_is_refused(tmp_path):
     path = written(tmp_path / "a.csv", ["Time [s];G1, links [um/m];F [kN]", *rows(";")])
     assert advised(path, "delimiter", channels=("G1, links", "F")) == '";"'
     the_record(read(path, ("G1, links", "F"), delimiter=";", decimal=","), ("G1, links", "F"))
@@ -108,23 +108,23 @@ def test_two_kinds_of_delimiters_in_the_names(tmp_path):
         (",", ["+ 0,081", "- 1.234,5", "+ 2"], [0.081, -1234.5, 2.0]),
     ],
 )
-def test_marked_thousands_and_signs_apart_are_read(tmp_path, decimal, cells, values):
+def test_thousands_separators_and_spaced_signs(tmp_path, decimal, cells, values):
     lines = [f"{i};{cell}" for i, cell in enumerate(cells)]
     path = written(tmp_path / "a.csv", ["Time;G1", *lines])
     np.testing.assert_array_equal(read(path, ("G1",), decimal=decimal).channels["G1"], values)
 
 
 @pytest.mark.parametrize(("decimal", "cell"), [(".", "1,234"), (",", "1.234"), (".", "1 234"), (".", "1.234,5")])
-def test_a_mark_of_thousands_that_may_be_the_decimal_mark_is_refused(tmp_path, decimal, cell):
+def test_ambiguous_thousands_separator_is_refused(tmp_path, decimal, cell):
     path = written(tmp_path / "a.csv", ["Time;G1", f"0;{cell}", "1;2"])
-    with expect_refusal(UserError, "is no number", remedy="thousands") as caught:
+    with expect_refusal(UserError, "under 'G1' is not a number", remedy="thousands") as caught:
         read(path, ("G1",), decimal=decimal)
     assert "missing" not in caught.value.remedy
     assert ("decimal:" in caught.value.remedy) == ("," in cell)
 
 
 @pytest.mark.parametrize("decimal", [",", "."])
-def test_labview_says_itself_how_it_is_written(tmp_path, decimal):
+def test_labview_header_defines_format(tmp_path, decimal):
     head = LVM.replace("Decimal_Separator\t,", f"Decimal_Separator\t{decimal}").split("\n")
     path = written(tmp_path / "a.lvm", [*head, *rows("\t", decimal)])
     the_record(read(path, time="X_Value"))
@@ -139,24 +139,24 @@ def test_labview_says_itself_how_it_is_written(tmp_path, decimal):
 @pytest.mark.parametrize(
     ("change", "said", "remedy"),
     [
-        (("X_Columns\tOne", "X_Columns\tNo"), "no times are written", "one column"),
-        (("X_Columns\tOne", "X_Columns\tMulti"), "a time for every channel", "one column"),
-        (("***End_of_Header***\t\t\t", ""), "without two lines", "export the test data again"),
+        (("X_Columns\tOne", "X_Columns\tNo"), "times are not written", "one column"),
+        (("X_Columns\tOne", "X_Columns\tMulti"), "every channel has a separate time", "one column"),
+        (("***End_of_Header***\t\t\t", ""), r"does not have two lines \*\*\*End_of_Header\*\*\*", "export the test data again"),
     ],
 )
-def test_labview_files_that_cannot_be_read(tmp_path, change, said, remedy):
+def test_unsupported_labview_files_are_refused(tmp_path, change, said, remedy):
     path = written(tmp_path / "a.lvm", [*LVM.replace(*change).split("\n"), *rows("\t")])
     with expect_refusal(UserError, said, remedy=remedy):
         read(path, time="X_Value")
 
 
-def test_a_second_segment_of_labview(tmp_path):
+def test_second_labview_segment_is_refused(tmp_path):
     path = written(tmp_path / "a.lvm", [*LVM.split("\n"), *rows("\t"), "", *LVM.split("\n")[13:], *rows("\t")])
     with expect_refusal(UserError, f"a.lvm:{24 + COUNT + 1}  ", remedy="another segment begins here"):
         read(path, time="X_Value")
 
 
-def test_lines_of_text_below_the_names_are_passed_over_by_their_beginning(tmp_path):
+def test_text_lines_are_skipped_by_prefix(tmp_path):
     path = written(tmp_path / "a.csv", ["Time;G1;F", "DT_DOUBLE;DT_DOUBLE;DT_DOUBLE", "s;µm/m;kN", *rows(";")])
     assert advised(path, "comment", decimal=",") == '"DT_DOUBLE"'
     the_record(read(path, decimal=",", comment="DT_DOUBLE"))
@@ -182,7 +182,7 @@ def test_clock_times_are_seconds_since_the_first(tmp_path, cells, seconds, decim
         np.testing.assert_allclose(read(path, ("G1",), time=name, decimal=decimal).time, seconds, rtol=0, atol=1e-12)
 
 
-def test_a_rate_takes_the_place_of_the_time(tmp_path):
+def test_rate_replaces_time(tmp_path):
     path = written(tmp_path / "a.csv", ["G1 [um/m],F [kN]", "0.0,2.5", ",2.4", "24.9,2.3"])
     recording = read_recording(path, ["F", "G1"], rate=100.0)
     np.testing.assert_array_equal(recording.time, [0, 0.01, 0.02])
@@ -193,21 +193,21 @@ def test_a_rate_takes_the_place_of_the_time(tmp_path):
     np.testing.assert_array_equal(read_recording(path, ["G1"], rate=100.0).channels["G1"], [1, 1, 2])
 
 
-def test_a_counter_of_samples_is_no_time(tmp_path):
+def test_sample_counter_is_not_time(tmp_path):
     path = written(tmp_path / "a.csv", ["Sample No,G1 [um/m]", "1,0.0", "2,12.5", "3,24.9"])
-    with expect_refusal(UserError, "'Sample No' counts samples: 1, 2, … is no time", remedy="rate"):
+    with expect_refusal(UserError, r"No' counts samples \(1, 2, …\) instead of defining the time", remedy="rate"):
         read(path, ("G1",), time="Sample No")
     assert read_recording(path, ["G1"], rate=2e3).time[-1] == 1e-3
 
 
-def test_a_delimiter_at_the_end_of_every_line(tmp_path):
+def test_trailing_delimiter_is_accepted(tmp_path):
     the_record(
         read(written(tmp_path / "a.csv", ["Time;G1;F", "s;µm/m;kN", *(f"{row};" for row in rows(";"))]), decimal=",")
     )
     path = written(tmp_path / "b.csv", ["Time,G1,F", *(f"{row}," for row in rows(",", "."))])
-    with pytest.raises(UserError, match="4 cells where the names are 3"):
+    with pytest.raises(UserError, match=r"the line has 4 cells, but there are 3 names: '0\.000000,0\.000000,2\.500000,'"):
         read(path)
 
 
-def test_a_config_names_every_format_that_is_read():
+def test_config_lists_all_formats():
     assert get_args(FileFormat) == ("auto", *FORMATS)

@@ -80,7 +80,7 @@ def refused(path):
     assert str(error).replace("\n", "").isprintable()
 
 
-def test_the_good_files_are_good(tmp_path):
+def test_valid_files_are_accepted(tmp_path):
     for name, content in {"a.csv": TABLE, "a.h5": hdf5(tmp_path, good_hdf5)}.items():
         (tmp_path / name).write_bytes(content)
         assert np.isfinite(read(tmp_path / name).values).all()
@@ -93,7 +93,7 @@ def test_damaged_and_malicious_files(tmp_path, name):
     refused(path)
 
 
-def test_what_is_no_file(tmp_path):
+def test_missing_file_is_refused(tmp_path):
     (tmp_path / "folder.csv").mkdir()
     for path in (tmp_path / "folder.csv", tmp_path / "none.csv", tmp_path / "none.h5", tmp_path / ("x" * 300 + ".csv")):
         refused(path)

@@ -44,7 +44,7 @@ def test_vectors_fields_of_structs_and_their_units(rig):
     assert found.units == {"top": "N", "rig.G1": "um/m", "rig.G2": None, "rig.deep.a": "mV/V"}
 
 
-def test_the_same_as_pymatreader(rig):
+def test_mat_matches_pymatreader(rig):
     from pymatreader import read_mat
 
     theirs = read_mat(rig)
@@ -57,7 +57,7 @@ def test_the_same_as_pymatreader(rig):
     np.testing.assert_array_equal(ours["all(:,2)"], theirs["all"][:, 1])
 
 
-def test_columns_and_rows_count_from_one(rig):
+def test_mat_columns_and_rows(rig):
     found = read(rig, ["all(:,3)", "all(:, 2)"], time="all(:,1)", time_unit="ms")
     np.testing.assert_allclose(found.time, T, atol=1e-15)
     np.testing.assert_array_equal(found.channels["all(:,3)"], 2 * A)
@@ -69,24 +69,24 @@ def test_one_number_is_the_interval_or_the_rate(rig):
     np.testing.assert_allclose(read(rig, ["top"], time="dt", time_unit="s").time, T, rtol=1e-14)
     np.testing.assert_allclose(read(rig, ["top"], time="fs", time_unit="Hz").time, T, rtol=1e-14)
     np.testing.assert_allclose(read(rig, ["top"], time="dt", time_unit="ms").time, 1e-3 * T, rtol=1e-14)
-    with expect_refusal(UserError, "the one number 'fs', 1000, is taken for the interval", remedy="unit: Hz"):
+    with expect_refusal(UserError, "the number 'fs' = 1000 is interpreted as sampling interval in s", remedy="unit: Hz"):
         read(rig, ["top"], time="fs", time_unit="s")
-    with pytest.raises(UserError, match="unit of time asked for, 'Hz', is unknown"):
+    with pytest.raises(UserError, match="unit of time in the config is unknown: 'Hz'"):
         read(rig, ["top"], time="t", time_unit="Hz")
 
 
 @pytest.mark.parametrize(
     ("name", "said", "remedy"),
     [
-        ("Top", "no variable 'Top'", "did you mean top?"),
-        ("rig.G1.x", "'rig.G1' is no|no variable 'rig.G1.x'", ""),
-        ("rig", "'rig' is a struct", "name one of its fields, as in"),
-        ("word", "'word' (is text|holds char)", "plain vector"),
-        ("all", "'all' is a matrix of 400 × 3", r"as in 'all(:,1)'"),
-        ("all(:,4)", "its size is 400 × 3", "count from 1"),
+        ("Top", "variable 'Top' not found", "did you mean top?"),
+        ("rig.G1.x", "'rig.G1' is not|variable 'rig.G1.x' not found", ""),
+        ("rig", "'rig' is a struct", "specify one of its fields, for example"),
+        ("word", "'word' (is text|contains char)", "plain vector"),
+        ("all", "'all' is a matrix of size 400", r"as in 'all(:,1)'"),
+        ("all(:,4)", r"'all\(:,4\)' does not exist: the matrix size is 400", "numbered from 1"),
     ],
 )
-def test_what_is_no_vector_is_refused(rig, name, said, remedy):
+def test_nonvector_variables_are_refused(rig, name, said, remedy):
     with expect_refusal(UserError, said, remedy=remedy):
         read(rig, [name], time="t", time_unit="s")
 
@@ -95,11 +95,11 @@ def test_cells_struct_arrays_sparse_and_complex_are_refused(tmp_path):
     cells = np.empty(2, object)
     cells[:] = [A, B]
     refused = {
-        "cells": (cells, "struct array or cell array of 2"),
-        "many": (np.zeros(2, [("a", object)]), "struct array or cell array of 2"),
+        "cells": (cells, "struct array or cell array with 2"),
+        "many": (np.zeros(2, [("a", object)]), "struct array or cell array with 2"),
         "thin": (scipy.sparse.csc_array(np.eye(3)), "sparse matrix"),
         "z": (A + 1j, "complex numbers"),
-        "cube": (np.ones((2, 2, 2)), "matrix of 2 × 2 × 2"),
+        "cube": (np.ones((2, 2, 2)), "matrix of size 2 × 2 × 2"),
     }
     path = mat5(tmp_path / "a.mat", {"t": T, **{name: value for name, (value, _) in refused.items()}})
     for name, said in [*((name, said) for name, (_, said) in refused.items()), ("many.a", "'many' is a struct array")]:
@@ -120,13 +120,13 @@ def a_table(file):
     ("fill", "said"),
     [
         (never_written, "0 of 4 blocks"),
-        (a_table, "a table or an object of MATLAB"),
+        (a_table, "'a' is a MATLAB table or object"),
         (lambda file: file.__setitem__("a", h5py.ExternalLink("other.h5", "/a")), "a link to another file"),
-        (lambda file: file.create_dataset("a", (1, 8), float, external=[("o.raw", 0, 64)]), "from another file"),
-        (lambda file: file.create_dataset("a", (1, 10**12), float, chunks=(1, 1000)), "claims 1000000000000 samples"),
+        (lambda file: file.create_dataset("a", (1, 8), float, external=[("o.raw", 0, 64)]), "in another file"),
+        (lambda file: file.create_dataset("a", (1, 10**12), float, chunks=(1, 1000)), "'a' has 1000000000000 samples"),
     ],
 )
-def test_what_version_73_may_hide_is_refused(tmp_path, fill, said):
+def test_invalid_version_73_variables_are_refused(tmp_path, fill, said):
     path = mat73(tmp_path / "a.mat", {"t": T})
     with h5py.File(path, "r+") as file:
         fill(file)
@@ -134,6 +134,6 @@ def test_what_version_73_may_hide_is_refused(tmp_path, fill, said):
         read(path, ["a"], time="t", time_unit="s")
 
 
-def test_lengths_that_differ(rig):
-    with pytest.raises(UserError, match="'dt' has 1 samples, the clock 400"):
+def test_different_lengths_are_refused(rig):
+    with pytest.raises(UserError, match="'dt' has 1 samples, but the clock has 400"):
         read(rig, ["top", "dt"], time="t", time_unit="s")

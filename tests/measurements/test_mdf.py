@@ -41,7 +41,7 @@ def test_physical_values_units_and_time(tmp_path, version):
     assert found.units == {"G1": "um/m", "G2": "um/m"}
 
 
-def test_a_file_goes_by_its_ending_and_through_a_process_of_its_own(tmp_path):
+def test_mdf_is_read_in_child_process(tmp_path):
     path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1"), signal("µ", 2 * A, unit="µm/m")]))
     found = read_recording(path, ["rig/G1", "µ"])
     assert found.units == {"rig/G1": "um/m", "µ": "µm/m"}
@@ -57,25 +57,25 @@ def test_invalidation_bits_are_missing_samples(tmp_path):
     assert f"G1: 4 of {COUNT} samples are missing" in assemble(found, {"G1": ChannelSettings("um/m")}).notes
 
 
-def test_a_name_in_several_groups_wants_its_group(tmp_path):
+def test_ambiguous_channel_requires_group(tmp_path):
     path = two_groups(tmp_path / "a.mf4")
-    with pytest.raises(UserError, match="2 channels are called 'G1'") as caught:
+    with pytest.raises(UserError, match="2 channels have the name 'G1'") as caught:
         read(path, ["G1"])
-    assert caught.value.remedy == "name the group too: 'fast/G1' or 'slow/G1'"
+    assert caught.value.remedy == "specify the group too: 'fast/G1' or 'slow/G1'"
     np.testing.assert_array_equal(read(path, ["fast/G1"]).channels["fast/G1"], A)
     assert read(path, ["slow/G1"]).units == {"slow/G1": "N"}
     np.testing.assert_array_equal(read(path, ["1/G1"]).channels["1/G1"], A[::10])
 
 
-def test_groups_of_one_clock_go_together(tmp_path):
+def test_groups_with_equal_clock_are_combined(tmp_path):
     path = mdf(tmp_path / "a.mf4", ("one", [signal("G1")]), ("two", [signal("F", 2 * A, unit="N")]))
     np.testing.assert_array_equal(read(path, ["G1", "F"]).channels["F"], 2 * A)
 
 
-def test_several_rates_are_refused_with_channels_and_rates(tmp_path):
+def test_different_rates_are_refused(tmp_path):
     with pytest.raises(UserError) as caught:
         read(two_groups(tmp_path / "a.mf4"), ["fast/G1", "G2", "F"])
-    assert caught.value.what == "the channels have 2 sampling rates: 1000 Hz ('fast/G1', 'G2'), 100 Hz ('F')"
+    assert caught.value.what == "the channels have 2 different sampling rates: 1000 Hz ('fast/G1', 'G2'), 100 Hz ('F')"
     assert "resampled to one" in caught.value.remedy
     assert caught.value.exit_code == 2
 
@@ -85,19 +85,19 @@ def test_text_is_refused(tmp_path):
     relay = signal("relay", (B > 0).astype("u1"), conversion=states)
     path = mdf(tmp_path / "a.mf4", ("rig", [relay, signal("note", np.array([b"ok"] * COUNT), encoding="utf-8")]))
     for name in ("relay", "note"):
-        with pytest.raises(UserError, match=f"'{name}' holds text, not numbers"):
+        with pytest.raises(UserError, match=f"'{name}' contains text instead of numbers"):
             read(path, [name])
 
 
-def test_another_time_of_the_same_group(tmp_path):
+def test_time_channel_of_same_group(tmp_path):
     path = mdf(
         tmp_path / "a.mf4", ("rig", [signal("G1"), signal("t2", 1e3 * T + 5e3, unit="ms")]), ("other", [signal("F")])
     )
     np.testing.assert_allclose(read(path, ["G1"], time="t2", time_unit="ms").time, T + 5.0, atol=1e-12)
     np.testing.assert_allclose(read(path, ["G1"], time="time", time_unit="s").time, T, atol=1e-12)
-    with pytest.raises(UserError, match="the time 't2' and 'F' are of different groups"):
+    with pytest.raises(UserError, match="the time 't2' and 'F' belong to different groups"):
         read(path, ["F"], time="t2")
-    with pytest.raises(UserError, match="the time is stated in s, the file has it in ms"):
+    with pytest.raises(UserError, match="the time unit is s in the config, but ms in the file"):
         read(path, ["G1"], time="t2", time_unit="s")
 
 
@@ -126,7 +126,7 @@ P = {f"P{i}": float(p) for i, p in enumerate((2, 3, 5, 0.25, 7, 11), 1)}
 
 
 @pytest.mark.parametrize("version", ["4.10", "3.30"])
-def test_a_quotient_of_parabolas(tmp_path, version):
+def test_rational_conversion(tmp_path, version):
     x = RAW.astype(float)
     value = (2 * x**2 + 3 * x + 5) / (0.25 * x**2 + 7 * x + 11)
     np.testing.assert_allclose(converted(tmp_path, P, version=version), value, rtol=1e-14)
@@ -135,7 +135,7 @@ def test_a_quotient_of_parabolas(tmp_path, version):
 
 
 @pytest.mark.parametrize("version", ["4.10", "3.30"])
-def test_a_table_between_its_entries_and_outside(tmp_path, version):
+def test_table_conversion_inside_and_outside(tmp_path, version):
     keys, values = [5.0, 10.0, 20.0], [1.0, -2.0, 4.0]
     line = table("phys", keys, values) | {"interpolation": True}
     np.testing.assert_allclose(converted(tmp_path, line, version=version), np.interp(RAW, keys, values), rtol=1e-14)
@@ -144,7 +144,7 @@ def test_a_table_between_its_entries_and_outside(tmp_path, version):
     np.testing.assert_array_equal(converted(tmp_path, steps, version=version), nearest)
 
 
-def test_ranges_hold_their_upper_limit_for_integers_only(tmp_path):
+def test_range_upper_limit_only_for_integers(tmp_path):
     rule = ranges([(0, 9, 1.5), (10, 19, -2.0), (25, 30, 7.0)], "phys", default=99.0)
     integers = [1.5 if x <= 9 else -2.0 if x <= 19 else 7.0 if 25 <= x <= 30 else 99.0 for x in RAW]
     np.testing.assert_array_equal(converted(tmp_path, rule, RAW.astype("u1")), integers)
@@ -152,14 +152,14 @@ def test_ranges_hold_their_upper_limit_for_integers_only(tmp_path):
     np.testing.assert_array_equal(converted(tmp_path, rule, RAW.astype(float)), floats)
 
 
-def test_a_table_with_text_gives_numbers_where_no_sample_is_text(tmp_path):
+def test_table_with_unused_text_is_converted(tmp_path):
     from asammdf.blocks.conversion_utils import from_dict
 
     line = from_dict({"a": 0.5, "b": 3.0})
     rule = {"val_0": 255.0, "text_0": b"sensor error", "default_addr": line}
     np.testing.assert_allclose(converted(tmp_path, rule, RAW.astype("u1")), 0.5 * RAW + 3)
     spoiled = np.where(RAW == 7, 255, RAW).astype("u1")
-    with pytest.raises(UserError, match="'G1' holds text, not numbers: 255 stands for 'sensor error'"):
+    with pytest.raises(UserError, match="contains text instead of numbers"):
         converted(tmp_path, rule, spoiled)
     bad = spoiled == 255
     np.testing.assert_allclose(
@@ -167,26 +167,26 @@ def test_a_table_with_text_gives_numbers_where_no_sample_is_text(tmp_path):
     )
     of_ranges = ranges([(0, 50, line), (255, 255, b"sensor error")], "text", default_addr=b"")
     np.testing.assert_allclose(converted(tmp_path, of_ranges, RAW.astype("u1")), 0.5 * RAW + 3)
-    with pytest.raises(UserError, match="255 stands for 'sensor error'"):
+    with pytest.raises(UserError, match="255 means 'sensor error'"):
         converted(tmp_path, of_ranges, spoiled)
 
 
 @pytest.mark.parametrize(
     ("rule", "message"),
     [
-        (table("phys", [5.0, 5.0, 20.0], [1.0, 2.0, 3.0]) | {"interpolation": True}, "raw values do not increase"),
-        (ranges([(0, 9, 1.0), (5, 19, 2.0)], "phys", default=0.0), "ranges overlap"),
+        (table("phys", [5.0, 5.0, 20.0], [1.0, 2.0, 3.0]) | {"interpolation": True}, "raw values that do not increase"),
+        (ranges([(0, 9, 1.0), (5, 19, 2.0)], "phys", default=0.0), "ranges that overlap"),
         ({"formula": "X1*foo"}, "the conversion formula 'X1\\*foo', which cannot be evaluated: 'foo' is neither"),
-        ({"formula": "1/X1"}, "no physical value at sample 1: its conversion '1/X1' of the raw value 0 gives inf"),
-        (dict.fromkeys(P, 0.0), "no physical value at sample 1: its conversion rule of the raw value 0 gives nan"),
+        ({"formula": "1/X1"}, "no physical value at sample 1: its conversion '1/X1' of the raw value 0 results in inf"),
+        (dict.fromkeys(P, 0.0), "no physical value at sample 1: its conversion rule of the raw value 0 results in nan"),
     ],
 )
-def test_a_rule_that_gives_no_value_is_refused(tmp_path, rule, message):
+def test_conversion_without_value_is_refused(tmp_path, rule, message):
     with expect_refusal(UserError, f"'G1' has .*{message}", remedy=""):
         converted(tmp_path, rule)
 
 
-def test_a_rule_that_is_damaged_is_refused(tmp_path):
+def test_damaged_conversion_is_refused(tmp_path):
     path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", B, conversion={"a": 0.5, "b": 3.0})]))
     content = bytearray(path.read_bytes())
     at = content.rindex(b"##CC")
@@ -197,7 +197,7 @@ def test_a_rule_that_is_damaged_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("code", "name"), [(7, "exponential"), (8, "logarithmic"), (99, "of type 99")])
-def test_a_rule_that_programs_read_differently_is_refused(tmp_path, code, name):
+def test_ambiguous_conversion_is_refused(tmp_path, code, name):
     path = mdf(tmp_path / "a.mdf", ("rig", [signal("G1", A, conversion=P)]), version="3.30")
     content = bytearray(path.read_bytes())
     at = content.rindex(b"CC")
@@ -206,5 +206,5 @@ def test_a_rule_that_programs_read_differently_is_refused(tmp_path, code, name):
     content[at + 42 : at + 44] = code.to_bytes(2, "little")
     content[at + 2 : at + 4] = (46 + 56).to_bytes(2, "little")
     path.write_bytes(content)
-    with pytest.raises(UserError, match=f"'G1' has a conversion rule that is not supported, {name}"):
+    with pytest.raises(UserError, match=f"'G1' has an unsupported conversion rule, {name}"):
         read_binary("mdf", path, ["G1"], sandboxed=False)

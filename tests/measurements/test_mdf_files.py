@@ -82,7 +82,7 @@ def unsorted(path):
 
 
 @pytest.mark.parametrize("make", [zipped, not_finalized, unsorted])
-def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
+def test_mdf_reading_leaves_no_files(tmp_path, temporary, make):
     path = make(tmp_path / ("a.zip" if make is zipped else "a.mf4"))
     there = sorted(os.listdir(tmp_path))
     content = path.read_bytes()
@@ -98,13 +98,13 @@ def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda path: zipped(path, bytes(20_000_000)), r"bytes unpacks to 20000000, more than 100 times as many"),
+        (lambda path: zipped(path, bytes(20_000_000)), "unpacks to 20000000, more than 100 times"),
         (lambda path: zipped(path, bytes(1000)), "cannot be read as MDF: .*not a valid ASAM MDF file"),
-        (lambda path: zipped(path, name="a.exe"), r"the archive holds no file \.mf4 or \.mdf or \.dat"),
+        (lambda path: zipped(path, name="a.exe"), r"the archive contains no file \.mf4"),
         (lambda path: path.write_bytes(zipped(path).read_bytes()[:900]) and path, "cannot be read as MDF: .*zip"),
     ],
 )
-def test_an_archive_that_is_refused_leaves_nothing(tmp_path, temporary, make, message):
+def test_refused_archive_leaves_no_files(tmp_path, temporary, make, message):
     path = make(tmp_path / "a.zip")
     with pytest.raises(UserError, match=message):
         read_binary("mdf", path, ["G1"], sandboxed=False)
@@ -120,11 +120,11 @@ reader.answer_for("mdf")
 """A reader that does not come back from an open file."""
 
 
-def test_a_reader_that_is_killed_leaves_nothing(tmp_path, temporary, monkeypatch):
+def test_killed_reader_leaves_no_files(tmp_path, temporary, monkeypatch):
     monkeypatch.setattr(reader, "COMMAND", [sys.executable, "-P", "-c", HANGS])
     monkeypatch.setitem(reader.LIBRARIES, "mdf", replace(reader.LIBRARIES["mdf"], seconds=1.0))
     monkeypatch.setattr(processes, "LONGER", 1.0)
     path = not_finalized(tmp_path / "a.mf4")
-    with pytest.raises(UserError, match="crashed, or did not come to an end"):
+    with pytest.raises(UserError, match="library crashed or took too long"):
         read_binary("mdf", path, ["G1"])
     assert os.listdir(temporary) == []

@@ -174,7 +174,7 @@ def of_clock(folder, name, text):
     return str(folder / name)
 
 
-def test_formulas_are_evaluated_or_refused_and_none_is_executed(tmp_path):
+def test_formulas_are_evaluated_safely(tmp_path):
     expected = formulas(60)
     channels = {f"G{i}": text for i, text in enumerate(expected)}
     jobs = [(written(tmp_path / f"a{version[0]}", channels, version), list(channels)) for version in ("4.10", "3.30")]
@@ -201,7 +201,7 @@ def test_formulas_are_evaluated_or_refused_and_none_is_executed(tmp_path):
     assert not marker.exists()
 
 
-def test_powers_signs_and_logarithms_are_those_of_mathematics():
+def test_formula_operator_precedence():
     x = np.array([3.0])
     for text, value in {
         "-X^2": -9,

@@ -30,7 +30,7 @@ def test_values_units_and_time(tmp_path):
     assert found.units == {"G2": "N", "rig/G1": "um/m"}
 
 
-def test_scales_of_the_driver_are_applied(tmp_path):
+def test_tdms_scales_are_applied(tmp_path):
     """A linear scale as DAQmx writes it: y = 0.5 raw + 3."""
     values, properties = waveform(B)
     properties |= {
@@ -46,7 +46,7 @@ def test_scales_of_the_driver_are_applied(tmp_path):
 
 
 @pytest.mark.parametrize("holder", ["channel", "group", "file"])
-def test_a_scale_that_is_not_known_is_refused(tmp_path, holder):
+def test_unknown_tdms_scale_is_refused(tmp_path, holder):
     """npTDMS leaves it out and gives raw values; where the values are scaled already it does not count."""
     from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
@@ -63,7 +63,7 @@ def test_a_scale_that_is_not_known_is_refused(tmp_path, holder):
         if status == "scaled":
             np.testing.assert_array_equal(read(tmp_path / "a.tdms", ["G1"]).channels["G1"], B)
             continue
-        with pytest.raises(UserError, match="'G1' has a scale of the type 'Reciprocal', which is not supported"):
+        with pytest.raises(UserError, match="'G1' has a scale of type 'Reciprocal', which is not supported"):
             read(tmp_path / "a.tdms", ["G1"])
 
 
@@ -80,7 +80,7 @@ LATER = START + np.timedelta64(100, "ms")
 
 
 @pytest.mark.parametrize(("start", "offset"), [(LATER, 0.0), (START, 0.1), (LATER, -0.1)])
-def test_start_and_offset_together_make_the_clock(tmp_path, start, offset):
+def test_tdms_start_and_offset_define_clock(tmp_path, start, offset):
     second = waveform(wf_start_time=start, wf_start_offset=offset)
     path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(wf_start_time=START), "rig/G2": second})
     if offset < 0:  # it makes up for the start
@@ -90,7 +90,7 @@ def test_start_and_offset_together_make_the_clock(tmp_path, start, offset):
         read(path, ["G1", "G2"])
 
 
-def test_a_time_channel(tmp_path):
+def test_tdms_time_channel(tmp_path):
     stamps = START + np.arange(len(A)) * np.timedelta64(1000, "us")
     channels = {"rig/Zeit": (1e3 * T + 7.0, {"unit_string": "ms"}), "rig/stamps": (stamps, {})}
     path = tdms(tmp_path / "a.tdms", channels | {"rig/G1": (A, {"unit_string": "um/m"})})
@@ -98,14 +98,14 @@ def test_a_time_channel(tmp_path):
     np.testing.assert_allclose(read(path, ["G1"], time="stamps", time_unit="s").time, T, atol=1e-12)
     with pytest.raises(UserError, match="'G1' has no wf_increment") as caught:
         read(path, ["G1"])
-    assert caught.value.remedy == "name the channel of the time in estimate.time.channel, as 'rig/Zeit'"
-    with pytest.raises(UserError, match="'stamps' holds times of the day, not numbers"):
+    assert caught.value.remedy == "specify the time channel in estimate.time.channel, for example 'rig/Zeit'"
+    with pytest.raises(UserError, match="'stamps' contains times of the day instead of numbers"):
         read(path, ["stamps"], time="Zeit", time_unit="ms")
 
 
 @pytest.mark.parametrize("step", [0.0, -1e-3, "fast", np.nan])
-def test_an_increment_that_is_none(tmp_path, step):
-    with pytest.raises(UserError, match="a wf_increment of"):
+def test_invalid_tdms_increment_is_refused(tmp_path, step):
+    with pytest.raises(UserError, match=r"'G1' has the invalid wf_increment"):
         read(tdms(tmp_path / "a.tdms", {"rig/G1": waveform(step=step)}), ["G1"])
 
 
@@ -117,30 +117,30 @@ def test_nan_is_missing_and_infinite_is_refused(tmp_path):
         read(path, ["G2"])
 
 
-def test_text_lengths_and_units_that_cannot_be_imported(tmp_path):
+def test_invalid_tdms_channels_are_refused(tmp_path):
     channels = {"G1": waveform(), "short": waveform(A[:-1]), "note": waveform(["a"] * len(A))}
     channels["two"] = waveform(unit="um/m", Unit="N")
     path = tdms(tmp_path / "a.tdms", {f"rig/{name}": channel for name, channel in channels.items()})
     for names, said in (
         (["G1", "short"], "'short' has 399 samples from 0 to 0.398 s"),
-        (["note"], "'note' holds text or objects, not numbers"),
-        (["two"], "'two' states the units 'N' and 'um/m'"),
-        (["G5"], "no channel 'G5'"),
+        (["note"], "'note' contains text or objects instead of numbers"),
+        (["two"], "'two' has several units: 'N' and 'um/m'"),
+        (["G5"], "channel 'G5' not found"),
     ):
         with pytest.raises(UserError, match=said):
             read(path, names)
 
 
-def test_an_index_beside_the_file_is_not_believed(tmp_path):
+def test_tdms_index_file_is_ignored(tmp_path):
     path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform()})
     (tmp_path / "a.tdms_index").write_bytes(b"TDSh" + bytes(100))
     np.testing.assert_array_equal(read(path, ["G1"]).channels["G1"], A)
 
 
-def test_a_record_that_stops_in_the_middle_is_refused(tmp_path):
+def test_incomplete_tdms_is_refused(tmp_path):
     path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(), "rig/G2": waveform()})
     path.write_bytes(path.read_bytes()[:-1000])
     with expect_refusal(
-        UserError, r"the file ends in the middle of its last segment.*G2", remedy="save what there is anew"
+        UserError, "the last segment of the file is incomplete", remedy="save the file again"
     ):
         read(path, ["G1"])

@@ -164,8 +164,8 @@ HEAD = "gauge,position_x,position_y,position_z,direction_x,direction_y,direction
     ("text", "says"),
     [
         ("", "the file is empty"),
-        ("gauge,x,y,z\nG1,0,0,0\n", "no column position_x"),
-        (f"{HEAD}\nG1,0.3,0,0.095,1,0\n", "6 cells under a header of 7"),
+        ("gauge,x,y,z\nG1,0,0,0\n", "column missing: position_x"),
+        (f"{HEAD}\nG1,0.3,0,0.095,1,0\n", "the line has 6 cells, but the header has 7"),
         (f"{HEAD}\nG1,0.3,nan,0.095,1,0,0\n", "is no number"),
         (f"{HEAD}\nG1,0.3,0,0.095,0,0,0\n", "direction of length zero"),
         (f"{HEAD}\n,0.3,0,0.095,1,0,0\n", "without the name"),

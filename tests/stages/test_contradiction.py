@@ -155,7 +155,7 @@ def repeated(u):
     ("change", "says"),
     [
         *slowly((lambda u: u, ""), (blanks, "missing samples were interpolated")),
-        (repeated, "tip: its samples come in runs of 4 equal ones, a channel of 250 Hz"),
+        (repeated, "tip: every sample is repeated 4 times, from a channel of 250 Hz"),
     ],
 )
 def test_a_slower_load_gives_the_modulus(known, change, says):

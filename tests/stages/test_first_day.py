@@ -59,7 +59,7 @@ FILES = {
     "a time in ms": (
         [],
         {"test.csv": table("time [ms],G1,G2,G3,G4", 1.0)},
-        "stated in s, the file has it in ms",
+        "the time unit is s in the config, but ms in the file",
         "`time: {unit: ms}`",
     ),
     "um/m read as strain": (

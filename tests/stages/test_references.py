@@ -95,7 +95,7 @@ def test_the_same_history_however_it_is_written(table, text):
     [
         ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "drop repeated times"),
         ("time,F\n0,1\n1,\n2,3\n", ":3", "no sample under 'F'", "no gaps"),
-        ("time;f\n0;1\n1;2\n", ":1", "no column 'F'", "did you mean f?"),
+        ("time;f\n0;1\n1;2\n", ":1", "column 'F' not found", "did you mean f?"),
         *((f"time;F [{unit}]\n0;1\n1;2\n", "", f"'F' is in {unit}", f"did you mean {meant}") for unit, meant in MEANT.items()),
         ("time;F [volt]\n0;1\n1;2\n", "", "'F' is in volt", "known units: m/s2, "),
     ],
@@ -104,7 +104,7 @@ def test_what_is_wrong_is_reported_with_the_file(table, text, line, what, remedy
     path = table(text)
     with pytest.raises(UserError) as caught:
         recorded(KEY, COLUMNS, path)
-    assert caught.value.key == (f"{KEY}.value_column" if "no column" in what else KEY)
+    assert caught.value.key == (f"{KEY}.value_column" if "not found" in what else KEY)
     assert caught.value.where == (f"{path}{line}" if line else None)
     assert what in caught.value.what
     assert remedy in caught.value.remedy

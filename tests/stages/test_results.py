@@ -167,8 +167,8 @@ def test_what_the_results_lack_or_contradict(folder, overrides, key, said):
 @pytest.mark.parametrize(
     ("other", "said"),
     [
-        (lambda mesh: replace(mesh, node_ids=mesh.node_ids[::-1].copy()), "nodes are elsewhere in the results: node"),
-        (lambda mesh: replace(mesh, position=1e3 * mesh.position), "mesh.length_unit is that of both files"),
+        (lambda mesh: replace(mesh, node_ids=mesh.node_ids[::-1].copy()), "nodes have other positions in the results: node"),
+        (lambda mesh: replace(mesh, position=1e3 * mesh.position), "mesh.length_unit applies to both files"),
     ],
     ids=["numbered otherwise", "in millimetres"],
 )

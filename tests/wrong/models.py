@@ -116,7 +116,7 @@ SECTIONS = {
         "J = 0.0002 m⁴ is more than I1 + I2",
     ),
     "no torsion constant": (frame(section="PBAR,1,1,4.-4,2.-8,1.-8"), {}, "does not resist torsion"),
-    "a beam that is not oriented": (frame(way=""), {}, "neither G0 nor X1 to X3 give its plane"),
+    "a beam that is not oriented": (frame(way=""), {}, "the orientation is missing: G0, X1 to X3"),
     "normals that change sides": (
         plate(turned=(3,)),
         ON_PLATE,
@@ -136,7 +136,7 @@ CONNECTIONS = {
         {},
         "5 nodes lie on elements that are not theirs",
     ),
-    "a beam twice": (frame("CBAR,9,1,1,2,0.,0.,1."), {}, "CBAR 9 is on the nodes of CBAR 1"),
+    "a beam twice": (frame("CBAR,9,1,1,2,0.,0.,1."), {}, "CBAR 9 has the same nodes as CBAR 1"),
     "an element twice": (bar("CHEXA,9,1,1,2,7,6,11,12,\n,17,16"), {}, "CHEXA 9: the same nodes as CHEXA 1"),
     "a relation that grounds": (
         bar("MPC,1,5,3,1.,3,3,-1.", case="SPC = 1\nMPC = 1"),

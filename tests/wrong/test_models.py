@@ -233,7 +233,7 @@ def test_a_number_that_stands_for_a_missing_value_is_named_with_its_line_and_the
     found = said(project)
     assert "test.csv:9  estimate.channels.0" in found
     assert f"'G1' reads {mark:g} um/m in 2 of" in found
-    assert "it stands for a missing value" in found
+    assert "it marks missing values" in found
     named = said(project, ("file: test.csv", f'file: test.csv\n  text: {{missing: ["{mark:.9g}"]}}'))
     assert named == ""
 
@@ -276,7 +276,7 @@ def dead_and_clipped(values):
     [
         (mark_among_large, ["'G1' reads -32768 um/m in 3 of"]),
         (mark_between_smooth, ["'G1' reads -999 um/m in 3 of"]),
-        (marks_of_both_signs, ["it stands for a missing value"]),
+        (marks_of_both_signs, ["it marks missing values"]),
         (dead_and_clipped, ["G1 reads one value in all of its", "G2 is clipped"]),
     ],
 )
@@ -317,7 +317,7 @@ def test_a_clock_that_is_too_slow_for_a_load_is_warned_of(project):
     assert "which folds back: record faster" in said(project)
 
 
-@pytest.mark.parametrize(("old", "new", "words"), [("0.010,", "0.009,", "stands twice"), ("0.010,", "0.0004,", "steps back")])
+@pytest.mark.parametrize(("old", "new", "words"), [("0.010,", "0.009,", "occurs twice"), ("0.010,", "0.0004,", "decreases")])
 def test_a_repeated_time_and_a_broken_clock_are_refused(project, old, new, words):
     text = (project / "test.csv").read_text(encoding="utf-8")
     assert text.count(f"\n{old}") == 1

@@ -1,7 +1,7 @@
-"""Files of CalculiX (.frd): their mesh, and the blocks of results, text and binary.
+"""CalculiX result files (.frd), text and binary: the mesh and the result blocks.
 
-Source: cgx manual, "Result Format": lines `1P…` parameters of a step, `2C` nodes, `3C` elements, `100C` a block of results, whose
-last number says how its numbers are written.
+Source: cgx manual, "Result Format": lines `1P…` are parameters of a step, `2C` nodes, `3C` elements, `100C` a result
+block, whose last number is the format of its numbers.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from strainsight.mesh.kinds.kind import in_order
 from strainsight.mesh.model import CellBlock, IdTable, IntArray, Mesh, Region
 
 ID_WIDTH = {0: 5, 1: 10}
-"""Columns of the id of a node by the format of a block: text in short and in long form."""
+"""Format of a block → columns of a node id, text in short and long form."""
 ITEM: dict[int, np.dtype] = {2: np.dtype("<f4"), 3: np.dtype("<f8")}
-"""Numbers of a binary block by its format; each row has its node as four bytes before them."""
+"""Format of a binary block → type of its numbers; each row begins with its node in four bytes."""
 NUMBER, NUMBERS_A_LINE = 12, 6
 STATIC, FREQUENCY = 0, 2
 DAMAGE = (ValueError, LookupError, ArithmeticError)
-"""What damaged bytes raise where they are taken for numbers."""
+"""Errors from parsing damaged bytes as numbers."""
 _REAL = re.compile(rb" *-?(?:\d\.\d+E[+-]\d+|[Nn]a[Nn]|[Ii]nf)")
 
 
 @dataclass(frozen=True)
 class Block:
-    """Header of a block: value (time, or frequency [Hz]), rows, kind of analysis (0 static, 2 frequency), format, entity and
-    names of the numbers of a row; parameters: the lines `1P…` before it, first word → the rest."""
+    """Header of a block: value (time, or frequency [Hz]), rows, kind of analysis (0 static, 2 frequency), format,
+    name and components of a row; parameters: the lines `1P…` before it, first word → the rest."""
 
     value: float
     rows: int
@@ -47,8 +47,8 @@ class Block:
 
 
 def blocks(file: BinaryIO, path: Path, nodes: list[NodeTable]) -> Iterator[tuple[Block, str]]:
-    """Headers of the blocks of results; the caller reads or skips the rows behind each before it asks for the next. Tables of
-    nodes before them are put into `nodes`."""
+    """Headers of the result blocks; the caller reads or skips the rows of a block before it requests the next. Node
+    tables are appended to `nodes`."""
     parameters: dict[bytes, list[bytes]] = {}
     while line := file.readline():
         key = line[:6]
@@ -65,32 +65,33 @@ def blocks(file: BinaryIO, path: Path, nodes: list[NodeTable]) -> Iterator[tuple
             yield _header(file, line, parameters), str(path)
         elif line[:5] == b" 9999":
             return
-    raise error_at(path, "the file ends without its last line, 9999: it may be cut off", "write it again")
+    raise error_at(path, "the last line, 9999, is missing: the file may be truncated", "export it again")
 
 
 def _header(file: BinaryIO, line: bytes, parameters: dict[bytes, list[bytes]]) -> Block:
-    """`100C` (set, value, rows, text, analysis, step, its name, format), ` -4` name and count, ` -5` a line a component."""
+    """Parse `100C` (set, value, rows, text, analysis, step, its name, format), ` -4` (name, count), and one ` -5`
+    line a component."""
     value, rows, analysis, format = float(line[12:24]), int(line[24:36]), int(line[56:58]), int(line[73:75])
     entity = file.readline()
     components = []
     for _ in range(int(entity[13:18])):
-        own = file.readline()
-        if own[33:38].strip() in (b"", b"0"):  # else cgx computes it, and the file has no number of it
-            components.append(own[5:13].strip())
+        definition = file.readline()
+        if definition[33:38].strip() in (b"", b"0"):  # else cgx computes it, and the file has no number for it
+            components.append(definition[5:13].strip())
     if rows < 0 or entity[:3] != b" -4" or format not in (*ID_WIDTH, *ITEM) or not parameters[b"STEP"][2:]:
         raise ValueError
     return Block(value, rows, analysis, format, entity[5:13].strip(), tuple(components), dict(parameters))
 
 
 def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
-    """Nodes as the file writes them, and the numbers (rows, k) beside them."""
+    """Node ids as bytes, and the numbers (rows, k)."""
     k = len(block.components)
     if block.format in ITEM:
         item = np.dtype([("node", "<i4"), ("value", ITEM[block.format], (k,))])
-        found = np.frombuffer(whole(file, block.rows * item.itemsize, where), item)
-        return found["node"].tobytes(), found["value"].astype(float)
+        table_rows = np.frombuffer(whole(file, block.rows * item.itemsize, where), item)
+        return table_rows["node"].tobytes(), table_rows["value"].astype(float)
     if k > NUMBERS_A_LINE:
-        raise error_at(where, f"{k} numbers a node in a block of displacements", "write the results again")
+        raise error_at(where, f"a displacement block has {k} numbers per node", "export the results again")
     width = ID_WIDTH[block.format]
     start = file.tell()
     length = len(file.readline())
@@ -111,7 +112,9 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
             raise no_number(where)
         values = np.array(rows, dtype="S16").astype(float)
     if file.readline()[:3] != b" -3":
-        raise error_at(where, f"a block of {block.rows} nodes does not end after them", "write the results again")
+        raise error_at(
+            where, f"a block of {block.rows} nodes does not end after the last node", "export the results again"
+        )
     return ids, values
 
 
@@ -140,14 +143,14 @@ class NodeTable:
 
 
 def node_table(file: BinaryIO, line: bytes, where: str) -> NodeTable:
-    """The block `2C` whose first line is `line`."""
+    """Read the block `2C` whose first line is `line`."""
     count, format = int(line[24:36]), int(line[73:75])
     raw, position = table(file, Block(0.0, count, STATIC, format, b"", (b"X", b"Y", b"Z")), where)
     return NodeTable(node_ids(raw, format), position, format in ID_WIDTH)
 
 
 def _skip_elements(file: BinaryIO, line: bytes, where: str) -> None:
-    """Pass over elements, whose first line `line` says how many there are and how they are written."""
+    """Skip the elements; the first line `line` states their number and format."""
     count, format = int(line[24:36]), int(line[73:75])
     if format in ITEM:
         for _ in range(count):
@@ -158,31 +161,32 @@ def _skip_elements(file: BinaryIO, line: bytes, where: str) -> None:
 
 
 NODES_OF = {1: 8, 2: 6, 3: 4, 4: 20, 5: 15, 6: 10, 7: 3, 8: 6, 9: 4, 10: 8, 11: 2, 12: 3}
-"""Kind of an element in the file → how many nodes it has."""
+"""Element type in the file → number of nodes."""
 
 
 def whole(file: BinaryIO, size: int, where: str) -> bytes:
-    """The next bytes of a file; DeckError where it ends before."""
-    found = file.read(size)
-    if len(found) < size:
-        raise error_at(where, "the file ends within a block: it is cut off", "write the results again")
-    return found
+    """Read the next bytes of a file; DeckError if it ends before."""
+    content = file.read(size)
+    if len(content) < size:
+        raise error_at(where, "the file ends inside a block: it is truncated", "export the results again")
+    return content
 
 
 def no_number(where: str) -> DeckError:
-    """A damaged file."""
-    return error_at(where, "a block of results has a line that cannot be read", "write the results again")
+    """Error for a damaged file."""
+    return error_at(where, "a line of a result block cannot be read", "export the results again")
 
 
 SOLIDS = {1: "hex8", 2: "wedge6", 3: "tet4", 4: "hex20", 5: "wedge15", 6: "tet10"}
-"""Kind of an element in the file → ours, the nodes in the order of Nastran: uprights before the mid-sides of the top."""
+"""Element type in the file → kind; the nodes are in the order of Nastran, vertical edges before the mid-side nodes
+of the top."""
 
 
 def read_frd_mesh(path: Path, *, required: bool = True) -> Mesh:
-    """The mesh of an .frd, in its own units: a region a number of material, with its name; no materials, supports or ties.
+    """Read the mesh of an .frd in its own units: one region a material number; no materials, supports or ties.
 
-    Elements that are no solids are left out, with a note. required: there have to be solids. Raises DeckError for a file that is
-    cut off, damaged or has no nodes, and for what makes no mesh.
+    Elements that are not solids are left out, with a note. required: require solid elements. Raises DeckError for a
+    file that is truncated, damaged or has no nodes, and for an invalid mesh.
     """
     try:
         return _mesh(path, required)
@@ -203,30 +207,30 @@ def _mesh(path: Path, required: bool) -> Mesh:
             elif line[:6] == b"    3C":
                 elements = _elements(file, line, str(path))
     if nodes is None:
-        raise error_at(path, "the file holds no nodes", "give the deck as mesh.file")
+        raise error_at(path, "the file contains no nodes", "set mesh.file to the input deck")
     check_nodes(nodes.ids, nodes.position, lambda *_: str(path))
     table, blocks, others = IdTable(nodes.ids), [], 0
     for form, (heads, rows) in sorted(elements.items()):
         if form not in SOLIDS:
             others += len(rows)
             continue
-        kind = next(own for own in ELEMENTS if own.name == SOLIDS[form])
+        kind = next(element_kind for element_kind in ELEMENTS if element_kind.name == SOLIDS[form])
         index, missing = table.rows(np.array(rows))
         if missing.any():
             raise error_at(
                 path,
-                f"element {heads[int(np.argmax(missing.any(axis=1)))][0]} has a node that the file lacks",
-                "write the results again",
+                f"element {heads[int(np.argmax(missing.any(axis=1)))][0]} has a node that is not in the file",
+                "export the results again",
             )
         ids, region = np.array(heads, dtype=np.int64).T
         blocks.append(CellBlock(kind.name, ids.copy(), in_order(index, kind.nastran_order), region.copy()))
     if not blocks and required:
-        raise error_at(path, "the file holds no solid elements", "give the deck as mesh.file")
+        raise error_at(path, "the file contains no solid elements", "set mesh.file to the input deck")
     check_elements(blocks, lambda *_: str(path))
     regions = sorted({int(number) for block in blocks for number in np.unique(block.region)})
-    notes = ["coordinates of a text file of results have six digits"] if nodes.text else []
+    notes = ["coordinates of a text result file (.frd) have only six digits"] if nodes.text else []
     if others:
-        notes.append(f"{others} elements that are no solids are left out")
+        notes.append(f"{others} elements are not solids and are left out")
     return Mesh(
         node_ids=nodes.ids,
         position=nodes.position,
@@ -238,8 +242,8 @@ def _mesh(path: Path, required: bool) -> Mesh:
 
 
 def _elements(file: BinaryIO, line: bytes, where: str) -> dict[int, tuple[list[tuple[int, int]], list[IntArray]]]:
-    """Kind → ids and materials of its elements, and their nodes (ids)."""
-    found: dict[int, tuple[list[tuple[int, int]], list[IntArray]]] = {}
+    """Element type → ids and materials of its elements, and their nodes (ids)."""
+    elements: dict[int, tuple[list[tuple[int, int]], list[IntArray]]] = {}
     count, format = int(line[24:36]), int(line[73:75])
     for _ in range(count):
         if format > 1:
@@ -256,8 +260,8 @@ def _elements(file: BinaryIO, line: bytes, where: str) -> dict[int, tuple[list[t
                 if row[:3] != b" -2":
                     raise no_number(where)
                 listed += [row[at : at + wide] for at in range(3, len(row), wide)]
-            nodes = np.array([int(own) for own in listed], dtype=np.int64)
-        heads, rows = found.setdefault(kind, ([], []))
+            nodes = np.array([int(entry) for entry in listed], dtype=np.int64)
+        heads, rows = elements.setdefault(kind, ([], []))
         heads.append((number, material))
         rows.append(nodes)
-    return found
+    return elements

@@ -1,4 +1,4 @@
-"""Any mesh file in, a `Mesh` in SI units out."""
+"""Read a mesh file of any format into a `Mesh` in SI units."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FORMATS = {
     "gmsh": (".msh",),
     "frd": (".frd",),
 }
-"""Reader → endings of the names it reads; meshio reads the rest."""
+"""Reader → file name endings; meshio reads all others."""
 
 
 def read_mesh(
@@ -35,20 +35,19 @@ def read_mesh(
     ignore: Sequence[str] = (),
     spc: int | None = None,
     step: int | None = None,
-    given: Mapping[str, GivenSection] | None = None,
+    sections: Mapping[str, GivenSection] | None = None,
     include: Sequence[Path] = (),
     contact: Literal["bonded", "open"] | None = None,
 ) -> Mesh:
-    """Read a mesh or deck and convert it to m, kg, s (its time unit is the second).
+    """Read a mesh or deck and convert it to m, kg, s. The time unit of the file is the second.
 
-    format: nastran, abaqus, gmsh, frd, meshio, or auto by the ending of the name (.gz before it is passed over). region_data:
-    the cell data that holds region ids, for meshio. solids: there has to be one. materials: a deck has to state those of its
-    solids; otherwise a region may be without, or elements without a region of their own are one. ignore: cards, keywords and
-    types of elements of a deck that are left out, whatever they say. spc: set of supports of a Nastran deck, in
-    place of what its case control selects; step: of an Abaqus deck, whose supports and elements count. given: key of the
-    config → section in SI units of triangles, quadrangles or lines of a file that has no sections. include: folders beside that
-    of a deck from which it may include files.
-    contact: whether surfaces of a deck that are in contact are joined where they touch, or not.
+    format: nastran, abaqus, gmsh, frd, meshio, or auto by the ending of the name (.gz is removed first). region_data: cell
+    data with region ids, for meshio. solids: require solid elements. materials: require the deck to define the materials of
+    its solids; otherwise a region may have no material, and elements without a region form one. ignore: cards, keywords and
+    element types of a deck to leave out. spc: support set of a Nastran deck, instead of the one in its case control. step:
+    step of an Abaqus deck that defines supports and elements. sections: config key → section in SI units of triangles,
+    quadrilaterals or lines of a file without sections. include: further folders from which a deck may include files.
+    contact: whether surfaces of a deck that are in contact are bonded where they touch, or open.
     Raises DeckError for a file that cannot be imported, UserError for an unknown unit.
     """
     L, M = length_factor(length_unit), mass_factor(mass_unit)
@@ -57,37 +56,51 @@ def read_mesh(
         raise error_at(
             path,
             "no such file" if not path.exists() else "not a file",
-            "check the name; a relative path counts from the config file",
+            "correct the name; a relative path is relative to the folder of the config file",
         )
     format = format_of(path) if format == "auto" else format
     for value, key, of, program in ((spc, "spc", "nastran", "Nastran"), (step, "step", "abaqus", "Abaqus")):
         if value is not None and format != of:
-            raise UserError(f"{path.name} is no {program} deck, which mesh.{key} is of", remedy="remove the key")
-    if given and format in ("nastran", "abaqus"):
+            raise UserError(
+                f"{path.name} is not a {program} deck, and mesh.{key} applies only to {program} decks",
+                remedy="remove the key",
+            )
+    if sections and format in ("nastran", "abaqus"):
         raise UserError(
-            f"{path.name} is a deck, which states its sections itself",
-            key=next(iter(given)),
-            remedy="remove the key, and give the deck's elements a property (PSHELL, PBAR, *SHELL SECTION, *BEAM SECTION)",
+            f"{path.name} is a deck, so its sections must be defined in the deck",
+            key=next(iter(sections)),
+            remedy="remove the key, and assign a property to the elements in the deck (PSHELL, PBAR, *SHELL SECTION, "
+            "*BEAM SECTION)",
         )
-    if given and format == "frd":
+    if sections and format == "frd":
         raise UserError(
-            f"of {path.name} solids are read, which have no section", key=next(iter(given)), remedy="remove the key"
+            f"only solids are imported from {path.name}, and solids have no section",
+            key=next(iter(sections)),
+            remedy="remove the key",
         )
-    sections = rescaled(given or {}, 1 / L, 1 / M)
+    own_units = rescaled(sections or {}, 1 / L, 1 / M)
     if format == "nastran":
         from strainsight.decks.nastran.deck import read_nastran
 
-        mesh = read_nastran(path, required=solids, stated=materials, ignore=ignore, spc=spc, include=include)
+        mesh = read_nastran(
+            path, required=solids, materials_required=materials, ignore=ignore, spc=spc, include=include
+        )
     elif format == "abaqus":
         from strainsight.decks.abaqus.deck import read_abaqus
 
         mesh = read_abaqus(
-            path, required=solids, stated=materials, ignore=ignore, include=include, contact=contact, step=step
+            path,
+            required=solids,
+            materials_required=materials,
+            ignore=ignore,
+            include=include,
+            contact=contact,
+            step=step,
         )
     elif format == "gmsh":
         from strainsight.decks.gmsh.mesh import read_gmsh
 
-        mesh = read_gmsh(path, required=solids, given=sections)
+        mesh = read_gmsh(path, required=solids, sections=own_units)
     elif format == "frd":
         from strainsight.decks.frd import read_frd_mesh
 
@@ -95,20 +108,20 @@ def read_mesh(
     else:
         from strainsight.decks.other.mesh import read_meshio
 
-        mesh = read_meshio(path, region_data, required=solids, given=sections)
+        mesh = read_meshio(path, region_data, required=solids, sections=own_units)
     with mesh.located():
         check_node_order(mesh)
-        exterior_facets(mesh)  # so that elements that do not fit together show here
+        exterior_facets(mesh)  # detects elements that do not fit together
     return to_si(mesh, length_unit, mass_unit)
 
 
 def format_of(path: Path) -> str:
-    """Which reader a file is for: by the ending of its name, and for .msh by its first line."""
+    """Reader of a file, from the ending of its name, and for .msh from its first line."""
     endings = [ending.lower() for ending in path.suffixes if ending.lower() != ".gz"]
     ending = endings[-1] if endings else ""
-    found = next((name for name, known in FORMATS.items() if ending in known), "meshio")
-    if found == "gmsh":
+    reader = next((name for name, known in FORMATS.items() if ending in known), "meshio")
+    if reader == "gmsh":
         from strainsight.decks.gmsh.mesh import is_gmsh
 
-        return found if is_gmsh(path) else "meshio"
-    return found
+        return reader if is_gmsh(path) else "meshio"
+    return reader

@@ -1,4 +1,4 @@
-"""A model from the stiffness and mass of another program, on the nodes and constraints of a mesh."""
+"""Model from the stiffness and mass matrices of another program, on the nodes and constraints of a mesh."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from strainsight.fem.patch import held_components
 from strainsight.mesh.model import IdTable, Mesh
 
 LOOSE = 1e-14
-"""ε: energy of a rigid motion over that of its entries one by one, below which nothing holds it."""
+"""ε: energy of a rigid motion relative to that of its separate entries below which the motion is unconstrained."""
 MOTIONS = tuple(f"{motion} {axis}" for motion in ("translation", "rotation about") for axis in "xyz")
 
 
 @dataclass(frozen=True)
 class Term:
-    """A matrix (r, r) as its file has it; parameter it is proportional to, None for a constant; at: the parameter's value
-    [SI] that it was made with."""
+    """A matrix (r, r) of a file; parameter that scales it, None for a constant; at: the parameter value [SI] of the
+    file."""
 
     matrix: sparse.csr_array
     parameter: str | None = None
@@ -36,9 +36,9 @@ class Term:
 class ReadyMatrices:
     """Stiffness and mass on numbered rows, in SI units.
 
-    node_ids (r,) of the file and components (r,) 0-5 along the axes of the node; stiffness and mass (r, r) [N/m, N,
-    N m; kg, kg m, kg m²] on translations [m] and rotations [rad]; at: the parameters' values [SI] of the files;
-    source: where the numbering stands.
+    node_ids (r,) of the file and components (r,) 0-5 along nodal axes; stiffness and mass (r, r) [N/m, N, N m; kg,
+    kg m, kg m²] on translations [m] and rotations [rad]; at: parameter values [SI] of the files; source: file of the
+    numbering.
     """
 
     node_ids: np.ndarray
@@ -62,7 +62,7 @@ def ready_matrices(
 
         X(θ) = Σ M s_i s_j X_ij θ/at,     s = 1 for translations, L for rotations
 
-    length L [m] and mass_unit M [kg] of the deck; time in s, angles in rad. Raises UserError where one parameter has two
+    length L [m] and mass_unit M [kg] of the deck; time in s, angles in rad. Raises UserError if a parameter has two
     values in `at`.
     """
     scale = sparse.diags_array(row_scale(components, length))
@@ -70,8 +70,9 @@ def ready_matrices(
     for term in (*stiffness, *mass):
         if term.parameter is not None and at.setdefault(term.parameter, term.at) != term.at:
             raise UserError(
-                f"terms of {term.parameter} were made at {at[term.parameter]:g} and at {term.at:g}",
-                remedy="one value for all terms of a parameter",
+                f"the matrices of {term.parameter} have different parameter values, {at[term.parameter]:g} and "
+                f"{term.at:g}",
+                remedy="use one parameter value for all matrices of a parameter",
             )
 
     def operator(terms: Sequence[Term]) -> AffineOperator:
@@ -85,20 +86,19 @@ def ready_matrices(
 
 
 def row_scale(components: np.ndarray, length: float) -> np.ndarray:
-    """s (r,): 1 for a translation, L for a rotation, so that s z is the motion in the deck's lengths times L."""
+    """s (r,): 1 for a translation, L for a rotation, so that s z is the motion in deck lengths times L."""
     return np.where(components < 3, 1.0, length)
 
 
 def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> FullModel:
-    """Put the matrices on the nodes of the mesh, under its supports and ties:
+    """Put the matrices on the nodes of the mesh, with its supports and ties:
 
         u_rows = P z,   z = T z_free,     K_free = Bᵀ K B,   M_free = Bᵀ M B,   B = P T
 
-    P has the axes of the node (CD) in it. Both kinds of matrices fit: those of all motions, of which the mesh's supports
-    and ties then take their part, and those from which dependent and clamped motions were removed. A motion without
-    stiffness of its own that nothing leads is left out.
-    Raises DeckError for a node that the mesh lacks, for constraints that contradict each other, and for a motion that
-    the stiffness couples but does not hold; UserError where nothing is free or nothing holds the structure.
+    P contains the nodal axes (CD). The matrices may contain all motions, to which the supports and ties of the mesh
+    are applied, or have dependent and fixed motions already removed. A motion without stiffness that does not follow
+    others is left out. Raises DeckError for a node that is not in the mesh, inconsistent constraints, and a motion
+    with non-positive stiffness; UserError if no motion is free or the structure is unconstrained.
     """
     nodes = _nodes_of(mesh, ready)
     stiff = rows_used(ready.stiffness)
@@ -108,10 +108,12 @@ def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> FullModel:
     P = _places(mesh, nodes, ready.components, first, size)
     supported = np.zeros(size, dtype=bool)
     supported[P[np.flatnonzero(stiff)].tocoo().col] = True
-    held = _for_constraints(mesh, nodes, ready.components, stiff)
-    constraint = constraint_transform(held, supported=supported, rotations=rotations)
+    constrained_mesh = _for_constraints(mesh, nodes, ready.components, stiff)
+    constraint = constraint_transform(constrained_mesh, supported=supported, rotations=rotations)
     if constraint.transform.shape[1] == 0:
-        raise UserError("no motion is free: every row is clamped or has no stiffness", remedy="free some nodes")
+        raise UserError(
+            "no motion is free: every row is fixed or has no stiffness", remedy="release the supports of some nodes"
+        )
     B = sparse.csr_array(P @ constraint.transform)
     model = FiniteElementModel(mesh, constraint, restricted(ready.stiffness, B), restricted(ready.mass, B))
     check_diagonal(model)
@@ -129,9 +131,10 @@ def _nodes_of(mesh: Mesh, ready: ReadyMatrices) -> np.ndarray:
     if missing.any():
         row = int(np.argmax(missing))
         raise DeckError(
-            f"row {row + 1} of the matrices is of node {ready.node_ids[row]}, which the mesh lacks ({missing.sum()} such rows)",
+            f"row {row + 1} of the matrices belongs to node {ready.node_ids[row]}, which is not in the mesh "
+            f"({missing.sum()} such rows)",
             where=f"{ready.source}:{row + 2}" if ready.source else None,
-            remedy="give a mesh with all nodes of the matrices; nodes without elements are welcome",
+            remedy="use a mesh with all nodes of the matrices; nodes without elements are allowed",
         )
     return nodes
 
@@ -139,7 +142,7 @@ def _nodes_of(mesh: Mesh, ready: ReadyMatrices) -> np.ndarray:
 def _places(
     mesh: Mesh, nodes: np.ndarray, components: np.ndarray, first: Mapping[int, int], size: int
 ) -> sparse.csr_array:
-    """P (r, size): the motion of a row is along one axis of its node; a rotation that has no place in z is zero."""
+    """P (r, size): each row is along one axis of its node; a rotation without entry in z is zero."""
     start = 3 * nodes
     turning = components >= 3
     start[turning] = [first.get(int(node), -1) for node in nodes[turning]]
@@ -153,23 +156,23 @@ def _places(
 
 
 def _for_constraints(mesh: Mesh, nodes: np.ndarray, components: np.ndarray, stiff: np.ndarray) -> Mesh:
-    """The mesh without its masses, and with those axes of a node clamped along which alone it has no stiffness.
+    """The mesh without its masses, and with nodal axes fixed along which a node has no stiffness.
 
-    Along the basic axes such a motion is left out by `supported`; a node with axes of its own mixes them.
+    In basic axes such motions are left out by `supported`; nodal axes would mix them.
     """
-    mesh = replace(mesh, point_masses=())  # they are in the mass
+    mesh = replace(mesh, point_masses=())  # included in the mass matrix
     if not mesh.axes:
         return mesh
     led = {node for tie in mesh.ties for node in (tie.reference, *tie.nodes.tolist())}
     led |= {int(node) for relation in mesh.relations for node in relation.node}
-    taken = {(int(node), int(component)) for node, component in mesh.fixed}
-    own = np.isin(nodes, [node for node in mesh.axes if node not in led])
-    has = {(int(n), int(c)) for n, c in zip(nodes[own & stiff], components[own & stiff], strict=True)}
+    fixed = {(int(node), int(component)) for node, component in mesh.fixed}
+    has_axes = np.isin(nodes, [node for node in mesh.axes if node not in led])
+    has = {(int(n), int(c)) for n, c in zip(nodes[has_axes & stiff], components[has_axes & stiff], strict=True)}
     loose = [
         (node, component)
         for node, kind in sorted({(n, c // 3) for n, c in has})
         for component in range(3 * kind, 3 * kind + 3)
-        if (node, component) not in has and (node, component) not in taken
+        if (node, component) not in has and (node, component) not in fixed
     ]
     if not loose:
         return mesh
@@ -188,12 +191,12 @@ def check_diagonal(model: FiniteElementModel) -> None:
         name = describe_row(model.mesh, model.constraint, int(model.constraint.free_rows[free]))
         raise DeckError(
             f"{name}: its stiffness is {diagonal[free]:g} ({np.count_nonzero(~(diagonal > 0))} such motions)",
-            remedy="a stiffness is positive on its diagonal: check the matrix and its numbering",
+            remedy="check the matrix and its numbering; the diagonal of a stiffness must be positive",
         )
 
 
 def unmoved_solids(mesh: Mesh, constraint: Constraint, rows: int) -> list[str]:
-    """A sentence on translations of the solids that no row of the matrices and no tie moves, nor a support holds."""
+    """Note on translations of solids without rows in the matrices, ties or supports."""
     n = len(mesh.position)
     still = np.diff(constraint.transform[: 3 * n].tocsr().indptr).reshape(n, 3) == 0
     solid = np.zeros((n, 1), dtype=bool)
@@ -205,67 +208,69 @@ def unmoved_solids(mesh: Mesh, constraint: Constraint, rows: int) -> list[str]:
     named = mesh.node_ids[still.any(axis=1)]
     listed = ", ".join(map(str, named[:5])) + (", …" if len(named) > 5 else "")
     return [
-        f"{np.count_nonzero(still)} translations of {len(named)} nodes of the solids have no stiffness in the {rows} rows of the "
-        f"matrices and are taken as zero, so that gauges there read too little (nodes {listed})"
+        f"{np.count_nonzero(still)} translations of {len(named)} nodes of solids have no stiffness in the "
+        f"{rows} rows of the matrices and are set to zero, so that strains there are too small (nodes {listed})"
     ]
 
 
 def lost_mass(
     mesh: Mesh, mass: AffineOperator, nodes: np.ndarray, components: np.ndarray, B: sparse.csr_array
 ) -> list[str]:
-    """A sentence on rows that have a mass but do not move, though no support says so."""
+    """Note on rows with a mass that do not move although they have no support."""
     lost = rows_used(mass) & (np.diff(B.indptr) == 0)
     lost &= ~np.isin(6 * nodes + components, mesh.fixed.reshape(-1, 2) @ np.array([6, 1]))
     lost &= ~np.isin(nodes, [int(node) for e in mesh.rigid for node in e.nodes])
-    lost &= ~np.isin(6 * nodes + components, [6 * node + c for node, c in (own.follower for own in mesh.relations)])
+    lost &= ~np.isin(
+        6 * nodes + components, [6 * node + c for node, c in (relation.follower for relation in mesh.relations)]
+    )
     if not lost.any():
         return []
     row = int(np.argmax(lost))
     return [
-        f"{np.count_nonzero(lost)} rows have mass but no stiffness and are left out, the first of them node "
+        f"{np.count_nonzero(lost)} rows have mass but no stiffness and are left out, for example node "
         f"{mesh.node_ids[nodes[row]]}, component {components[row] + 1}"
     ]
 
 
 def check_support(model: FiniteElementModel, at: Mapping[str, float]) -> list[str]:
-    """Whether supports and matrices resist the six rigid motions R, those of the free motions that a rigid body would have:
+    """Check that supports and matrices constrain the six rigid-body motions R, restricted to the free motions:
 
         c:  cᵀRᵀKR c < ε cᵀRᵀ diag(K) R c   is free
 
-    Returns a sentence with the frequency ω² = min eig(RᵀKR, RᵀMR) where the mesh fixes nothing and the matrices do.
-    Raises UserError that names the free motions.
+    Returns a note with the frequency ω² = min eig(RᵀKR, RᵀMR) if only the matrices constrain the structure. Raises
+    UserError with the names of the free motions.
     """
     R = _rigid_motions(model)
     K, M = model.stiffness.at(at), model.mass.at(at)
     size = np.sqrt(K.diagonal() @ R**2)
-    there = size > 0  # nodes on a line do not turn about it
-    R = R[:, there] / size[there]
+    exists = size > 0  # nodes on a line have no rotation about it
+    R = R[:, exists] / size[exists]
     strength, U = np.linalg.eigh(R.T @ (K.diagonal()[:, None] * R))
-    W = (U / np.sqrt(np.maximum(strength, 1e-300)))[:, strength > 1e-10]  # the others move nothing that is free
+    W = (U / np.sqrt(np.maximum(strength, 1e-300)))[:, strength > 1e-10]  # the others move no free motion
     R = R @ W
     resistance = R.T @ (K @ R)
     energy, V = np.linalg.eigh(resistance)
     if np.any(energy < LOOSE):
         loose = np.linalg.qr(W @ V[:, energy < LOOSE])[0]
         share = np.linalg.norm(loose, axis=1)
-        named = [word for word, part in zip(np.array(MOTIONS)[there], share, strict=True) if part > 0.99]
+        named = [word for word, part in zip(np.array(MOTIONS)[exists], share, strict=True) if part > 0.99]
         raise UserError(
-            f"the structure can move freely: {', '.join(named) or f'{loose.shape[1]} rigid motion(s)'}; neither the supports of "
-            "the mesh nor the matrices resist",
-            remedy="fix nodes that the matrices have (mesh.supports), or give matrices with the supports in them",
+            f"the structure is not constrained in {', '.join(named) or f'{loose.shape[1]} rigid motion(s)'}: "
+            "neither the supports of the mesh nor the matrices prevent this motion",
+            remedy="fix nodes of the matrices (mesh.supports), or use matrices that include the supports",
         )
     if len(model.mesh.fixed):
         return []
-    said = "the mesh fixes nothing: the matrices hold the structure by themselves"
+    note = "the mesh has no supports; the structure is constrained by the matrices"
     inertia = R.T @ (M @ R)
     if np.linalg.eigvalsh(inertia)[0] <= 0:
-        return [said]
+        return [note]
     softest = np.sqrt(eigh(resistance, inertia, eigvals_only=True)[0]) / (2 * np.pi)
-    return [f"{said} (moving as a rigid body it would swing at {softest:.3g} Hz)"]
+    return [f"{note} (its rigid-body frequency is {softest:.3g} Hz)"]
 
 
 def _rigid_motions(model: FiniteElementModel) -> np.ndarray:
-    """Six rigid motions on the free motions (n_free, 6)."""
+    """Six rigid-body motions on the free motions (n_free, 6)."""
     mesh, constraint = model.mesh, model.constraint
     R = np.zeros((constraint.transform.shape[0], 6))
     R[: 3 * len(mesh.position)] = rigid_rows(mesh.position - mesh.position.mean(axis=0)).reshape(-1, 6)

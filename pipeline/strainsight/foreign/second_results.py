@@ -1,17 +1,18 @@
-"""What a part of the stiffness or mass adds, from modes and responses that another program found at two values of it.
+"""Reduced model of a parameter, from modes and responses that another program computed at two values of it.
 
-With U₀ = [Φ₀, z₀] at θ₀ and U₁ = [Φ₁, z₁] at θ₁, and what our own mass M and the loads f say of them,
+With U₀ = [Φ₀, z₀] at θ₀ and U₁ = [Φ₁, z₁] at θ₁, the mass M of our mesh and the loads f
 
-    A U₀ = [M Φ₀Λ₀, f],     B U₁ = [M Φ₁Λ₁, f],     K(θ) = A + (θ − θ₀)/(θ₁ − θ₀) D,     D = B − A,
+    A U₀ = [M Φ₀Λ₀, f],     B U₁ = [M Φ₁Λ₁, f],     K(θ) = A + (θ − θ₀)/(θ₁ − θ₀) D,     D = B − A.
 
-of A, B and D on U = [U₀, U₁] the blocks U₀ᵀAU₀, U₁ᵀBU₁ and N = U₀ᵀDU₁ = U₀ᵀBU₁ − U₀ᵀAU₁ are known, and both sets are reproduced
-whatever U₀ᵀDU₀ and U₁ᵀDU₁ are: two sets do not say these. But D is the strain energy of the region alone,
-which is c₁K̃₁ + c₂K̃₂ of an isotropic material, K̃ the stiffness of our own elements with unit modulus and two Poisson ratios: N
-gives c by least squares, and what is left of it, S = N − U₀ᵀK̃U₁, enters by the motion of the region, U₁ ≈ U₀a and U₀ ≈ U₁b there:
+On U = [U₀, U₁] the blocks U₀ᵀAU₀, U₁ᵀBU₁ and N = U₀ᵀDU₁ = U₀ᵀBU₁ − U₀ᵀAU₁ are known. The blocks U₀ᵀDU₀ and U₁ᵀDU₁
+are not known, and both sets are reproduced for any values of them. D is the strain energy of the region alone. For an
+isotropic material it is c₁K̃₁ + c₂K̃₂. K̃ is the stiffness of our elements with unit modulus and two Poisson's ratios.
+A least-squares fit to N determines c. The rest S = N − U₀ᵀK̃U₁ enters through the motion of the region, U₁ ≈ U₀a and
+U₀ ≈ U₁b:
 
     U₁ᵀDU₁ = U₁ᵀK̃U₁ + (aᵀS + Sᵀa)/2,     U₀ᵀDU₀ = U₀ᵀK̃U₀ + (Sb + bᵀSᵀ)/2
 
-Of a density D is that of our own mass, and A is known on all of U.
+For a density, D follows from our mass, and A is known on all of U.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ from strainsight.foreign.of_results import (
     as_operator,
     as_sparse,
     check_responses,
+    describe_responses,
     forces_on_rows,
     independent,
     normalise_results,
-    said,
     unresolved_rows,
 )
 from strainsight.mesh.model import Material, Mesh, Region
@@ -51,7 +52,7 @@ KEY = "mesh.results.second"
 
 @dataclass(frozen=True)
 class Change:
-    """The parameter, whose regions are those of the second set, and its values [SI] in the first and the second one."""
+    """The parameter, whose regions are those of the second set, and its values [SI] in the first and the second set."""
 
     parameter: Parameter
     first: float
@@ -64,8 +65,8 @@ class Change:
 
 @dataclass(frozen=True)
 class Observed:
-    """One set: motions U (3n + 3r, m + s) of unit energy, forces X U that hold them (the same shape), λ (m,) [rad²/s²], ω in Hz,
-    rounding and sentences."""
+    """One set: motions U (3n + 3r, m + s) of unit energy, their forces X U (same shape), λ (m,) [rad²/s²], frequency
+    [Hz], rounding error and notes."""
 
     motion: np.ndarray
     force: np.ndarray
@@ -76,65 +77,67 @@ class Observed:
 
 
 def check_values(change: Change) -> None:
-    """Raises UserError for one value of both sets."""
+    """Raise UserError if both sets have the same parameter value."""
     if abs(change.second / change.first - 1) < 1e-6:
         raise UserError(
-            f"both sets were made with {change.parameter.name} = {change.first:g}: they do not say what it changes",
+            f"both result sets have the same value {change.parameter.name} = {change.first:g}, so they do not "
+            "show its effect",
             key=f"{KEY}.at",
-            remedy="make the second set with another value, 20 % to 50 % away",
+            remedy="compute the second set with a value that differs by 20 % to 50 %",
         )
 
 
-def check_supports(mesh: Mesh, given: tuple[GivenMotion, GivenMotion]) -> None:
-    """A row that no motion of one set moves, no motion of the other does. Raises UserError."""
-    held = [~own.field.any(axis=1) & own.known for own in given]
-    other = np.flatnonzero((held[0] != held[1]) & given[0].known & given[1].known)
+def check_supports(mesh: Mesh, imported: tuple[GivenMotion, GivenMotion]) -> None:
+    """Raise UserError unless the same rows are fixed in both sets."""
+    fixed_rows = [~motion.field.any(axis=1) & motion.known for motion in imported]
+    other = np.flatnonzero((fixed_rows[0] != fixed_rows[1]) & imported[0].known & imported[1].known)
     if other.size:
-        which = "first" if held[0][other[0]] else "second"
+        which = "first" if fixed_rows[0][other[0]] else "second"
         raise UserError(
-            f"the {which} set holds {describe_row(mesh, given[0].constraint, int(other[0]))} ({other.size} such motions), the "
-            "other does not",
+            f"{which} is fixed in the {describe_row(mesh, imported[0].constraint, int(other[0]))} set "
+            f"({other.size} such motions), but not in the other set",
             key=KEY,
-            remedy="make both sets with the same supports",
+            remedy="compute both sets with the same supports",
         )
 
 
 def observed(
-    mesh: Mesh, given: GivenMotion, results: Results, forces: Forces | None, names: tuple[str, ...], key: str
+    mesh: Mesh, imported: GivenMotion, results: Results, forces: Forces | None, names: tuple[str, ...], key: str
 ) -> Observed:
-    """One set with what our own mass of the mesh says of it, each motion scaled to unit energy:
+    """One set with the forces from the mass of our mesh, each motion scaled to unit energy:
 
         X U = [M Φ Λ, f]
 
-    names: of all loads; key: of the set, for errors. Raises UserError without a mass of all nodes, and for what `results_model`
-    refuses of modes and responses.
+    names: of all loads; key: of the set, for errors. Raises UserError if the mass of some nodes is unknown, and for
+    modes and responses that `results_model` does not accept.
     """
-    if not has_mass(mesh) or unresolved_rows(mesh, given, mesh.nodes_of_elements).size:
+    if not has_mass(mesh) or unresolved_rows(mesh, imported, mesh.nodes_of_elements).size:
         raise UserError(
-            "two sets are put together by the mass of the mesh, and a region has no density or a node no motion",
+            "two result sets require the mass of the mesh, but a region has no density or a node has no motion",
             key=key,
-            remedy="give mesh.materials with densities, and results of all nodes",
+            remedy="specify densities in mesh.materials, and write results of all nodes",
         )
-    modes = normalise_results(mesh, given, results, by_mesh=True)
+    modes = normalise_results(mesh, imported, results, by_mesh=True)
     assert modes.weighed is not None
     notes, z, f = [*modes.notes], modes.response[:, :0], modes.response[:, :0]
     if forces is not None:
-        z, f = modes.response, forces_on_rows(mesh, given, forces)[:, results.load]
-        notes += check_responses(modes, f, results, names) + said(names, results, 0, False, 0.0)
+        z, f = modes.response, forces_on_rows(mesh, imported, forces)[:, results.load]
+        notes += check_responses(modes, f, results, names) + describe_responses(names, results, 0, False, 0.0)
     scale = 1 / np.sqrt(np.concatenate([modes.lam, np.einsum("ij,ij->j", z, f)]))
     motion, force = np.hstack([modes.shape, z]) * scale, np.hstack([modes.weighed[0] * modes.lam, f]) * scale
     return Observed(motion, force, modes.lam, results.frequency, results.rounding, tuple(notes))
 
 
-def asymmetry(own: Observed) -> float:
-    """How far UᵀXU, of unit diagonal, is from symmetric: what is known of X by the forces is not better. That of a lumped mass,
-    or of a response with few digits, is not zero."""
-    X = own.motion.T @ own.force
+def asymmetry(observed_set: Observed) -> float:
+    """Asymmetry of UᵀXU of unit diagonal, a bound of the accuracy of the forces; not zero for a lumped mass and for
+    responses with few digits."""
+    X = observed_set.motion.T @ observed_set.force
     return float(np.abs(X - X.T).max())
 
 
 def check_frequencies(change: Change, first: Observed, second: Observed, stiff: bool) -> None:
-    """λ₁/λ₀ of every mode lies between 1 and θ₁/θ₀, θ₀/θ₁ of a density, and not all are 1 (Courant and Fischer)."""
+    """Raise UserError unless λ₁/λ₀ of every mode is between 1 and θ₁/θ₀ (θ₀/θ₁ for a density), and not all are 1
+    (Courant and Fischer)."""
     count, ratio = min(len(first.lam), len(second.lam)), change.second / change.first
     moved = second.lam[:count] / first.lam[:count]
     low, high = sorted((1.0, ratio if stiff else 1 / ratio))
@@ -145,74 +148,75 @@ def check_frequencies(change: Change, first: Observed, second: Observed, stiff: 
     if wrong.size:
         i = int(wrong[0])
         raise UserError(
-            f"mode {i + 1} goes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz: {values} can only move it by a "
-            f"factor of {np.sqrt(low):.4g} to {np.sqrt(high):.4g}",
+            f"mode {i + 1} changes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz, but {values} "
+            f"can change it only by a factor of {np.sqrt(low):.4g} to {np.sqrt(high):.4g}",
             key=KEY,
-            remedy="change nothing but this parameter between the sets, write as many modes of both from the lowest on, and "
-            "check the two values (mesh.results.at, mesh.results.second.at)",
+            remedy="change only this parameter between the sets, write the same number of modes from the lowest on, "
+            "and check both values (mesh.results.at, mesh.results.second.at)",
         )
     if np.abs(moved - 1).max() < slack:
         raise UserError(
-            f"the second set has the frequencies of the first: {values} has moved none of {count}",
+            f"both result sets have the same frequencies: {values} changes none of {count} modes",
             key=KEY,
-            remedy="give the file that was made with the other value",
+            remedy="specify the file that was computed with the other value",
         )
 
 
 POISSON = (0.0, 0.3)
-"""Of two isotropic materials, of which every other is a combination."""
+"""Two Poisson's ratios; every isotropic stiffness is a combination of theirs."""
 LEAST = 1e-8
-"""Energy of a motion beside the others, of unit energy, below which what the sets say of it is rounding."""
+"""Energy of a motion relative to the others, of unit energy, below which it is rounding error."""
 OF_STRAIN = 100.0
-"""Energy beside the others, in roundings of the files, that a motion needs for its strain to be more than their rounding."""
+"""Energy of a motion relative to the rounding errors of the files above which its strain is meaningful."""
 FEW_DIGITS = 1e-6
-"""Rounding of text of six digits, and more."""
+"""Rounding error from which a file counts as one with few digits."""
 APART = 1e-10
-"""Share of the largest energy in the region below which a motion there is rounding."""
+"""Energy of a motion in the region, relative to the largest, below which it is rounding error."""
 FORM, NOTED = 0.1, 0.01
-"""Share of what changes between the sets that is not of the form of the region: more is refused, or named."""
+"""Share of the change that does not fit the stiffness of the region: limit for an error and for a note."""
 REPRODUCED = 1e-3
-"""Frequencies of the model may differ by as much from those of the results."""
+"""Largest relative frequency error of the model."""
 BEYOND = 0.1
-"""Share of its bound by which the stiffness of the region may be beyond it, as the sets are not exact."""
+"""Relative tolerance of the bounds on the stiffness of the region, because the sets are not exact."""
 
 
 def model_of_two(
     mesh: Mesh,
-    given: tuple[GivenMotion, GivenMotion],
+    imported: tuple[GivenMotion, GivenMotion],
     results: tuple[Results, Results],
     forces: Forces | None,
     names: tuple[str, ...],
     scaled: Mapping[str, tuple[str, float]],
     change: Change,
 ) -> FullModel:
-    """K and M of the coordinates (Φ₀, r₀, what U₁ has beside these), affine in the parameter of the change.
+    """K and M of the coordinates (Φ₀, r₀, remainder of U₁), affine in the parameter of the change.
 
-    Arguments as of `results_model`, of two sets; scaled: what other parameters the rest is proportional to. Raises UserError for
-    what `results_model` refuses of either set; without a mass; for the same value twice, sets with different supports,
-    frequencies that move as this parameter cannot move them, regions of other elements than isotropic solids, a change that is
-    not of the form of the regions, and a model that does not have the modes of both sets.
+    Arguments as of `results_model`, for two sets; scaled: other parameters that scale the whole matrix. Raises
+    UserError for sets that `results_model` does not accept; without a mass; for equal parameter values, different
+    supports, impossible frequency changes, regions with elements other than isotropic solids, a change that does not
+    fit the regions, and a model that does not reproduce the modes of both sets.
     """
-    own = change.parameter
+    parameter = change.parameter
     check_values(change)
-    check_supports(mesh, given)
-    stiff = of_stiffness(own.property)
+    check_supports(mesh, imported)
+    stiff = of_stiffness(parameter.property)
     meshes = [
-        mesh if stiff else with_value(mesh, "density", own.regions, value) for value in (change.first, change.second)
+        mesh if stiff else with_value(mesh, "density", parameter.regions, value)
+        for value in (change.first, change.second)
     ]
     first, second = (
-        observed(each, moved, found, forces, names, key)
-        for each, moved, found, key in zip(meshes, given, results, ("mesh.results", KEY), strict=True)
+        observed(each, moved, results_of_set, forces, names, key)
+        for each, moved, results_of_set, key in zip(meshes, imported, results, ("mesh.results", KEY), strict=True)
     )
     check_frequencies(change, first, second, stiff)
     U, k = np.hstack([first.motion, second.motion]), first.motion.shape[1]
-    rows = given[0].constraint.reference_rows
+    rows = imported[0].constraint.reference_rows
     M0 = U.T @ mass_product(meshes[0], rows, U)
     across = (first.force.T @ second.motion, first.motion.T @ second.force)
     A00, A11 = first.motion.T @ first.force, second.motion.T @ second.force
     notes: list[str] = []
     if stiff:
-        D, notes = _change_of_stiffness(mesh, own, U, k, across[1] - across[0])
+        D, notes = _change_of_stiffness(mesh, parameter, U, k, across[1] - across[0])
         A11 = A11 - D[k:, k:]
         X0, X1 = _whole(A00, across[0], A11), D / (change.second - change.first)
     else:
@@ -226,13 +230,13 @@ def model_of_two(
     if stiff:
         X1 = _within(X1, A, change.first)
     _check_reproduced(change, (first, second), A, M0, X1, stiff)
-    affine = AffineOperator(sparse.csr_array(X0 - change.first * X1), {own.name: sparse.csr_array(X1)})
+    affine = AffineOperator(sparse.csr_array(X0 - change.first * X1), {parameter.name: sparse.csr_array(X1)})
     stiffness = affine if stiff else as_operator(A, scaled.get("stiffness"))
     mass = as_operator(M0, scaled.get("mass")) if stiff else affine
     if rounding >= FEW_DIGITS:
         notes.append(
-            f"the files have digits to {rounding:.0e}: what {own.name} changes is a difference of both, and σ may be off by "
-            "1e-3; binary files do better"
+            f"the files have a relative precision of {rounding:.0e}; because the effect of {parameter.name} is "
+            "a difference of both sets, σ may be off by 1e-3. Binary files are more accurate"
         )
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)
@@ -240,21 +244,21 @@ def model_of_two(
 
 
 def _change_of_stiffness(
-    mesh: Mesh, own: Parameter, U: np.ndarray, k: int, N: np.ndarray
+    mesh: Mesh, parameter: Parameter, U: np.ndarray, k: int, N: np.ndarray
 ) -> tuple[np.ndarray, list[str]]:
-    """D on U, of which N = U₀ᵀDU₁ is known, and a sentence on how much of N is not of the form of the regions."""
-    forms = [U.T @ _product(X, U) for X in _forms(mesh, own)]
+    """D on U, with N = U₀ᵀDU₁ known, and a note on the share of N that does not fit the regions."""
+    forms = [U.T @ _product(X, U) for X in _forms(mesh, parameter)]
     c = np.linalg.lstsq(np.stack([X[:k, k:].ravel() for X in forms], axis=1), N.ravel(), rcond=1e-10)[0]
     form = np.asarray(sum(value * X for value, X in zip(c, forms, strict=True)))
     S = N - form[:k, k:]
     off = float(np.linalg.norm(S) / np.linalg.norm(N))
     if off > FORM:
         raise UserError(
-            f"{off:.0%} of what differs between the sets is not of the form of an isotropic stiffness of "
-            f"{', '.join(str(mesh.regions[r]) for r in own.regions)}",
+            f"{off:.0%} of the difference between the sets does not fit an isotropic stiffness of "
+            f"{', '.join(str(mesh.regions[r]) for r in parameter.regions)}",
             key=KEY,
-            remedy="change nothing but this parameter between the sets, in these regions; of an anisotropic material, or where "
-            "more than this changes, give the deck itself, or mesh.matrices",
+            remedy="change only this parameter in these regions; for anisotropic materials or other changes, use the "
+            "deck itself, or mesh.matrices",
         )
     energy = _symmetric(np.asarray(sum(forms)))
     a = _pseudo_inverse(energy[:k, :k]) @ energy[:k, k:]
@@ -263,23 +267,24 @@ def _change_of_stiffness(
     if off <= NOTED:
         return D, []
     return D, [
-        f"{off:.1%} of what {own.name} changes is not of the form of our elements: between the two values frequencies are off by "
-        "about a hundredth of that"
+        f"{off:.1%} of the effect of {parameter.name} does not fit our elements: between the two values "
+        "frequencies are off by about a hundredth of this"
     ]
 
 
-def _forms(mesh: Mesh, own: Parameter) -> list[sparse.csr_array]:
-    """Stiffness (3n, 3n) [m] of the solids of each region, of unit modulus and both Poisson ratios."""
-    found = []
-    for number in own.regions:
+def _forms(mesh: Mesh, parameter: Parameter) -> list[sparse.csr_array]:
+    """Stiffness (3n, 3n) [m] of the solids of each region, for unit modulus and both Poisson's ratios."""
+    matrices = []
+    for number in parameter.regions:
         solid = [block for block in mesh.blocks if np.any(block.region == number)]
         thin = any(np.any(block.region == number) for block in mesh.thin)
         other = thin or mesh.anisotropic_of(number) is not None or number in mesh.composites
         if not solid or other:
             raise UserError(
-                f"{mesh.regions[number]} is not of isotropic solids alone: two sets of results do not say what it adds",
-                key=f"parameters.{own.name}.region",
-                remedy="free a property of solids of an isotropic material, or give the deck itself, or mesh.matrices",
+                f"{mesh.regions[number]} does not consist only of isotropic solids, so two result sets do not "
+                "determine its stiffness",
+                key=f"parameters.{parameter.name}.region",
+                remedy="use a parameter of isotropic solids, or use the deck itself, or mesh.matrices",
             )
         blocks = tuple(
             replace(block, ids=block.ids[here], nodes=block.nodes[here], region=block.region[here])
@@ -289,26 +294,26 @@ def _forms(mesh: Mesh, own: Parameter) -> list[sparse.csr_array]:
         region = {number: Region(number, mesh.regions[number].name, 1)}
         part = Mesh(mesh.node_ids, mesh.position, blocks, regions=region)
         of_ratios = (replace(part, materials={1: Material(1, 1.0, ratio, 0.0)}) for ratio in POISSON)
-        found += [assemble_stiffness(own) for own in of_ratios]
-    return found
+        matrices += [assemble_stiffness(unit_mesh) for unit_mesh in of_ratios]
+    return matrices
 
 
 def _product(X: sparse.csr_array, U: np.ndarray) -> np.ndarray:
-    """X U, rows beyond the translations zero."""
-    found = np.zeros_like(U)
-    found[: X.shape[0]] = X @ U[: X.shape[0]]
-    return found
+    """X U, zero in rows after the translations."""
+    product = np.zeros_like(U)
+    product[: X.shape[0]] = X @ U[: X.shape[0]]
+    return product
 
 
 def _pseudo_inverse(X: np.ndarray) -> np.ndarray:
     strength, V = np.linalg.eigh(X)
-    kept = strength > APART * strength[-1]
-    return np.asarray((V[:, kept] / strength[kept]) @ V[:, kept].T)
+    significant = strength > APART * strength[-1]
+    return np.asarray((V[:, significant] / strength[significant]) @ V[:, significant].T)
 
 
 def _coordinates(A: np.ndarray, m: int, k: int, least: float) -> np.ndarray:
-    """C (columns of U → coordinates): Φ₀ of unit mass, then what is left of z₀, then of U₁, orthogonal in A and of unit energy;
-    what has less than `least` of its energy left is dropped."""
+    """C (columns of U → coordinates): Φ₀ of unit mass, then the remainders of z₀ and of U₁, orthogonal in A with
+    unit energy; remainders with an energy below `least` are dropped."""
     size = len(A)
     C = np.eye(size)[:, :m]
     for group in (slice(m, k), slice(k, size)):
@@ -320,8 +325,8 @@ def _coordinates(A: np.ndarray, m: int, k: int, least: float) -> np.ndarray:
 
 
 def _within(X1: np.ndarray, A: np.ndarray, first: float) -> np.ndarray:
-    """0 ≤ θ₀X₁ ≤ A, as the region and the rest of the structure have stiffness, to `BEYOND`: what is further beyond, of motions
-    that hardly stand out of the others, is set to that, so that K is positive definite from θ₀/11 to 11 θ₀."""
+    """Clip X1 to 0 ≤ θ₀X₁ ≤ A with tolerance `BEYOND`, since region and remaining structure have positive stiffness;
+    K is then positive definite from θ₀/11 to 11 θ₀."""
     share, V = eigh(first * X1, A)
     return np.asarray(_symmetric((A @ V * np.clip(share, -BEYOND, 1 + BEYOND)) @ (A @ V).T) / first)
 
@@ -329,20 +334,20 @@ def _within(X1: np.ndarray, A: np.ndarray, first: float) -> np.ndarray:
 def _check_reproduced(
     change: Change, sets: tuple[Observed, Observed], A: np.ndarray, M: np.ndarray, X1: np.ndarray, stiff: bool
 ) -> None:
-    """The lowest modes at either value are those of the set."""
-    for number, own in zip(("first", "second"), sets, strict=True):
+    """Raise UserError unless the lowest modes at both values are those of the sets."""
+    for number, observed_set in zip(("first", "second"), sets, strict=True):
         step = 0.0 if number == "first" else change.second - change.first
         K, mass = (A + step * X1, M) if stiff else (A, M + step * X1)
-        found = np.sqrt(eigh(K, mass, eigvals_only=True)[: len(own.lam)]) / (2 * np.pi)
-        off = np.abs(found / own.frequency - 1)
+        frequency = np.sqrt(eigh(K, mass, eigvals_only=True)[: len(observed_set.lam)]) / (2 * np.pi)
+        off = np.abs(frequency / observed_set.frequency - 1)
         worst = int(np.argmax(off))
         if not off[worst] < REPRODUCED:
             raise UserError(
-                f"the model of both sets has mode {worst + 1} of the {number} one at {found[worst]:.6g} Hz, the file at "
-                f"{own.frequency[worst]:.6g} Hz",
+                f"mode {worst + 1} of the {number} set is at {frequency[worst]:.6g} Hz in the model of both "
+                f"sets, but at {observed_set.frequency[worst]:.6g} Hz in the file",
                 key=KEY,
-                remedy="give both sets the mesh, the densities and the loads that they were made with, and all modes from the "
-                "lowest on in both",
+                remedy="use the mesh, densities and loads of the original analysis for both sets, and all modes from "
+                "the lowest on",
             )
 
 

@@ -1,4 +1,4 @@
-"""The uniform clock of a record: its step, its gaps, and the step of the filter."""
+"""Uniform clock of a record: step, gaps, and the step of the filter."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from strainsight.errors import UserError
 from strainsight.measurements.records import RATES, Recording, spelling, time_factor
 
 JITTER = 0.05
-"""Share of a step by which a time stamp may lie off the uniform clock."""
+"""Largest deviation of a time stamp from the uniform clock, relative to the step."""
 MOST_ODD = 0.01
-"""Share of the time stamps that may be corrected, each between two that are right."""
+"""Largest share of time stamps that are corrected, each between two correct ones."""
 MOST_FILLED = 10
-"""A record is not stretched to more than so many times its samples: beyond, the clock is broken."""
+"""Largest ratio of samples with filled gaps to samples in the file."""
 SAME_STEP = 1e-5
-"""Two steps that differ by less are one: what a quartz keeps, and what the six digits of a UFF58 file resolve."""
+"""Largest relative difference of equal steps: quartz accuracy, and the six digits of a UFF58 file."""
 FIXED_RATE = (
-    "where the logger sampled at a fixed rate and only the time stamps are inexact, state the rate in their place "
-    "(`time: {rate: 100, unit: Hz}`, without channel); else resample the record on a uniform clock"
+    "if the logger sampled at a fixed rate and only the time stamps are inexact, specify the rate instead "
+    "(`time: {rate: 100, unit: Hz}`, without channel); otherwise resample the record to a uniform clock"
 )
 FURTHEST = 1e11
-"""[s] from zero."""
+"""Largest time [s]."""
 
 
 @dataclass(frozen=True)
 class Clock:
-    """t_k = start + k step, k = 0 … count − 1 [s]; row (T,): k of every sample; every sentence of notes says a gap."""
+    """t_k = start + k step, k = 0 … count − 1 [s]; row (T,): k of every sample; notes: one sentence for each gap."""
 
     start: float
     step: float
@@ -45,7 +45,7 @@ class Clock:
         return self.start + self.step * np.arange(self.count)
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        """Samples (T,) on the clock, (count,), NaN between them."""
+        """Samples (T,) on the clock (count,), NaN between them."""
         if len(values) == self.count:
             return values
         out = np.full(self.count, np.nan)
@@ -54,21 +54,20 @@ class Clock:
 
 
 def uniform_clock(recording: Recording) -> Clock:
-    """The uniform clock that the time stamps of a record lie on.
+    """Uniform clock of the time stamps of a record.
 
-    The step is that of a line through the stamps, at first the mean of the intervals near their median. Longer intervals
-    are gaps: a whole number of steps, to twice JITTER, is filled by rows without samples. A single stamp off the clock,
-    between two that are two steps apart, is corrected with a note. Refused are other intervals, steps back, repeated
-    times, and stamps that lie off the clock by more than JITTER.
-    Raises UserError with file:line, time and size.
+    The step is that of a line through the time stamps, initially the mean of the intervals close to their median.
+    Longer intervals are gaps: a whole number of steps, within twice JITTER, is filled with rows without samples. A
+    single wrong time stamp between two correct ones is corrected with a note. Other intervals, backward steps,
+    repeated times, and stamps that deviate by more than JITTER raise UserError with file:line, time and size.
     """
     _check_range(recording)
-    recording, mended = _without_odd_stamps(recording)
+    recording, corrected = _without_odd_stamps(recording)
     t = recording.time
     between = np.diff(t)
     _check_order(recording, between)
     median = _median(between)
-    # Printed times are rounded: the median of the intervals is too, their mean is not.
+    # The median of rounded times is rounded too, their mean is not.
     step = float(np.mean(between[np.abs(between - median) <= 2 * JITTER * median]))
     with np.errstate(over="ignore", invalid="ignore"):
         steps = between / step
@@ -79,15 +78,17 @@ def uniform_clock(recording: Recording) -> Clock:
     if (count := float(whole.sum()) + 1) > MOST_FILLED * t.size:
         worst = int(np.argmax(whole))
         raise UserError(
-            f"the record of {t.size} samples would have {count:.4g} with its gaps filled, the longest "
-            f"{between[worst]:.6g} s behind {t[worst]:.9g} s",
+            f"filling the gaps of the record with {t.size} samples would result in {count:.4g} samples; the "
+            f"longest gap is {between[worst]:.6g} s after {t[worst]:.9g} s",
             where=recording.place(worst + 1),
             remedy="cut the record at the gap, or correct the time stamp",
         )
     gaps = np.flatnonzero(whole > 1)
-    notes = mended + tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
+    notes = corrected + tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
     if gaps.size > 10:
-        notes += (f"{int(np.sum(whole[gaps[10:]] - 1))} more in {gaps.size - 10} other gaps",)
+        notes += (
+            f"{int(np.sum(whole[gaps[10:]] - 1))} more rows without samples were inserted in {gaps.size - 10} other gaps",
+        )
     row = np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
     start, step = _fitted(t, row)
     _check_stamps(recording, t - (start + step * row), step)
@@ -95,50 +96,55 @@ def uniform_clock(recording: Recording) -> Clock:
 
 
 def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ...]]:
-    """The clock with the step of the filter [s], the samples (k,) that stand on it, and what was done.
+    """Clock with the step of the filter [s], the samples (k,) on it, and notes.
 
-    Only whole ratios: a finer step leaves rows without samples between those of the record, a coarser one takes every k-th
-    sample as it stands, without averaging: the filter's measurement is that of an instant. Nothing is interpolated.
-    Raises UserError where the ratio is not whole: to SAME_STEP, or to JITTER of a step at the end of the record.
+    Only integer ratios are allowed: a finer step leaves rows without samples between those of the record, a coarser
+    one uses every k-th sample unchanged, without averaging, because a measurement is instantaneous. Nothing is
+    interpolated. Raises UserError if the ratio is not an integer within SAME_STEP, or within JITTER of a step at the
+    end of the record.
     """
     ratio = step / clock.step
     k = round(max(ratio, 1 / ratio))
     if abs(max(ratio, 1 / ratio) / k - 1) > max(SAME_STEP, JITTER / clock.count):
         near = clock.step * k if ratio >= 1 else clock.step / k
         raise UserError(
-            f"the record has a step of {clock.step:.9g} s, the filter {step:.9g} s: {ratio:.7g} times",
-            remedy=f"take a whole multiple or part of it, as {near:.9g} s, or resample the record",
+            f"the filter step {step:.9g} s is not an integer multiple or fraction of the record step "
+            f"{clock.step:.9g} s (ratio {ratio:.7g})",
+            remedy=f"use an integer multiple or fraction such as {near:.9g} s, or resample the record",
         )
     ppm = 1e6 * (max(ratio, 1 / ratio) / k - 1)
     notes = (f"the clock of the record differs from {step:g} s by {abs(ppm):.2g} ppm",) if abs(ppm) > 0.1 else ()
     if ratio < 1 or k == 1:
         if k > 1:
-            rows = f"{k - 1} rows without samples stand between two samples: the record has"
-            notes = (*notes, f"{rows} {clock.step:g} s, the filter {step:g} s")
+            rows = f"{k - 1} rows without samples were inserted between two samples: the record step is"
+            notes = (*notes, f"{rows} {clock.step:g} s, the filter step {step:g} s")
         return Clock(clock.start, step, (clock.count - 1) * k + 1, clock.row * k), np.arange(len(clock.row)), notes
-    taken = np.flatnonzero(clock.row % k == 0)
-    said = f"every {k}th sample was taken, {len(taken)} of {len(clock.row)}: content above {0.5 / step:g} Hz folds back"
-    return Clock(clock.start, step, (clock.count - 1) // k + 1, clock.row[taken] // k), taken, (*notes, said)
+    used = np.flatnonzero(clock.row % k == 0)
+    note = (
+        f"one of every {k} samples was used, {len(used)} of {len(clock.row)}: frequencies above {0.5 / step:g} Hz cause "
+        "aliasing"
+    )
+    return Clock(clock.start, step, (clock.count - 1) // k + 1, clock.row[used] // k), used, (*notes, note)
 
 
 def _check_range(recording: Recording) -> None:
     furthest = int(np.argmax(np.abs(recording.time)))
     if abs(recording.time[furthest]) > FURTHEST:
         raise UserError(
-            f"the time {recording.time[furthest]:.6g} s is 3000 years off",
+            f"the time {recording.time[furthest]:.6g} s is more than 3000 years",
             where=recording.place(furthest),
             remedy="correct the time stamp, or the unit of time",
         )
 
 
 def _median(between: np.ndarray) -> float:
-    """The lower one, which is an interval of the record."""
+    """Lower median, which is an interval of the record."""
     middle = (len(between) - 1) // 2
     return float(np.partition(between, middle)[middle])
 
 
 def _without_odd_stamps(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
-    """Single stamps off the clock, the neighbours of which are two steps apart, put in the middle; a note of each."""
+    """Correct single wrong time stamps whose neighbours are two steps apart to the middle; one note for each."""
     t = recording.time
     between, two = np.diff(t), t[2:] - t[:-2]
     step = _median(between)
@@ -149,7 +155,7 @@ def _without_odd_stamps(recording: Recording) -> tuple[Recording, tuple[str, ...
     time = t.copy()
     time[odd] = (t[odd - 1] + t[odd + 1]) / 2
     notes = tuple(
-        f"the time {t[i]:.9g} s ({recording.place(int(i))}) is off the uniform clock: {time[i]:.9g} s was taken"
+        f"the time {t[i]:.9g} s ({recording.place(int(i))}) is not on the uniform clock, so {time[i]:.9g} s was used"
         for i in odd[:10]
     )
     return replace(recording, time=time), notes
@@ -164,36 +170,36 @@ def _check_order(recording: Recording, between: np.ndarray) -> None:
     more = f", the first of {wrong.size} places" if wrong.size > 1 else ""
     if between[i] == 0:
         raise UserError(
-            f"the time {t[i]:.9g} s stands twice{more}",
+            f"the time {t[i]:.9g} s occurs twice{more}",
             where=where,
             remedy=f"write the time with more digits; {FIXED_RATE}"
             if wrong.size > 1
-            else "drop the repeated sample, or write the time with more digits",
+            else "remove the repeated sample, or write the time with more digits",
         )
     raise UserError(
-        f"the clock steps back by {-between[i]:.6g} s, from {t[i]:.9g} to {t[i + 1]:.9g} s{more}",
+        f"the time decreases by {-between[i]:.6g} s, from {t[i]:.9g} to {t[i + 1]:.9g} s{more}",
         where=where,
-        remedy="sort the record, or cut it where the clock was set",
+        remedy="sort the record, or cut it where the clock was reset",
     )
 
 
 def _refuse_interval(recording: Recording, i: int, steps: float, step: float, many: bool) -> None:
     t = recording.time
     raise UserError(
-        f"the clock jumps by {t[i + 1] - t[i]:.6g} s from {t[i]:.9g} to {t[i + 1]:.9g} s: {steps:.4g} steps of {step:.6g} s"
-        + (", and so in many places" if many else ""),
+        f"the time increases by {t[i + 1] - t[i]:.6g} s from {t[i]:.9g} to {t[i + 1]:.9g} s, which is "
+        f"{steps:.4g} steps of {step:.6g} s" + (", and in many other places" if many else ""),
         where=recording.place(i + 1),
-        remedy=FIXED_RATE if many else "cut the record there, or correct its clock",
+        remedy=FIXED_RATE if many else "cut the record at this time, or correct its clock",
     )
 
 
 def _gap_note(recording: Recording, i: int, missing: int) -> str:
     rows = "1 row without samples was" if missing == 1 else f"{missing} rows without samples were"
-    return f"{rows} put in behind {recording.time[i]:.9g} s ({recording.place(i + 1)})"
+    return f"{rows} inserted after {recording.time[i]:.9g} s ({recording.place(i + 1)})"
 
 
 def _fitted(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:
-    """Start and step of the line through the stamps by least squares."""
+    """Start and step of the least-squares line through the time stamps."""
     middle, centre = row.mean(), t.mean()
     step = float(np.dot(row - middle, t - centre) / np.dot(row - middle, row - middle))
     return float(centre - step * middle), step
@@ -203,8 +209,8 @@ def _check_stamps(recording: Recording, off: np.ndarray, step: float) -> None:
     worst = int(np.argmax(np.abs(off)))
     if abs(off[worst]) > JITTER * step:
         raise UserError(
-            f"the time {recording.time[worst]:.9g} s is {100 * abs(off[worst]) / step:.3g} % of a step off the uniform clock "
-            f"of {step:.6g} s",
+            f"the time {recording.time[worst]:.9g} s deviates by {100 * abs(off[worst]) / step:.3g} % of a step "
+            f"from the uniform clock with step {step:.6g} s",
             where=recording.place(worst),
             remedy=f"write the time with more digits; {FIXED_RATE}",
         )
@@ -221,10 +227,11 @@ SECOND, DAY = 10**9, 86400 * 10**9
 
 
 class ClockTimes:
-    """Seconds since the first instant of a column, to the nanosecond.
+    """Seconds since the first time of a column, with nanosecond resolution.
 
-    2024-05-03T10:00:00.01+02:00, 2024/5/3 10:00:00,01, 03.05.2024 10:00:00 and 10:00:00.01 PM are understood. Of dates whose day
-    may be the month only the change counts: together with a clock that passes midnight it is the next day.
+    Supported are 2024-05-03T10:00:00.01+02:00, 2024/5/3 10:00:00,01, 03.05.2024 10:00:00 and 10:00:00.01 PM. If day
+    and month are ambiguous, only a change of the date is used: together with a clock time that passes midnight it
+    means the next day.
     """
 
     def __init__(self) -> None:
@@ -233,11 +240,11 @@ class ClockTimes:
 
     @property
     def started(self) -> bool:
-        """Whether an instant has been read."""
+        """Whether a time has been read."""
         return self._first is not None
 
     def seconds(self, cell: str) -> float | None:
-        """Of one cell; None where it is no instant, or its date does not follow that of the cell before."""
+        """Seconds of one cell; None if it is not a time, or its date does not follow the previous cell."""
         match = _INSTANT.fullmatch(cell)
         if match is None or (of_day := _of_day(match)) is None:
             return None
@@ -263,7 +270,7 @@ class ClockTimes:
 
 
 def _of_day(match: re.Match[str]) -> int | None:
-    """[ns] since midnight; None where no clock shows that."""
+    """Time [ns] since midnight; None if it is not valid."""
     hour, minute, second = (int(match[name]) for name in ("hour", "minute", "second"))
     if match["half"]:
         if not 1 <= hour <= 12:
@@ -278,11 +285,11 @@ def _of_day(match: re.Match[str]) -> int | None:
 _COUNTER = re.compile(
     r"#|n|i|k|no\.?|nr\.?|idx|index|(data ?)?points?|row|line|counter|count|(sample|scan|record)s?( ?(no|nr|number|index)\.?)?"
 )
-"""Names in small letters of columns that count samples."""
+"""Names, in small letters, of columns that count samples."""
 
 
 def recording_of(
-    found: Sequence[tuple[np.ndarray, str | None]],
+    signals: Sequence[tuple[np.ndarray, str | None]],
     channels: Sequence[str],
     path: Path,
     where: str,
@@ -290,85 +297,87 @@ def recording_of(
     rate: float | None = None,
     lines: np.ndarray | None = None,
 ) -> Recording:
-    """The recording of signals and their units, that of the time first; where: the place of the time; rate: of the samples [Hz],
-    in place of the first signal; lines: as of `Recording`.
+    """Recording of signals and their units, the time first; where: place of the time; rate: sampling rate [Hz]
+    instead of the first signal; lines: as in `Recording`.
 
-    Raises UserError where the time has no unit or a sample none.
+    Raises UserError if the time has no unit or a sample has no time.
     """
-    t, unit = found[0] if rate is None else (np.arange(len(found[0][0])) / rate, "s")
+    t, unit = signals[0] if rate is None else (np.arange(len(signals[0][0])) / rate, "s")
     factor = time_factor(time_unit, unit, where)
     if not np.isfinite(t).all():
         raise UserError(
-            f"sample {int(np.argmin(np.isfinite(t))) + 1} of the time is missing",
+            f"sample {int(np.argmin(np.isfinite(t))) + 1} has no time",
             where=where,
-            remedy="give every sample its time, or drop it",
+            remedy="specify a time for every sample, or remove the sample",
         )
-    units = {name: said for name, (_, said) in zip(channels, found[1:], strict=True)}
-    values = {name: read for name, (read, _) in zip(channels, found[1:], strict=True)}
+    units = {name: unit_in_file for name, (_, unit_in_file) in zip(channels, signals[1:], strict=True)}
+    values = {name: read for name, (read, _) in zip(channels, signals[1:], strict=True)}
     no_lines = np.zeros((0, 2), np.int64)
     return Recording(t * factor, values, units, str(path), no_lines if lines is None else lines)
 
 
 def check_no_counter(time: np.ndarray, name: str, unit: str | None, where: str) -> None:
-    """Raises UserError where a column without a unit counts samples by its name and its values."""
+    """Raise UserError if a column without unit counts samples, according to its name and values."""
     if unit is None and _COUNTER.fullmatch(name.strip().lower()) and np.all(np.diff(time) == 1):
         raise UserError(
-            f"{name!r} counts samples: {time[0]:g}, {time[0] + 1:g}, … is no time",
+            f"{name!r} counts samples ({time[0]:g}, {time[0] + 1:g}, …) instead of defining the time",
             where=where,
-            remedy="state the sampling rate in its place: `time: {rate: 100, unit: Hz}`",
+            remedy="specify the sampling rate instead: `time: {rate: 100, unit: Hz}`",
         )
 
 
 def counted(
-    scalar: float, samples: int, name: str, time_unit: str | None, found: str | None, where: str
+    scalar: float, samples: int, name: str, time_unit: str | None, unit_in_file: str | None, where: str
 ) -> tuple[np.ndarray, str]:
-    """Time (samples,) from 0 and its unit, "s", of one number: the interval between samples, or in Hz or kHz their rate.
+    """Time (samples,) from 0 and its unit "s", from one number: the sampling interval, or, with unit Hz or kHz, the
+    sampling rate.
 
-    name: of the number, for which a word of rates is refused where its unit is one of time.
+    name: name of the number; a name that suggests a rate is refused with a unit of time.
     """
     if not 0 < scalar < np.inf:
         raise UserError(
-            f"{name!r} is {scalar:g}", where=where, remedy="name the interval between samples, or their rate"
+            f"{name!r} is {scalar:g}", where=where, remedy="specify the sampling interval, or the sampling rate"
         )
-    stated = [unit for unit in (time_unit, found) if unit is not None]
-    rates = [spelling(unit) for unit in stated if spelling(unit) in RATES]
-    if rates and len(rates) == len(stated) and len(set(rates)) == 1:
+    units = [unit for unit in (time_unit, unit_in_file) if unit is not None]
+    rates = [spelling(unit) for unit in units if spelling(unit) in RATES]
+    if rates and len(rates) == len(units) and len(set(rates)) == 1:
         return np.arange(samples) / (scalar * RATES[rates[0]]), "s"
     words = name.lower().rpartition(".")[2]
     if rates or words in ("fs", "f_s", "sr", "hz") or any(word in words for word in ("rate", "freq")):
         raise UserError(
-            f"the one number {name!r}, {scalar:g}, is taken for the interval between samples in {' and '.join(stated) or 's'}",
+            f"the number {name!r} = {scalar:g} is interpreted as sampling interval in {' and '.join(units) or 's'}",
             where=where,
-            remedy="state `unit: Hz` where it is the sampling rate",
+            remedy="set `unit: Hz` if it is the sampling rate",
         )
-    return scalar * np.arange(samples) * time_factor(time_unit, found, where), "s"
+    return scalar * np.arange(samples) * time_factor(time_unit, unit_in_file, where), "s"
 
 
 WHOLE = 0.01
-"""Of a sample that a delay in seconds may be off a whole number of them: as far as a printed one is rounded."""
+"""Largest deviation of a delay from a whole number of samples, in samples, due to rounding."""
 
 
 @dataclass(frozen=True)
 class Delay:
-    """samples + seconds that a channel is late by, negative: early."""
+    """Delay of a channel, samples + seconds; negative values mean early."""
 
     samples: int = 0
     seconds: float = 0.0
 
     def steps(self, step: float, count: int) -> int:
-        """Samples that a channel of `count` samples, one every step [s], is late by. Raises UserError where that is no whole
-        number, or leaves no sample."""
+        """Delay in samples of a channel with `count` samples and time step [s]. Raises UserError if it is not an
+        integer, or leaves no sample."""
         exact = self.samples + self.seconds / step
         if abs(exact) >= count:
             raise UserError(
-                f"a delay of {exact:.6g} samples, the record has {count}",
-                remedy="give a shorter one, in samples of the file",
+                f"the delay is {exact:.6g} samples, but the record has only {count}",
+                remedy="specify a shorter delay, in samples of the file",
             )
         whole = round(exact)
         if abs(exact - whole) > WHOLE:
             raise UserError(
-                f"a delay of {self.seconds:g} s is {exact:.4g} samples of {step:.6g} s, and nothing is interpolated",
-                remedy=f"give {whole * step:.6g} s, or a whole number of samples",
+                f"a delay of {self.seconds:g} s is {exact:.4g} samples of {step:.6g} s, but delays are not "
+                "interpolated",
+                remedy=f"specify {whole * step:.6g} s, or a whole number of samples",
             )
         return whole
 
@@ -377,10 +386,10 @@ NO_DELAY = Delay()
 
 
 def shifted(values: np.ndarray, n: int) -> np.ndarray:
-    """What was written n samples late (T,), at its own time: v(t + n), NaN where the record ends."""
-    own = np.full(len(values), np.nan)
+    """Shift a channel (T,) that is n samples late to its correct time: v(t + n), NaN outside the record."""
+    result = np.full(len(values), np.nan)
     if n >= 0:
-        own[: len(values) - n] = values[n:]
+        result[: len(values) - n] = values[n:]
     else:
-        own[-n:] = values[:n]
-    return own
+        result[-n:] = values[:n]
+    return result

@@ -16,16 +16,16 @@ from strainsight.measurements.csv_rows import Rows, plain_rows, rows_by_line
 from strainsight.measurements.records import Recording, decoded, opened, plain
 
 BLOCK = 1 << 22
-"""[bytes] read at a time."""
+"""Bytes read at a time."""
 LONGEST = 1 << 20
-"""[bytes] of a line: beyond, it is no table."""
+"""Longest line of a table [bytes]."""
 MOST_ABOVE = 500
 """Lines that are searched for the names."""
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 SIGN = b"LabVIEW Measurement"
 _END = "***End_of_Header***"
 _LONGEST = 1000
-"""Lines of a header."""
+"""Largest number of header lines."""
 
 
 def read_csv(
@@ -37,13 +37,12 @@ def read_csv(
     rate: float | None = None,
     form: TextFormat | None = None,
 ) -> Recording:
-    """Columns of a text table: a line of names, maybe a line of units below it, numbers from there on.
+    """Columns of a text table: a line of names, optionally a line of units, then numbers.
 
-    channels: names of the header, with or without the unit behind them in brackets; time: that of the clock, whose cells are
-    numbers or clock times; or rate: samples per second [Hz]. Only these columns have to be numbers. An empty cell or NaN is a
-    missing sample, except in the time. Lines that are empty, or comments, are passed over; line ends of every system, UTF-8 with
-    or without mark, or the code page 1252.
-    Raises UserError with file:line where a line does not fit.
+    channels: names in the header, with or without a unit in brackets; time: name of the clock column with numbers or
+    clock times; or rate: sampling rate [Hz]. Only these columns must contain numbers. An empty cell or NaN is a
+    missing sample, except in the time. Empty lines and comments are skipped; all line ends, UTF-8 with or without byte
+    order mark, or Windows-1252. Raises UserError with file:line for an invalid line.
     """
     form = form or TextFormat()
     path = Path(path)
@@ -64,10 +63,10 @@ def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[int, bytes]]:
     number, rest, start = 1, b"", True
     while block := file.read(BLOCK):
         if start and block[:2] in _UTF16:
-            raise UserError("a file in UTF-16", where=str(path), remedy="save it in UTF-8")
+            raise UserError("the file has UTF-16 encoding", where=str(path), remedy="save it in UTF-8")
         block = rest + (block.removeprefix(b"\xef\xbb\xbf") if start else block)
         start = False
-        # A \r at the very end may be half of \r\n.
+        # A \r at the end may be the first half of \r\n.
         cut = max(block.rfind(b"\n"), block.rfind(b"\r", 0, -1)) + 1
         lines, rest = _checked(block[:cut], number, path), block[cut:]
         if lines:
@@ -75,7 +74,9 @@ def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[int, bytes]]:
             number += lines.count(b"\n")
         if len(rest) > LONGEST:
             _checked(rest, number, path)
-            raise UserError("a line of over 1 MiB", where=f"{path}:{number}", remedy="the file is no text table")
+            raise UserError(
+                "a line is longer than 1 MiB", where=f"{path}:{number}", remedy="check that the file is a text table"
+            )
     if rest.strip():
         yield number, _checked(rest + b"\n", number, path)
 
@@ -85,7 +86,7 @@ def _checked(lines: bytes, number: int, path: Path) -> bytes:
     if (at := lines.find(b"\0")) >= 0:
         line = number + lines[:at].count(b"\n")
         raise UserError(
-            "a binary file, not a text table",
+            "the file is binary, not a text table",
             where=f"{path}:{line}",
             remedy="export the test data as text, HDF5 or UFF58",
         )
@@ -93,7 +94,7 @@ def _checked(lines: bytes, number: int, path: Path) -> bytes:
 
 
 def _name_the_line(error: UserError, block: bytes, first: int, table: _Table) -> None:
-    """Say in the remedy which line has the names that are wanted, or at least that of the time, if one near the top has."""
+    """Add to the remedy the line near the top that contains the required names, or at least the time."""
     for wanted in dict.fromkeys((table.channels, () if table.time else table.channels[:1])):
         for number, line in enumerate(block.split(b"\n", MOST_ABOVE)[:MOST_ABOVE], start=first):
             try:
@@ -103,14 +104,15 @@ def _name_the_line(error: UserError, block: bytes, first: int, table: _Table) ->
             if f"{table.path}:{number}" == error.where:
                 return
             form = table.form
-            error.remedy = f"line {number} has the name {plain(table.time or table.channels[0])}: " + form.stating(
-                "header_line", str(number), "say that the names stand there"
+            error.remedy = (
+                f"line {number} contains the name {plain(table.time or table.channels[0])}: "
+                + form.remedy_setting("header_line", str(number), "specify it as the line of names")
             )
             return
 
 
 class _Table:
-    """The columns asked for, block by block."""
+    """The requested columns, block by block."""
 
     def __init__(self, path: Path, form: TextFormat, time: str | None, channels: tuple[str, ...]):
         self.path, self.form, self.time, self.channels = path, form, time, channels
@@ -139,15 +141,15 @@ class _Table:
             self._add(rows or rows_by_line(block[at:], first, self.layout, self.form, self.path, self.clock))
 
     def _is_data(self, line: bytes, number: int) -> bool:
-        """Is it the first line below names and units? Takes in names and units on the way."""
+        """Whether a line is the first below names and units; reads names and units on the way."""
         where, form = f"{self.path}:{number}", self.form
         if self.layout is None:
             if form.header_line is not None:
                 if number == form.header_line:
-                    found = header(line, where, form, self.time, self.channels)
-                    self.layout = self.lvm.applied(found) if self.lvm else found
-            elif number == 1 and (said := stated_delimiter(line)) and form.delimiter in (None, said):
-                self.form = replace(form, delimiter=said)
+                    layout = header(line, where, form, self.time, self.channels)
+                    self.layout = self.lvm.applied(layout) if self.lvm else layout
+            elif number == 1 and (delimiter := stated_delimiter(line)) and form.delimiter in (None, delimiter):
+                self.form = replace(form, delimiter=delimiter)
             elif line.strip() and not is_comment(line, form):
                 self.layout = header(line, where, form, self.time, self.channels)
             return False
@@ -174,74 +176,77 @@ class _Table:
     def recording(self, time_unit: str | None, rate: float | None) -> Recording:
         if self.layout is None:
             raise UserError(
-                "no line of names"
+                "the table has no line of names"
                 if self.form.header_line is None
                 else f"the file has no line {self.form.header_line}",
                 where=str(self.path),
                 remedy="write the names of the columns above the numbers",
             )
         if not self.rows:
-            raise UserError("no line of numbers", where=str(self.path), remedy="export the test data again")
+            raise UserError("the table has no numbers", where=str(self.path), remedy="export the test data again")
         layout = self.layout
         units = [layout.units[column] for column in layout.columns]
         joined = []
         for pieces in self.pieces:
             joined.append(np.concatenate(pieces))
             pieces.clear()
-        found = list(zip(joined, units, strict=True))
+        signals = list(zip(joined, units, strict=True))
         if rate is not None:
-            found.insert(0, found[0])
+            signals.insert(0, signals[0])
         else:
-            check_no_counter(found[0][0], layout.names[layout.columns[0]], found[0][1], layout.where)
+            check_no_counter(signals[0][0], layout.names[layout.columns[0]], signals[0][1], layout.where)
             if self.clock.started:
-                found[0], time_unit = (found[0][0], "s"), None
+                signals[0], time_unit = (signals[0][0], "s"), None
         lines = np.array(self.runs, dtype=np.int64).reshape(-1, 2)
-        return recording_of(found, self.channels, self.path, layout.where, time_unit, rate, lines)
+        return recording_of(signals, self.channels, self.path, layout.where, time_unit, rate, lines)
 
 
 @dataclass(frozen=True)
 class Header:
-    """form: how the table is written; units: of the columns behind the first, "" where none is stated."""
+    """form: format of the table; units: of the columns after the first, "" if missing."""
 
     form: TextFormat
     units: tuple[str, ...]
 
     def applied(self, layout: Layout) -> Layout:
-        """The layout with the units of the header, and without the column of remarks."""
+        """Layout with the units of the header, without the column of remarks."""
         remarks = layout.names[-1] == "Comment" and len(layout.names) - 1 not in layout.columns
         count = len(layout.names) - remarks
-        stated = (None, *(unit or None for unit in self.units))
-        units = [own or (stated[i] if i < len(stated) else None) for i, own in enumerate(layout.units[:count])]
+        units_in_header = (None, *(unit or None for unit in self.units))
+        units = [
+            column_unit or (units_in_header[i] if i < len(units_in_header) else None)
+            for i, column_unit in enumerate(layout.units[:count])
+        ]
         return replace(layout, names=layout.names[:count], units=tuple(units), remarks=remarks)
 
 
 def header_of(block: bytes, form: TextFormat, path: str) -> Header:
-    """The header that a file begins with; its delimiter and decimal mark are those of the file.
+    """LabVIEW header of a file, which defines delimiter and decimal mark.
 
-    Raises UserError where it has no end, or says that the times are left out or that every channel has its own.
+    Raises UserError if it has no end, and if times are omitted or separate for every channel.
     """
     lines = [decoded(line).rstrip() for line in block.split(b"\n", _LONGEST)[:_LONGEST]]
     ends = [number for number, line in enumerate(lines, start=1) if line.startswith(_END)]
     if len(ends) < 2:
         raise UserError(
-            f"a LabVIEW measurement file without two lines {_END}",
+            f"the LabVIEW measurement file does not have two lines {_END}",
             where=path,
-            remedy="export the test data again: it was cut short or altered",
+            remedy="the file is truncated or damaged: export the test data again",
         )
     mark = "," if any(line.lower().startswith("separator,") for line in lines[: ends[0]]) else "\t"
-    said = {}
+    entries = {}
     for number, line in enumerate(lines[: ends[1]], start=1):
         word, _, rest = line.partition(mark)
-        said[word] = (number, rest)
-    number, columns = said.get("X_Columns", (1, "One"))
+        entries[word] = (number, rest)
+    number, columns = entries.get("X_Columns", (1, "One"))
     if columns.strip() not in ("One", ""):
         raise UserError(
             f"X_Columns is {plain(columns)}: "
-            + ("no times are written" if columns.strip() == "No" else "a time for every channel"),
+            + ("times are not written" if columns.strip() == "No" else "every channel has a separate time"),
             where=f"{path}:{number}",
             remedy="write the file with one column of times (X value columns: one column only)",
         )
-    decimal = said.get("Decimal_Separator", (0, form.decimal))[1].strip() or "."
+    decimal = entries.get("Decimal_Separator", (0, form.decimal))[1].strip() or "."
     first = form.header_line or next((n for n in range(ends[1], len(lines)) if lines[n].strip()), ends[1]) + 1
-    units = tuple(cell.strip() for cell in said.get("Y_Unit_Label", (0, ""))[1].split(mark))
+    units = tuple(cell.strip() for cell in entries.get("Y_Unit_Label", (0, ""))[1].split(mark))
     return Header(replace(form, delimiter=mark, decimal=decimal, header_line=first, comment=""), units)

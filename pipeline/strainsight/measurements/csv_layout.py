@@ -1,4 +1,4 @@
-"""Where the columns of a text table are: delimiter, names, units."""
+"""Columns of a text table: delimiter, names, units."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ DELIMITERS = (",", ";", "\t")
 _QUOTED = re.compile(r'"[^"]*"')
 _BRACKETS = re.compile(r"(.*\S)\s*(\[[^\[\]]*\]|\([^()]*\))")
 _NUMBERS = re.compile(r'[-+\s0-9.,;eE"]*[0-9][-+\s0-9.,;eE"]*')
-NO_TIME = "; where none of them is the time, state the sampling rate in its place: `time: {rate: 100, unit: Hz}`"
+NO_TIME = "; if none of them is the time, specify the sampling rate instead: `time: {rate: 100, unit: Hz}`"
 _DIGIT = re.compile(r"\d")
 _SPREADSHEET = re.compile(r"sep=(.)")
 
 
 @dataclass(frozen=True)
 class TextFormat:
-    """How a text table is written; None where it shows from the file.
+    """Format of a text table; None if it is detected.
 
-    delimiter: one sign; decimal: "." or ","; comment: what lines to pass over begin with; header_line: from 1, where lines
-    without a comment sign stand above the names; missing: words that stand for no sample, beside an empty cell and NaN; key:
-    of the config, where these are stated, for remedies.
+    delimiter: one character; decimal: "." or ","; comment: beginning of lines to skip; header_line: line of the
+    names, from 1, if other text is above them; missing: words for missing samples, in addition to an empty cell and
+    NaN; key: config key of these settings, for remedies.
     """
 
     delimiter: str | None = None
@@ -39,18 +39,19 @@ class TextFormat:
     def __post_init__(self) -> None:
         if self.delimiter == self.decimal:
             raise UserError(
-                "the comma is both delimiter and decimal mark", remedy="write the file with ';' between the columns"
+                "the comma cannot be both delimiter and decimal mark",
+                remedy="export the file with ';' between the columns",
             )
 
-    def stating(self, name: str, value: str, otherwise: str) -> str:
-        """A remedy: which key takes which value, or in other words where no key is known."""
-        return f"state `{self.key}.{name}: {value}`" if self.key else otherwise
+    def remedy_setting(self, name: str, value: str, otherwise: str) -> str:
+        """Remedy that sets a config key, or, without a key, other words."""
+        return f"set `{self.key}.{name}: {value}`" if self.key else otherwise
 
 
 @dataclass(frozen=True)
 class Layout:
-    """delimiter; names as in the header, its brackets off; units, None where not stated; columns: time, then channels;
-    timed: whether the first of the columns is the time; remarks: a line may have one more cell, with a remark."""
+    """delimiter; names as in the header without brackets; units, None if missing; columns: time, then channels;
+    timed: whether the first column is the time; remarks: a line may end with an additional cell."""
 
     delimiter: str
     names: tuple[str, ...]
@@ -70,16 +71,16 @@ def is_comment(line: bytes, form: TextFormat) -> bool:
 
 
 def stated_delimiter(line: bytes) -> str | None:
-    """The delimiter of a spreadsheet's first line, sep=;"""
-    found = _SPREADSHEET.fullmatch(decoded(line).strip(' "'))
-    return found[1] if found else None
+    """Delimiter in the first line of a spreadsheet export, sep=;"""
+    match = _SPREADSHEET.fullmatch(decoded(line).strip(' "'))
+    return match[1] if match else None
 
 
 def header(line: bytes, where: str, form: TextFormat, time: str | None, channels: Sequence[str]) -> Layout:
-    """The layout that the line of names says; time: name of its column, None of a table that has none.
+    """Layout from the line of names; time: name of the time column, None for a table without time.
 
-    The delimiter is the one of `, ; tab` in it, outside quotes; two kinds are refused unless one is stated.
-    Raises UserError where there is none, names are missing, or stand twice.
+    The delimiter is the only one of `, ; tab` outside quotes; it must be set if the line has two of them. Raises
+    UserError if there is no delimiter, and for missing or repeated names.
     """
     text = decoded(line)
     if form.comment and text.lstrip().startswith(form.comment):
@@ -91,7 +92,7 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
             f"the columns have no names: the first line is {plain(text)}",
             where=where,
             remedy="write a line of names above the numbers, or "
-            + form.stating("header_line", "LINE", "say in which line it is"),
+            + form.remedy_setting("header_line", "LINE", "specify its line"),
         )
     names, units = zip(*(_name_and_unit(cell, time) for cell in cells), strict=True)
     columns = [_column(name, cells, names, where) for name in channels]
@@ -101,8 +102,8 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
 
 
 def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
-    """The layout with the units of a line of units, or None where it is none: neither does its time cell hold a unit of time, nor
-    the others known units, beside a time cell without digits."""
+    """Layout with the units of a line of units, or None if the line is not one: its time cell is neither a unit of
+    time, nor has it no digits and known units in the other cells."""
     try:
         cells = [cell.strip() for cell in split(decoded(line), layout.delimiter, where)]
     except UserError:
@@ -115,9 +116,9 @@ def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
         return None
     if len(cells) != len(layout.names):
         raise UserError(
-            f"{len(cells)} units for {len(layout.names)} names",
+            f"the line has {len(cells)} units, but there are {len(layout.names)} names",
             where=where,
-            remedy="give every column its unit, an empty one where it has none",
+            remedy="write a unit, or an empty cell, for every column",
         )
     units = []
     for name, above, cell in zip(layout.names, layout.units, cells, strict=True):
@@ -125,9 +126,9 @@ def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
         unit = "" if unit == "-" else unit
         if above and unit and spelling(above) != spelling(unit):
             raise UserError(
-                f"{name!r} is in {above} in the line of names, in {unit} in the line of units",
+                f"the unit of {name!r} is {above} in the line of names, but {unit} in the line of units",
                 where=where,
-                remedy="correct the one that is wrong",
+                remedy="correct the wrong unit",
             )
         units.append(above or unit or None)
     return replace(layout, units=tuple(units))
@@ -138,47 +139,46 @@ def split(text: str, delimiter: str, where: str) -> list[str]:
         return next(csv.reader([text], delimiter=delimiter, strict=True), [])
     except csv.Error as error:
         raise UserError(
-            f"{plain(text)} is no line of a table: {error}",
+            f"{plain(text)} is not a valid table row: {error}",
             where=where,
-            remedy="close the quotes in the line they open in",
+            remedy="close the quotation marks in the same line",
         ) from None
 
 
 def _delimiter(text: str, where: str, form: TextFormat, single: bool) -> str:
-    """The one in the line of names; single: there may be one column and none."""
+    """Delimiter in the line of names; single: a table with one column needs no delimiter."""
     bare = _QUOTED.sub("", text)
-    found = [sign for sign in DELIMITERS if sign in bare]
-    if len(found) == 1:
-        return found[0]
-    said = {",": "commas", ";": "semicolons", "\t": "tabs"}
-    if found:
+    delimiters = [sign for sign in DELIMITERS if sign in bare]
+    if len(delimiters) == 1:
+        return delimiters[0]
+    delimiter_names = {",": "commas", ";": "semicolons", "\t": "tabs"}
+    if delimiters:
         raise UserError(
-            f"the line of names has {' and '.join(said[sign] for sign in found)}: {plain(text)}",
+            f"the line of names contains {' and '.join(delimiter_names[sign] for sign in delimiters)}: {plain(text)}",
             where=where,
-            remedy=form.stating("delimiter", f'"{found[-1]}"', "say which of them is the delimiter")
-            + (", or the one that it is" if form.key else ""),
+            remedy=form.remedy_setting("delimiter", f'"{delimiters[-1]}"', "specify the delimiter")
+            + (", or to the correct delimiter" if form.key else ""),
         )
     if single:
         return "\t"
     raise UserError(
-        f"no comma, semicolon or tab in the line of names: {plain(text)}",
+        f"the line of names contains no comma, semicolon or tab: {plain(text)}",
         where=where,
-        remedy="the first line that is no comment holds the names of the columns: "
-        + form.stating("header_line", "LINE", "say which line does, if it is another")
-        + ", or export with ';' between the columns",
+        remedy="the names of the columns are expected in the first line that is not a comment; "
+        + form.remedy_setting("header_line", "LINE", "specify another line")
+        + ", or export the table with ';' between the columns",
     )
 
 
 def _name_and_unit(cell: str, time: str | None) -> tuple[str, str | None]:
-    """'ch1 [um/m]' → 'ch1', 'um/m'; 't (-)' → 't', None. Round brackets hold many things: in them only what is known as a unit is
-    one."""
-    found = _BRACKETS.fullmatch(cell)
-    if not found:
+    """'ch1 [um/m]' → 'ch1', 'um/m'; 't (-)' → 't', None. Text in round brackets is a unit only if it is a known one."""
+    match = _BRACKETS.fullmatch(cell)
+    if not match:
         return cell, None
-    name, unit = found[1], found[2][1:-1].strip()
+    name, unit = match[1], match[2][1:-1].strip()
     if unit == "-":
         return name, None
-    if found[2][0] == "[":
+    if match[2][0] == "[":
         holds = bool(unit) and not unit.isdigit()
     else:
         holds = known_unit(unit) is not None or (seconds_in(unit) is not None and time in (name, cell))
@@ -186,22 +186,22 @@ def _name_and_unit(cell: str, time: str | None) -> tuple[str, str | None]:
 
 
 def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str, otherwise: str = "") -> int:
-    found = [i for i, said in enumerate(zip(cells, names, strict=True)) if wanted in said]
-    if len(found) == 1:
-        return found[0]
-    if found:
+    matches = [i for i, pair in enumerate(zip(cells, names, strict=True)) if wanted in pair]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
         raise UserError(
-            f"{wanted!r} stands over columns {', '.join(str(i + 1) for i in found)}",
+            f"{wanted!r} is the name of several columns: {', '.join(str(i + 1) for i in matches)}",
             where=where,
-            remedy="give every column its own name",
+            remedy="use a unique name for every column",
         )
     shown = [plain(name) for name in names if name]
     raise UserError(
-        f"no column {wanted!r}",
+        f"column {wanted!r} not found",
         where=where,
         key=wanted,
         remedy=did_you_mean(
-            wanted, names, f"it has {', '.join(shown[:20])}{' …' if len(shown) > 20 else ''}{otherwise}"
+            wanted, names, f"the file contains {', '.join(shown[:20])}{' …' if len(shown) > 20 else ''}{otherwise}"
         ),
     )
 

@@ -17,25 +17,25 @@ from strainsight.measurements.records import Recording, decoded, plain
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,\d*")
 
-_SEGMENT = "the line was cut short, or another segment begins here: export one segment a file"
-_COUNTED = "write the time in seconds, or as a clock time: 10:00:00.01, 2024-05-03 10:00:00.01"
+_SEGMENT = "the line is truncated, or another segment begins here: export one segment per file"
+_COUNTED = "write the time in seconds, or as clock time: 10:00:00.01, 2024-05-03 10:00:00.01"
 _DATE = re.compile(r"\d[:/]\d|\d\.\d+\.\d")
 _DIGIT = re.compile(r"\d")
 _SIGN_APART = re.compile(r"([+-])\s+(?=[\d.,])")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[,.'’ \u00a0\u202f])\d{3})(?:(?P=mark)\d{3})*(?P<rest>[.,]\d*)?")
-"""Digits in groups of three, as thousands are marked."""
+"""Digits in groups of three, with thousands separators."""
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Values (rows, columns), and the line of every row, or of the first where they are neighbours."""
+    """Values (rows, columns), and the line of every row, or of the first row if they are consecutive."""
 
     values: np.ndarray
     lines: np.ndarray
 
 
 def plain_rows(block: bytes, first: int, layout: Layout, form: TextFormat) -> Rows | None:
-    """A block in which every line is a full row of plain numbers or empty cells, or None where it is not."""
+    """A block in which every line is a full row of plain numbers or empty cells, or else None."""
     mark = layout.delimiter.encode()
     if b'"' in block:
         block = _unquoted(block, mark)
@@ -49,7 +49,7 @@ def plain_rows(block: bytes, first: int, layout: Layout, form: TextFormat) -> Ro
         return None
     if form.decimal == ",":
         block = block.replace(b",", b".")
-    # Twice: of three marks in a row the first pass fills one cell of the two.
+    # Twice: the first pass fills only one of two cells between three delimiters.
     for _ in range(2):
         block = block.replace(mark + mark, mark + b"nan" + mark)
     block = block.replace(b"\n" + mark, b"\nnan" + mark).replace(mark + b"\n", mark + b"nan\n")
@@ -69,7 +69,7 @@ def plain_rows(block: bytes, first: int, layout: Layout, form: TextFormat) -> Ro
 
 
 def _unquoted(block: bytes, mark: bytes) -> bytes:
-    """The block without its quotes, where each pair stands around a whole cell that holds neither a delimiter nor a quote."""
+    """The block without quotes, if each pair encloses a whole cell without delimiter and quote."""
     signs = np.frombuffer(block, np.uint8)
     quotes = np.flatnonzero(signs == ord('"'))
     edge = (signs == mark[0]) | (signs == ord("\n"))
@@ -84,10 +84,10 @@ def _unquoted(block: bytes, mark: bytes) -> bytes:
 def rows_by_line(
     block: bytes, first: int, layout: Layout, form: TextFormat, path: Path, clock: ClockTimes | None = None
 ) -> Rows:
-    """A block line by line: quotes, comments, blank lines, clock times, words for missing samples, and every fault with its
-    line; clock: of the blocks before."""
+    """Read a block line by line: quotes, comments, blank lines, clock times, words for missing samples, and errors
+    with their line; clock: of the previous blocks."""
     clock = clock or ClockTimes()
-    found, lines = array("d"), array("q")
+    numbers, lines = array("d"), array("q")
     for number, line in enumerate(block.removesuffix(b"\n").split(b"\n"), start=first):
         if not line.strip(b" ") or is_comment(line, form):
             continue
@@ -99,7 +99,7 @@ def rows_by_line(
             cells.pop()
         if len(cells) != len(layout.names):
             raise UserError(
-                f"{len(cells)} cells where the names are {len(layout.names)}: {plain(decoded(line))}",
+                f"the line has {len(cells)} cells, but there are {len(layout.names)} names: {plain(decoded(line))}",
                 where=where,
                 remedy=_why(len(cells), layout),
             )
@@ -111,19 +111,21 @@ def rows_by_line(
         ]
         if layout.timed and row[0] != row[0]:
             raise UserError(
-                f"a sample without time: {plain(decoded(line))}", where=where, remedy="give its time, or drop the line"
+                f"the sample has no time: {plain(decoded(line))}",
+                where=where,
+                remedy="add its time, or remove the line",
             )
-        found.extend(row)
+        numbers.extend(row)
         lines.append(number)
-    return Rows(np.frombuffer(found, float).reshape(len(lines), len(layout.columns)), np.frombuffer(lines, np.int64))
+    return Rows(np.frombuffer(numbers, float).reshape(len(lines), len(layout.columns)), np.frombuffer(lines, np.int64))
 
 
 def _why(count: int, layout: Layout) -> str:
     if layout.delimiter == "," and count > len(layout.names):
-        return "numbers with a decimal comma need another delimiter: write the file with ';'"
+        return "numbers with a decimal comma need another delimiter: export the file with ';'"
     if layout.remarks:
         return _SEGMENT
-    return "the line was cut short or altered: export the test data again"
+    return "the line is truncated or damaged: export the test data again"
 
 
 def _cells(line: bytes, layout: Layout, where: str) -> list[str]:
@@ -134,14 +136,14 @@ def _cells(line: bytes, layout: Layout, where: str) -> list[str]:
 
 
 def _time(cell: str, layout: Layout, form: TextFormat, where: str, clock: ClockTimes) -> float:
-    """Of a number as it stands, of a clock time [s] since the first."""
+    """A number unchanged, or a clock time in seconds since the first."""
     if ":" not in cell and not clock.started:
         return _number(cell, layout.columns[0], layout, form, where)
     if (seconds := clock.seconds(cell)) is not None:
         return seconds
     raise UserError(
-        f"{plain(cell)} under {layout.names[layout.columns[0]]!r} is no "
-        + ("time that follows the lines before" if clock.started else "number and no clock time"),
+        f"{plain(cell)} under {layout.names[layout.columns[0]]!r} is not a "
+        + ("time after that of the previous line" if clock.started else "number or clock time"),
         where=where,
         remedy=_COUNTED,
     )
@@ -153,19 +155,19 @@ def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str
     name = layout.names[column]
     if (value := _value(cell, form.decimal)) is None:
         raise UserError(
-            f"{plain(cell)} under {name!r} is no number", where=where, remedy=_no_number(cell, column, layout, form)
+            f"{plain(cell)} under {name!r} is not a number", where=where, remedy=_no_number(cell, column, layout, form)
         )
     if not np.isfinite(value):
         raise UserError(
-            f"{plain(cell)} under {name!r} is no finite number",
+            f"{plain(cell)} under {name!r} is not a finite number",
             where=where,
-            remedy="leave the cell empty where the sample is missing",
+            remedy="leave the cell empty for missing samples",
         )
     return value
 
 
 def _value(cell: str, decimal: str) -> float | None:
-    """Of a number as loggers write it: "+ 0.081", "1,234.5" where the point is the decimal mark; None of what is none."""
+    """Number in the format of loggers: "+ 0.081", "1,234.5" with a decimal point; None if it is not a number."""
     for text in (cell, _without_thousands(_SIGN_APART.sub(r"\1", cell), decimal)):
         if "_" not in text and not (decimal == "," and "." in text):
             with suppress(ValueError):
@@ -174,7 +176,7 @@ def _value(cell: str, decimal: str) -> float | None:
 
 
 def _without_thousands(text: str, decimal: str) -> str:
-    """Without the marks of thousands where a decimal mark behind them says that they are."""
+    """Text without thousands separators, if a decimal mark after them identifies them."""
     grouped = _GROUPED.fullmatch(text)
     if grouped and (grouped["rest"] or "")[:1] == decimal != grouped["mark"]:
         return text.replace(grouped["mark"], "")
@@ -182,21 +184,22 @@ def _without_thousands(text: str, decimal: str) -> str:
 
 
 def _no_number(cell: str, column: int, layout: Layout, form: TextFormat) -> str:
-    """What to do about a cell that is no number."""
+    """Remedy for a cell that is not a number."""
     if grouped := _GROUPED.fullmatch(cell):
-        remedy = f"{plain(grouped['mark'])} marks thousands or decimals: export numbers without marks between thousands"
+        remedy = (
+            f"{plain(grouped['mark'])} may be a thousands separator or a decimal mark: export numbers without "
+            "thousands separators"
+        )
         if "," in (grouped["mark"], (grouped["rest"] or "")[:1]) and form.decimal == ".":
-            return f"{remedy}, or " + form.stating("decimal", '","', "say that the decimal mark is the comma")
+            return f"{remedy}, or " + form.remedy_setting("decimal", '","', "set the decimal mark to the comma")
         return remedy
     if form.decimal == "." and _DECIMAL_COMMA.fullmatch(cell):
-        return "write points as decimal marks, or " + form.stating(
-            "decimal", '","', "say that the decimal mark is the comma"
-        )
+        return "use decimal points, or " + form.remedy_setting("decimal", '","', "set the decimal mark to the comma")
     if column == layout.time_column and _DATE.search(cell):
         return _COUNTED
     if form.decimal == "," and "." in cell:
-        return "the decimal mark is stated to be the comma: correct the number, or " + form.stating(
-            "decimal", '"."', "the statement"
+        return "the decimal mark is set to the comma: correct the number, or " + form.remedy_setting(
+            "decimal", '"."', "correct the setting"
         )
     if column == layout.time_column and layout.remarks:
         return _SEGMENT
@@ -204,65 +207,67 @@ def _no_number(cell: str, column: int, layout: Layout, form: TextFormat) -> str:
         if not (form.key and cell[0].isalpha()):
             return _COUNTED
         begin = "".join(sign for sign in cell[:20] if sign.isprintable() and sign not in '`"\\')
-        return f'{_COUNTED}; a line of text below the names is passed over by its beginning: `{form.key}.comment: "{begin}"`'
+        return f'{_COUNTED}; to skip text lines below the names, set their beginning: `{form.key}.comment: "{begin}"`'
     if not cell[0].isalpha() and _DIGIT.search(cell):
-        return "write plain numbers: digits, sign, decimal mark and exponent (1.5e-3), without a unit"
+        return "write plain numbers with digits, sign, decimal mark and exponent (1.5e-3), without a unit"
     return (
-        "give a number, or an empty cell where the sample is missing; where the word stands for that, "
-        + form.stating("missing", f"[{_word(cell)}]", "name it as one for missing samples")
+        "write a number, or leave the cell empty for a missing sample; if the word marks missing samples, "
+        + form.remedy_setting("missing", f"[{_word(cell)}]", "declare it as a word for missing samples")
     )
 
 
 def _word(cell: str) -> str:
-    """The cell as an entry of a YAML list, where it is a plain word."""
+    """The cell as an entry of a YAML list, if it is a plain word."""
     return cell if cell.isalnum() and len(cell) < 20 else "WORD"
 
 
 MARKS = np.array(
     [999, 999.25, 999.99, 9999, 9999.99, 99999, 99999.99, 999999, 9999999, 9.96920996838687e36], dtype=float
 )
-"""What a logger puts where it has no sample, of either sign."""
+"""Numbers of either sign that loggers write for missing samples."""
 LEAST = -32768.0
-"""The least whole number of 16 bits."""
+"""Smallest 16-bit integer."""
 BEYOND = 1e20
-"""No reading of anything: 1e20, 1e30, 1e38."""
+"""Impossible values: 1e20, 1e30, 1e38."""
 ROUNDING = 1e-5
-"""Of itself: as of 9.96921e36, or of a number in single precision."""
+"""Relative rounding error, as of 9.96921e36 or of single precision."""
 OUTSIDE, JUMPS = 0.5, 3.0
-"""A mark is beyond the others by this share of their range; or it jumps from a neighbour by so many times their largest step."""
+"""A marker must be outside the other values by this share of their range, or differ from a neighbour by so many
+times their largest step."""
 
 
 def check_marks(recording: Recording, name: str, unit: str, remedy: str = "", negative: bool = False) -> None:
-    """Raises UserError, at its line, for a channel with samples that are a mark of a missing value: the very number, far beyond
-    all others, or between neighbours from which it jumps. negative: of the positive ones only those that no reading reaches."""
+    """Raise UserError, with its line, for a channel with samples that mark missing values: a marker number far
+    outside all others, or far from its neighbours. negative: of positive markers, check only impossible values."""
     values = recording.channels[name]
     for mark in np.unique(values[_marks(values, negative)]):
         at = np.flatnonzero(values == mark)
         others = values[np.isfinite(values) & ~_marks(values, False)]
-        if not len(others) or not _apart(values, float(mark), at, others):
+        if not len(others) or not _is_distinct(values, float(mark), at, others):
             continue
         raise UserError(
-            f"{name!r} reads {mark:g} {unit} in {len(at)} of {len(values)} samples, and {others.min():.4g} to "
-            f"{others.max():.4g} in others: it stands for a missing value",
+            f"{name!r} has the value {mark:g} {unit} in {len(at)} of {len(values)} samples, but "
+            f"{others.min():.4g} to {others.max():.4g} in the others: it marks missing values",
             where=recording.place(int(at[0])),
             remedy=remedy
-            or f'name it as the file writes it, `text: {{missing: ["{mark:g}"]}}`, or leave the samples empty (NaN)',
+            or f'declare it as written in the file, `text: {{missing: ["{mark:g}"]}}`, or leave the samples '
+            "empty (NaN)",
         )
 
 
 def _marks(values: np.ndarray, negative: bool) -> np.ndarray:
-    """Which samples are the very number."""
+    """Whether each sample equals a marker."""
     size = np.abs(values)
     nines = (np.abs(size[:, None] / MARKS - 1) < ROUNDING).any(axis=1) & ((values < 0) | (not negative))
     return nines | (values == LEAST) | (size >= BEYOND)
 
 
-def _apart(values: np.ndarray, mark: float, at: np.ndarray, others: np.ndarray) -> bool:
+def _is_distinct(values: np.ndarray, mark: float, at: np.ndarray, others: np.ndarray) -> bool:
     if max(mark - others.max(), others.min() - mark) > OUTSIDE * (others.max() - others.min()):
         return True
-    there = np.where(_marks(values, False), np.nan, values)
-    steps = np.abs(np.diff(there))
+    valid = np.where(_marks(values, False), np.nan, values)
+    steps = np.abs(np.diff(valid))
     largest = np.nanmax(steps, initial=0.0) if np.isfinite(steps).any() else 0.0
-    beside = np.concatenate([there[at[at > 0] - 1], there[at[at < len(there) - 1] + 1]])
-    beside = beside[np.isfinite(beside)]
-    return bool(np.any(np.abs(beside - mark) > JUMPS * largest))
+    neighbours = np.concatenate([valid[at[at > 0] - 1], valid[at[at < len(valid) - 1] + 1]])
+    neighbours = neighbours[np.isfinite(neighbours)]
+    return bool(np.any(np.abs(neighbours - mark) > JUMPS * largest))

@@ -1,5 +1,5 @@
-"""Variables of a MAT file: of version 4 to 7 by SciPy; of 7.3, an HDF5 file whose structs are groups and whose matrices are
-stored transposed, by h5py. Read in a child process, see reader.py."""
+"""Variables of a MAT file, version 4 to 7 with SciPy, version 7.3 (HDF5 with structs as groups and transposed
+matrices) with h5py. Runs in a child process, see reader.py."""
 
 from __future__ import annotations
 
@@ -13,48 +13,48 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.measurements.assemble import numbers
 from strainsight.measurements.hdf5_datasets import INSTEAD, check_stored, datasets, resolved
-from strainsight.measurements.records import Signals, check_count, missing, one_unit, plain
+from strainsight.measurements.records import Signals, check_count, missing_error, one_unit, plain
 
 UNITS = ("unit", "units", "Unit", "Units")
-"""Fields that hold a unit: text for all vectors beside it, or a struct of texts by the names of the vectors."""
+"""Fields with a unit: text for all vectors of a struct, or a struct of texts by vector name."""
 _PART = re.compile(r"(.*)\((?::,\s*(\d{1,9})|(\d{1,9}),\s*:)\)")
 
 
 def parted(name: str) -> tuple[str, tuple[int, int] | None]:
     """ "a(:,2)" → "a", (1, 1): axis and index from 0 of the part; "a" → "a", None."""
-    if not (found := _PART.fullmatch(name)):
+    if not (match := _PART.fullmatch(name)):
         return name, None
-    axis = 1 if found[2] else 0
-    return found[1], (axis, int(found[2] or found[3]) - 1)
+    axis = 1 if match[2] else 0
+    return match[1], (axis, int(match[2] or match[3]) - 1)
 
 
 def one_line(values: np.ndarray, part: tuple[int, int] | None, name: str, where: str) -> np.ndarray:
-    """The vector (T,) of a matrix, or its column or row. Raises UserError where it has no such, or the name gives none."""
+    """Vector (T,) of a matrix, or one of its columns or rows. Raises UserError if it does not exist or is ambiguous."""
     if part is not None:
         axis, index = part
         if values.ndim != 2 or not 0 <= index < values.shape[axis]:
             raise UserError(
-                f"{name!r}: its size is {' × '.join(map(str, values.shape))}",
+                f"{name!r} does not exist: the matrix size is {' × '.join(map(str, values.shape))}",
                 where=where,
-                remedy="columns and rows count from 1, as in a(:,1)",
+                remedy="columns and rows are numbered from 1, as in a(:,1)",
             )
         return values.take(index, axis)
     if values.ndim > 2 or (values.ndim == 2 and min(values.shape) > 1):
         raise UserError(
-            f"{name!r} is a matrix of {' × '.join(map(str, values.shape))}",
+            f"{name!r} is a matrix of size {' × '.join(map(str, values.shape))}",
             where=where,
-            remedy=f"say which column or row, as in '{name}(:,1)'" if values.ndim == 2 else "take a vector",
+            remedy=f"select a column or row, as in '{name}(:,1)'" if values.ndim == 2 else "use a vector",
         )
     return values.reshape(-1)
 
 
 _LONGEST = 100
-"""Signs of a unit."""
+"""Largest length of a unit [characters]."""
 
 
 def hdf5_signals(path: Path, names: Sequence[str]) -> Signals:
-    """Values (T,) of every name and their units, as `mat.signals`. Raises UserError as that does, and for links to other
-    files and blocks of samples that were never written."""
+    """Values (T,) of every name and their units, as `mat.signals`. Raises the same UserError, and one for links to
+    other files and unwritten blocks."""
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -73,41 +73,43 @@ def hdf5_signals(path: Path, names: Sequence[str]) -> Signals:
 
 
 def _check_hdf5(item: Any, name: str, path: Path, where: str) -> None:
-    """Raise UserError unless the dataset holds numbers of its own, of a bearable size."""
+    """Raise UserError unless the dataset contains numbers in this file, of acceptable size."""
     kind = item.attrs.get("MATLAB_class", b"")
     kind = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs:
         raise UserError(
-            f"{name!r} is a table or an object of MATLAB",
+            f"{name!r} is a MATLAB table or object",
             where=str(path),
             remedy="save its columns as plain vectors of numbers",
         )
     if kind in ("char", "cell", "string") or item.dtype.kind not in "iuf" or item.shape is None:
         raise UserError(
-            f"{name!r} holds {kind or item.dtype}, not real numbers",
+            f"{name!r} contains {kind or item.dtype} instead of real numbers",
             where=str(path),
             remedy="save it as a plain vector of numbers",
         )
     if "MATLAB_sparse" in item.attrs:
         raise UserError(f"{name!r} is a sparse matrix", where=str(path), remedy="save it as a plain vector of numbers")
     if item.is_virtual or item.external:
-        raise UserError(f"{name!r} takes its samples from another file", where=str(path), remedy=INSTEAD)
+        raise UserError(f"the samples of {name!r} are in another file", where=str(path), remedy=INSTEAD)
     check_count(item.size, name, str(path))
     check_stored(item, where, path.stat().st_size)
 
 
 def _hdf5_missing(file: Any, name: str, path: Path) -> UserError:
-    known = [found.replace("/", ".") for found in datasets(file) if not found.startswith("#")]
-    inside = [found for found in known if found.startswith(f"{name}.")]
+    known = [dataset.replace("/", ".") for dataset in datasets(file) if not dataset.startswith("#")]
+    inside = [dataset for dataset in known if dataset.startswith(f"{name}.")]
     if inside:
         return UserError(
-            f"{name!r} is a struct", where=str(path), remedy=f"name one of its fields, as in {plain(inside[0])}"
+            f"{name!r} is a struct",
+            where=str(path),
+            remedy=f"specify one of its fields, for example {plain(inside[0])}",
         )
-    return missing("variable", name, known, str(path))
+    return missing_error("variable", name, known, str(path))
 
 
 def _hdf5_unit(file: Any, name: str, word: str) -> str:
-    """The unit that `word` beside a vector states, "" for none."""
+    """Unit in the field `word` of the same struct as a vector, "" if missing."""
     above, _, field = name.rpartition(".")
     stem = "/".join([*above.split("."), word]).lstrip("/")
     for path in (stem, f"{stem}/{field}"):
@@ -122,53 +124,53 @@ def _hdf5_unit(file: Any, name: str, word: str) -> str:
 
 
 def signals(path: Path, names: Sequence[str | None]) -> Signals:
-    """Values (T,) of every name, and their units; the first may be one number, which is no sample but an interval or a rate.
+    """Values (T,) of every name, and their units; the first may be a single number, the sampling interval or rate.
 
     names: "a", "a.b" of a struct, "a(:,2)" and "a(2,:)" for a column and a row of a matrix, from 1 as in MATLAB.
-    Raises UserError for variables that are missing, or no numbers.
+    Raises UserError for variables that are missing or not numeric.
     """
     import h5py
 
-    asked = [name for name in names if name is not None]
+    requested = [name for name in names if name is not None]
     if h5py.is_hdf5(path):
-        yield from hdf5_signals(path, asked)
+        yield from hdf5_signals(path, requested)
         return
     import scipy.io
 
-    tops = {name.split(".")[0].split("(")[0] for name in asked}
-    held = scipy.io.loadmat(path, variable_names=[*tops, *UNITS], struct_as_record=False)
-    for name in asked:
+    tops = {name.split(".")[0].split("(")[0] for name in requested}
+    variables = scipy.io.loadmat(path, variable_names=[*tops, *UNITS], struct_as_record=False)
+    for name in requested:
         plainly, part = parted(name)
-        holder, found = _walked(held, plainly, path)
-        values = one_line(np.asarray(found), part, name, str(path))
+        holder, value = _walked(variables, plainly, path)
+        values = one_line(np.asarray(value), part, name, str(path))
         unit = None if values.size == 1 else one_unit([_unit(holder, plainly, word) for word in UNITS], name, str(path))
         yield numbers(values, name, str(path)), unit
 
 
-def _walked(held: dict[str, Any], name: str, path: Path) -> tuple[dict[str, Any], Any]:
-    """What holds a value, by the names of its fields, and the value."""
-    holder: dict[str, Any] = held
-    found: Any = None
+def _walked(variables: dict[str, Any], name: str, path: Path) -> tuple[dict[str, Any], Any]:
+    """The dictionary that contains a value, by field names, and the value."""
+    holder: dict[str, Any] = variables
+    value: Any = None
     for i, field in enumerate(name.split(".")):
-        inside = _fields(found) if i else held
+        inside = _fields(value) if i else variables
         if inside is None:
             raise UserError(
-                f"{'.'.join(name.split('.')[:i])!r} {_said(found)}",
+                f"{'.'.join(name.split('.')[:i])!r} {_kind_of_value(value)}",
                 where=str(path),
-                remedy="name a vector, or a field of a single struct, as in a.b",
+                remedy="specify a vector, or a field of a single struct, as in a.b",
             )
         if field not in inside:
             raise _missing(name, inside, path)
-        holder, found = inside, inside[field]
-    if _fields(found) is not None or not isinstance(found, np.ndarray) or found.dtype.kind not in "iuf":
+        holder, value = inside, inside[field]
+    if _fields(value) is not None or not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf":
         raise UserError(
-            f"{name!r} {_said(found)}",
+            f"{name!r} {_kind_of_value(value)}",
             where=str(path),
-            remedy=f"name one of its fields, as in {name}.{next(iter(fields))}"
-            if (fields := _fields(found))
+            remedy=f"specify one of its fields, for example {name}.{next(iter(fields))}"
+            if (fields := _fields(value))
             else "save it as a plain vector of numbers",
         )
-    return holder, found
+    return holder, value
 
 
 def _missing(name: str, holder: dict[str, Any], path: Path) -> UserError:
@@ -176,37 +178,39 @@ def _missing(name: str, holder: dict[str, Any], path: Path) -> UserError:
 
     parents = name.split(".")[:-1]
     if not any(holder.get(field) is not None for field in holder if not field.startswith("__")) or not parents:
-        known = [found for found, _, _ in scipy.io.whosmat(path)]
+        known = [known_name for known_name, _, _ in scipy.io.whosmat(path)]
     else:
         known = [".".join([*parents, field]) for field in holder]
-    return missing("variable", name, known, str(path))
+    return missing_error("variable", name, known, str(path))
 
 
-def _fields(found: Any) -> dict[str, Any] | None:
-    """The fields of a single struct, None for anything else."""
-    if isinstance(found, np.ndarray) and found.dtype == object and found.size == 1:
-        found = found.reshape(-1)[0]
-    names = getattr(found, "_fieldnames", None)
-    return None if names is None else {name: getattr(found, name) for name in names}
+def _fields(value: Any) -> dict[str, Any] | None:
+    """Fields of a single struct, None for anything else."""
+    if isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
+        value = value.reshape(-1)[0]
+    names = getattr(value, "_fieldnames", None)
+    return None if names is None else {name: getattr(value, name) for name in names}
 
 
-def _said(found: Any) -> str:
-    if _fields(found) is not None:
+def _kind_of_value(value: Any) -> str:
+    if _fields(value) is not None:
         return "is a struct"
-    if "Opaque" in type(found).__name__ or "Object" in type(found).__name__:
-        return "is a table or an object of MATLAB"
-    if not isinstance(found, np.ndarray):
-        return "is a sparse matrix" if hasattr(found, "nnz") else "is no array of numbers"
-    return {"O": f"is a struct array or cell array of {found.size}", "U": "is text", "c": "holds complex numbers"}.get(
-        found.dtype.kind, "is no array of numbers"
-    )
+    if "Opaque" in type(value).__name__ or "Object" in type(value).__name__:
+        return "is a MATLAB table or object"
+    if not isinstance(value, np.ndarray):
+        return "is a sparse matrix" if hasattr(value, "nnz") else "is not an array of numbers"
+    return {
+        "O": f"is a struct array or cell array with {value.size} entries",
+        "U": "is text",
+        "c": "contains complex numbers",
+    }.get(value.dtype.kind, "is not an array of numbers")
 
 
 def _unit(holder: dict[str, Any], name: str, word: str) -> str:
-    """The unit that `word` beside a vector states, "" for none."""
-    found = holder.get(word)
-    fields = _fields(found)
+    """Unit in the field `word` of the same struct as a vector, "" if missing."""
+    unit = holder.get(word)
+    fields = _fields(unit)
     if fields is not None:
-        found = fields.get(name.split(".")[-1])
-    text = np.asarray(found).reshape(-1) if found is not None else np.array([])
+        unit = fields.get(name.split(".")[-1])
+    text = np.asarray(unit).reshape(-1) if unit is not None else np.array([])
     return str(text[0]) if text.size == 1 and text.dtype.kind == "U" else ""

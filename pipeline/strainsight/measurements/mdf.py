@@ -1,6 +1,6 @@
-"""Channels of an MDF file: found, scaled, their invalid samples taken out. Read in a child process, see reader.py.
+"""Physical channels of an MDF file without invalid samples. Runs in a child process, see reader.py.
 
-asammdf gives raw values only: it would hand conversion formulas, which are text of the file, to `eval`.
+asammdf reads only raw values, because it would pass conversion formulas, which are text of the file, to `eval`.
 """
 
 from __future__ import annotations
@@ -17,41 +17,41 @@ from zipfile import ZipFile
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers
+from strainsight.measurements.assemble import Place, check_one_clock, find_channel, numbers
 from strainsight.measurements.mdf_conversion import to_physical
 from strainsight.measurements.records import DAMAGED, Signals, check_count
 
 _TIME = 1
-"""Synchronisation type of a master channel that is a time."""
+"""Synchronisation type of a time master channel."""
 _OTHER = {2: "an angle", 3: "a distance", 4: "an index"}
 PACKING = 100
-"""Bytes that one of an archive may stand for."""
+"""Largest compression ratio of an archive."""
 _ZIP = b"PK\3\4"
 _ENDINGS = (".mf4", ".mdf", ".dat")
 _HEAD, _UNFINALIZED = 64, slice(60, 64)
-"""Bytes of the identification block, and those that say what is left to complete."""
+"""Size of the identification block, and its bytes that mark an unfinalized file."""
 Rules = dict[tuple[int, int], Any]
 
 
 def signals(path: Path, names: Sequence[str | None]) -> Signals:
-    """Time (T,) and values (T,) of every name behind the first, physical, NaN where an invalidation bit is set, and units.
+    """Time (T,) and physical values (T,) of every name after the first, NaN for invalid samples, and units.
 
-    names: that of a time channel, or None or its own name for the master channel, then "channel", or "group/channel" by the
-    acquisition name of the group, or by its number from 0.
-    Raises UserError for channels that are missing, no numbers, or of several clocks.
+    names: a time channel, or None or the name of the master channel, then "channel", or "group/channel" with the
+    acquisition name of the group, or its number from 0. Raises UserError for channels that are missing, not numeric,
+    or on several clocks.
     """
     with _opened(path) as file:
         rules = _take_rules(file)
         places, at = _places(file)
         time, *channels = names
-        wanted = {name: at[chosen(name, places, path)] for name in channels if name is not None}
+        wanted = {name: at[find_channel(name, places, path)] for name in channels if name is not None}
         clock: np.ndarray
         unit: str | None
         masters = {file.groups[group].channels[number].name for group, number in file.masters_db.items()}
         if time is None or time in masters - {place.name for place in places}:
             clock, unit = _master_clock(file, rules, wanted, path)
         else:
-            clock, unit = _time_channel(file, rules, time, at[chosen(time, places, path)], wanted, path)
+            clock, unit = _time_channel(file, rules, time, at[find_channel(time, places, path)], wanted, path)
         yield clock, unit
         for name, (group, channel) in wanted.items():
             yield _values(file, rules, name, group, channel, path)
@@ -59,34 +59,35 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """asammdf's file of a stream: it makes no file, and looks into no bus."""
+    """File of asammdf from a stream; it creates no files and does not process buses."""
     library = import_module("asammdf")
     with ExitStack() as stack:
         for version in (3, 4):
-            # else a named file, which a killed process would leave: unsorted blocks go there
+            # unsorted blocks would be written to a named file, which a killed process would leave behind
             stack.enter_context(patch(f"asammdf.blocks.mdf_v{version}.NamedTemporaryFile", lambda dir: BytesIO()))
         stream = stack.enter_context(_open_stream(path))
         yield stack.enter_context(library.MDF(stream, process_bus_logging=False))
 
 
 def _open_stream(path: Path) -> IO[bytes]:
-    """The file, or the member of an archive; a copy in memory of one that was not finalized, which asammdf completes in place."""
+    """The file, or the member of an archive; an unfinalized file is copied into memory, because asammdf completes it
+    in place."""
     file: IO[bytes] = path.open("rb")
     if file.read(len(_ZIP)) == _ZIP:
         with ZipFile(file) as archive:
             member = next((item for item in archive.infolist() if item.filename.lower().endswith(_ENDINGS)), None)
             if member is None:
                 raise UserError(
-                    f"the archive holds no file {' or '.join(_ENDINGS)}",
+                    f"the archive contains no file {' or '.join(_ENDINGS)}",
                     where=str(path),
-                    remedy="unpack it and give the file",
+                    remedy="unpack the archive and specify the file",
                 )
             size = path.stat().st_size
             if member.file_size > PACKING * size:
                 raise UserError(
-                    f"the archive of {size} bytes unpacks to {member.file_size}, more than {PACKING} times as many",
+                    f"the archive of {size} bytes unpacks to {member.file_size}, more than {PACKING} times as much",
                     where=str(path),
-                    remedy="unpack it and give the file that is inside",
+                    remedy="unpack the archive and specify the file",
                 )
             file = BytesIO(archive.read(member))
     file.seek(0)
@@ -99,7 +100,7 @@ def _open_stream(path: Path) -> IO[bytes]:
 
 
 def _take_rules(file: Any) -> Rules:
-    """The conversion rules by group and channel, taken away from asammdf, which cannot apply them any more."""
+    """The conversion rules by group and channel, removed from asammdf so that it cannot apply them."""
     rules = {}
     for g, group in enumerate(file.groups):
         for c, channel in enumerate(group.channels):
@@ -109,7 +110,7 @@ def _take_rules(file: Any) -> Rules:
 
 
 def _places(file: Any) -> tuple[list[Place], list[tuple[int, int]]]:
-    """The channels that are no master, and their group and channel numbers."""
+    """Channels that are not masters, with their group and channel numbers."""
     groups = list(enumerate(file.groups))
     at = [(g, c) for g, group in groups for c in range(len(group.channels)) if file.masters_db.get(g) != c]
     labels = [getattr(group.channel_group, "acq_name", "") or "" for _, group in groups]
@@ -117,13 +118,13 @@ def _places(file: Any) -> tuple[list[Place], list[tuple[int, int]]]:
 
 
 def _master_group(file: Any, group: int) -> int:
-    """The group that holds the master channel: another one where columns are stored by themselves, as MDF 4.2 may."""
+    """Group of the master channel; another group if columns are stored separately (MDF 4.2)."""
     other = getattr(file.groups[group].channel_group, "cg_master_index", None)
     return group if other is None else int(other)
 
 
 def _master_clock(file: Any, rules: Rules, wanted: dict[str, tuple[int, int]], path: Path) -> tuple[np.ndarray, str]:
-    """The one time of all groups that are wanted, and its unit."""
+    """The common time of all requested groups, and its unit."""
     clocks, unit = {}, "s"
     masters = {name: _master_group(file, group) for name, (group, _) in wanted.items()}
     for name, group in masters.items():
@@ -132,17 +133,17 @@ def _master_clock(file: Any, rules: Rules, wanted: dict[str, tuple[int, int]], p
         check_count(file.groups[group].channel_group.cycles_nr, name, str(path))
         if (number := file.masters_db.get(group)) is None:
             raise UserError(
-                f"the group of {name!r} has no master channel, which would be its time",
+                f"the group of {name!r} has no master channel, which would define its time",
                 where=str(path),
-                remedy="name the channel of the time in estimate.time.channel, or export with a time",
+                remedy="specify the time channel in estimate.time.channel, or export the file with time",
             )
         master = file.groups[group].channels[number]
         kind = getattr(master, "sync_type", _TIME)
         if kind in _OTHER:
             raise UserError(
-                f"the master channel of {name!r}, {master.name!r}, is {_OTHER[kind]}, not a time",
+                f"the master channel {master.name!r} of {name!r} is {_OTHER[kind]} instead of a time",
                 where=str(path),
-                remedy="name the channel of the time in estimate.time.channel, or export over time",
+                remedy="specify the time channel in estimate.time.channel, or export the data over time",
             )
         rule = _readable_rule(rules, (group, number), master, path)
         unit = _unit(master, rule) or "s"
@@ -159,9 +160,9 @@ def _time_channel(
     for name, (group, _) in wanted.items():
         if _master_group(file, group) != _master_group(file, at[0]):
             raise UserError(
-                f"the time {time!r} and {name!r} are of different groups",
+                f"the time {time!r} and {name!r} belong to different groups",
                 where=str(path),
-                remedy="leave estimate.time.channel out: every group has its master channel; or take channels of one group",
+                remedy="remove estimate.time.channel, because every group has a master channel, or use channels of one group",
             )
     return _values(file, rules, time, *at, path)
 
@@ -180,17 +181,17 @@ def _values(file: Any, rules: Rules, name: str, group: int, number: int, path: P
 
 
 def _version(file: Any) -> int:
-    """3 or 4; version 2 is as 3."""
+    """Version 3 or 4; version 2 is treated as 3."""
     return max(3, int(str(file.version)[0]))
 
 
 def _readable_rule(rules: Rules, at: tuple[int, int], channel: Any, path: Path) -> Any:
-    """Raises UserError where the file has a rule that asammdf could not read, and would leave out."""
+    """The rule of a channel. Raises UserError if the file has a rule that asammdf could not read."""
     if rules[at] is None and channel.conversion_addr:
         raise UserError(f"the conversion rule of {channel.name!r} cannot be read", where=str(path), remedy=DAMAGED)
     return rules[at]
 
 
 def _unit(channel: Any, rule: Any) -> str | None:
-    """That of the channel, else of its rule."""
+    """Unit of the channel, or else of its rule."""
     return (getattr(channel, "unit", "") or getattr(rule, "unit", "") or "").strip() or None

@@ -13,9 +13,9 @@ from strainsight.errors import UserError
 from strainsight.measurements.records import plain
 
 LONGEST = 1000
-"""Characters of a formula."""
+"""Largest length of a formula [characters]."""
 DEEPEST = 50
-"""Parentheses, signs and powers within each other."""
+"""Largest nesting depth of parentheses, signs and powers."""
 FUNCTIONS: dict[str, np.ufunc] = {
     **{
         name: getattr(np, name) for name in ("exp", "log", "log10", "sqrt", "sin", "cos", "tan", "sinh", "cosh", "tanh")
@@ -25,7 +25,7 @@ FUNCTIONS: dict[str, np.ufunc] = {
     "ln": np.log,
     "pow": np.power,
 }
-"""By their names in small letters; log is the natural logarithm, as in C and for asammdf."""
+"""Functions by name in small letters; log is the natural logarithm, as in C and asammdf."""
 Value = np.float64 | NDArray[np.float64]
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)|(?P<word>[a-z_]\w*)|(?P<sign>\*\*|[-+*/^(),]))", re.A | re.I
@@ -34,29 +34,30 @@ _END = ("end", "")
 
 
 def evaluate(formula: str, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (T,) of a formula of X or X1, the raw values (T,): numbers, + - * /, ^ or ** for powers, parentheses, FUNCTIONS.
+    """Values (T,) of a formula of the raw values X or X1 (T,): numbers, + - * /, ^ or ** for powers, parentheses,
+    FUNCTIONS.
 
-    A power goes before a sign and from right to left, as in mathematics: -X^2 is -(X²). Overflow and undefined values are
-    infinite and NaN. Raises ValueError for all that is no such formula.
+    Powers bind stronger than signs and are evaluated from right to left: -X^2 is -(X²). Overflow gives infinity,
+    undefined values NaN. Raises ValueError for an invalid formula.
     """
     if len(formula) > LONGEST:
-        raise ValueError(f"it has {len(formula)} characters, at most {LONGEST} are read")
+        raise ValueError(f"it has {len(formula)} characters, more than the limit of {LONGEST}")
     tokens = list(_split(formula))
     with np.errstate(all="ignore"):
         value, behind = _evaluate_sum(tokens, 0, x, 0)
     if tokens[behind] != _END:
-        raise ValueError(f"{tokens[behind][1]!r} is not expected there")
+        raise ValueError(f"{tokens[behind][1]!r} is unexpected")
     return np.array(np.broadcast_to(value, x.shape))
 
 
 def _split(formula: str) -> Iterator[tuple[str, str]]:
-    """Kind and text in small letters of every token."""
+    """Kind and text, in small letters, of every token."""
     at = 0
     text = formula.rstrip()
     while at < len(text):
         match = _TOKEN.match(text, at)
         if match is None:
-            raise ValueError(f"{text[at:].lstrip()[:1]!r} is no part of an arithmetic formula")
+            raise ValueError(f"{text[at:].lstrip()[:1]!r} is not allowed in an arithmetic formula")
         assert match.lastgroup is not None
         yield match.lastgroup, match[match.lastgroup].lower()
         at = match.end()
@@ -64,7 +65,7 @@ def _split(formula: str) -> Iterator[tuple[str, str]]:
 
 
 Tokens = list[tuple[str, str]]
-# Each takes the tokens, the place of its first one, the raw values and its depth, and returns its value and the place behind it.
+# Each function returns the value and the next position, given tokens, position, raw values and depth.
 
 
 def _evaluate_sum(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
@@ -84,9 +85,9 @@ def _evaluate_product(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Va
 
 
 def _evaluate_signed(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
-    """A power behind any number of signs."""
+    """A power, with any number of plus and minus signs in front."""
     if depth > DEEPEST:
-        raise ValueError(f"it is nested more than {DEEPEST} deep")
+        raise ValueError(f"it is nested more than {DEEPEST} levels deep")
     if (sign := tokens[at][1]) in ("+", "-"):
         value, at = _evaluate_signed(tokens, at + 1, x, depth + 1)
         return (-value if sign == "-" else value), at
@@ -98,7 +99,7 @@ def _evaluate_signed(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Val
 
 
 def _evaluate_atom(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
-    """A number, the raw values, a function, or what stands in parentheses."""
+    """A number, the raw values, a function, or an expression in parentheses."""
     kind, text = tokens[at]
     if kind == "number":
         number = np.float64(text)
@@ -114,16 +115,16 @@ def _evaluate_atom(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value
         return value, _close(tokens, at)
     if kind == "word":
         raise ValueError(f"{text!r} is neither X1 nor a function with its arguments: {', '.join(sorted(FUNCTIONS))}")
-    raise ValueError("it ends too early" if kind == "end" else f"{text!r} is not expected there")
+    raise ValueError("it is incomplete" if kind == "end" else f"{text!r} is unexpected")
 
 
 def _apply(function: np.ufunc, name: str, tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
-    """The value of a function whose first argument is at this place."""
+    """Value of a function whose first argument is at this position."""
     arguments = []
     for number in range(function.nin):
         if number:
             if tokens[at][1] != ",":
-                raise ValueError(f"{name} takes {function.nin} arguments")
+                raise ValueError(f"{name} requires {function.nin} arguments")
             at += 1
         value, at = _evaluate_sum(tokens, at, x, depth)
         arguments.append(value)
@@ -132,9 +133,7 @@ def _apply(function: np.ufunc, name: str, tokens: Tokens, at: int, x: Value, dep
 
 def _close(tokens: Tokens, at: int) -> int:
     if tokens[at][1] != ")":
-        raise ValueError(
-            "a parenthesis is not closed" if tokens[at] == _END else f"{tokens[at][1]!r} is not expected there"
-        )
+        raise ValueError("a parenthesis is not closed" if tokens[at] == _END else f"{tokens[at][1]!r} is unexpected")
     return at + 1
 
 
@@ -145,51 +144,51 @@ _KINDS = {
     3: {65535: "none", 0: "linear", 1: "interpolated", 2: "table", **dict(enumerate(_ELEMENTARY, start=6))},
     4: dict(enumerate(("none", "linear", "rational", "formula", "interpolated", "table", *_TEXTS))),
 }
-"""Version → code of a rule → what it is."""
+"""Version → code of a rule → kind."""
 _DEEPEST = 4
-"""Rules within each other."""
-EXPORT = "export the channel with physical values, or as raw values with a linear rule"
+"""Largest nesting depth of rules."""
+EXPORT = "export physical values of the channel, or raw values with a linear rule"
 
 
 def to_physical(raw: Values, rule: Any, version: int, integers: bool, name: str, where: str) -> Values:
     """Physical values (T,) of raw values (T,), NaN where those are NaN.
 
-    rule: asammdf's, or None; version: 3 or 4; integers: whether the raw values are stored as integers.
-    Raises UserError for text, for a formula or rule that cannot be evaluated, and for values without a physical one.
+    rule: of asammdf, or None; version: 3 or 4; integers: whether the raw values are stored as integers. Raises
+    UserError for text, for an invalid formula or rule, and for values without a physical value.
     """
     if rule is None:
         return raw
-    there = ~np.isnan(raw)
+    valid = ~np.isnan(raw)
     result = np.full(raw.shape, np.nan)
     try:
         with np.errstate(all="ignore"):
-            result[there] = _convert(raw[there], rule, version, integers, 0)
+            result[valid] = _convert(raw[valid], rule, version, integers, 0)
     except ValueError as error:
         raise UserError(f"{name!r} {error}", where=where, remedy=EXPORT) from None
-    if not np.isfinite(result[there]).all():
-        sample = int(np.argmax(there & ~np.isfinite(result)))
+    if not np.isfinite(result[valid]).all():
+        sample = int(np.argmax(valid & ~np.isfinite(result)))
         shown = plain(_formula_text(rule), 100) if rule.formula else "rule"
         raise UserError(
             f"{name!r} has no physical value at sample {sample + 1}: its conversion {shown} of the raw value "
-            f"{raw[sample]:g} gives {result[sample]:g}",
+            f"{raw[sample]:g} results in {result[sample]:g}",
             where=where,
-            remedy="correct the conversion, or mark such samples as invalid where the file is written",
+            remedy="correct the conversion, or mark such samples as invalid in the file",
         )
     return result
 
 
 def _formula_text(rule: Any) -> str:
-    """As the file has it: asammdf changes some letters."""
+    """Formula as in the file; asammdf changes some letters."""
     if (field := getattr(rule, "formula_field", None)) is not None:
         return str(field.decode("latin-1").split("\0")[0].strip())
     return str(rule.formula)
 
 
 def _convert(x: Values, rule: Any, version: int, integers: bool, depth: int) -> Values:
-    """Raises ValueError, with what is wrong with the channel."""
+    """Raises ValueError with the problem of the channel."""
     kind = _KINDS[version].get(rule.conversion_type)
     if depth > _DEEPEST:
-        raise ValueError(f"has conversion rules nested more than {_DEEPEST} deep")
+        raise ValueError(f"has conversion rules that are nested more than {_DEEPEST} levels deep")
     match kind:
         case "none":
             return x
@@ -215,8 +214,8 @@ def _convert(x: Values, rule: Any, version: int, integers: bool, depth: int) -> 
         case "values with text" | "ranges with text":
             return _convert_entries(x, rule, version, integers, depth)
         case "text":
-            raise ValueError("holds text, not numbers")
-    raise ValueError(f"has a conversion rule that is not supported, {kind or f'of type {rule.conversion_type}'}")
+            raise ValueError("contains text instead of numbers")
+    raise ValueError(f"has an unsupported conversion rule, {kind or f'of type {rule.conversion_type}'}")
 
 
 def _parameters(rule: Any, name: str, count: int) -> Values:
@@ -225,7 +224,7 @@ def _parameters(rule: Any, name: str, count: int) -> Values:
 
 
 def _divide_parabolas(x: Values, rule: Any) -> Values:
-    """(P1 x² + P2 x + P3) / (P4 x² + P5 x + P6), without a factor x of both."""
+    """(P1 x² + P2 x + P3) / (P4 x² + P5 x + P6), with common factors x cancelled."""
     above, below = [rule.P1, rule.P2, rule.P3], [rule.P4, rule.P5, rule.P6]
     while above[-1] == below[-1] == 0 and len(above) > 1:
         above, below = above[:-1], below[:-1]
@@ -233,11 +232,12 @@ def _divide_parabolas(x: Values, rule: Any) -> Values:
 
 
 def _look_up(x: Values, rule: Any, version: int, interpolated: bool) -> Values:
-    """Between the entries by a line, or that of the nearest raw value, the lower of two; outside the first or the last entry."""
+    """Linear interpolation between entries, or the entry of the nearest (lower) raw value; the first or last entry
+    outside."""
     count = rule.ref_param_nr if version == 3 else rule.val_param_nr // 2
     keys, values = _parameters(rule, "raw", count), _parameters(rule, "phys", count)
     if not count or not (np.diff(keys) > 0).all():
-        raise ValueError("has a conversion table whose raw values do not increase")
+        raise ValueError("has a conversion table with raw values that do not increase")
     if interpolated:
         return np.interp(x, keys, values)
     middles = keys[:-1] + np.diff(keys) / 2
@@ -245,10 +245,10 @@ def _look_up(x: Values, rule: Any, version: int, interpolated: bool) -> Values:
 
 
 def _find_ranges(x: Values, rule: Any, count: int, integers: bool) -> NDArray[np.intp]:
-    """The range of each value, -1 outside all: with its upper limit for integers only."""
+    """Index of the range of each value, -1 outside all; the upper limit belongs to the range only for integers."""
     lower, upper = _parameters(rule, "lower", count), _parameters(rule, "upper", count)
     if not (np.diff(lower) > 0).all() or (upper < lower).any() or (upper[:-1] > lower[1:]).any():
-        raise ValueError("has a conversion table whose ranges overlap or do not increase")
+        raise ValueError("has a conversion table with ranges that overlap or do not increase")
     row = np.searchsorted(lower, x, side="right") - 1
     inside = row >= 0
     inside[inside] = x[inside] <= upper[row[inside]] if integers else x[inside] < upper[row[inside]]
@@ -256,7 +256,7 @@ def _find_ranges(x: Values, rule: Any, count: int, integers: bool) -> NDArray[np
 
 
 def _convert_entries(x: Values, rule: Any, version: int, integers: bool, depth: int) -> Values:
-    """Values of a table whose entries are rules; those that are text are refused where a sample has one."""
+    """Values of a table whose entries are rules; raises ValueError if a sample has a text entry."""
     ranges = _KINDS[version][rule.conversion_type] == "ranges with text"
     count = rule.val_param_nr // 2 if ranges else rule.val_param_nr
     if ranges:
@@ -272,7 +272,7 @@ def _convert_entries(x: Values, rule: Any, version: int, integers: bool, depth: 
         entry = rule.referenced_blocks.get("default_addr" if number < 0 else f"text_{number}")
         if entry is None or isinstance(entry, bytes | str):
             text = entry.decode("utf-8", "replace") if isinstance(entry, bytes) else entry or ""
-            shown = f": {x[here][0]:g} stands for {plain(text.strip(chr(0)))}" if text else ""
-            raise ValueError(f"holds text, not numbers{shown}")
+            shown = f": {x[here][0]:g} means {plain(text.strip(chr(0)))}" if text else ""
+            raise ValueError(f"contains text instead of numbers{shown}")
         result[here] = _convert(x[here], entry, version, integers, depth + 1)
     return result

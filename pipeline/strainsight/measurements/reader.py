@@ -1,4 +1,4 @@
-"""Any file of test data in, a `Recording` out."""
+"""Read any test data file into a `Recording`."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ FORMATS = {
     "tdms": (".tdms",),
     "mat": (".mat",),
 }
-"""Format → endings of the names it has."""
+"""Format → file name endings."""
 SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
 COMMAND = python("strainsight.measurements.reader")
 EXTRA = "daq"
 MEMORY_LIMIT = 1 << 30
-"""[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file."""
+"""Memory limit [bytes] for reading, plus MEMORY_A_BYTE for every byte of the file."""
 MEMORY_A_BYTE = 20
 
 
 @dataclass(frozen=True)
 class Library:
-    """What reads a format in a child process: its name for messages, the modules of the library, the package that holds them
-    where it is not installed with this one, and the module here whose `signals` calls it.
+    """Library that reads a format in a child process: format name for messages, its modules, the package to install
+    if it is not a dependency, and our module whose `signals` calls it.
 
-    seconds: of processor time for every channel, and one more for every `rate` bytes of the file; unpacked: and for every so many
-    bytes that a channel unpacks to, as `declared` of the module says; None where it has no such.
+    seconds: processor time for every channel, plus one second for every `rate` bytes of the file; unpacked: and for
+    every so many bytes of an unpacked channel, from `declared` of the module; None if not available.
     """
 
     format: str
@@ -73,21 +73,20 @@ def read_recording(
     format: str = "auto",
     form: TextFormat | None = None,
 ) -> Recording:
-    """Read channels of a test, each as the file has it.
+    """Read channels of a test in the units of the file.
 
-    channels: columns of a table, datasets, "node:direction" or id line of a function, "group/channel", variables; time:
-    column, dataset, channel or variable of the clock, not for UFF58, and for MDF and TDMS only where it is not the file's
-    own; time_unit: that of the file has to agree; rate: samples per second [Hz], in place of a clock; format: a key of FORMATS,
-    or auto by the ending of the name; form: how a text table is written.
-    Raises UserError for a file that cannot be imported, with its line.
+    channels: columns of a table, datasets, "node:direction" or id line of a function, "group/channel", variables;
+    time: column, dataset, channel or variable of the clock, not for UFF58, optional for MDF and TDMS; time_unit: must
+    agree with the file; rate: sampling rate [Hz] instead of a clock; format: a key of FORMATS, or auto by the file
+    name ending; form: format of a text table. Raises UserError with the line for a file that cannot be imported.
     """
     path = Path(path)
     kind = format_of(path) if format == "auto" else format
     if kind not in FORMATS:
-        raise UserError(f"unknown format {kind!r}", remedy=f"known formats: {', '.join(FORMATS)}")
+        raise UserError(f"unknown format {kind!r}", remedy=f"use one of the formats {', '.join(FORMATS)}")
     if kind in ("csv", "hdf5", "mat") and time is None and rate is None:
         raise UserError(
-            "the clock is not named",
+            "the time channel is not specified",
             where=str(path),
             remedy="set estimate.time.channel to a column, dataset or variable, or estimate.time.rate to the sampling rate [Hz]",
         )
@@ -100,7 +99,8 @@ def read_recording(
 
         if time is not None or rate is not None:
             raise UserError(
-                f"the time {time or f'at {rate:g} Hz'!r} is asked for, but functions of a universal file carry their own",
+                f"estimate.time is set ({time or f'at {rate:g} Hz'!r}), but functions of a universal file "
+                "define their time",
                 where=str(path),
                 remedy="remove estimate.time",
             )
@@ -109,15 +109,17 @@ def read_recording(
 
 
 def format_of(path: Path) -> str:
-    """The format by the ending of the name. Raises UserError for an ending that says none."""
+    """Format from the file name ending. Raises UserError for an unknown ending."""
     ending = path.suffix.lower()
     for name, endings in FORMATS.items():
         if ending in endings:
             return name
-    remedy = f"state it: {', '.join(FORMATS)}"
+    remedy = f"set the format to one of {', '.join(FORMATS)}"
     if ending in SPREADSHEETS:
         remedy = "save the table as CSV, with a line of names above the numbers"
-    raise UserError(f"the ending {ending!r} says no format of test data", where=str(path), remedy=remedy)
+    raise UserError(
+        f"the file name ending {ending!r} does not identify a format of test data", where=str(path), remedy=remedy
+    )
 
 
 def read_binary(
@@ -130,38 +132,38 @@ def read_binary(
     rate: float | None = None,
     sandboxed: bool = True,
 ) -> Recording:
-    """Channels of a file of a kind of LIBRARIES, as the `signals` of its reader has them.
+    """Channels of a file of a kind in LIBRARIES, from the `signals` of its reader.
 
-    time: that of the clock; None where the file has its own; or rate: samples per second [Hz]. sandboxed: in a child process.
-    Raises UserError as the reader does, where its library is not installed, and where that fails.
+    time: name of the clock, None if the file defines it; or rate: sampling rate [Hz]. sandboxed: run in a child
+    process. Raises UserError as the reader does, and if its library is not installed or fails.
     """
     path, library = Path(path), LIBRARIES[kind]
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
     if library.package is not None and find_spec(library.modules[0]) is None:
         raise UserError(
-            f"a {library.format} file is read by {library.package}, which is not installed",
+            f"{library.format} files require {library.package}, which is not installed",
             where=str(path),
             remedy=f'install it: pip install "strainsight[{EXTRA}]"',
         )
     names = [time if rate is None else channels[0], *channels]
-    found = list(_signals_apart(kind, path, names, size) if sandboxed else reading(kind)(path, names))
-    t, unit = found[0]
-    if time is not None and kind == "mat" and t.size == 1 and len(found) > 1 and found[1][0].size > 1:
-        found[0] = counted(float(t[0]), found[1][0].size, time, time_unit, unit, str(path))
+    signals = list(_signals_in_child_process(kind, path, names, size) if sandboxed else reading(kind)(path, names))
+    t, unit = signals[0]
+    if time is not None and kind == "mat" and t.size == 1 and len(signals) > 1 and signals[1][0].size > 1:
+        signals[0] = counted(float(t[0]), signals[1][0].size, time, time_unit, unit, str(path))
         time_unit = None
     where = f"{path}, {time}" if time and kind != "hdf5" else _place(kind, path, names[0])
-    return recording_of(found, channels, path, where, time_unit, rate)
+    return recording_of(signals, channels, path, where, time_unit, rate)
 
 
 def _place(kind: str, path: Path, name: str | None) -> str:
     return f"{path}:/{(name or '').strip('/')}" if kind == "hdf5" else str(path)
 
 
-def _signals_apart(kind: str, path: Path, names: Sequence[str | None], size: int) -> Signals:
-    """What `reading` makes of the names, in a child process."""
+def _signals_in_child_process(kind: str, path: Path, names: Sequence[str | None], size: int) -> Signals:
+    """The signals of `reading` from a child process."""
     library = LIBRARIES[kind]
-    crashed = f"the {library.format} library crashed, or did not come to an end"
+    crashed = f"the {library.format} library crashed or took too long"
     failure = UserError(crashed, where=_place(kind, path, names[0]), remedy=DAMAGED)
     limit, more = library.seconds + size / library.rate, [0.0] * len(names)
     with child_reader([*COMMAND, kind], [str(path), *names], failure) as receive:
@@ -174,7 +176,7 @@ def _signals_apart(kind: str, path: Path, names: Sequence[str | None], size: int
 
 
 def reading(kind: str) -> Read:
-    """The `signals` of the reader of a kind, where all that its library raises is a UserError."""
+    """The `signals` of the reader of a kind, with errors of its library converted to UserError."""
 
     def read(path: Path, names: Sequence[str | None]) -> Signals:
         with _library_errors(kind, path):
@@ -185,7 +187,7 @@ def reading(kind: str) -> Read:
 
 @contextmanager
 def _library_errors(kind: str, path: Path) -> Iterator[None]:
-    """What a library raises of a file, as a UserError."""
+    """Convert errors of a library for a file to UserError."""
     name = LIBRARIES[kind].format
     try:
         yield
@@ -193,17 +195,19 @@ def _library_errors(kind: str, path: Path) -> Iterator[None]:
         raise
     except MemoryError:
         raise UserError(
-            f"reading it as {name} takes more memory than a file of its size may",
+            f"reading the file as {name} requires too much memory for its size",
             where=str(path),
-            remedy=f"{DAMAGED}; or export a part of the record",
+            remedy=f"{DAMAGED}, or export a part of the record",
         ) from None
     except Exception as error:
-        raise UserError(f"cannot be read as {name}: {reason(error)}", where=str(path), remedy=DAMAGED) from None
+        raise UserError(
+            f"the file cannot be read as {name}: {reason(error)}", where=str(path), remedy=DAMAGED
+        ) from None
 
 
-def messages(kind: str, asked: Sequence[str | None]) -> Iterator[Message]:
-    """In the child process: bytes that each name unpacks to, where the format says so, then the signals."""
-    path, names = Path(asked[0] or ""), asked[1:]
+def messages(kind: str, arguments: Sequence[str | None]) -> Iterator[Message]:
+    """In the child process: unpacked size of each name, if the format declares it, then the signals."""
+    path, names = Path(arguments[0] or ""), arguments[1:]
     if LIBRARIES[kind].unpacked is not None:
         with _library_errors(kind, path):
             declared = import_module(LIBRARIES[kind].reader).declared(path, names)
@@ -213,14 +217,14 @@ def messages(kind: str, asked: Sequence[str | None]) -> Iterator[Message]:
 
 
 def answer_for(kind: str) -> None:
-    """In the child process: `messages` with limits of memory, but for HDF5, which declares what it needs."""
+    """In the child process: `messages` with memory limits, except for HDF5, which declares its needs."""
     library = LIBRARIES[kind]
 
-    def memory(asked: Sequence[str]) -> int:
-        return MEMORY_LIMIT + MEMORY_A_BYTE * Path(asked[0]).stat().st_size
+    def memory(arguments: Sequence[str]) -> int:
+        return MEMORY_LIMIT + MEMORY_A_BYTE * Path(arguments[0]).stat().st_size
 
     modules = (*library.modules, library.reader)
-    answer(lambda asked: messages(kind, asked), modules, memory if library.unpacked is None else None)
+    answer(lambda arguments: messages(kind, arguments), modules, memory if library.unpacked is None else None)
 
 
 if __name__ == "__main__":

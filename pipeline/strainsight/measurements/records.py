@@ -1,4 +1,4 @@
-"""What a file of test data holds, as it stands there, and the units of its channels."""
+"""Contents of a test data file, as written, and the units of its channels."""
 
 from __future__ import annotations
 
@@ -14,22 +14,21 @@ import numpy as np
 from strainsight.errors import UserError, did_you_mean
 
 MOST_SAMPLES = 200_000_000
-"""Of one channel: five and a half hours at 10 kHz."""
-DAMAGED = "export the test data again: the file is damaged or none"
+"""Limit of one channel, 5.5 hours at 10 kHz."""
+DAMAGED = "export the test data again: the file is damaged or empty"
 Signals = Iterator[tuple[np.ndarray, str | None]]
-"""Values (T,) and their unit, None where the file states none."""
+"""Values (T,) and their unit, None if the file has none."""
 Read = Callable[[Path, Sequence[Any]], Signals]
-"""File, names → their signals; the first name is that of the time, None where the format has one of its own."""
+"""File, names → their signals; the first name is the time, None if the format has an implicit time."""
 
 
 @dataclass(frozen=True)
 class Recording:
     """Channels of one file on one clock.
 
-    time (T,) [s], finite, not yet checked for order; channels: name as it was asked for → (T,) in the unit of the file,
-    NaN where a sample is missing; units: name → the unit as the file states it, None where it states none.
-    source: the file. lines (k, 2): sample from 0 and its line in the file; between two entries every sample stands on the
-    next line. Empty where the file has no lines.
+    time (T,) [s], finite, order not yet checked; channels: requested name → (T,) in the unit of the file, NaN for
+    missing samples; units: name → unit in the file, None if missing. source: the file. lines (k, 2): sample from 0 and
+    its line in the file; between two entries each sample is on the next line. Empty if the file has no lines.
     """
 
     time: np.ndarray
@@ -42,17 +41,19 @@ class Recording:
         for name, values in self.channels.items():
             if values.shape != self.time.shape:
                 raise UserError(
-                    f"{name!r} has {values.size} samples, the clock {self.time.size}",
+                    f"{name!r} has {values.size} samples, but the clock has {self.time.size}",
                     where=self.source,
-                    remedy="give channels of one clock",
+                    remedy="use channels of one clock",
                 )
         if self.time.size < 2:
             raise UserError(
-                f"the record has {self.time.size} samples", where=self.source, remedy="a record needs at least two"
+                f"the record has only {self.time.size} samples",
+                where=self.source,
+                remedy="use a record with at least two samples",
             )
 
     def place(self, sample: int) -> str:
-        """ "file:line" of a sample from 0, or "file, sample 12" (from 1) where the file has no lines."""
+        """ "file:line" of a sample from 0, or "file, sample 12" (from 1) if the file has no lines."""
         if not len(self.lines):
             return f"{self.source}, sample {sample + 1}"
         run = self.lines[np.searchsorted(self.lines[:, 0], sample, side="right") - 1]
@@ -60,27 +61,29 @@ class Recording:
 
 
 def plain(text: str, most: int = 40) -> str:
-    """A piece of a file for a message: quoted, cut, and without signs that a terminal would obey."""
+    """A piece of a file for a message: quoted, shortened, and without control characters."""
     cut = text if len(text) <= most else text[: most - 1] + "…"
     return "'" + "".join(sign if sign.isprintable() else "?" for sign in cut) + "'"
 
 
-def missing(
+def missing_error(
     kind: str, name: str, known: Collection[str], where: str, shown: Collection[str] | None = None
 ) -> UserError:
-    """No `kind` of this name among those known; shown: which of these the remedy lists, by default all."""
+    """Error for a missing `kind` of this name; shown: known names to list in the remedy, by default all."""
     listed = [plain(each) for each in dict.fromkeys(known if shown is None else shown)]
-    has = f"it has {', '.join(listed[:20])}{' …' * (len(listed) > 20)}" if listed else "it has none"
-    return UserError(f"no {kind} {name!r}", where=where, remedy=did_you_mean(name, known, has))
+    has = (
+        f"the file contains {', '.join(listed[:20])}{' …' * (len(listed) > 20)}" if listed else "the file contains none"
+    )
+    return UserError(f"{kind} {name!r} not found", where=where, remedy=did_you_mean(name, known, has))
 
 
 def check_count(samples: int, name: str, where: str) -> None:
-    """Raise UserError for a channel of more samples than MOST_SAMPLES."""
+    """Raise UserError for a channel with more samples than MOST_SAMPLES."""
     if samples > MOST_SAMPLES:
         raise UserError(
-            f"{name!r} claims {samples} samples",
+            f"{name!r} has {samples} samples according to the file",
             where=where,
-            remedy=f"cut the record: the limit is {MOST_SAMPLES} samples",
+            remedy=f"shorten the record: the limit is {MOST_SAMPLES} samples",
         )
 
 
@@ -90,22 +93,24 @@ def check_no_infinity(values: np.ndarray, name: str, where: str) -> None:
         raise UserError(
             f"sample {int(np.argmax(infinite)) + 1} of {name!r} is infinite",
             where=where,
-            remedy="write NaN where the sample is missing",
+            remedy="write NaN for missing samples",
         )
 
 
-def one_unit(stated: Sequence[str], name: str, where: str) -> str | None:
-    """The unit that a channel states, None where it states none. Raises UserError where it states several."""
-    words = sorted({word.strip() for word in stated} - {""})
+def one_unit(units_in_file: Sequence[str], name: str, where: str) -> str | None:
+    """The unit of a channel, None if it has none. Raises UserError for different units."""
+    words = sorted({word.strip() for word in units_in_file} - {""})
     if len(words) > 1:
         raise UserError(
-            f"{name!r} states the units {' and '.join(map(plain, words))}", where=where, remedy="leave the right one"
+            f"{name!r} has several units: {' and '.join(map(plain, words))}",
+            where=where,
+            remedy="keep only the correct unit",
         )
     return words[0] if words else None
 
 
 def decoded(line: bytes) -> str:
-    """Text in UTF-8, else in the code page 1252 of Windows."""
+    """Text in UTF-8 or else Windows-1252."""
     try:
         return line.decode("utf-8")
     except UnicodeDecodeError:
@@ -113,20 +118,20 @@ def decoded(line: bytes) -> str:
 
 
 def opened(path: Path) -> BinaryIO:
-    """The file, open to read its bytes. Raises UserError where it is missing, empty, or no file."""
+    """Open a file for reading bytes. Raises UserError if it is missing, empty, or not a file."""
     try:
         if not path.is_file():
             raise UserError(
                 "not a file" if path.exists() else "no such file",
                 where=str(path),
-                remedy="check the name; a relative path counts from the config file",
+                remedy="correct the name; a relative path is relative to the folder of the config file",
             )
         if not path.stat().st_size:
             raise UserError("the file is empty", where=str(path), remedy="export the test data again")
         return path.open("rb")
     except (OSError, ValueError) as error:
         raise UserError(
-            f"cannot be read: {error}", where=str(path), remedy="check that it is a readable file"
+            f"cannot be read: {error}", where=str(path), remedy="check that the file exists and is readable"
         ) from None
 
 
@@ -136,7 +141,7 @@ _POUND = 0.45359237 * STANDARD_GRAVITY
 
 
 class Unit(NamedTuple):
-    """quantity: strain, bridge (output over excitation [V/V]), acceleration …; factor: SI in one of it."""
+    """quantity: strain, bridge (output over excitation [V/V]), acceleration …; factor: SI value of one unit."""
 
     quantity: str
     factor: float
@@ -184,9 +189,9 @@ _TABLE: Mapping[str, Mapping[str, float]] = {
 UNITS: Mapping[str, Unit] = {
     spelt: Unit(quantity, factor) for quantity, row in _TABLE.items() for spelt, factor in row.items()
 }
-"""Every unit in the spelling of `spelling`."""
+"""All units in the form of `spelling`."""
 SIGN = 4
-"""Letters of a unit's sign at most: what is longer is a word."""
+"""Largest length of a unit symbol; longer units are words."""
 SI: Mapping[str, str] = {
     "strain": "m/m",
     "bridge": "m/m",
@@ -227,18 +232,18 @@ OTHER_NAMES: Mapping[str, str] = {
     **dict.fromkeys(("n/mm2", "n/mm²", "mpascal"), "MPa"),
     "n/m2": "Pa",
 }
-"""Names in small letters that a unit has elsewhere → how it is written here: asked about and not taken, as t may be a mass."""
+"""Names of units in small letters → our name; only suggested, because t may be a mass."""
 
 
 def spelling(unit: str) -> str:
-    """One spelling: µm/m, μm/m → um/m; m/s², m/s^2, m/s**2 → m/s2; N·m, N*m, N m → Nm; brackets around it dropped."""
+    """Normalised unit: µm/m, μm/m → um/m; m/s², m/s^2, m/s**2 → m/s2; N·m, N*m, N m → Nm; without brackets."""
     text = unicodedata.normalize("NFKC", unit).replace("μ", "u").replace("ɛ", "ε").replace("^", "").replace("**", "")
     text = "".join(sign for sign in text if sign not in "*·⋅" and not sign.isspace())
     return text[1:-1] if len(text) > 2 and text[0] + text[-1] in ("[]", "()") else text
 
 
 def known_unit(unit: str | None) -> Unit | None:
-    """The unit, or None where it is not known. Strains and whole words are known in any case: uStrain, Pounds."""
+    """The unit, or None if it is unknown. Strains and whole words are known in any case: uStrain, Pounds."""
     spelt = spelling(unit or "")
     small = UNITS.get(spelt.lower())
     word = small is not None and (small.quantity == "strain" or (len(spelt) > SIGN and spelt.isalpha()))
@@ -246,23 +251,23 @@ def known_unit(unit: str | None) -> Unit | None:
 
 
 def required_unit(unit: str, of: Collection[str] = ()) -> Unit:
-    """The unit; UserError where it is not known, with what it may mean or the units of the quantities in `of`; none: of all."""
-    if (found := known_unit(unit)) is None:
-        known = [name for name, own in UNITS.items() if not of or own.quantity in of]
+    """The unit; UserError with a suggestion if it is unknown; of: allowed quantities, by default all."""
+    if (matched := known_unit(unit)) is None:
+        known = [name for name, unit_ in UNITS.items() if not of or unit_.quantity in of]
         remedy = f"known units: {', '.join(known)}"
         if meant := meant_by(unit):
             remedy = f"did you mean {meant}?"
-        elif len(unit) > SIGN and unit.isalpha():  # no sign of a similar spelling: mm/m is a thousandth of mm/mm
+        elif len(unit) > SIGN and unit.isalpha():  # symbols of similar spelling differ: mm/m is a thousandth of mm/mm
             remedy = did_you_mean(unit, [name for name in known if len(name) > SIGN and name.isalpha()], remedy)
         raise UserError(f"unknown unit {unit!r}", remedy=remedy)
-    return found
+    return matched
 
 
 def meant_by(unit: str) -> str | None:
-    """How a unit is to be written that is spelt in other letters, or has another name; None where nothing says so."""
+    """Correct spelling of a unit with other capitals or another name; None if there is no suggestion."""
     spelt = spelling(unit)
-    alike = [name for name in UNITS if name.lower() == spelt.lower()]
-    return OTHER_NAMES.get(spelt.lower()) or (" or ".join(alike) or None)
+    same_letters = [name for name in UNITS if name.lower() == spelt.lower()]
+    return OTHER_NAMES.get(spelt.lower()) or (" or ".join(same_letters) or None)
 
 
 def seconds_in(unit: str) -> float | None:
@@ -271,29 +276,36 @@ def seconds_in(unit: str) -> float | None:
     return TIME.get(spelt, TIME.get(spelt.lower()) if len(spelt) > 2 else None)
 
 
-def time_factor(stated: str | None, found: str | None, where: str) -> float:
-    """Seconds in one unit of the time column: stated by the user, found in the file at `where`.
+def time_factor(unit_in_config: str | None, unit_in_file: str | None, where: str) -> float:
+    """Seconds in one unit of the time column: unit in the config, or in the file at `where`.
 
-    Raises UserError where neither says it, both say different things, or it is not known.
+    Raises UserError if both are missing, different, or unknown.
     """
-    for unit, said in ((stated, "the unit of time asked for"), (found, "the unit of time of the file")):
+    for unit, description in (
+        (unit_in_config, "the unit of time in the config"),
+        (unit_in_file, "the unit of time in the file"),
+    ):
         if unit is not None and seconds_in(unit) is None:
             raise UserError(
-                f"{said}, {unit!r}, is unknown",
-                where=where if unit is found else None,
+                f"{description} is unknown: {unit!r}",
+                where=where if unit is unit_in_file else None,
                 remedy=did_you_mean(spelling(unit), TIME, f"known units of time: {', '.join(TIME)}"),
             )
-    if stated is None and found is None:
+    if unit_in_config is None and unit_in_file is None:
         raise UserError(
-            "the file does not say the unit of its time",
+            "the file does not define the unit of its time",
             where=where,
-            remedy="state the unit of time, or write it into the file, as in 'time [s]'",
+            remedy="specify the unit of time in the config, or in the file, as in 'time [s]'",
         )
-    factors = [factor for unit in (stated, found) if unit is not None and (factor := seconds_in(unit)) is not None]
+    factors = [
+        factor
+        for unit in (unit_in_config, unit_in_file)
+        if unit is not None and (factor := seconds_in(unit)) is not None
+    ]
     if factors[0] != factors[-1]:
         raise UserError(
-            f"the time is stated in {stated}, the file has it in {found}",
+            f"the time unit is {unit_in_config} in the config, but {unit_in_file} in the file",
             where=where,
-            remedy=f"correct the one that is wrong, in the config as in `time: {{unit: {found}}}`",
+            remedy=f"correct the wrong unit, in the config with `time: {{unit: {unit_in_file}}}`",
         )
     return factors[0]

@@ -15,14 +15,22 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.measurements.assemble import check_one_clock
 from strainsight.measurements.clock import recording_of
-from strainsight.measurements.records import Recording, check_no_infinity, decoded, missing, opened, plain, time_factor
+from strainsight.measurements.records import (
+    Recording,
+    check_no_infinity,
+    decoded,
+    missing_error,
+    opened,
+    plain,
+    time_factor,
+)
 
-DAMAGED = "export the file again: it was cut short or altered"
+DAMAGED = "the file is truncated or damaged: export it again"
 HEADER = 11
-"""Records in front of the values."""
+"""Number of records before the values."""
 _DIRECTIONS = {1: "X", 2: "Y", 3: "Z", 4: "RX", 5: "RY", 6: "RZ"}
 _SI = {8: "m", 9: "N", 12: "m/s2", 13: "N", 15: "Pa"}
-"""Specific data type → unit where dataset 164 says the file is in SI."""
+"""Specific data type → unit, if dataset 164 declares SI units."""
 NONE = ("", "NONE")
 
 
@@ -30,9 +38,9 @@ NONE = ("", "NONE")
 class Function:
     """One function of the file, without its values.
 
-    number: of the dataset, from 1; line (0 where lines no longer count) and offset [bytes] of its values; kind: function
-    type; double, complex_: ordinate; count of values; even: abscissa spacing, then start and increment; order: of the
-    bytes, "<" or ">", "" for text.
+    number: of the dataset, from 1; line (0 if lines are not counted) and offset [bytes] of its values; kind:
+    function type; double, complex_: ordinate; count of values; even: abscissa spacing, then start and increment;
+    order: byte order, "<" or ">", "" for text.
     """
 
     number: int
@@ -55,7 +63,7 @@ class Function:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What it may be asked for by: "12:3", "12:+Z", and its first id line."""
+        """Names of the function in a config: "12:3", "12:+Z", and its first id line."""
         sign = "-" if self.direction < 0 else "+"
         words = [f"{self.node}:{self.direction}"]
         if abs(self.direction) in _DIRECTIONS:
@@ -66,7 +74,7 @@ class Function:
 
     @property
     def layout(self) -> tuple[int, ...]:
-        """Widths [characters] of the numbers of one value in text: its abscissa where uneven, its ordinates."""
+        """Widths [characters] of the numbers of one value in text: abscissa if uneven, then ordinates."""
         wide = 20 if self.double else 13
         return (() if self.even else (13,)) + (wide,) * (2 if self.complex_ else 1)
 
@@ -77,7 +85,8 @@ class Function:
 
     @property
     def sizes(self) -> tuple[tuple[int, ...], ...]:
-        """Bytes of the numbers of one value in binary. The standard keeps the abscissa single; some write it double."""
+        """Bytes of the numbers of one value in binary. The standard has a single-precision abscissa; some programs
+        write double."""
         ordinate = (8 if self.double else 4,) * (2 if self.complex_ else 1)
         if self.even:
             return (ordinate,)
@@ -87,10 +96,10 @@ class Function:
 def function_of(
     number: int, identifier: bytes, records: Sequence[bytes], line: int, offset: int, where: str, *, si: bool
 ) -> Function:
-    """The function that the identifier line and the eleven records behind it describe.
+    """The function that the identifier line and the next eleven records define.
 
-    line: that of the first record, 0 where lines do not count; where: the place of the dataset; si: dataset 164 says so.
-    Raises UserError where a record does not have its form.
+    line: of the first record, 0 if lines are not counted; where: place of the dataset; si: dataset 164 declares SI
+    units. Raises UserError for an invalid record.
     """
 
     def at(record: int) -> str:
@@ -103,7 +112,7 @@ def function_of(
     ordinate, count, spacing = (int(value) for value in form[:3])
     if ordinate not in (2, 4, 5, 6) or spacing not in (0, 1) or not 0 < count < 10**12:
         raise UserError(
-            f"ordinates of type {ordinate}, {count} values, spacing {spacing}: no form of data of dataset 58",
+            f"the data form is not valid in dataset 58: ordinate type {ordinate}, {count} values, spacing {spacing}",
             where=at(7),
             remedy=DAMAGED,
         )
@@ -141,18 +150,20 @@ def _byte_order(identifier: str, where: str) -> str:
         return ""
     order, floats, lines = (int(value) for value in _fields(identifier[7:], where, "the identifier", (6, 6, 12)))
     if order not in (1, 2) or floats != 2 or lines != HEADER:
-        said = {1: "numbers of DEC VMS", 3: "numbers of IBM 370"}.get(
-            floats, f"byte order {order}, numbers {floats}, {lines} lines"
+        problem = {1: "numbers of DEC VMS", 3: "numbers of IBM 370"}.get(
+            floats, f"byte order {order}, number format {floats}, {lines} lines"
         )
         raise UserError(
-            f"{said} in dataset 58b", where=where, remedy="export IEEE 754 numbers behind 11 lines, or the file as text"
+            f"{problem} are not supported in dataset 58b",
+            where=where,
+            remedy="export IEEE 754 numbers after 11 header lines, or export the file as text",
         )
     return "<" if order == 1 else ">"
 
 
 def _fields(text: str, where: str, what: str, widths: tuple[float, ...]) -> list[float]:
-    """Numbers in columns: integers by whole widths, reals by 13.5, blank ones zero; a negative width passes over text."""
-    found, at = [], 0
+    """Numbers in columns: integers for integer widths, reals for 13.5, blank ones zero; a negative width skips text."""
+    values, at = [], 0
     for width in widths:
         piece = text[at : at + abs(int(width))].strip()
         at += abs(int(width))
@@ -161,12 +172,12 @@ def _fields(text: str, where: str, what: str, widths: tuple[float, ...]) -> list
         value = 0.0 if not piece else number_of(piece)
         if value is None or not math.isfinite(value) or (width == int(width) and value != int(value)):
             raise UserError(
-                f"{plain(piece)} is no number of {what}: {plain(text, 80)}",
+                f"{plain(piece)} is not a valid number of {what}: {plain(text, 80)}",
                 where=where,
-                remedy="the record has fixed columns: export the file again, by a writer that keeps to them",
+                remedy="export the file again with fixed columns, as the format requires",
             )
-        found.append(value)
-    return found
+        values.append(value)
+    return values
 
 
 def _axis(text: str, where: str) -> tuple[int, str | None]:
@@ -177,7 +188,7 @@ def _axis(text: str, where: str) -> tuple[int, str | None]:
 
 
 def number_of(piece: str | bytes) -> float | None:
-    """A number as Fortran prints it, 1.5D-3 and 1.5-103 too; None where it is none."""
+    """A number in Fortran format, also 1.5D-3 and 1.5-103; None if it is not a number."""
     text = piece.decode("latin-1") if isinstance(piece, bytes) else piece
     if "_" in text:
         return None
@@ -186,7 +197,7 @@ def number_of(piece: str | bytes) -> float | None:
         return float(text)
     except ValueError:
         pass
-    # Fortran drops the letter where the exponent has three digits: 1.5-105
+    # Fortran omits the letter of three-digit exponents: 1.5-105
     at = max(text.rfind("+"), text.rfind("-"))
     try:
         return float(f"{text[:at]}E{text[at:]}") if at > 0 else None
@@ -195,16 +206,16 @@ def number_of(piece: str | bytes) -> float | None:
 
 
 def known_names(functions: Sequence[Function]) -> Mapping[str, list[Function]]:
-    """Name → the functions it may mean."""
-    found: dict[str, list[Function]] = {}
+    """Name → functions with this name."""
+    functions_by_name: dict[str, list[Function]] = {}
     for function in functions:
         for name in dict.fromkeys(function.names):
-            found.setdefault(name, []).append(function)
-    return found
+            functions_by_name.setdefault(name, []).append(function)
+    return functions_by_name
 
 
 _LONGEST = 4096
-"""[bytes] read as one line: records have 80."""
+"""Longest line [bytes]; records have 80."""
 _TIME_RESPONSE, _TIME = 1, 17
 _MOST_DATASETS = 100_000
 
@@ -212,10 +223,10 @@ _MOST_DATASETS = 100_000
 def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = None) -> Recording:
     """Functions of a universal file by "node:direction" ("12:3" or "12:+Z") or by their first id line.
 
-    They have to be real responses over one and the same time, evenly spaced or not, in text or binary. The time is in
-    seconds, as the format has it, unless the label of the abscissa says otherwise. Units from the label of the ordinate;
-    where it has none, from the data type if dataset 164 says that the file is in SI. Other datasets are passed over.
-    Raises UserError with file:line, or the dataset where the file is binary.
+    They must be real responses over the same time, evenly spaced or not, in text or binary. The time is in seconds,
+    as the format requires, unless the abscissa label differs. Units are those of the ordinate label, or else of the
+    data type if dataset 164 declares SI units. Other datasets are skipped. Raises UserError with file:line, or with
+    the dataset for a binary file.
     """
     path = Path(path)
     with opened(path) as file:
@@ -225,13 +236,13 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
         chosen = [_chosen(name, known, path) for name in channels]
         read = {name: _read(file, path, each, name, time_unit) for name, each in zip(channels, chosen, strict=True)}
     if not read:
-        raise UserError("no channel was asked for", where=str(path), remedy="state the channels")
+        raise UserError("no channels are specified", where=str(path), remedy="specify the channels")
     check_one_clock({name: time for name, (time, _) in read.items()}, path)
-    found = [
+    signals = [
         (read[channels[0]][0], "s"),
         *((read[name][1], each.unit) for name, each in zip(channels, chosen, strict=True)),
     ]
-    return recording_of(found, channels, path, _where(path, chosen[0]), None)
+    return recording_of(signals, channels, path, _where(path, chosen[0]), None)
 
 
 class _Lines:
@@ -250,12 +261,12 @@ class _Lines:
 
 
 def is_mark(line: bytes) -> bool:
-    """The line before and behind every dataset: -1 in the first six columns."""
+    """Whether a line delimits a dataset: -1 in the first six columns."""
     return line[:6].strip() == b"-1" and not line[6:].strip()
 
 
 def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
-    """Every function of the file, its values passed over. Raises UserError where the datasets do not close."""
+    """Every function of the file, without its values. Raises UserError for datasets without end."""
     if file.read(3) != b"\xef\xbb\xbf":
         file.seek(0)
     lines, number, si = _Lines(file, path), 0, False
@@ -265,16 +276,16 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
         number += 1
         if not is_mark(line) or number > _MOST_DATASETS:
             raise UserError(
-                f"no start of a dataset: {plain(decoded(line.strip()))}",
+                f"expected the start of a dataset, but found {plain(decoded(line.strip()))}",
                 where=lines.place(number),
-                remedy="a universal file has lines of -1 around every dataset: give such a file, or export it again",
+                remedy="use a universal file, which has lines of -1 around every dataset, or export it again",
             )
         identifier = lines.next()
         kind, where = identifier[:6].strip(), lines.place(number)
         if kind == b"58":
             records = [lines.next() for _ in range(HEADER)]
             if not records[-1].endswith(b"\n"):
-                raise UserError("the file ends within the header of a function", where=where, remedy=DAMAGED)
+                raise UserError("the file ends inside the header of a function", where=where, remedy=DAMAGED)
             first = lines.number - HEADER + 1 if lines.counts else 0
             function = function_of(number, identifier, records, first, file.tell(), where, si=si)
             if function.order:
@@ -284,25 +295,27 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
                 continue
             if function.count * sum(function.layout) > 2 * size:
                 raise UserError(
-                    f"{function.count} values are claimed in a file of {size} bytes", where=where, remedy=DAMAGED
+                    f"{function.count} values are declared, but the file has only {size} bytes",
+                    where=where,
+                    remedy=DAMAGED,
                 )
             yield function
         elif kind == b"164":
             si = lines.next()[:10].strip() == b"1"  # metre and newton
         elif not kind.isdigit():
             raise UserError(
-                f"{plain(decoded(identifier.strip()))} is no number of a dataset", where=where, remedy=DAMAGED
+                f"{plain(decoded(identifier.strip()))} is not a dataset number", where=where, remedy=DAMAGED
             )
         while not is_mark(line := lines.next()):
             if not line:
-                raise UserError(f"the file ends within dataset {number}", where=where, remedy=DAMAGED)
+                raise UserError(f"the file ends inside dataset {number}", where=where, remedy=DAMAGED)
 
 
 def _end_of_binary(file: BinaryIO, path: Path, function: Function, size: int) -> tuple[tuple[int, ...], int]:
-    """Bytes of the numbers of one value, and where the line behind the closing -1 begins.
+    """Bytes of the numbers of one value, and start of the line after the closing -1.
 
-    The length that the identifier line states is wrong in files of several writers: what counts is where the dataset
-    closes, by the standard right behind the values, in some files on a line of its own.
+    The length in the identifier line is wrong in files of several programs, so the end mark is used, which follows
+    directly after the values, or in some files on a new line.
     """
     for sizes in function.sizes:
         end = function.offset + function.count * sum(sizes)
@@ -315,26 +328,26 @@ def _end_of_binary(file: BinaryIO, path: Path, function: Function, size: int) ->
         if is_mark(line.rstrip(b"\r")):
             return sizes, min(end + len(tail) - len(mark) + len(line) + 1, size)
     raise UserError(
-        f"{function.count} values of {' or '.join(str(sum(sizes)) for sizes in function.sizes)} bytes do not end where the "
-        "dataset closes",
+        f"the dataset does not end after {function.count} values of "
+        f"{' or '.join(str(sum(sizes)) for sizes in function.sizes)} bytes",
         where=_where(path, function),
-        remedy=DAMAGED + ", or its header does not fit; exported as text it can be read",
+        remedy=DAMAGED + ", or export it as text",
     )
 
 
 def _chosen(name: str, known: Mapping[str, list[Function]], path: Path) -> Function:
-    found = known.get(name, [])
-    if len(found) == 1:
-        return found[0]
-    if found:
-        said = ", ".join(plain(function.id_line) for function in found[:5])
+    matches = known.get(name, [])
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        id_lines = ", ".join(plain(function.id_line) for function in matches[:5])
         raise UserError(
-            f"{name!r} means {len(found)} functions: {said}",
+            f"{name!r} is the name of {len(matches)} functions: {id_lines}",
             where=str(path),
-            remedy="ask for them by their id lines, or give each its own node and direction",
+            remedy="use their id lines in the config, or assign a unique node and direction to each",
         )
     first = [function.names[-1] for functions in known.values() for function in functions[:1]]
-    raise missing("function", name, known, str(path), first)
+    raise missing_error("function", name, known, str(path), first)
 
 
 def _read(
@@ -343,18 +356,24 @@ def _read(
     """Time (T,) [s] and values (T,) of a function."""
     where = _where(path, function)
     if function.complex_ or function.kind not in (0, _TIME_RESPONSE):
-        said = "complex values" if function.complex_ else f"a function of type {function.kind}, no time response"
-        raise UserError(said, where=where, remedy="export the time signal")
+        description = (
+            "the function has complex values"
+            if function.complex_
+            else f"the function type {function.kind} is not a time response"
+        )
+        raise UserError(description, where=where, remedy="export the time signal")
     if function.abscissa != _TIME and not (function.kind == _TIME_RESPONSE and function.abscissa in (0, 1)):
         raise UserError(
-            f"an abscissa of data type {function.abscissa}, not time (17)", where=where, remedy="export the time signal"
+            f"the abscissa has data type {function.abscissa} instead of time (17)",
+            where=where,
+            remedy="export the time signal",
         )
     factor = time_factor(time_unit, function.time_unit or "s", where)
     table = _binary(file, path, function) if function.order else _text(file, path, function)
     values = table[:, -1].astype(float)
     if function.even:
         if not function.increment > 0:
-            raise UserError(f"an abscissa increment of {function.increment:g}", where=where, remedy=DAMAGED)
+            raise UserError(f"the abscissa increment is {function.increment:g}", where=where, remedy=DAMAGED)
         time = function.start + function.increment * np.arange(function.count)
     else:
         time = table[:, 0].astype(float)
@@ -363,7 +382,7 @@ def _read(
 
 
 def _binary(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
-    """(T, numbers a value), its fields as they are stored."""
+    """(T, numbers a value), stored fields converted to float."""
     sizes, _ = _end_of_binary(file, path, function, os.fstat(file.fileno()).st_size)
     file.seek(function.offset)
     kind = np.dtype([(str(i), f"{function.order}f{width}") for i, width in enumerate(sizes)])
@@ -372,9 +391,9 @@ def _binary(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
 
 
 def _text(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
-    """(T, numbers a value) from lines of fixed columns."""
+    """(T, numbers a value) from lines with fixed columns."""
     file.seek(function.offset)
-    found, width = array("d"), len(function.layout)
+    values_, width = array("d"), len(function.layout)
     ends = np.cumsum(function.layout * function.per_line).tolist()
     columns = list(zip([0, *ends[:-1]], ends, strict=True))
     left, line_number = function.count * width, function.line
@@ -386,33 +405,33 @@ def _text(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
             values = [float(piece) for piece in pieces] if b"_" not in line else None
         except ValueError:
             values = None
-        found.extend(values or [_number(piece, path, function, line_number) for piece in pieces])
+        values_.extend(values or [_number(piece, path, function, line_number) for piece in pieces])
         left -= many
         line_number += 1
     if not is_mark(file.readline(_LONGEST)):
         raise UserError(
-            f"more values than the {function.count} that are claimed",
+            f"the function has more than the declared {function.count} values",
             where=f"{path}:{line_number}" if function.line else _where(path, function),
             remedy=DAMAGED,
         )
-    return np.frombuffer(found, float).reshape(-1, width)
+    return np.frombuffer(values_, float).reshape(-1, width)
 
 
 def _number(piece: bytes, path: Path, function: Function, line: int) -> float:
     if (value := number_of(piece)) is not None:
         return value
-    said = plain(decoded(piece.strip()))
+    text = plain(decoded(piece.strip()))
     wide = piece.strip().startswith(b"*")
     raise UserError(
-        f"{said} is no number"
-        + (": it did not fit its column" if wide else f" of a function of {function.count} values"),
+        f"{text} is not a number"
+        + (": it exceeds its column width" if wide else f" of the function with {function.count} values"),
         where=f"{path}:{line}" if function.line else _where(path, function),
         remedy="export the file in double precision, or binary" if wide else DAMAGED,
     )
 
 
 def _where(path: Path, function: Function) -> str:
-    """file:line of the values in a file of text; the dataset and its name in one with binary functions."""
+    """file:line of the values in a text file; the dataset and its name in a file with binary functions."""
     if function.line and not function.order:
         return f"{path}:{function.line}"
     return f"{path}, dataset {function.number} ({function.names[0]})"

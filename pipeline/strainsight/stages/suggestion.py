@@ -104,7 +104,7 @@ def _shells(path: Path, mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
     if format_of(path) in ("nastran", "abaqus"):
         return mesh, ()
     try:
-        shells = read_mesh(path, solids=False, given={"mesh.sections.shells": GivenSection(None, ShellSection(1.0))})
+        shells = read_mesh(path, solids=False, sections={"mesh.sections.shells": GivenSection(None, ShellSection(1.0))})
     except UserError:  # without shells, or with quadratic ones: `import` reports it
         return mesh, ()
     return shells, tuple(region.name for region in shells.regions.values())

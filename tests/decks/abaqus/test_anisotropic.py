@@ -110,11 +110,11 @@ ELASTIC = {
 
 
 @pytest.mark.parametrize("name", ELASTIC)
-def test_a_solid_has_the_work_of_its_tensor_along_its_orientation(read, name):
+def test_anisotropic_solid_energy_matches_tensor(read, name):
     check(read, *ELASTIC[name], rtol=1e-3 if "cylindrical" in name else 1e-8)
 
 
-def test_an_instance_that_is_turned_takes_its_orientation_with_it(read):
+def test_orientation_rotates_with_instance(read):
     lines = deck(ENGINEERING, SKEW).replace("\n\n", "\n").split("\n")
     at = lines.index("*MATERIAL, NAME=M")
     material, section = lines[at : at + 6], [*lines[:at], *lines[at + 6 :]]
@@ -125,16 +125,16 @@ def test_an_instance_that_is_turned_takes_its_orientation_with_it(read):
     mesh = check(read, text, turned(inverse(flexibility(*CONSTANTS)), about_z @ TURN))
     assert mesh.regions[1].material in mesh.anisotropic
     plain = text.replace(", ORIENTATION=O", "")
-    with pytest.raises(DeckError, match="turned have no ORIENTATION"):
+    with pytest.raises(DeckError, match="anisotropic solids of a rotated instance have no ORIENTATION"):
         read(plain)
 
 
 TRUSS = "ELEMENT, TYPE=T3D2, ELSET=ALL\n1, 1, 2\n*MATERIAL"
-test_what_is_wrong_is_named_with_its_remedy = refusal_table(deck(ENGINEERING, SKEW).replace, [
+test_errors_have_remedy = refusal_table(deck(ENGINEERING, SKEW).replace, [
     (SKEW, "*ORIENTATION, NAME=O\nDIST", "'DIST' is a distribution"),
     (SKEW, SKEW + "\n4, 30.", "axis 4"),
     ("3.0000000000e-01", "4.", "least eigenvalue is -"),
-    ("ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*MATERIAL", TRUSS, "a truss, and its material is anisotropic"),
+    ("ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*MATERIAL", TRUSS, "is a truss, but its material is anisotropic"),
 ], placed=False)
 
 
@@ -159,7 +159,7 @@ ARC = {
 
 @needs_calculix
 @pytest.mark.parametrize("name", list(ARC))
-def test_frequencies_are_those_of_calculix(tmp_path, read, name):
+def test_frequencies_match_calculix(tmp_path, read, name):
     """Both integrate C3D20 with 27 points, and turn the axes at each: they agree to the digits that CalculiX prints."""
     text = arc(ARC[name])
     (tmp_path / "arc.inp").write_text(text)
@@ -205,7 +205,7 @@ def layered_deck(lines, section=", ORIENTATION=O", axis="3, 0.", cells=WHOLE, ki
 """.replace("\n\n", "\n")
 
 
-def test_layers_count_by_their_share_and_turn_about_the_axis_of_the_section(read):
+def test_composite_layers_are_weighted_and_rotated(read):
     mesh = read(layered_deck("2., 3, CARBON, 30., Ply-1\n6., , steel\n2., 1, Carbon, -45."))
     layers = (0.2, about(3, 30)), (0.2, about(3, -45))
     check_layers(mesh, 0.6 * STEEL + sum(share * turned(CARBON, TURN @ turn) for share, turn in layers))
@@ -236,7 +236,7 @@ LAYERS = {
 
 
 @pytest.mark.parametrize("name", LAYERS)
-def test_layers_lie_along_their_orientation_and_angle(read, name):
+def test_layer_axes_follow_orientation_and_angle(read, name):
     mesh = read(LAYERS[name][0])
     check_layers(mesh, LAYERS[name][1])
     assert len(mesh.composites[1].layers) == (4 if name == "symmetric" else 2)
@@ -245,7 +245,7 @@ def test_layers_lie_along_their_orientation_and_angle(read, name):
 @pytest.mark.parametrize(
     ("named", "along"), [("", 2), (", STACK DIRECTION=3", 2), (", STACK DIRECTION=1", 0), (", STACKDIRECTION=2", 1)]
 )
-def test_the_first_layer_is_where_the_direction_begins(read, named, along):
+def test_first_layer_is_at_start_of_stack_direction(read, named, along):
     """Isoparametric directions of Abaqus: 1 from node 1 to 2, 2 from 1 to 4, 3 from 1 to 5; the heavier end is the first."""
     mesh = read(layered_deck("1., , STEEL\n3., , CARBON, 0., Ply-2", section=named + ", ORIENTATION=O, LAYUP=L"))
     _, centre = mass_properties(mesh)
@@ -255,18 +255,18 @@ def test_the_first_layer_is_where_the_direction_begins(read, named, along):
     assert mesh.composites[1].direction == along
 
 
-test_what_is_wrong_is_named_with_file_line_and_remedy = refusal_table(lambda lines, more: layered_deck(lines, **more), [
+test_errors_have_file_line_and_remedy = refusal_table(lambda lines, more: layered_deck(lines, **more), [
     ("1., , STEEL\n0., , STEEL", {}, "the thickness of layer 2 is 0, not positive", 43),
     ("1., 3", {}, "layer 1 has no material", 42),
-    ("1., , PLY", {}, "TYPE=LAMINA, which does not say what solids resist across", 42),
-    ("1., , CARBON, 5.", {"section": ""}, "turned by 5°, and its section has no ORIENTATION", 42),
-    ("1., , CARBON, 5.", {"axis": ""}, "does not say about which of its axes", 41),
-    ("1., , STEEL", {"kind": "C3D4", "cells": "1, 1, 2, 4, 5"}, "C3D4 1 can have no layers", 41),
-    ("1., , STEEL", {"kind": "C3D6", "cells": "1, 1, 2, 3, 5, 6, 7", "section": ", STACK DIRECTION=1"}, "no direction 1", 41),
+    ("1., , PLY", {}, "material 'PLY' is TYPE=LAMINA, which does not define the stiffness through", 42),
+    ("1., , CARBON, 5.", {"section": ""}, "layer 1 is anisotropic and rotated by 5°, but its section has no", 42),
+    ("1., , CARBON, 5.", {"axis": ""}, "layer 1 is rotated by 5°, but the ORIENTATION at", 41),
+    ("1., , STEEL", {"kind": "C3D4", "cells": "1, 1, 2, 4, 5"}, "C3D4 1 cannot have layers", 41),
+    ("1., , STEEL", {"kind": "C3D6", "cells": "1, 1, 2, 3, 5, 6, 7", "section": ", STACK DIRECTION=1"}, "in direction 1", 41),
 ])
 
 
-def test_layers_of_an_instance_turn_with_it(read):
+def test_layers_rotate_with_instance(read):
     text = layered_deck("1., , CARBON, 30.\n1., , STEEL")
     head, tail = text.split("*MATERIAL", 1)
     materials, rest = ("*MATERIAL" + tail).split("*ORIENTATION", 1)
@@ -275,5 +275,5 @@ def test_layers_of_an_instance_turn_with_it(read):
     whole = f"{part}\n*ASSEMBLY, NAME=A\n{instance}\n*END ASSEMBLY\n{materials}"
     C = 0.5 * turned(CARBON, about(3, 90) @ TURN @ about(3, 30)) + 0.5 * STEEL
     check_layers(read(whole), C)
-    with pytest.raises(DeckError, match="of an instance that is turned, and its section has no ORIENTATION"):
+    with pytest.raises(DeckError, match="layer 1 is anisotropic and in a rotated instance, but its section has no"):
         read(whole.replace(", ORIENTATION=O", "").replace("CARBON, 30.", "CARBON"))

@@ -39,7 +39,7 @@ EQUATIONS = """\
 
 
 @needs_calculix
-def test_displacements_with_equations_are_those_of_calculix(tmp_path):
+def test_equation_displacements_match_calculix(tmp_path):
     """Weighted, to a node that no element has, along axes of nodes, to the ground."""
     path = tmp_path / "bar.inp"
     load = "*STEP\n*STATIC\n*CLOAD\n900, 1, 2.E4\n900, 2, 1.E4\n23, 3, -3.E4\n*NODE PRINT, NSET=NALL\nU\n*END STEP\n"
@@ -54,7 +54,7 @@ def test_displacements_with_equations_are_those_of_calculix(tmp_path):
     np.testing.assert_allclose(printed, expected, atol=1e-6 * np.abs(expected).max())
 
 
-def test_sets_make_an_equation_for_each_of_their_nodes(read):
+def test_node_sets_expand_equations(read):
     sets = "*NSET, NSET=A\n9, 5\n*NSET, NSET=B\n30, 3\n*EQUATION\n3\nA, 2, 1., B, 1, -1., 6, 3, .5\n"
     mesh = read(bar() + sets)
     named = [mesh.node_ids[own.node].tolist() for own in mesh.relations]
@@ -62,7 +62,7 @@ def test_sets_make_an_equation_for_each_of_their_nodes(read):
     assert all(own.component.tolist() == [1, 0, 2] and own.value.tolist() == [1, -1, 0.5] for own in mesh.relations)
 
 
-def test_degrees_of_freedom_of_a_node_that_stands_for_rotations_are_rotations(read):
+def test_equation_on_rot_node_uses_rotations(read):
     text = bar() + "*NODE\n900, 1., .2, .1\n901, 1., .2, .1\n*NSET, NSET=T\n3, 9\n"
     text += "*RIGID BODY, NSET=T, REF NODE=900, ROT NODE=901\n*EQUATION\n3\n23, 1, 1., 901, 2, -.25, 900, 6, 2.\n"
     mesh = read(text)
@@ -75,7 +75,7 @@ def test_degrees_of_freedom_of_a_node_that_stands_for_rotations_are_rotations(re
     np.testing.assert_allclose(found, (0.25 * T.transform[[row + 1]] - 2 * T.transform[[row + 2]]).toarray())
 
 
-def test_the_model_names_the_line_of_an_equation(read):
+def test_equation_errors_have_source_line(read):
     text = bar() + "*EQUATION\n2\n23, 1, 1., 6, 1, -1.\n2\n23, 1, 1., 9, 1, -1.\n"
     lines = text.count("\n")
     mesh = read(text)
@@ -85,7 +85,7 @@ def test_the_model_names_the_line_of_an_equation(read):
     assert f"deck.inp:{lines - 3}" in str(caught.value)
 
 
-def test_equations_that_a_later_step_adds_or_removes_are_left_out_with_a_note(read):
+def test_equations_of_later_steps_are_noted(read):
     own = "*EQUATION\n2\n23, 1, 1., 6, 1, -1.\n"
     steps = "*STEP\n*STATIC\n*END STEP\n*STEP\n*EQUATION, REMOVE ALL\n*END STEP\n"
     mesh = read(bar() + own + steps)
@@ -93,14 +93,14 @@ def test_equations_that_a_later_step_adds_or_removes_are_left_out_with_a_note(re
     assert "the equations of step 2" in mesh.notes[-1]
 
 
-test_equations_that_cannot_be_taken_are_named = refusal_table(lambda cards: bar() + cards, [
+test_invalid_equations_are_refused = refusal_table(lambda cards: bar() + cards, [
     ("*EQUATION, REMOVE\n2\n5, 1, 1., 6, 1, -1.\n", "REMOVE is not supported", 1),
-    ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are stated, 2 follow", 2),
+    ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are declared, but 2 are defined", 2),
     ("*EQUATION\n2\n5, 1, 0., 6, 1, 1.\n", "the coefficient of the first term is 0", 3),
-    ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 of node 6, which has no such rotation", 3),
-    ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "a set of 2 nodes where the first one has", 3),
+    ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 does not exist at node", 3),
+    ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "the node set has 2 nodes, but the first node set has", 3),
     ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
-    ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", "stands inside the first \\*STEP", 2),
+    ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", r"equations inside the first \*STEP are not supported", 2),
 ], before=bar().count("\n"))
 
 
@@ -152,7 +152,7 @@ def wheel(sectors: int, material: str = MATERIAL, section: str = "", more: str =
     return "\n".join([*lines, *sets, material]) + more
 
 
-def test_a_sector_has_the_frequencies_and_the_mass_of_the_wheel_written_whole(read):
+def test_cyclic_sector_matches_full_wheel(read):
     held = "*BOUNDARY\nINNER, 2, 2\n"
     ring, whole = read(wheel(1, more=SECTOR + held)), read(wheel(N, more=held))
     assert len(ring.position) == len(whole.position)
@@ -160,7 +160,7 @@ def test_a_sector_has_the_frequencies_and_the_mass_of_the_wheel_written_whole(re
     for a, b in zip(mass_properties(ring), mass_properties(whole), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9)
     assert sum(own.mass for own in ring.point_masses) == 50 * N
-    assert any("made a whole ring of 5" in note for note in ring.notes)
+    assert any("expanded to a full ring of 5" in note for note in ring.notes)
     assert ring.unsupported == {}
 
 
@@ -177,16 +177,16 @@ def test_a_sector_has_the_frequencies_and_the_mass_of_the_wheel_written_whole(re
         (", ORIENTATION=O", ["*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL\n0., 0., 0., 0., 0., 1.\n"]),
     ],
 )
-def test_axes_of_the_material_turn_with_their_sector(read, sector, of_all):
+def test_material_axes_rotate_with_sector(read, sector, of_all):
     more = "*BOUNDARY\nINNER, 2, 2\n" + "".join(of_all)
     ring = read(wheel(1, PLY, sector, SECTOR + more))
     whole = read(wheel(N, PLY, ", ORIENTATION=O{}" if len(of_all) > 1 else sector, more))
     assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
     assert len(ring.regions) == (N if len(of_all) > 1 else 1)
-    assert any("S1, whose axes turn: a region in each, as 'S1 (sector 2)'" in note for note in ring.notes) == (len(of_all) > 1)
+    assert any("S1 have one region per sector, as 'S1 (sector 2)'" in note for note in ring.notes) == (len(of_all) > 1)
 
 
-def test_sets_and_loads_are_on_every_copy_and_each_copy_has_a_set(read):
+def test_sector_sets_and_loads_are_copied(read):
     mesh = read(wheel(1, more=SECTOR + "*STEP\n*STATIC\n*CLOAD\n20, 3, 7.\n20, 1, 2.\n*END STEP\n"))
     (load,) = mesh.loads.values()
     np.testing.assert_allclose(load.force.sum(axis=0), [0, 0, 7 * N], atol=1e-12)
@@ -198,7 +198,7 @@ def test_sets_and_loads_are_on_every_copy_and_each_copy_has_a_set(read):
     assert mesh.where("element", number) == mesh.where("element", 1)
 
 
-def test_cut_faces_that_are_named_twice_are_one_cut(read):
+def test_repeated_sector_faces_are_merged(read):
     held = "*BOUNDARY\nINNER, 2, 2\n"
     once = read(wheel(1, more=SECTOR + held))
     for names in ("FIRST, LAST", "LAST, FIRST"):
@@ -207,7 +207,7 @@ def test_cut_faces_that_are_named_twice_are_one_cut(read):
         assert frequencies(twice, 12) == pytest.approx(frequencies(once, 12), rel=1e-9)
 
 
-def test_a_rigid_hub_whose_reference_is_on_the_axis_is_one(read):
+def test_rigid_hub_on_axis_is_merged(read):
     """Mass on the axis is that of one sector, N times in all, as CalculiX counts it."""
     hub = "*NODE\n7000, 0., 0., {}\n*RIGID BODY, NSET=INNER, REF NODE=7000\n*BOUNDARY\n7000, 1, 6\n" + (
         "*ELEMENT, TYPE=MASS, ELSET=Q\n9900, 7000\n*MASS, ELSET=Q\n{}\n"
@@ -240,16 +240,16 @@ def wedge(off: float) -> str:
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-7, 1e-5])
-def test_nodes_of_the_axis_are_one_in_all_copies_as_a_deck_has_them_rounded(read, off):
+def test_axis_nodes_are_merged_despite_rounding(read, off):
     ring = read(wedge(off))
     assert len(ring.position) == 2 + 2 * 6
     assert frequencies(ring, 6) == pytest.approx(frequencies(read(wedge(0.0)), 6), rel=1e-4)
 
 
-test_sectors_that_are_no_ring_are_refused = refusal_table(lambda more: wheel(1, more=more), [
+test_invalid_sectors_are_refused = refusal_table(lambda more: wheel(1, more=more), [
     (SECTOR.replace("N=5", "N=7"), "do not meet where one is turned by 360°/7"),
-    (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "sectors of another number or axis"),
-    (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "sectors of another number or axis"),
+    (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "the number of sectors or the axis differs from that at"),
+    (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "the number of sectors or the axis differs from that at"),
     # nodes 2 and 6 of the first cut face
     (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* is one with a node of the opposite cut face"),
 ], placed=False)

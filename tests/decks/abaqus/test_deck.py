@@ -34,7 +34,7 @@ TETRAHEDRON = """\
 """
 
 
-def test_a_deck_in_full(read):
+def test_complete_deck(read):
     mesh = read(TETRAHEDRON)
     assert list(mesh.node_ids) == [1, 2, 3, 4]
     assert list(mesh.blocks[0].ids) == [10]
@@ -70,7 +70,7 @@ SAME = [
 
 
 @pytest.mark.parametrize("text", SAME)
-def test_case_blanks_comments_commas_and_continuations_do_not_matter(read, text):
+def test_keyword_spelling_is_normalised(read, text):
     plain, altered = read(TETRAHEDRON), read(text)
     np.testing.assert_array_equal(altered.position, plain.position)
     np.testing.assert_array_equal(altered.blocks[0].nodes, plain.blocks[0].nodes)
@@ -81,7 +81,7 @@ def test_case_blanks_comments_commas_and_continuations_do_not_matter(read, text)
     assert altered.ignored == {} or "EQUATION" in text
 
 
-def test_included_files_and_data_in_files_of_their_own(read, tmp_path):
+def test_include_and_input_files(read, tmp_path):
     plain = read(TETRAHEDRON)
     start, end = TETRAHEDRON.index("1, 0., 0., 0."), TETRAHEDRON.index("*ELEMENT")
     head, nodes, rest = TETRAHEDRON[:start], TETRAHEDRON[start:end], TETRAHEDRON[end:]
@@ -94,7 +94,7 @@ def test_included_files_and_data_in_files_of_their_own(read, tmp_path):
     assert mesh.where("element", 10).endswith("rest.inp:2")
 
 
-def test_generated_and_nested_sets_are_what_they_say(read):
+def test_generated_and_nested_sets(read):
     nodes = "".join(f"{i}, {i}., {i * i}., {i**3}.\n" for i in range(11, 60, 2))
     sets = (
         "*NSET, NSET=G, GENERATE\n11, 31, 4\n40, 59\n*NSET, NSET=g\n13, 15,\n*NSET, NSET=ALL, UNSORTED\nG, 57, nall\n"
@@ -126,7 +126,7 @@ def test_a_node_set_of_an_element_set(read):
         ("*NODE, SYSTEM=C\n4, 2., 60., 1.", (1.0, np.sqrt(3), 1.0)),
     ],
 )
-def test_nodes_after_a_system_are_given_in_it(read, lines, point):
+def test_system_applies_to_following_nodes(read, lines, point):
     mesh = read(TETRAHEDRON.replace("4, 0., 0., 1.", lines))
     np.testing.assert_allclose(mesh.position[mesh.node_index(4)], point, atol=1e-15)
     np.testing.assert_allclose(mesh.position[mesh.node_index(2)], [1, 0, 0])
@@ -140,11 +140,11 @@ def test_nodes_after_a_system_are_given_in_it(read, lines, point):
         ("*BOUNDARY", "*SURFACE, NAME=CONTACT\n** none\n*BOUNDARY", "surface CONTACT is empty"),
     ],
 )
-def test_what_is_read_otherwise_is_noted(read, old, new, note):
+def test_reinterpreted_input_is_noted(read, old, new, note):
     assert old in TETRAHEDRON
     assert any(note in text for text in read(TETRAHEDRON.replace(old, new)).notes)
     reduced = read(bar().replace("C3D20", "C3D20R")).notes[0]
-    assert reduced.startswith("2 C3D20R taken as hex20 integrated fully")
+    assert reduced.startswith("2 C3D20R imported as hex20 integrated fully")
 
 
 def test_regions_follow_the_sections(read):
@@ -158,7 +158,7 @@ def test_regions_follow_the_sections(read):
     assert mesh.ignored == {"*MATERIAL that no section refers to": 1}
 
 
-def test_what_changes_the_structure_is_counted_and_output_is_not(read):
+def test_structural_keywords_are_counted(read):
     text = TETRAHEDRON.replace("*DENSITY", "*PLASTIC\n1., 0.\n*DENSITY")
     mesh = read(
         text + "*ELEMENT, TYPE=DASHPOT1, ELSET=SP\n30, 4\n31, 3\n*DASHPOT, ELSET=SP\n3\n100.\n"
@@ -169,7 +169,7 @@ def test_what_changes_the_structure_is_counted_and_output_is_not(read):
     assert mesh.ignored == {"*DASHPOT": 1, "*ELEMENT, TYPE=DASHPOT1": 2, "*PLASTIC": 1, "*TIE that is a symmetry": 1}
 
 
-def test_names_in_the_code_page_of_windows_are_kept(read):
+def test_windows_1252_names_are_decoded(read):
     text = TETRAHEDRON.replace("EALL", "Größe „5€“")
     assert list(read(text.encode("cp1252")).element_sets) == ["Größe „5€“"]
     assert list(read(text.encode()).element_sets) == ["Größe „5€“"]
@@ -177,11 +177,11 @@ def test_names_in_the_code_page_of_windows_are_kept(read):
     assert list(read(hole).element_sets) == ["N\x81ü"]
 
 
-def test_text_before_the_first_keyword_is_counted_and_numbers_there_are_none(read):
+def test_text_before_first_keyword_is_counted(read):
     mesh = read(f">**\nmade by hand\n{TETRAHEDRON}")
     assert list(mesh.node_ids) == [1, 2, 3, 4]
     assert mesh.ignored["lines before the first keyword"] == 2
     assert mesh.effect["lines before the first keyword"] == "none"
     for text in ("SOL 103\nCEND\nBEGIN BULK\nGRID,1\n", f"a title\n4, 0., 0., 1.\n{TETRAHEDRON}"):
-        with expect_refusal(DeckError, "stands before the first keyword", remedy="mesh.format: nastran"):
+        with expect_refusal(DeckError, "before the first keyword", remedy="mesh.format: nastran"):
             read(text)

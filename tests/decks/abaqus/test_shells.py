@@ -48,7 +48,7 @@ def changed(old, new):
     return FLAT.replace(old, new)
 
 
-def test_elements_arrive_in_blocks_of_a_kind_with_regions_sections_and_lines(read):
+def test_shells_are_imported_by_kind_with_sections_and_lines(read):
     mesh = read(FLAT)
     quad, triangle = mesh.shells
     assert (quad.kind, quad.ids.tolist(), quad.nodes.tolist(), quad.region.tolist()) == ("quad4", [10], [[0, 1, 2, 3]], [1])
@@ -90,7 +90,7 @@ def test_plies_of_composites_and_of_one_lamina(read):
 @pytest.mark.parametrize(
     ("given", "offset"), [("SPOS", -0.05), ("sneg", 0.05), ("-.5", 0.05), ("0.", 0.0), ("1.5", -0.15)]
 )
-def test_an_offset_is_where_the_nodes_lie_from_the_middle_in_thicknesses(read, given, offset):
+def test_shell_offset_is_in_thicknesses(read, given, offset):
     mesh = read(changed("ELSET=QUAD, MATERIAL=STEEL", f"ELSET=QUAD, MATERIAL=STEEL, OFFSET={given}"))
     assert mesh.shells[0].offset.tolist() == pytest.approx([offset])
 
@@ -105,14 +105,14 @@ def test_an_offset_is_where_the_nodes_lie_from_the_middle_in_thicknesses(read, g
         ("1., 0., 0., 0., 1., 0.\n3, 30.", None),
     ],
 )
-def test_an_orientation_gives_the_axis_that_follows_the_one_near_the_normal(read, lines, axis):
+def test_shell_orientation_projects_next_axis(read, lines, axis):
     text = changed("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, ORIENTATION=ori")
     mesh = read(text + f"*ORIENTATION, NAME=Ori\n{lines}\n")
     np.testing.assert_allclose(mesh.shells[0].axis[0], np.full(3, np.nan) if axis is None else axis, atol=1e-15)
     assert any("orientation ORI" in note for note in mesh.notes) == (axis is None)
 
 
-def test_shells_of_an_instance_stand_where_it_does(read):
+def test_shells_move_with_instance(read):
     body = FLAT[: FLAT.index("*MATERIAL")] + "*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL, ORIENTATION=O\n.1\n"
     body += "*SHELL SECTION, ELSET=TRI, MATERIAL=STEEL\n.2\n*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n3, 0.\n"
     material = FLAT[FLAT.index("*MATERIAL") : FLAT.index("*SHELL")]
@@ -126,7 +126,7 @@ def test_shells_of_an_instance_stand_where_it_does(read):
     assert [region.name for region in mesh.regions.values()] == ["A.QUAD", "A.TRI", "B.QUAD", "B.TRI"]
 
 
-def test_pressures_of_dload_act_along_the_normal_and_of_dsload_against_that_of_the_side(read):
+def test_dload_and_dsload_pressure_signs(read):
     """The quadrangle has an area of 2, the triangle one of 1, and both the normal z."""
     text = FLAT + "*SURFACE, NAME=TOP\nQUAD, SPOS\n*SURFACE, NAME=BELOW\nQUAD, SNEG\nTRI, S1\n"
     text += "*DLOAD\nQUAD, P, 3.\n*DLOAD\n11, P, -1.\n*DSLOAD\nTOP, P, 3.\n*DSLOAD\nBELOW, P, 3.\n"
@@ -139,13 +139,13 @@ def test_pressures_of_dload_act_along_the_normal_and_of_dsload_against_that_of_t
     np.testing.assert_allclose(loads["DLOAD-1"].force[:, 2], np.full(4, 1.5))
 
 
-def test_a_force_per_volume_is_that_times_thickness_per_area(read):
+def test_shell_body_force_scales_with_thickness(read):
     load = read(FLAT + "*ELSET, ELSET=ALL\nQUAD, TRI\n*DLOAD\nALL, BY, 5.\n").loads["DLOAD-1"]
     np.testing.assert_allclose(load.force.sum(axis=0), [0, 2, 0], atol=1e-15)
     np.testing.assert_allclose(load.force[:, 1], [0.25, 0.25 + 1 / 3, 0.25 + 1 / 3, 0.25, 1 / 3])
 
 
-def test_surfaces_of_shells_are_sets_of_nodes_with_shares_of_area_or_edge(read):
+def test_shell_surfaces_have_area_or_edge_weights(read):
     text = FLAT + "*SURFACE, NAME=BOTH\nQUAD\nTRI,\n*SURFACE, NAME=EDGE\nQUAD, E2\nTRI, S5\n*NODE\n99, 0., 0., 9.\n"
     text += "*COUPLING, CONSTRAINT NAME=C, REF NODE=99, SURFACE=EDGE\n*DISTRIBUTING\n1, 3\n"
     mesh = read(text)
@@ -158,7 +158,7 @@ def test_surfaces_of_shells_are_sets_of_nodes_with_shares_of_area_or_edge(read):
             read(text + f"*DSLOAD\n{surface}, P, 1.\n")
 
 
-def test_rotations_of_supports_ties_and_moments_on_shells_count(read):
+def test_shell_rotations_are_used(read):
     text = FLAT + "*NODE\n99, 4., 0., 1.\n*BOUNDARY\n1, ENCASTRE\n4, 4, 5\n2, XSYMM\n*CLOAD\n3, 5, 7.\n"
     text += "*SURFACE, TYPE=NODE, NAME=END\n5\n*COUPLING, CONSTRAINT NAME=C, REF NODE=99, SURFACE=END\n*KINEMATIC\n1, 3\n4, 6\n"
     mesh = read(text)
@@ -170,7 +170,7 @@ def test_rotations_of_supports_ties_and_moments_on_shells_count(read):
     assert pinned.rigid[0].components == (0, 1, 2)
 
 
-def test_what_shells_are_not_the_same_without_is_listed(read):
+def test_unsupported_shell_keywords_are_listed(read):
     mesh = read(FLAT + "*NORMAL\n1, 10, 0., 0., 1.\n*TRANSVERSE SHEAR STIFFNESS\n1., 1., 0.\n*SECTION POINTS\n1\n")
     assert set(mesh.unsupported) == {"*NORMAL", "*TRANSVERSE SHEAR STIFFNESS"}
     assert mesh.unsupported["*NORMAL"].endswith("deck.inp:20")
@@ -180,17 +180,17 @@ def test_what_shells_are_not_the_same_without_is_listed(read):
     assert set(quadratic.unsupported) == {"*ELEMENT, TYPE=S9R5"}
 
 
-test_what_is_wrong_is_named_with_file_and_line = refusal_table(changed, [
+test_errors_have_file_and_line = refusal_table(changed, [
     ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
     ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
     ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 elements\)", 8),
-    (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has an orientation of its own, 'SKEW'", 17),
+    (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has a separate orientation 'SKEW', which is not supported", 17),
     (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),
     (QUAD, PLIES.replace("MAT", "STEEL").replace("COMPOSITE", "COMPOSITE, ORIENTATION=O"), "O at .* not supported for", 16),
     ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=LAMINA\n2.1e11, 1.e10, .3, 5.e9, 4.e9", "G23 .* is ''", 13),
-    ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=ANISO\n2.1e11, .3", "TYPE=ANISO: of shells and beams only isotropic", 12),
-    ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "a thickness that varies", 16),
-    ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "GENERAL SECTION: is not supported", 16),
+    ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=ANISO\n2.1e11, .3", "TYPE=ANISO is not supported here", 12),
+    ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "variable thickness is not supported", 16),
+    ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "this keyword is not supported", 16),
     ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "S4 10 is a shell", 16),
-    (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is no side or edge of S4 10", 21),
+    (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is not a side or edge of S4 10", 21),
 ])

@@ -63,7 +63,7 @@ def expected_axes(kind: str, a: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.
 
 
 @pytest.mark.parametrize("kind", "RCS")
-def test_transformed_axes_turn_supports_and_forces(read, kind):
+def test_transform_rotates_supports_and_forces(read, kind):
     a, b = np.array([0.4, -0.3, 0.2]), np.array([-0.1, 1.2, 0.5])
     numbers = ", ".join(map(str, [*a.tolist(), *b.tolist()]))
     mesh = read(f"{BRICK}*TRANSFORM, NSET=TOP, TYPE={kind}\n{numbers}\n*CLOAD\nTOP, 2, 3.\n6, 1, 4.\n1, 1, 7.\n")
@@ -77,7 +77,7 @@ def test_transformed_axes_turn_supports_and_forces(read, kind):
     np.testing.assert_allclose(force[0], [7, 0, 0])
 
 
-def test_each_keyword_of_loads_is_one_load(read):
+def test_each_load_keyword_is_one_load(read):
     mesh = read(
         BRICK
         + "*STEP\n*CLOAD\n1, 1, 5.\n1, 1, -2.\n*CLOAD\n1, 5, 9.\n*END STEP\n*STEP\n*CLOAD, AMPLITUDE=A\nREF, 3, 1.\n"
@@ -95,14 +95,14 @@ INERTIA = "*ELEMENT, TYPE=ROTARYI, ELSET=I\n60, {}\n*ROTARY INERTIA, ELSET=I\n3.
 TENSOR = np.array([(3, 0.1, 0.2), (0.1, 4, 0.3), (0.2, 0.3, 5)])
 
 
-def test_point_masses_take_the_inertia_of_their_node(read):
+def test_rotary_inertia_is_added_to_point_mass(read):
     masses = read(BRICK + MASSES + INERTIA.format(100)).point_masses
     assert [(p.id, p.node, p.mass) for p in masses] == [(50, 4, 2.5), (51, 8, 2.5)]
     np.testing.assert_array_equal(masses[0].inertia, np.zeros((3, 3)))
     np.testing.assert_array_equal(masses[1].inertia, TENSOR)
 
 
-def test_inertia_of_a_part_turns_with_its_instance(read):
+def test_inertia_rotates_with_instance(read):
     instance = "*INSTANCE, NAME=I, PART=P\n0.,0.,0.\n1.,2.,3.,2.,4.,2., 40.\n*END INSTANCE\n"
     part, material = (
         BRICK.replace(MATERIAL, "*SOLID SECTION, ELSET=E, MATERIAL=M\n"),
@@ -126,7 +126,7 @@ ABAQUS_FACETS = {
 @pytest.mark.parametrize(
     ("type_", "number"), [(t, i) for t, facets in ABAQUS_FACETS.items() for i in range(len(facets))]
 )
-def test_facets_of_a_surface_are_numbered_as_in_the_element_library(read, type_, number):
+def test_surface_facets_follow_element_library(read, type_, number):
     facet = {int(n) for n in ABAQUS_FACETS[type_][number]}
     entries = {"C3D8": "1,2,3,4,5,6,7,8", "C3D4": "1,2,3,5", "C3D6": "1,2,3,5,6,7"}[type_].split(",")
     text = f"{NODES}*ELEMENT, TYPE={type_}, ELSET=E\n1, {', '.join(entries)}\n{MATERIAL}"
@@ -135,7 +135,7 @@ def test_facets_of_a_surface_are_numbered_as_in_the_element_library(read, type_,
     assert list(mesh.node_sets["F"]) == list(mesh.node_sets["G"]) == expected
 
 
-def test_a_surface_without_facets_named_is_the_outside(read):
+def test_surface_without_label_is_exterior(read):
     second = "*ELEMENT, TYPE=C3D8I, ELSET=E2\n2, 5, 6, 7, 8, 15, 16, 17, 18\n*SOLID SECTION, ELSET=E2, MATERIAL=M\n"
     nodes = "*NODE\n" + "".join(
         f"{i + 11}, {x}, {y}, {z + 5}\n" for i, (x, y, z) in enumerate(POINTS.tolist()) if i > 3
@@ -160,7 +160,7 @@ def test_a_surface_without_facets_named_is_the_outside(read):
         "*MPC\nBEAM, 5, REF\nBEAM, 6, REF\nBEAM, 7, REF\nBEAM, 8, REF\n",
     ],
 )
-def test_rigid_ties_in_every_form_move_the_nodes_alike(read, tie):
+def test_all_rigid_keywords_give_same_motion(read, tie):
     mesh = read(BRICK + tie)
     constraint = constraint_transform(mesh)
     z = np.zeros(constraint.transform.shape[1])
@@ -176,11 +176,11 @@ def test_rigid_ties_in_every_form_move_the_nodes_alike(read, tie):
 
 
 @pytest.mark.parametrize("members", ["TIE NSET=TOP", "NSET=TOP", "PIN NSET=TOP"])
-def test_a_rigid_body_without_a_reference_is_led_by_a_node_of_its_own(read, members):
+def test_rigid_body_without_reference_uses_first_node(read, members):
     """CalculiX adds a node for it: the body turns and moves about any point alike, and the same motions are left."""
     mesh, other = (read(f"{BRICK}*RIGID BODY, {members}{reference}\n") for reference in ("", ", REF NODE=100"))
     assert [(own.reference, set(own.nodes.tolist())) for own in mesh.rigid] == [(4, {5, 6, 7})]
-    assert mesh.notes[-1].endswith("*RIGID BODY without REF NODE is led by its first node, 5")
+    assert mesh.notes[-1].endswith("*RIGID BODY has no REF NODE, so its first node 5 is used")
 
     def motions(mesh):
         """Projection onto all motions of the brick's nodes that the tie leaves."""
@@ -194,7 +194,7 @@ def test_a_rigid_body_without_a_reference_is_led_by_a_node_of_its_own(read, memb
 @pytest.mark.parametrize(
     ("surface", "weight"), [("TYPE=NODE\nTOP, 2.", 2.0), ("TYPE=NODE\nTOP", 1.0), ("TYPE=ELEMENT\nE, S2", 1.5)]
 )
-def test_distributing_couplings_weigh_by_area(read, surface, weight):
+def test_distributing_coupling_weights_by_area(read, surface, weight):
     mesh = read(f"{BRICK}*SURFACE, NAME=S, {surface}\n*COUPLING, REF NODE=100, SURFACE=S\n*DISTRIBUTING\n")
     (averaging,) = mesh.averaging
     assert averaging.reference == 8
@@ -215,13 +215,13 @@ COMPONENTS = "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE
         ("*NODE\n105, 0., 0., 5.\n*MPC\nPIN, 105, 5\n", {9}, (0, 1, 2)),
     ],
 )
-def test_nodes_and_components_of_a_tie(read, tie, nodes, components):
+def test_coupling_nodes_and_components(read, tie, nodes, components):
     (rigid,) = read(BRICK + tie).rigid
     assert (set(rigid.nodes.tolist()), rigid.components) == (nodes, components)
     assert rigid.reference == (4 if "PIN" in tie else 8)
 
 
-def test_a_node_for_the_rotations_of_a_rigid_body(read):
+def test_rot_node_controls_rotations(read):
     rot = "*NODE\n101, 1., 1., 9.\n*RIGID BODY, NSET=TOP, REF NODE=100, ROT NODE=101\n*BOUNDARY\n100, 1, 2\n101, 3\n"
     assert pairs(read(BRICK + rot)) == {(8, 0), (8, 1), (8, 5)}
 
@@ -232,18 +232,18 @@ def test_other_constraints_are_counted(read):
     assert mesh.rigid == ()
 
 
-test_what_is_wrong_is_named_with_its_line = refusal_table(lambda lines: f"{BRICK}{lines}\n", [
+test_errors_have_line = refusal_table(lambda lines: f"{BRICK}{lines}\n", [
     ("*BOUNDARY\n77, 1", "node 77 is not in the deck", 2),
     ("*BOUNDARY\n1, 3, 2", "degrees of freedom 3 to 2", 2),
     ("*TRANSFORM, NSET=TOP\n1., 0., 0., 2., 0., 0.", "on one line", 2),
-    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 lies on the axis", 2),
+    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 is on the axis, so it has no radial direction", 2),
     ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5", "MASS 50 has no value", 2),
     ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
-    (INERTIA.format(5).replace("3.,", "-3.,"), "least principal inertia is -3", 4),
-    ("*RIGID BODY", "has no REF NODE", 1),
-    ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),
-    ("*SURFACE, NAME=S\nE, S7", "'S7' is no facet of a hex8", 2),
-    ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is no facet", 2),
+    (INERTIA.format(5).replace("3.,", "-3.,"), r"the smallest principal inertia is -3\.00622, negative", 4),
+    ("*RIGID BODY", "REF NODE is missing", 1),
+    ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", r"\*KINEMATIC or \*DISTRIBUTING is missing", 3),
+    ("*SURFACE, NAME=S\nE, S7", "'S7' is not a facet of a hex8", 2),
+    ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is not a facet", 2),
     ("*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2", "single components of node 5", 4),
 ], before=BRICK.count("\n"))
 
@@ -251,7 +251,7 @@ test_what_is_wrong_is_named_with_its_line = refusal_table(lambda lines: f"{BRICK
 ROT = "*NODE\n101, 1., 1., 9.\n*RIGID BODY, NSET=TOP, REF NODE=100, ROT NODE=101\n"
 
 
-def test_a_force_on_a_rotation_node_is_a_moment(read):
+def test_force_on_rot_node_is_moment(read):
     mesh = read(f"{BRICK}{ROT}*CLOAD\n101, 2, 5.\n100, 1, 3.\n")
     np.testing.assert_array_equal(mesh.loads["CLOAD-1"].nodes, [8])
     np.testing.assert_array_equal(mesh.loads["CLOAD-1"].force, [[3, 0, 0]])
@@ -260,9 +260,9 @@ def test_a_force_on_a_rotation_node_is_a_moment(read):
 
 
 @pytest.mark.parametrize("element", ["*ELEMENT, TYPE=MASS, ELSET=P\n50, {}\n*MASS, ELSET=P\n2.\n", INERTIA])
-def test_a_mass_on_a_rotation_node_is_refused(read, element):
+def test_mass_on_rot_node_is_refused(read, element):
     read(BRICK + ROT + element.format(100))
-    with expect_refusal(DeckError, "stands on node 101, the ROT NODE", remedy="reference node 100"):
+    with expect_refusal(DeckError, r"refers to node 101, the ROT NODE of a \*RIGID BODY", remedy="reference node 100"):
         read(BRICK + ROT + element.format(101))
 
 

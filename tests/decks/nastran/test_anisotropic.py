@@ -45,7 +45,7 @@ MAT11 = card("MAT11", 3, *CONSTANTS[0], *CONSTANTS[1], *CONSTANTS[2], 1600.0)
 
 
 @pytest.mark.parametrize(("cordm", "axes"), [("", np.eye(3)), ("0", np.eye(3)), ("5", TURN)])
-def test_mat9_has_the_work_of_its_tensor(read, cordm, axes):
+def test_mat9_energy_matches_tensor(read, cordm, axes):
     mesh, volume = read(deck(mat9(triclinic()), cordm)), np.linalg.det(BRICK[[1, 3, 4]] - BRICK[0])
     check_layers(mesh, turned(tensor(triclinic(), NASTRAN), axes), volume)
     assert mass_properties(mesh)[0] == pytest.approx(1600.0 * volume)
@@ -53,13 +53,13 @@ def test_mat9_has_the_work_of_its_tensor(read, cordm, axes):
     assert mesh.notes == ()
 
 
-def test_mat11_is_the_inverse_of_its_flexibility(read):
+def test_mat11_stiffness_is_inverse_compliance(read):
     volume = np.linalg.det(BRICK[[1, 3, 4]] - BRICK[0])
     check_layers(read(deck(MAT11, "5")), turned(inverse(flexibility(*CONSTANTS)), TURN), volume)
 
 
 @pytest.mark.parametrize("system", ["CORD2C", "CORD2S"])
-def test_axes_of_a_curved_system_are_those_at_each_point(read, system):
+def test_material_axes_follow_curved_system(read, system):
     """A brick far from the axis sees one direction, e_r e_θ e_z or e_r e_θ e_φ at its middle, to the angle that it spans."""
     middle = BRICK.mean(axis=0) - ORIGIN
     x, y, z = middle @ TURN
@@ -79,12 +79,12 @@ def test_axes_of_a_curved_system_are_those_at_each_point(read, system):
     np.testing.assert_allclose(found, [volume * work(C, own) for own in strains()], rtol=1e-3)
 
 
-test_what_is_wrong_is_named_with_its_remedy = refusal_table(deck, [
+test_errors_have_remedy = refusal_table(deck, [
     (mat9(np.diag([1.0, 1, 1, 1, 0, 1])), "", "the 5th of the diagonal of its stiffness is 0"),
     (mat9(np.eye(6) + 1.5 * np.eye(6)[[1, 0, 2, 3, 4, 5]]), "", "least eigenvalue is -0.5"),
     (mat9(triclinic()), "6", "coordinate system 6"),
     (MAT11.replace("3.0000000000e-01", "4."), "", "least eigenvalue is -"),
-    (MAT11 + "\nMAT1,3,2.1+11,,.3", "", "a MAT1 has it too"),
+    (MAT11 + "\nMAT1,3,2.1+11,,.3", "", "material id 3 is used twice, also by a"),
 ], placed=False)
 
 
@@ -111,7 +111,7 @@ def layered_deck(head=(5, 13, "", "", "", "", ""), plies=PLIES, nodes=IN_NASTRAN
     return "\n".join(["BEGIN BULK", *lines, "ENDDATA", ""])
 
 
-def test_plies_count_by_their_share_and_turn_about_the_axis_across(read):
+def test_solid_plies_are_weighted_and_rotated(read):
     mesh = read(layered_deck())
     check_layers(mesh, 0.6 * STEEL + 0.2 * sum(turned(CARBON, AXES @ about(3, angle)) for angle in (30, -45)), VOLUME)
     assert mesh.regions[1].name == "PCOMPS 1"
@@ -121,13 +121,13 @@ def test_plies_count_by_their_share_and_turn_about_the_axis_across(read):
 
 
 @pytest.mark.parametrize(("psdir", "lies"), [("", np.eye(3)), (23, np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]))])
-def test_the_first_digit_of_psdir_is_along_plies_at_0(read, psdir, lies):
+def test_psdir_first_digit_is_ply_direction(read, psdir, lies):
     mesh = read(layered_deck((5, psdir, "", "", "", "", ""), [(1, 3, 1.0, 20.0)]))
     check_layers(mesh, turned(CARBON, AXES @ lies @ about(3, 20)), VOLUME)
 
 
 @pytest.mark.parametrize("psdir", [12, 32, 21, 31])
-def test_the_second_digit_is_across(read, psdir):
+def test_psdir_second_digit_is_stacking_direction(read, psdir):
     """A system whose axis of that number is the third of system 5: the same material axes from the first digit on."""
     along, across = psdir // 10 - 1, psdir % 10 - 1
     system = np.empty((3, 3))
@@ -139,7 +139,7 @@ def test_the_second_digit_is_across(read, psdir):
     check_layers(mesh, turned(CARBON, AXES @ about(3, 20)), VOLUME)
 
 
-def test_the_first_ply_is_at_the_first_facet(read):
+def test_first_ply_is_at_first_facet(read):
     """And stays there where the element is numbered left-handed; a blank material and thickness are those before."""
     plies = (1, 1, 1.0, "", "", "", "", ""), (2, 3, 1.0, "", "", "", "", ""), (3, "", "", 10.0)
     upward = (7800 * 1 / 6 + 1600 * (3 / 6 + 5 / 6)) / (7800 + 2 * 1600)
@@ -156,15 +156,15 @@ def test_wedges_have_layers_from_triangle_to_triangle(read, nodes):
     assert mass_properties(mesh)[0] == pytest.approx(0.5 * VOLUME * (0.4 * 1600 + 0.6 * 7800), rel=1e-9)
 
 
-def test_axes_off_the_normal_are_noted_and_another_axis_is_refused(read):
-    assert any("off the normal of elements (10)" in note for note in read(layered_deck()).notes)
-    with expect_refusal(DeckError, "off the axis of CORDM that PSDIR puts across them", remedy="number the nodes"):
+def test_deviating_stacking_axis_is_noted_or_refused(read):
+    assert any("off the element normal (10)" in note for note in read(layered_deck()).notes)
+    with expect_refusal(DeckError, "off the CORDM axis that PSDIR defines as their normal", remedy="renumber the nodes"):
         read(layered_deck(nodes=(5, 8, 7, 6, 1, 4, 3, 2)))
-    with pytest.raises(DeckError, match="off the axis of CORDM"):
+    with pytest.raises(DeckError, match="off the CORDM axis"):
         read(layered_deck((5, 12, "", "", "", "", "")))
 
 
-def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
+def test_symmetric_layers_allow_both_stacking_directions(read):
     one, three = [(1, 3, 1.0, 20.0)], [(1, 3, 0.25, 30.0, "", "", "", ""), (2, 1, 0.5, "", "", "", "", ""), (3, 3, 0.25, 30.0)]
     for plies in (one, three):
         upright, turned_over = (
@@ -174,11 +174,11 @@ def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
         np.testing.assert_allclose(turned_over, upright, rtol=1e-9, atol=1e-9 * abs(upright).max())
 
 
-test_what_is_wrong_is_named_with_file_line_and_remedy = refusal_table(lambda options: layered_deck(**options), [
+test_errors_have_file_line_and_remedy = refusal_table(lambda options: layered_deck(**options), [
     ({"plies": [(1, 3, 0.0, 0.0)]}, "the thickness of ply 1 is 0, not positive", 25),
     ({"plies": [(1, 9, 1.0)]}, "material 9 is not in the deck", 25),
     ({"head": (5, 33, "", "", "", "", "")}, "PSDIR is 33", 25),
     ({"head": ("", 13, "", "", "", "", "")}, "CORDM is blank", 25),
     ({"head": (77, 13, "", "", "", "", "")}, "coordinate system 77", 25),
-    ({"name": "CTETRA", "nodes": (1, 2, 4, 5)}, "tet4 element 10 can have no layers", 23),
+    ({"name": "CTETRA", "nodes": (1, 2, 4, 5)}, "tet4 element 10 cannot have layers", 23),
 ])

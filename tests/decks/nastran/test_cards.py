@@ -84,17 +84,17 @@ def test_every_format_gives_the_same_fields(cards, name, text, fields):
         ("+3.", 3.0),
     ],
 )
-def test_reals_are_read_in_all_of_nastrans_forms(token, value):
+def test_reals_are_read_in_all_nastran_forms(token, value):
     assert parse_real(token) == value
     assert parse_real(token) == nastran.nas_sscanf(token)
 
 
 @pytest.mark.parametrize("token", ["", "abc", "nan", "inf", "1_0", "1.2.3", "THRU", "1-", "1.5 3"])
-def test_what_is_no_number_is_none(token):
+def test_invalid_numbers_are_none(token):
     assert parse_real(token) is None
 
 
-def test_integers_are_not_cut_from_reals():
+def test_reals_are_not_truncated_to_integers():
     assert parse_integer("12") == 12
     assert parse_integer("1.") is None
     assert parse_integer("1_2") is None
@@ -112,12 +112,12 @@ HEADS = {
 
 @pytest.mark.parametrize("head", HEADS)
 @pytest.mark.parametrize("begin", ["BEGIN BULK", "\tbegin  bulk $ model", "BEGIN", "BEGIN BULK=0"])
-def test_what_stands_before_the_model_is_no_card(read, tetrahedron, head, begin):
+def test_executive_and_case_control_are_not_cards(read, tetrahedron, head, begin):
     mesh = read(f"{HEADS[head]}SOL 103\nCEND\nTITLE = A, B\n  SPC = 1\n{begin}\n{tetrahedron}ENDDATA\n")
     assert (list(mesh.node_ids), mesh.notes, mesh.ignored) == ([1, 2, 3, 4], (), {})
 
 
-def test_the_name_of_an_included_file_may_go_on_in_the_next_line(tmp_path, read, tetrahedron):
+def test_include_name_may_span_lines(tmp_path, read, tetrahedron):
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "all.bdf").write_text(tetrahedron)
     mesh = read("BEGIN BULK\nINCLUDE 'parts/\n        all.bdf' $ a comment\nENDDATA\n")
@@ -127,7 +127,7 @@ def test_the_name_of_an_included_file_may_go_on_in_the_next_line(tmp_path, read,
 
 
 @pytest.mark.parametrize(("mark", "head"), [("CORD1", "+ORD1"), ("+A1", "+A1"), ("A1", "+A1"), ("", "+A1")])
-def test_column_1_of_a_mark_does_not_count(cards, mark, head):
+def test_continuation_mark_ignores_column_1(cards, mark, head):
     deck = cards("BEGIN BULK\n" + "CORD2C  1".ljust(64) + "      1." + mark.ljust(8) + f"\n{head.ljust(8)}      1.\nENDDATA\n")
     (card,) = deck.cards["CORD2C"]
     assert card.tokens[7:9] == ["1.", "1."]
@@ -149,7 +149,7 @@ MASS, HELD = ["703", "703", "", "3."], ["1", "23", "1", "5", "9"]
         "SPC1,3,1,704\n*M1,.02,,.03\n+S1,702\n",
     ],
 )
-def test_continuations_belong_to_the_line_with_their_mark_wherever_they_stand(cards, after):
+def test_continuations_are_matched_by_mark(cards, after):
     head = line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD, mark="+S1") + "SPC1,2,1,703\n"
     deck = cards("BEGIN BULK\n" + head + after + "SPC1,1,123456,701\nENDDATA\n").cards
     assert [own for own in deck["CONM2"][0].tokens if own] == ["703", "703", "3.", ".02", ".03"]
@@ -161,21 +161,21 @@ def test_continuations_belong_to_the_line_with_their_mark_wherever_they_stand(ca
 
 test_marks_without_their_other_end_or_with_two_are_named = refusal_table(str, [
     (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in its mark", 3),
-    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), "no continuation has the mark", 1),
-    (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "its mark also stands at", 4),
-    (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second continuation of line", 3),
-    ("GRID,1\n=,*1,==\n,2\n", "continuation with no card", 3),
+    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), r"no line continues the mark '\+M1' of this line", 1),
+    (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "move the continuation after", 4),
+    (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second line continues", 3),
+    ("GRID,1\n=,*1,==\n,2\n", "the continuation has no preceding card", 3),
 ])
 
 
-def test_equal_marks_of_lines_in_order_and_numbers_of_lines_are_no_fault(cards):
+def test_repeated_marks_are_allowed_in_order(cards):
     pair = line("CONM2", *MASS, mark="+1") + line("+1", ".02")
     assert [card.text(8) for card in cards(pair * 3).cards["CONM2"]] == [".02"] * 3
     numbered = line("CONM2", *MASS, mark="00000010") + line("", ".02", mark="00000020") + line("SPC1", *HELD, mark="00000030")
     assert cards(numbered).cards["CONM2"][0].text(8) == ".02"
 
 
-def test_a_grid_with_more_fields_than_it_has_is_refused(read, tetrahedron):
+def test_grid_with_surplus_fields_is_refused(read, tetrahedron):
     with expect_refusal(DeckError, "more than 8 data fields", where=":3"):
         read(tetrahedron.replace("GRID,3,,0.,1.,0.", "GRID,3,,0.,1.,0.,0,0,0,1"))
 
@@ -189,7 +189,7 @@ def test_a_grid_with_more_fields_than_it_has_is_refused(read, tetrahedron):
         "=,*1,=,*2.-1,=,,=,=\n$ between\n=,*1,=,*.2,==\n=2\n",
     ],
 )
-def test_cards_that_repeat_the_one_before_are_written_out(cards, lines):
+def test_replicated_cards_are_expanded(cards, lines):
     """The example of the manual: five nodes 0.2 apart."""
     deck = cards(f"GRID,101,17,1.0,10.5,,17,3456\n{lines}GRID,9,,3.\n").cards["GRID"]
     assert [card.tokens[0] for card in deck] == ["101", "102", "103", "104", "105", "9"]
@@ -209,16 +209,16 @@ def test_case_control_is_not_bulk_data_and_enddata_ends(cards):
 
 
 test_a_line_that_cannot_be_taken_is_named = refusal_table(str, [
-    ("+,1,2\n", "continuation with no card", 1),
+    ("+,1,2\n", "the continuation has no preceding card", 1),
     ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
-    ("=,*1,=\n", "repeats no card", 1),
+    ("=,*1,=\n", "does not repeat a card", 1),
     ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
-    ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 cards", 4),
-    ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
+    ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 replicated cards", 4),
+    ("SOL 103\nCEND\nGRID,1\n", "found 'SOL 103', but BEGIN BULK is missing", 1),
     ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
     ("BEGIN BULK\nENDDATA\n", "no bulk data", "deck.bdf"),
     ("INCLUDE 'there_is_none.bdf'\n", "no such file\n", 1),
-    ("INCLUDE '$HOME/grids.bdf'\n", "not replaced", 1),
+    ("INCLUDE '$HOME/grids.bdf'\n", "; ~, variables and symbols before a colon are not expanded", 1),
     ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
 ])
 
@@ -228,17 +228,17 @@ test_a_line_that_cannot_be_taken_is_named = refusal_table(str, [
     [("BEGIN BULK\nGRID,1\nGRID,2,,0.", 3), ("SOL 103\nCEND\nBEGIN BULK\nGRID,1\n\n", 4)],
 )
 def test_a_deck_without_enddata_is_refused_at_its_last_line(read, text, line):
-    with expect_refusal(DeckError, "ends without ENDDATA: it may be cut off", where=f"deck.bdf:{line}") as caught:
+    with expect_refusal(DeckError, "ENDDATA is missing: the deck may be truncated", where=f"deck.bdf:{line}") as caught:
         read(text)
     assert caught.value.remedy.endswith("mesh.ignore: [MISSING ENDDATA]")
 
 
-def test_a_deck_without_enddata_is_taken_where_that_is_named_and_the_first_note_shows_its_last_line(read, tetrahedron):
+def test_ignored_missing_enddata_is_noted_with_last_line(read, tetrahedron):
     mesh = read(f"SOL 103\nCEND\nBEGIN BULK\n{tetrahedron}", ignore=["missing enddata"])
     assert list(mesh.node_ids) == [1, 2, 3, 4]
     (note,) = mesh.notes
     assert "selects no supports" in mesh.doubts[0]
-    assert note.startswith("the deck has no ENDDATA: that it is whole cannot be seen; its last line is 'SPC1,1,123,1,2,3' (")
+    assert note.startswith("the deck has no ENDDATA, so check that it is complete; its last line is 'SPC1,1,123,1,2,3' (")
     assert mesh.unsupported["MISSING ENDDATA"].endswith("deck.bdf:11")
     assert read(f"BEGIN BULK\n{tetrahedron}ENDDATA\n", ignore=["MISSING ENDDATA"]).notes == ()
 
@@ -252,7 +252,7 @@ def test_files_without_a_deck_are_refused(read, content, what):
         read(content)
 
 
-def test_packed_files_and_what_they_include_are_unpacked(tmp_path, tetrahedron):
+def test_compressed_files_and_includes_are_unpacked(tmp_path, tetrahedron):
     grids, rest = tetrahedron.split("CTETRA")
     (tmp_path / "grids.bdf.gz").write_bytes(gzip.compress(grids.encode()))
     deck = gzip.compress(f"BEGIN BULK\nINCLUDE 'grids.bdf.gz'\nCTETRA{rest}ENDDATA\n".encode())
@@ -266,7 +266,7 @@ def test_packed_files_and_what_they_include_are_unpacked(tmp_path, tetrahedron):
 
 
 @pytest.mark.parametrize("sign", ["\x85", "\x0b", "\x0c", "\x1c", "\x1d", "\x1e"])
-def test_a_comment_ends_with_its_line_whatever_signs_it_holds(read, tetrahedron, sign):
+def test_comment_ends_with_its_line(read, tetrahedron, sign):
     content = f"$ Nabe {sign}GRID,9,,9.,9.,9.\r\n{tetrahedron}".encode("latin-1")
     mesh = read(content)
     assert list(mesh.node_ids) == [1, 2, 3, 4]
@@ -282,24 +282,24 @@ def test_an_include_after_the_end_is_not_opened(read, tetrahedron, tmp_path):
     assert mesh.included == (str(tmp_path / "end.bdf"),)
 
 
-def test_a_packed_deck_beyond_the_limit_is_refused(tmp_path, monkeypatch):
+def test_compressed_deck_above_limit_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("strainsight.decks.text.LARGEST", 999)
     path = tmp_path / "deck.bdf.gz"
     path.write_bytes(gzip.compress(b"GRID,1\n" + b"$" * 992))
     assert len(read_bytes(path)) == 999
     path.write_bytes(gzip.compress(b"GRID,1\n" + b"$" * 993))
-    with pytest.raises(DeckError, match="more than 4 GiB"):
+    with pytest.raises(DeckError, match="the unpacked file is larger than 4 GiB"):
         read_bytes(path)
 
 
-def test_includes_that_multiply_are_refused(cards, tmp_path):
+def test_excessive_includes_are_refused(cards, tmp_path):
     """Sixteen files that each take in the next one twice are 65 000; a hundred in a row were too deep for Python."""
     for i in range(120):
         (tmp_path / f"twice{i}.bdf").write_text(f"INCLUDE 'twice{i + 1}.bdf'\n" * 2)
         (tmp_path / f"row{i}.bdf").write_text(f"INCLUDE 'row{i + 1}.bdf'\n")
     for name in ("twice", "row"):
-        with pytest.raises(DeckError, match="17 deep"):
+        with pytest.raises(DeckError, match="nested 17 levels"):
             cards(f"GRID,1\nINCLUDE '{name}0.bdf'\n")
     (tmp_path / "twice10.bdf").write_text("GRID,2\n")
-    with pytest.raises(DeckError, match="taken in 101 times"):
+    with pytest.raises(DeckError, match="included 101 times"):
         cards("GRID,1\nINCLUDE 'twice0.bdf'\n")

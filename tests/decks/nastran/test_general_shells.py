@@ -78,7 +78,7 @@ def test_mat2_written_from_a_mat1_is_the_same(read, plain, own):
     assert b.ignored == {"MAT1 that no property refers to": 1} | ({} if ",3," in own else {"MAT2 that no property refers to": 1})
 
 
-def test_several_mat1_have_their_place_each(read):
+def test_pshell_uses_separate_mat1_for_membrane_bending_shear(read):
     """In membrane, bending and shear as a MAT1 of all three with that modulus has it alone; the mass is of MID1."""
     mat1 = "MAT1,1,2.0+11,,.3,7850.\nMAT1,2,7.0+10,,.2,2700.\nMAT1,3,1.0+9,,.4,50.\n"
     section = read(SKEW + "PSHELL,1,1,.1,2,1.5,3,.9,2.\n" + mat1).sections[1]
@@ -89,7 +89,7 @@ def test_several_mat1_have_their_place_each(read):
     assert (section.density, section.thickness, section.nonstructural, section.uniform) == (7850.0, 0.1, 2.0, False)
 
 
-def test_a_laminate_written_as_pshell_is_the_laminate(read):
+def test_pshell_equivalent_of_laminate_matches_pcomp(read):
     """A/t, 12 D/t³, −B/t² and S/t of [0/30] by sums over slices, as MID1, MID2, MID4 and MID3: stiffness and mass of PCOMP."""
     plies = "PCOMP,1,,,,,,,\n,8,.02,0.,YES,8,.03,30.,YES\n"
     whole = read(SKEW + plies + PLY)
@@ -101,7 +101,7 @@ def test_a_laminate_written_as_pshell_is_the_laminate(read):
     near(operators(own), operators(whole), 1e-8)  # of 4000 slices
 
 
-def test_stress_on_the_faces_is_that_of_the_turned_tensor(read):
+def test_shell_face_stress_matches_rotated_tensor(read):
     matrix, _ = tensor_stiffness(CARBON, 0.4)
     square = "GRID,1,,0.,0.,0.\nGRID,2,,2.,0.,0.\nGRID,3,,2.,1.,0.\nGRID,4,,0.,1.,0.\nCQUAD4,10,1,1,2,3,4,40.\n"
     mesh = with_faces(read(square + "PSHELL,1,2,.1,2,2.,3\n" + mat2(2, matrix) + mat2(3, 1e9 * np.eye(2))))
@@ -118,7 +118,7 @@ def test_stress_on_the_faces_is_that_of_the_turned_tensor(read):
     np.testing.assert_allclose(state.stress[wide], np.tile(expected, (wide.sum(), 1)), atol=1e-9 * np.abs(expected).max())
 
 
-def test_strain_on_the_faces_of_several_materials_makes_no_stress(read):
+def test_shell_of_several_materials_has_no_face_stress(read):
     mesh = with_faces(read(SKEW + "PSHELL,1,1,.1,2,,1\nMAT1,1,2.+11,,.3,1.\nMAT1,2,1.+11,,.3\n"))
     rows = facet_strain(mesh, exterior_facets(mesh))
     assert np.isfinite(rows.matrix.data).all()
@@ -126,7 +126,7 @@ def test_strain_on_the_faces_of_several_materials_makes_no_stress(read):
         surface_model(mesh, rows, np.ones((3 * len(mesh.position), 1)))
 
 
-def test_a_factor_is_free_and_a_modulus_is_not(read):
+def test_general_shell_accepts_factor_but_no_modulus_parameter(read):
     mesh = read(SKEW + "PSHELL,1,1,.1,2,,1\nMAT1,1,2.+11,,.3,1000.\nMAT1,2,1.+11,,.3\n")
     K, M = thin_operators(mesh, [Parameter("s", "stiffness_factor", (1,), 1.0), Parameter("r", "density", (1,), 1000.0)])
     other = operators(with_properties(mesh, [1], stiffness_factor=1.3, density=800.0))
@@ -137,7 +137,7 @@ def test_a_factor_is_free_and_a_modulus_is_not(read):
         with_material(mesh, None, 2e11, 0.3, 7850.0)
 
 
-def test_units_size_weight_and_records_keep_it(read):
+def test_general_shell_survives_units_and_records(read):
     text = SKEW + "PSHELL,1,1,.1,2,,\nMAT1,1,2.+11,,.3,1000.\nMAT1,2,1.+11,,.3\n"
     mesh = read(text)
     operators_of = operators(mesh)
@@ -150,8 +150,8 @@ def test_units_size_weight_and_records_keep_it(read):
     assert read("PARAM,WTMASS,.5\n" + text).density_of(1) == 500.0
 
 
-test_what_is_wrong_is_named_with_its_remedy = refusal_table(lambda cards: SKEW + cards, [
-    ("PSHELL,1,1,.1,,,2\n" + mat2(1, Q) + mat2(2, np.eye(2)), "MID3 stands without MID2"),
+test_errors_have_remedy = refusal_table(lambda cards: SKEW + cards, [
+    ("PSHELL,1,1,.1,,,2\n" + mat2(1, Q) + mat2(2, np.eye(2)), "MID3 requires MID2"),
     ("PSHELL,1,1,.1,1,,2\n,,,3\n" + mat2(1, Q) + mat2(2, np.eye(2)) + mat2(3, Q), "together: its stiffness is not positive"),
     ("PSHELL,1,1,.1\n" + mat2(1, np.diag([1.0, 1, 0])), "membrane: it resists no strain: the 3th of the diagonal"),
     ("PSHELL,1,1,.1,1,,2\n" + mat2(1, Q) + mat2(2, [[1.0, 2.0], [2.0, 1.0]]), "shear across: .* eigenvalue is -1"),

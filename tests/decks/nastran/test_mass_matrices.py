@@ -61,7 +61,7 @@ def answers(mesh):
 
 
 @pytest.mark.parametrize(("cid", "axes"), [("", np.eye(3)), ("7", np.eye(3)[:, [1, 2, 0]])])
-def test_the_matrix_of_a_rigid_body_is_that_body(read, tetrahedron, cid, axes):
+def test_conm1_matrix_matches_rigid_body(read, tetrahedron, cid, axes):
     expected = read(body_of(tetrahedron))
     text = TURNED + body_of(tetrahedron).split("CONM2")[0] + card_of(matrix_of(axes), cid=cid)
     found = read(text)
@@ -73,7 +73,7 @@ def test_the_matrix_of_a_rigid_body_is_that_body(read, tetrahedron, cid, axes):
             np.testing.assert_allclose(own, other, rtol=1e-11, atol=1e-11 * np.abs(other).max())
 
 
-def test_wtmass_scales_it(read, tetrahedron):
+def test_wtmass_scales_mass_matrix(read, tetrahedron):
     text = body_of(tetrahedron).split("CONM2")[0] + card_of(matrix_of(np.eye(3)))
     (own,), (half,) = read(text).point_masses, read(text + "PARAM,WTMASS,.5\n").point_masses
     np.testing.assert_allclose(half.matrix, own.matrix / 2, rtol=1e-14)
@@ -84,7 +84,7 @@ def test_wtmass_scales_it(read, tetrahedron):
     "card", ["CMASS2,91,2.5,4,2", "CMASS2,91,2.5,,,4,2", "CMASS1,91,8,4,2,0,0\nPMASS,7,9.,8,2.5", "CMASS1,91,,4,2\nPMASS,91,2.5"]
 )
 @pytest.mark.parametrize("cd", ["", ",7"])
-def test_a_scalar_mass_moves_with_one_component(read, tetrahedron, card, cd):
+def test_cmass_acts_on_one_component(read, tetrahedron, card, cd):
     text = TURNED + tetrahedron.replace("GRID,4,,0.,0.,1.", f"GRID,4,,0.,0.,1.{cd}")
     mesh = read(f"{text}{card}\n")
     along = np.array([0.0, 0, 1]) if cd else np.array([0.0, 1, 0])
@@ -95,7 +95,7 @@ def test_a_scalar_mass_moves_with_one_component(read, tetrahedron, card, cd):
     assert mass_properties(mesh)[0] - mass_properties(plain)[0] == pytest.approx(2.5 / 3)
 
 
-def test_a_moment_of_inertia_along_a_rotation(read, tetrahedron):
+def test_cmass_on_rotation_is_moment_of_inertia(read, tetrahedron):
     mesh = read(f"{tetrahedron}{RIGID.replace('1,2,3,4', '4')}CMASS2,91,2.5,50,6\n")
     model = build_model(mesh, supported=False)
     row = model.constraint.reference_rows[4] + 2
@@ -105,11 +105,11 @@ def test_a_moment_of_inertia_along_a_rotation(read, tetrahedron):
 
 
 test_masses_that_cannot_be_taken_are_named = refusal_table(lambda card: f"{TETRAHEDRON}{card}\n", [
-    ("CMASS2,91,2.5,4,2,3,1", "2 ends on nodes: only a mass between a motion and the ground"),
+    ("CMASS2,91,2.5,4,2,3,1", "the mass has 2 ends on nodes: only a mass between one component and the"),
     ("CMASS2,91,2.5,4,7", "component 7"),
-    ("CMASS2,91,-2.5,4,1", "the mass along some motion is negative"),
-    ("CMASS1,91,5,4,1", "property 5 is no PMASS"),
-    ("CONM1,91,4,,1.,2.,1.", "the mass along some motion is negative"),
+    ("CMASS2,91,-2.5,4,1", "the mass matrix is not positive semidefinite"),
+    ("CMASS1,91,5,4,1", "property 5 is not a PMASS of the deck"),
+    ("CONM1,91,4,,1.,2.,1.", "the mass matrix is not positive semidefinite"),
 ], placed=False)
 
 

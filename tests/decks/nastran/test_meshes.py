@@ -45,7 +45,7 @@ def static(model):
 
 
 @pytest.mark.slow
-def test_ten_frequencies_are_within_0_85_per_cent_of_mystran_on_the_same_mesh(model):
+def test_frequencies_match_mystran_within_0_85_percent(model):
     """MYSTRAN 18.0, solids of reduced integration, RBE3 of rotations as MPC, mass and inertia of bars as CONM2."""
     mystran = [584.17, 618.12, 1041.87, 1063.38, 1491.65, 1712.67, 1754.53, 1899.09, 1906.33, 2046.19]
     frequency, _ = modes(model.stiffness.constant, model.mass.constant, 10)
@@ -81,7 +81,7 @@ def ordered(place):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("along", [0, 1])
-def test_what_gauges_on_web_and_stiffeners_read_carries_the_force_at_the_pin(readings, along):
+def test_gauges_on_web_and_stiffeners_balance_pin_force(readings, along):
     """Around the fitting, along a rectangle through centres of elements: N = A ε of the middle of the web, the mean of its
     faces, and E A ε of the middle of the stiffeners that cross it, the mean of their upper and lower side."""
     part, facet, place, read = readings
@@ -137,7 +137,7 @@ def strip_on_a_block(file, tied):
     return build_model(mesh), np.searchsorted(mesh.node_ids, [solid(3, j, 13) for j in range(1, 7)])
 
 
-def test_a_shell_on_the_face_of_a_solid_is_clamped_by_the_mean_rotation_of_its_neighbours(tmp_path):
+def test_shell_on_solid_face_follows_mean_rotation(tmp_path):
     """By shared nodes alone it is hinged. With neighbours two thicknesses away it is clamped: 4086 C3D20 of CalculiX 2.20 move
     by 4.890 µm where the block is rigid, and by 5.166 µm where it is not."""
     with pytest.raises(UserError, match=r"rotation about y through \(0.018, 0.021, 0.018\) m") as caught:
@@ -149,7 +149,7 @@ def test_a_shell_on_the_face_of_a_solid_is_clamped_by_the_mean_rotation_of_its_n
     assert z[top, 0].mean() == pytest.approx(4.890e-6, rel=5e-3)
 
 
-def test_the_script_writes_the_committed_decks_byte_for_byte(tmp_path):
+def test_script_reproduces_committed_decks(tmp_path):
     runpy.run_path(str(MESHES / "make_cantilever.py"))["main"](tmp_path)
     for name in ("cantilever.bdf", "cantilever-coarse.bdf", "SHA256SUMS"):
         assert (tmp_path / name).read_bytes() == (MESHES / name).read_bytes()
@@ -157,7 +157,7 @@ def test_the_script_writes_the_committed_decks_byte_for_byte(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", ["lug", "hinge", "wing"])
-def test_the_script_writes_the_committed_deck(tmp_path, part):
+def test_script_reproduces_committed_deck(tmp_path, part):
     """The packed bytes depend on the version of zlib, what is in them does not."""
     runpy.run_path(str(MESHES / f"make_{part}.py"))["main"](tmp_path)
     written, committed = (gzip.decompress((folder / f"{part}.bdf.gz").read_bytes()) for folder in (tmp_path, MESHES))
@@ -168,5 +168,5 @@ def test_the_script_writes_the_committed_deck(tmp_path, part):
 
 
 @pytest.mark.slow
-def test_the_first_modes_of_the_wing_are_those_that_its_readme_states():
+def test_wing_modes_match_readme():
     np.testing.assert_allclose(frequencies(read_mesh(MESHES / "wing.bdf.gz", "mm", "t"), 3), [8.16, 23.5, 38.4], rtol=2e-3)

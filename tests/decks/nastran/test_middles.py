@@ -106,14 +106,14 @@ def deck(name, present, systems=""):
     ],
 )
 @pytest.mark.parametrize("systems", ["", ",9\nCORD2R,9,,0.,0.,0.,1.,1.,0.\n,1.,0.,0.5"], ids=["basic", "local"])
-def test_frequencies_are_those_of_an_element_with_so_many_nodes(read, name, present, systems):
+def test_partial_mid_side_nodes_match_reference_frequencies(read, name, present, systems):
     text = deck(name, present, ",9" if systems else "") + systems[systems.find("\n") + 1 :]
     expected = by_hand(name, present)
     count = min(10, len(expected) - 1)
     np.testing.assert_allclose(frequencies(read(text), count), expected[:count], rtol=1e-8)
 
 
-def test_an_element_of_both_orders_joins_linear_and_quadratic_ones_and_the_note_says_so(read):
+def test_transition_element_joins_linear_and_quadratic(read):
     """Three bricks in a row, of 8, 16 and 20 nodes: the one between lacks the sides that it shares with the first."""
     points = {(x, y, z): 1 + i for i, (z, y, x) in enumerate(product(range(3), range(3), range(7)))}
     corners = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2)]
@@ -136,7 +136,7 @@ def test_an_element_of_both_orders_joins_linear_and_quadratic_ones_and_the_note_
     assert len(facets.element_id) == 14
     # a straight side is no tie that stiffens the surface: those at the held end alone have no place for a gauge
     assert sorted(np.unique(facets.element_id[admissible(mesh, facets)[0]])) == [2, 3]
-    assert any("1 solid element without some mid-side nodes: 4 sides straight" in note for note in mesh.notes)
+    assert any("1 solid element without some mid-side nodes: 4 sides kept straight" in note for note in mesh.notes)
     model = build_model(mesh)
     # one strain everywhere: forces at the two ends alone
     stretched = (mesh.position * [1e-3, -NU * 1e-3, -NU * 1e-3]).ravel()[model.constraint.free_rows]
@@ -147,13 +147,13 @@ def test_an_element_of_both_orders_joins_linear_and_quadratic_ones_and_the_note_
     assert along == pytest.approx(1e-3 * E, rel=1e-9)
 
 
-def test_a_corner_is_never_left_out(read):
+def test_missing_corner_is_refused(read):
     with pytest.raises(DeckError, match="a node id"):
         read(deck("CTETRA", (2,)).replace("CTETRA,7,1,1,2,", "CTETRA,7,1,1,,"))
 
 
 @pytest.mark.parametrize("held", ["SPC1,1,123,1,2,3\nSPC1,2,3,4,THRU,500", "SPC1,1,123,1,2,3\nSPC1,2,3,104"])
-def test_ids_of_added_nodes_are_above_all_that_any_card_names(read, held):
+def test_added_node_ids_exceed_all_ids(read, held):
     text = deck("CTETRA", (2,)).replace("SPC1,1,123,1,2,3", held)
     if "THRU" in held:
         mesh = read(text, spc=2)

@@ -29,7 +29,7 @@ def changed(old, new):
     return FLAT.replace(old, new)
 
 
-def test_elements_arrive_in_blocks_of_a_kind_with_their_ids_and_lines(read):
+def test_shells_are_imported_by_kind_with_ids_and_lines(read):
     mesh = read(FLAT + "SET3,5,ELEM,10,11\n")
     quad, triangle = mesh.shells
     assert (quad.kind, quad.ids.tolist(), quad.nodes.tolist(), quad.region.tolist()) == ("quad4", [10], [[0, 1, 2, 3]], [1])
@@ -55,7 +55,7 @@ def test_elements_arrive_in_blocks_of_a_kind_with_their_ids_and_lines(read):
         ("1,1,.1,1,,1\n,.05,-.05", (0.1, 1, 5 / 6, 0)),
     ],
 )
-def test_a_property_is_thickness_bending_shear_and_mass(read, fields, expected):
+def test_pshell_defines_thickness_bending_shear_and_mass(read, fields, expected):
     section = read(changed("1,1,.1,1,,1", fields)).sections[1]
     assert (section.thickness, section.bending, section.shear, section.nonstructural) == pytest.approx(expected)
 
@@ -78,23 +78,23 @@ SYSTEM = "CORD2R,7,,0.,0.,0.,{}\n"
         (QUAD, f"{QUAD},7\n{SYSTEM.format('0.,0.,1.')},1.,1.,0.", (np.sqrt(0.5), np.sqrt(0.5), 0), 0),
     ],
 )  # fmt: skip
-def test_angle_or_system_of_the_material_and_offset(read, old, new, axis, offset):
+def test_shell_material_angle_system_and_offset(read, old, new, axis, offset):
     block = read(changed(old, new)).shells[old == TRIANGLE]
     assert block.offset.tolist() == [offset]
     np.testing.assert_allclose(block.axis, [axis], atol=1e-15)
 
 
 def test_a_material_system_along_the_normal_is_refused(read):
-    with pytest.raises(DeckError, match="x of its material system 7 is along its normal"):
+    with pytest.raises(DeckError, match="x of the material system 7 is normal to the shell"):
         read(changed(QUAD, f"{QUAD},7\n{SYSTEM.format('1.,1.,0.')},0.,0.,1."))
 
 
 def test_two_shells_on_the_same_nodes_are_noted(read):
     (note,) = read(FLAT + "CQUAD4,12,1,3,4,1,2\n").doubts
-    assert note.startswith("CQUAD4 12 is on the nodes of CQUAD4 10 (1 such element)")
+    assert note.startswith("CQUAD4 12 has the same nodes as CQUAD4 10 (1 such element)")
 
 
-def test_a_warped_quadrangle_is_noted_and_one_that_is_no_plane_refused(read):
+def test_warped_quadrilateral_is_noted_or_refused(read):
     """Corners lie by the least singular value over two off the plane nearest to them; 1.5/√5 where two are lifted by 3."""
     mesh = read(changed("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,.5"))
     x = mesh.position[:4]
@@ -108,16 +108,16 @@ def test_a_warped_quadrangle_is_noted_and_one_that_is_no_plane_refused(read):
         read(FLAT.replace("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,3.").replace("GRID,1,,0.,0.,0.", "GRID,1,,0.,0.,3."))
 
 
-test_what_is_wrong_is_named_with_file_and_line = refusal_table(changed, [
-    ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,3", "a node stands twice", 6),
+test_errors_have_file_and_line = refusal_table(changed, [
+    ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,3", "has the same node twice", 6),
     ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,3,2,4", "has no area|folded", 6),
     ("GRID,3,,2.,1.,0.", "GRID,3,,1.,.5,0.", "corner of 180° or more", 6),
-    ("PSHELL,1,1,.1,1,,1", "PSHEAR,1", "property 1 is a PSHEAR, not a PSHELL", 6),
-    ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4\n,,,.1,.1,.2,.1", "T3 makes it 0.2 thick .* property 0.1", 6),
+    ("PSHELL,1,1,.1,1,,1", "PSHEAR,1", "property 1 is a PSHEAR, but must be a PSHELL", 6),
+    ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4\n,,,.1,.1,.2,.1", r"T3 defines a thickness of 0\.2 at a corner", 6),
     ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,0.,1,,1", "thickness is 0", 8),
     ("PSHELL,1,1,.1,1,,1", "PSHELL,1,,.1,1,,1", "MID1 is blank", 8),
-    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,2,,1", r"material 2 of MID2 \(bending\) is no MAT1, MAT2 or MAT8", 8),
-    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,-1,,1", "MID2 is -1, plane strain", 8),
+    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,2,,1", r"material 2 of MID2 \(bending\) is not a MAT1, MAT2 or MAT8 of the deck", 8),
+    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,-1,,1", "MID2 is -1 \\(plane strain", 8),
     ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1,0.", "TS/T is 0", 8),
 ])
 
@@ -142,7 +142,7 @@ def test_a_pressure_acts_along_the_normal_at_the_centre(read, cards, force, plac
     np.testing.assert_allclose(moment, np.cross([*place, 0], total), atol=1e-14)
 
 
-def test_a_pressure_varies_between_the_corners_and_may_act_along_a_vector(read):
+def test_pload4_varies_between_corners_or_follows_vector(read):
     """p = x/2 on the square of 2 by 1: ∫ p dA = 1, ∫ p x dA = 4/3; along −y with its vector."""
     total, moment = totals(read(FLAT + "PLOAD4,1,10,0.,1.,1.,0.\n"), "LOAD-1")
     np.testing.assert_allclose(total, [0, 0, 1], atol=1e-15)
@@ -171,7 +171,7 @@ def changed_plies(old, new):
     return DECK.replace(old, new)
 
 
-def test_plies_come_from_the_lower_face_up_and_blank_entries_from_the_ply_before(read):
+def test_pcomp_plies_are_read_bottom_up_with_defaults(read):
     mesh = read(DECK)
     plies = (Ply(8, 0.1, 45.0), Ply(8, 0.1, -45.0), Ply(1, 0.2, 0.0))
     assert mesh.sections == {1: Laminate(plies, 2.5)}
@@ -183,23 +183,23 @@ def test_plies_come_from_the_lower_face_up_and_blank_entries_from_the_ply_before
     assert mesh.ignored == {}
 
 
-def test_middle_is_in_the_plane_without_z0(read):
+def test_laminate_is_centred_without_z0(read):
     assert read(changed_plies("PCOMP,1,-.1", "PCOMP,1,")).shells[0].offset[0] == pytest.approx(0.5)
 
 
-def test_symmetric_laminate_is_written_half(read):
+def test_symmetric_laminate_is_mirrored(read):
     (section,) = read(changed_plies("PCOMP,1,-.1,2.5,,,,,", "PCOMP,1,,,,,,,SYM")).sections.values()
     assert [(ply.material, ply.angle) for ply in section.plies] == [(8, 45), (8, -45), (1, 0), (1, 0), (8, -45), (8, 45)]
     assert section.thickness == pytest.approx(0.8)
 
 
-def test_pcompg_has_a_line_a_ply(read):
+def test_pcompg_reads_one_line_per_ply(read):
     old = DECK[DECK.index("PCOMP,1") : DECK.index("MAT8")]
     own = read(DECK.replace(old, "PCOMPG,1,-.1,2.5,,,,,\n,101,8,.1,45.,YES\n,102,,,-45.\n,103,1,.2,,YES\n")).sections
     assert own == read(DECK).sections
 
 
-def test_shell_of_one_orthotropic_material_is_a_laminate_of_one_ply(read):
+def test_orthotropic_pshell_is_single_ply_laminate(read):
     old = DECK[DECK.index("PCOMP,1") : DECK.index("MAT8")]
     mesh = read(DECK.replace(old, "PSHELL,1,8,.1,8,,8,,3.\n"))
     assert mesh.sections == {1: Laminate((Ply(8, 0.1),), 3.0)}
@@ -207,7 +207,7 @@ def test_shell_of_one_orthotropic_material_is_a_laminate_of_one_ply(read):
     assert mesh.ignored == {"MAT1 that no property refers to": 1}
 
 
-def test_weight_in_a_deck_of_weights(read):
+def test_wtmass_scales_laminate_density(read):
     mesh = read("PARAM,WTMASS,.5\n" + DECK)
     assert (mesh.laminae[8].density, mesh.sections[1].nonstructural) == (800.0, 1.25)
     assert mesh.density_of(1) == pytest.approx((0.2 * 800 + 0.2 * 3925) / 0.4)
@@ -219,5 +219,5 @@ test_what_is_wrong_is_named_with_file_and_line_of_composites = refusal_table(cha
     (",8,.1,45.,YES,,,-45.,\n,1,.2,,YES\n", "", "no plies", 6),
     ("MAT1,1,2.1+11,,.3,7850.", "MAT9,1,2.1+11", "material 1 of its plies is a MAT9", 6),
     ("1.4+11,1.+10", "0.,1.+10", "E1 is 0, not positive", 9),
-    (".3,5.+9", "4.,5.+9", "NU12 is 4, its square not below E1/E2 = 14", 9),
+    (".3,5.+9", "4.,5.+9", "NU12 is 4, but its square must be less than E1/E2 = 14", 9),
 ])

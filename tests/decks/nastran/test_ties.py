@@ -33,19 +33,19 @@ def pairs(mesh):
         "SPC1,1,123,2,THRU,3\nGRDX",
     ],
 )
-def test_supports_in_every_form_are_the_same_pairs(read, tetrahedron, cards):
+def test_all_support_cards_give_same_components(read, tetrahedron, cards):
     text = tetrahedron.replace("SPC1,1,123,1,2,3", cards)
     if "GRDX" in cards:
         text = text.replace("GRDX\n", "").replace("GRID,1,,0.,0.,0.", "GRID,1,,0.,0.,0.,,123")
     assert pairs(read(text)) == ALL
 
 
-def test_a_range_takes_the_nodes_that_exist(read, tetrahedron):
+def test_thru_range_selects_existing_nodes(read, tetrahedron):
     mesh = read(tetrahedron.replace("SPC1,1,123,1,2,3", "SPC1,1,3,3,THRU,99999999"))
     assert pairs(mesh) == {(2, 2), (3, 2)}
 
 
-def test_the_case_control_selects_the_set(read, tetrahedron):
+def test_case_control_selects_support_set(read, tetrahedron):
     bulk = tetrahedron + "SPC1,2,3,4\nSPC1,3,1,4\nSPCADD,9,2,3\n"
     bulk += "ENDDATA\n"
     assert pairs(read(f"SPC = 2\nBEGIN BULK\n{bulk}")) == {(3, 2)}
@@ -53,36 +53,36 @@ def test_the_case_control_selects_the_set(read, tetrahedron):
     assert read(f"SPC = 1\nBEGIN BULK\n{bulk}").ignored == {"SPC1 of a set that is not selected": 2}
 
 
-def test_the_config_may_say_which_set_holds(read, tetrahedron):
+def test_config_selects_support_set(read, tetrahedron):
     bulk = tetrahedron + "SPC1,2,3,4\nSPC1,3,1,4\nSPCADD,9,2,3\nENDDATA\n"
     subcases = "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 9\nSUBCASE 3\nSPC = 44\nBEGIN BULK\n"
     for head in (subcases, ""):
-        with pytest.raises(ChoiceError, match="supports") as caught:
+        with pytest.raises(ChoiceError, match="support") as caught:
             read(head + bulk)
-        assert (caught.value.choices, caught.value.remedy) == ((1, 9), "say which hold: mesh.spc: 1")
+        assert (caught.value.choices, caught.value.remedy) == ((1, 9), "select the support set: mesh.spc: 1")
         assert pairs(read(head + bulk, spc=9)) == {(3, 0), (3, 2)}
         assert pairs(read(head + bulk, spc=2)) == {(3, 2)}
     assert pairs(read(f"SPC = 44\nBEGIN BULK\n{bulk}", spc=2)) == {(3, 2)}
-    with pytest.raises(DeckError, match="set 7 of supports") as caught:
+    with pytest.raises(DeckError, match="support set 7") as caught:
         read(bulk, spc=7)
     assert caught.value.remedy == "select one of 1, 2, 3, 9"
 
 
 test_supports_that_cannot_be_taken_are_named = refusal_table(lambda head, cards: f"{head}{TETRAHEDRON}{cards}\nENDDATA\n", [
-    ("", "SPC1,2,3,4", "2 sets of supports \\(1, 2\\) and no selection"),
+    ("", "SPC1,2,3,4", r"the deck has 2 support sets \(1, 2\), and the case control selects none"),
     ("SPC = 5\nBEGIN BULK\n", "", "SPC = 5 selects a set that is not in the deck"),
     ("SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 2\nBEGIN BULK\n", "SPC1,2,3,4", "different supports"),
     ("", "SPCADD,9,1,2", "set 2 has no SPC"),
     ("", "SPC1,1,123,9", "node 9 is not in the deck"),
     ("", "SPC1,1,127,4", "components '127'"),
-    ("", "SPC1,1,123,4,THRU,2", "runs backwards"),
+    ("", "SPC1,1,123,4,THRU,2", "is decreasing"),
 ], placed=False)
 
 
 CYLINDER = "CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\n"
 
 
-def test_a_turned_node_keeps_the_components_of_its_system(read, tetrahedron):
+def test_supports_are_along_nodal_axes(read, tetrahedron):
     mesh = read(tetrahedron + CYLINDER + "GRID,5,,0.,2.,1.,6\nSPC1,1,2,5\n")
     assert (4, 1) in pairs(mesh)
     np.testing.assert_allclose(mesh.axes[4], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
@@ -90,7 +90,7 @@ def test_a_turned_node_keeps_the_components_of_its_system(read, tetrahedron):
 
 
 @pytest.mark.parametrize("components", ["123456", "1", "135", "46"])
-def test_rbe2_keeps_reference_dependents_and_components(read, tetrahedron, components):
+def test_rbe2_is_imported_with_nodes_and_components(read, tetrahedron, components):
     (rigid,) = read(tetrahedron + f"GRID,50,,5.,5.,5.\nRBE2,99,50,{components},2,THRU,4,1.-5\n").rigid
     assert (rigid.id, rigid.reference, rigid.components) == (99, 4, tuple(int(c) - 1 for c in components))
     assert sorted(rigid.nodes) == [1, 2, 3]
@@ -121,11 +121,11 @@ test_ties_masses_and_sets_that_cannot_be_taken_are_named = refusal_table(
     ("RBE2,99,50,123,4,1000000000000", "is 1000000000000, too large"),
     ("RBE2,99,50,123", "no dependent node"),
     ("RBE2,99,50,123,4,50", "also dependent"),
-    ("RBE2,99,50,123,4\nRBE2,99,50,123,3", "rigid element id 99 stands twice"),
-    ("RBE3,98,,50,123,1.,123456,1,2", "rotations of node 1 are averaged, which has none"),
+    ("RBE2,99,50,123,4\nRBE2,99,50,123,3", "rigid element id 99 is used twice"),
+    ("RBE3,98,,50,123,1.,123456,1,2", "rotations of node 1 are averaged, but it has no rotations"),
     ("RBE3,98,,50,123,-1.,123,1,2", "positive weight"),
-    ("RBE3,98,,50,123,1.,123,1,1", "stands twice"),
-    ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", "UM set holds 1 motions, the reference components are 3"),
+    ("RBE3,98,,50,123,1.,123,1,1", "is used twice"),
+    ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", "the UM set has 1 motions, but there are 3 reference components"),
     ("CONM2,90,4,,-3.", "mass is -3"),
     ("SET1,5,1,2,77", "node 77 is not in the deck"),
 ], placed=False)
@@ -160,8 +160,8 @@ def test_element_sets_of_a_deck_without_solids(read):
 
 @pytest.mark.parametrize("card", ["SPC1,1,0,4,9", "SPC1,1,123,9", "SPC,1,9,0", "SPC,1,10,,0.", "CONM2,90,9,,1."])
 @pytest.mark.parametrize("points", ["SPOINT,9,10", "SPOINT,8,THRU,20"])
-def test_a_scalar_point_is_reported_to_be_one(read, tetrahedron, card, points):
-    with expect_refusal(DeckError, r"node (9|10) is a scalar point: scalar points are not supported", where=":10"):
+def test_scalar_point_is_refused(read, tetrahedron, card, points):
+    with expect_refusal(DeckError, r"node \d+ is a scalar point \(SPOINT\), which is not supported", where=":10"):
         read(f"{tetrahedron}{points}\n{card}\n")
 
 
@@ -177,7 +177,7 @@ RELATIONS = "MPC,3,1,1,1.,2,1,-1.\nMPC,4,1,2,1.,2,2,-1.\nMPCADD,5,3,4\n"
         ("CEND\nmpc=5\nSPC = 1\n", {}, [[0, 1, 0], [0, 1, 1]]),
     ],
 )
-def test_the_case_control_selects_the_relations(read, tetrahedron, head, left, taken):
+def test_case_control_selects_mpc_set(read, tetrahedron, head, left, taken):
     mesh = read((f"{head}BEGIN BULK\n" if head else "") + tetrahedron + RELATIONS + "ENDDATA\n")
     assert mesh.ignored == {f"{name} of a set that is not selected": n for name, n in left.items()}
     assert [[*e.node.tolist(), int(e.component[0])] for e in mesh.relations] == taken
@@ -224,7 +224,7 @@ def rigid_motion(mesh, q):
         ("RBE1,20,1,123,2,23,3,3\n+,UM,4,123,3,12,1,4", [(3, 0), (3, 1), (3, 2), (2, 0), (2, 1), (0, 3)]),
     ],
 )
-def test_what_a_rigid_body_does_fulfils_the_relations_and_nothing_else(read, card, dependent, systems):
+def test_rigid_bar_relations_admit_only_rigid_motions(read, card, dependent, systems):
     mesh = read(f"{grids_of(systems)}{card}\n")
     expected = dependent
     if card == "RBAR,20,1,2,1236,34":  # blank CMA and CMB: all that are not independent
@@ -252,7 +252,7 @@ def test_what_a_rigid_body_does_fulfils_the_relations_and_nothing_else(read, car
         "RBAR1,20,1,3,123456", "RBE1,20,1,123456\n+,UM,3,123456", "RBE1,20,1,123456\n+,UM,3,123,3,456,1.-5",
     ],
 )
-def test_a_node_that_leads_with_six_motions_is_a_rigid_element(read, card, systems):
+def test_bar_with_one_leading_node_is_rigid_element(read, card, systems):
     mesh = read(f"{grids_of(systems)}{card}\n")
     expected = read(f"{grids_of(systems)}RBE2,20,1,123456,3\n")
     assert mesh.relations == ()
@@ -283,13 +283,13 @@ def test_a_rigid_rod_keeps_its_length(read, fields, follower, systems):
 
 
 test_bars_that_cannot_be_rigid_are_refused = refusal_table(lambda card: f"{grids_of(SYSTEMS[0])}GRID,5,,1.,1.2,.3\n{card}\n", [
-    ("RBAR,20,1,1,123456", "both ends are node 1"),
+    ("RBAR,20,1,1,123456", "both ends are at node"),
     ("RBAR,20,1,2,12345", "5 independent motions"),
-    ("RBAR,20,1,2,123,123", "do not hold a rigid body"),
-    ("RBAR,20,1,2,123456,,1,123456", "node 1 is independent and dependent in component 1"),
+    ("RBAR,20,1,2,123,123", "the independent motions do not constrain a rigid body"),
+    ("RBAR,20,1,2,123456,,1,123456", "node 1 is both independent and dependent in component"),
     ("RBE1,20,1,123456", "has no UM"),
-    ("RBE1,20,1,123,2,123\n+,UM,3,123", "do not hold a rigid body"),
-    ("RROD,20,1,2,4", "not one translation"),
-    ("RROD,20,2,5,1", "across its line"),
+    ("RBE1,20,1,123,2,123\n+,UM,3,123", "the independent motions do not constrain a rigid body"),
+    ("RROD,20,1,2,4", "exactly one translation must be dependent"),
+    ("RROD,20,2,5,1", "the dependent motion is perpendicular to the rod"),
     ("GRID,6,,1.,.2,0.3\nRROD,20,2,6,1", "its ends coincide"),
 ], placed=False)

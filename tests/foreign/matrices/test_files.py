@@ -103,7 +103,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_what_is_no_matrix_is_refused_with_its_path(tmp_path, name):
+def test_invalid_matrix_is_refused(tmp_path, name):
     path = HOSTILE[name](tmp_path)
     with pytest.raises(DeckError) as caught:
         read_matrix(path)
@@ -112,12 +112,12 @@ def test_what_is_no_matrix_is_refused_with_its_path(tmp_path, name):
 
 
 @pytest.mark.parametrize(("part", "which"), [(sparse.tril, "lower"), (sparse.triu, "upper")])
-def test_one_triangle_is_reported_to_be_one(tmp_path, K, part, which):
+def test_triangular_matrix_is_refused(tmp_path, K, part, which):
     with pytest.raises(DeckError, match=f"only the {which} triangle"):
         symmetric(sparse.csr_array(part(K)), tmp_path)
 
 
-def test_rounding_is_made_symmetric_and_measured_and_more_is_refused(tmp_path, K):
+def test_asymmetry_is_removed_or_refused(tmp_path, K):
     largest = abs(K).max()
     for off in (1e-10, 3e-8):
         X = K.tolil()
@@ -152,10 +152,10 @@ def test_a_numbering_is_nodes_and_components(tmp_path):
         ("node,component\n7,7\n", "component 7", 2),
         ("node,component\n7,0\n", "scalar point", 2),
         ("node,component\n7,1\n8,1\n7,1\n", "node 7, component 1 is numbered twice", 4),
-        ("node,component\n", "no row", None),
+        ("node,component\n", "write one line node,component for each row", None),
     ],
 )
-def test_a_numbering_that_is_none_is_refused_at_its_line(tmp_path, lines, said, line):
+def test_invalid_numbering_is_refused(tmp_path, lines, said, line):
     path = tmp_path / "rows.csv"
     path.write_text(lines)
     with pytest.raises(DeckError, match=said) as caught:
@@ -191,7 +191,7 @@ def csr(path):
 
 
 @pytest.mark.parametrize("write", [dense, csr])
-def test_what_memory_does_not_hold_is_not_unpacked(tmp_path, small, write):
+def test_archive_exceeding_memory_is_refused(tmp_path, small, write):
     path = tmp_path / "k.npz"
     write(path)
     assert path.stat().st_size < 1e5
@@ -228,7 +228,7 @@ LIES = {
 
 
 @pytest.mark.parametrize("lie", LIES)
-def test_headers_that_lie_cost_no_memory(tmp_path, lie):
+def test_false_headers_allocate_no_memory(tmp_path, lie):
     path = LIES[lie](tmp_path / "k.npz")
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(StrainsightError, match=r"k\.npz"):

@@ -40,7 +40,7 @@ def random(rows, columns, seed=0, density=0.3):
 @pytest.mark.parametrize("binary", [False, True])
 @pytest.mark.parametrize("layout", ["dense", "bigmat", "nonbigmat"])
 @pytest.mark.parametrize("shape", [(12, 12), (5, 17), (40, 3)])
-def test_every_layout_comes_back(tmp_path, binary, layout, shape):
+def test_op4_roundtrip_of_all_layouts(tmp_path, binary, layout, shape):
     A = random(*shape)
     write(tmp_path / "a.op4", {"k": A.toarray()}, binary=binary, sparse=layout, digits=16)
     assert np.allclose(read_op4(tmp_path / "a.op4").toarray(), A.toarray(), rtol=1e-15, atol=0)
@@ -54,7 +54,7 @@ def test_both_byte_orders_are_read(tmp_path, endian):
 
 
 @pytest.mark.parametrize("binary", [False, True])
-def test_more_than_65535_rows_make_bigmat_whatever_the_sign_in_the_header(tmp_path, binary):
+def test_bigmat_from_65536_rows(tmp_path, binary):
     A = sparse.csr_array(([1.0, 2.0, 3.0], ([0, 65_535, 69_999], [0, 1, 1])), shape=(70_000, 3))
     write(tmp_path / "a.op4", {"k": A.tocoo()}, binary=binary, sparse="nonbigmat", digits=16)
     assert abs(read_op4(tmp_path / "a.op4") - A).max() == 0
@@ -92,12 +92,12 @@ TEXT = """\
 """
 
 
-def test_fortran_writes_d_for_e_and_nothing_before_three_digits(tmp_path):
+def test_fortran_exponents_are_read(tmp_path):
     (tmp_path / "a.op4").write_text(TEXT)
     assert read_op4(tmp_path / "a.op4").toarray().tolist() == [[1.5, -2.5e-101], [-2.5, 4.0]]
 
 
-def test_one_of_several_matrices_is_taken_by_name_and_named_where_it_is_not(tmp_path):
+def test_op4_matrix_is_selected_by_name(tmp_path):
     K, M = random(5, 5, 1), random(5, 5, 2)
     for binary in (False, True):
         write(tmp_path / "a.op4", {"kgg": K.toarray(), "mgg": M.toarray()}, binary=binary, digits=16)
@@ -112,12 +112,12 @@ def test_one_of_several_matrices_is_taken_by_name_and_named_where_it_is_not(tmp_
 @pytest.mark.parametrize(
     ("change", "said", "line"),
     [
-        (lambda t: t[:150], "ends within", 5),
+        (lambda t: t[:150], "the file ends inside a matrix", 5),
         (lambda t: t.replace("4.0000000000000000D+00", "4.000000000000000x0D+0"), "not a number", 5),
-        (lambda t: t.replace("       1       1       2", "       1       2       2"), "2 numbers from row 2 of 2", 2),
+        (lambda t: t.replace("       1       1       2", "       1       2       2"), "column 1 of KGG has 2 numbers", 2),
         (lambda t: t.replace("       2       1       2", "       1       1       2"), "follows column", 4),
         (lambda t: t.replace("       2KGG", "       4KGG"), "complex", 1),
-        (lambda t: "\x00\x01\x02" * 50, "no line of an OP4 file", 1),
+        (lambda t: "\x00\x01\x02" * 50, "is not a valid line of an OP4 file", 1),
     ],
 )
 def test_damaged_text_is_refused_at_its_line(tmp_path, change, said, line):
@@ -136,7 +136,7 @@ def job(tmp_path):
     return tmp_path / "job.inp"
 
 
-def test_stiffness_is_that_of_the_deck_and_mass_that_of_one_point(job):
+def test_calculix_matrices_match_deck(job):
     nodes, components = read_numbering(job.with_suffix(".dof"))
     K = read_matrix(job.with_suffix(".sti"))
     own = assemble(read_abaqus(job))[0].constant.toarray()
@@ -151,14 +151,14 @@ def test_stiffness_is_that_of_the_deck_and_mass_that_of_one_point(job):
     ("ending", "text", "what"),
     [
         (".sti", "{}2 1 0.0\n", "both triangles"),
-        (".sti", "1 1\n", "not row, column and value"),
-        (".sti", "1 1 1.\n1 2 x\n", r"job.sti:2.*'1 2 x' is not row, column and value"),
+        (".sti", "1 1\n", "the lines have 2 numbers instead of row, column and value"),
+        (".sti", "1 1 1.\n1 2 x\n", r"job.sti:2.*'1 2 x' does not consist of row, column and value"),
         (".sti", "", "the file is empty"),
-        (".dof", "{}5\n", "no node.component"),
+        (".dof", "{}5\n", r"'5' is not node\.component"),
         (".dof", "{}4.2\n", "node 4, component 2 is numbered twice"),
     ],
 )
-def test_what_is_no_matrix_of_calculix_is_refused(job, ending, text, what):
+def test_invalid_calculix_matrix_is_refused(job, ending, text, what):
     path = job.with_suffix(ending)
     path.write_text(text.format(path.read_text()))
     with pytest.raises(DeckError, match=what) as caught:
@@ -166,7 +166,7 @@ def test_what_is_no_matrix_of_calculix_is_refused(job, ending, text, what):
     assert str(path) in str(caught.value)
 
 
-def test_init_writes_the_section_for_matrices_beside_the_deck(job, monkeypatch):
+def test_init_finds_matrices_of_deck(job, monkeypatch):
     monkeypatch.chdir(job.parent)
     options = ["--load", "node 4", "--direction", "0 0 1", "--amplitude", "1", "--frequency", "1"]
     assert CliRunner().invoke(app, ["init", "job.inp", *options]).exit_code == 0

@@ -51,7 +51,7 @@ def test_modes_have_frequency_subcase_and_number(tmp_path, end):
     assert first.modal_mass is None
 
 
-def test_displacements_count_in_their_subcase_and_other_blocks_and_cards_are_passed_over(tmp_path):
+def test_punch_displacements_are_numbered_per_subcase(tmp_path):
     path = written(
         tmp_path,
         ["GRID           1               0.0     0.0     0.0"],
@@ -103,12 +103,12 @@ def test_other_kinds_are_refused_with_line_and_remedy(tmp_path, block, said):
 @pytest.mark.parametrize(
     ("row", "columns", "text", "said", "line"),
     [
-        (0, slice(0, 10), "     three", "'three' is no finite number", 7),
-        (3, slice(18, 36), "               NaN", "node 1 moves by", "7, subcase 1"),
-        (1, slice(0, 18), " " * 18, "a node without its two lines", 7),
+        (0, slice(0, 10), "     three", "'three' is not a finite number", 7),
+        (3, slice(18, 36), "               NaN", r"the motion of node 1 is not finite: -0\.142857,", "7, subcase 1"),
+        (1, slice(0, 18), " " * 18, "a node does not have two lines", 7),
     ],
 )
-def test_lines_that_cannot_be_read_are_refused_with_their_number(tmp_path, row, columns, text, said, line):
+def test_invalid_punch_lines_are_refused(tmp_path, row, columns, text, said, line):
     lines = rows()
     lines[row] = lines[row][: columns.start] + text + lines[row][columns.stop :]
     with expect_refusal(DeckError, said, where=f":{line}"):
@@ -116,8 +116,8 @@ def test_lines_that_cannot_be_read_are_refused_with_their_number(tmp_path, row, 
 
 
 @pytest.mark.parametrize("content", [b"\x04\0\0\0" * 50, b"x" * 10_000])
-def test_what_is_no_text_is_refused(tmp_path, content):
+def test_binary_punch_is_refused(tmp_path, content):
     path = tmp_path / "run.pch"
     path.write_bytes(content)
-    with pytest.raises(DeckError, match="no line of a punch file"):
+    with pytest.raises(DeckError, match="the line is not a line of a"):
         list(read_responses(path))

@@ -74,7 +74,7 @@ def write_vtu(path, mesh, found):
 
 
 @pytest.mark.parametrize(("ending", "write", "digits"), [("op2", write_op2, 1e-9), ("vtu", write_vtu, 1e-9)])
-def test_modes_come_back_on_the_nodes_of_the_deck(tmp_path, deck, mesh, found, ending, write, digits):
+def test_modes_are_on_deck_nodes(tmp_path, deck, mesh, found, ending, write, digits):
     path = tmp_path / f"run.{ending}"
     write(path, mesh, found)
     config = MeshFile(file=deck.name, results={"file": path.name})

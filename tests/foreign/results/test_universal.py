@@ -51,7 +51,7 @@ def written(tmp_path, *datasets, name="run.unv"):
     return path
 
 
-def test_what_pyuff_writes(tmp_path):
+def test_pyuff_modes_are_read(tmp_path):
     import pyuff
 
     path = tmp_path / "run.uff"
@@ -71,7 +71,7 @@ def test_what_pyuff_writes(tmp_path):
     assert not second.along_node_axes
 
 
-def test_datasets_of_both_kinds_among_others(tmp_path):
+def test_universal_datasets_55_and_2414(tmp_path):
     path = written(
         tmp_path,
         MESH,
@@ -92,7 +92,7 @@ def test_datasets_of_both_kinds_among_others(tmp_path):
     assert [r.label for r in found[:2]] == ["plate", "plate"]
 
 
-def test_shapes_of_a_test_may_be_accelerations(tmp_path):
+def test_universal_shapes_may_be_accelerations(tmp_path):
     found = list(read_responses(written(tmp_path, dataset55(kind=12), dataset55(analysis=1, kind=12))))
     assert [r.kind for r in found] == ["mode"]
 
@@ -104,13 +104,13 @@ def test_shapes_of_a_test_may_be_accelerations(tmp_path):
         (dataset55(analysis=4), "a transient response"),
         (dataset55(analysis=6), "a buckling shape"),
         (dataset2414(analysis=0), "an analysis of type 0"),
-        (dataset55(count=4), "a vector of 4 values"),
-        (dataset55(body=lines().replace("  8.57143E-01", "          NaN")), "moves by"),
-        (dataset55()[:-7], "the file ends within dataset 55"),
-        ("text\n", "no start of a dataset"),
+        (dataset55(count=4), "the vectors have 4 values instead of 3"),
+        (dataset55(body=lines().replace("  8.57143E-01", "          NaN")), r"the motion of node 999999999 is not finite"),
+        (dataset55()[:-7], "the file ends inside dataset 55"),
+        ("text\n", "expected the start of a dataset"),
     ],
 )
-def test_what_is_refused_comes_with_line_and_remedy(tmp_path, dataset, said):
+def test_invalid_universal_files_are_refused(tmp_path, dataset, said):
     with expect_refusal(DeckError, said, remedy="") as caught:
         list(read_responses(written(tmp_path, dataset)))
     assert "run.unv:" in caught.value.where

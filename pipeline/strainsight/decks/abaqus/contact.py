@@ -1,4 +1,4 @@
-"""*CONTACT PAIR of an Abaqus or CalculiX deck, in a linear model: bonded or open, as the config chooses."""
+"""*CONTACT PAIR of an Abaqus or CalculiX deck in a linear model: bonded or open, as set in the config."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from strainsight.mesh.thin import concatenate
 
 Contact = Literal["bonded", "open"]
 COARSER = 1.5
-"""Between the mean sizes of facets, from which a surface that follows is the coarser one."""
+"""Ratio of mean facet sizes from which the first surface counts as the coarser one."""
 SHOWN = 6
-"""Pairs that an error names."""
+"""Number of pairs listed in an error."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A line of *CONTACT PAIR: the surface that follows where they are bonded, and the other; adjust: how far off its nodes may
-    lie, None where the deck does not say; tied: the deck ties them."""
+    """A line of *CONTACT PAIR: the slave surface, if bonded, and the master surface; adjust: largest distance of
+    slave nodes, None if not in the deck; tied: the deck ties the pair."""
 
     row: Row
     first: Surface
@@ -45,58 +45,60 @@ def with_contact(
     choice: Contact | None,
     removed: Collection[tuple[str, str]],
 ) -> Mesh:
-    """A mesh in which the surfaces of contact pairs are bonded, the nodes of the first following the facets of the second that
-    they lie on, see `with_surface_tie`, or are open, and not connected; `contacts` says so of each. Pairs whose interaction has
-    PRESSURE-OVERCLOSURE=TIED (CalculiX), or that are TIED (Abaqus), are bonded always; those that *MODEL CHANGE has removed are
-    open.
+    """Mesh in which contact pairs are bonded or open; `contacts` reports the treatment of each pair.
 
-    Nodes that are farther off than ADJUST, or than `TOLERANCE` of a facet, stay open, and so do those that follow something
-    already, or that the other surface follows. Raises ContactError where there is a pair and no choice, DeckError for surfaces
-    that are not in the deck, and where surfaces of shells are to be bonded.
+    In a bonded pair, nodes of the first surface follow the facets of the second surface on which they lie, see
+    `with_surface_tie`. Pairs whose interaction has PRESSURE-OVERCLOSURE=TIED (CalculiX), or that are TIED (Abaqus),
+    are always bonded; pairs removed by *MODEL CHANGE are open. Nodes farther away than ADJUST or `TOLERANCE` of a
+    facet stay open, and so do nodes that already follow other nodes or that the other surface follows. Raises
+    ContactError for a pair without a choice, DeckError for missing surfaces and for bonded surfaces of shells.
     """
     pairs = list(_pairs(surfaces, keywords))
-    gone = [(pair.row.text(0).upper(), pair.row.text(1).upper()) in removed for pair in pairs]
-    asked = [pair for pair, out in zip(pairs, gone, strict=True) if not (pair.tied or out)]
-    if asked and choice is None:
-        listed = [f"{pair} ({pair.row.where})" for pair in asked[:SHOWN]]
-        more = f" and {len(asked) - SHOWN} more" if len(asked) > SHOWN else ""
+    removed_pairs = [(pair.row.text(0).upper(), pair.row.text(1).upper()) in removed for pair in pairs]
+    undecided = [pair for pair, out in zip(pairs, removed_pairs, strict=True) if not (pair.tied or out)]
+    if undecided and choice is None:
+        listed = [f"{pair} ({pair.row.where})" for pair in undecided[:SHOWN]]
+        more = f" and {len(undecided) - SHOWN} more pairs" if len(undecided) > SHOWN else ""
         raise ContactError(
-            f"surfaces in contact, which a linear model holds together or apart: {', '.join(listed)}{more}",
-            where=asked[0].row.where,
-            remedy="mesh.contact: bonded, what touches is tied, the stiffest it can be; or mesh.contact: open, nothing "
-            "connects it, as in a *FREQUENCY step of CalculiX without PERTURBATION",
-            choices=tuple(map(str, asked)),
+            "the deck has surfaces in contact, but a linear model cannot open or close contacts: "
+            f"{', '.join(listed)}{more}",
+            where=undecided[0].row.where,
+            remedy="set mesh.contact: bonded to tie surfaces where they touch (upper limit of stiffness), or "
+            "mesh.contact: open to leave them unconnected, as in a *FREQUENCY step of CalculiX without "
+            "PERTURBATION",
+            choices=tuple(map(str, undecided)),
         )
-    said: list[str] = []
+    sentences: list[str] = []
     for i, pair in enumerate(pairs):
         turned = [
-            own
-            for own, out in zip(pairs[:i], gone[:i], strict=True)
-            if not out and own.first is pair.second and own.second is pair.first
+            other
+            for other, out in zip(pairs[:i], removed_pairs[:i], strict=True)
+            if not out and other.first is pair.second and other.second is pair.first
         ]
-        if gone[i]:
-            words = "open: *MODEL CHANGE removes it"
-        elif any(own.tied or not pair.tied for own in turned):
-            words = "that of the pair above, the other way round"
+        if removed_pairs[i]:
+            words = "open: removed by *MODEL CHANGE"
+        elif any(other.tied or not pair.tied for other in turned):
+            words = "same as the pair above, with the surfaces exchanged"
         elif pair.tied or choice == "bonded":
             mesh, words = _bonded(mesh, pair)
         else:
-            words = "open (mesh.contact): nothing connects them, however the deck presses them together"
-        said.append(f"contact of {pair}: {words}")
-    return replace(mesh, contacts=tuple(said))
+            words = "open (mesh.contact): the surfaces are not connected, even if they are pressed together"
+        sentences.append(f"contact of {pair}: {words}")
+    return replace(mesh, contacts=tuple(sentences))
 
 
 def _pairs(surfaces: Surfaces, keywords: Sequence[Keyword]) -> Iterator[Pair]:
     tying = _tying(keywords)
     for scope, keyword in surfaces.assembly.keywords("CONTACTPAIR", of_steps=True):
-        given = keyword.parameters.get("ADJUST", "")
+        adjust = keyword.parameters.get("ADJUST", "")
         tied = "TIED" in keyword.parameters or keyword.word("INTERACTION") in tying
         for row in keyword.rows():
-            yield Pair(row, *surfaces.find_pair(scope, row), parse_real(given) if given else None, tied)
+            yield Pair(row, *surfaces.find_pair(scope, row), parse_real(adjust) if adjust else None, tied)
 
 
 def _tying(keywords: Sequence[Keyword]) -> set[str]:
-    """Names, in capitals, of the interactions that tie: a *SURFACE BEHAVIOR belongs to the *SURFACE INTERACTION before it."""
+    """Names, in capitals, of the interactions that tie surfaces; a *SURFACE BEHAVIOR belongs to the preceding
+    *SURFACE INTERACTION."""
     names, current = set(), ""
     for keyword in keywords:
         if keyword.name == "SURFACEINTERACTION":
@@ -107,20 +109,23 @@ def _tying(keywords: Sequence[Keyword]) -> set[str]:
 
 
 def _bonded(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
-    """The mesh with a pair tied, and what became of it."""
+    """Mesh with a bonded pair, and a sentence on the result."""
     if pair.first is pair.second:
-        return mesh, "open: a surface with itself"
+        return mesh, "open: contact of a surface with itself"
     nodes = np.setdiff1d(pair.first.nodes, pair.second.nodes)
     shared = len(pair.first.nodes) - len(nodes)
     if not len(nodes):
-        return mesh, "they have the same nodes, and are one"
+        return mesh, "both surfaces have the same nodes, so they are already connected"
     if not pair.second.facets:
-        raise pair.row.error(f"surface {pair.second.name} is of nodes, which nothing can follow", "write its facets")
+        raise pair.row.error(
+            f"surface {pair.second.name} is a node surface, and other nodes cannot be tied to it",
+            "define the surface by element facets (TYPE=ELEMENT)",
+        )
     size = facet_size(mesh, pair.first, pair.second)
     if size is None:
         raise pair.row.error(
-            f"{pair} joins shells or beams, which are not bonded",
-            "join them by *TIE, nodes or mesh.ties, and leave the pair open (mesh.contact: open)",
+            f"{pair} joins shells or beams, which cannot be bonded",
+            "use *TIE, common nodes or mesh.ties to join them, and leave the pair open (mesh.contact: open)",
         )
     within = TOLERANCE * size if pair.adjust is None else max(pair.adjust, TOLERANCE * size)
     free = np.setdiff1d(nodes, following_already(mesh))
@@ -131,26 +136,26 @@ def _bonded(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
         )
     except UserError:
         tied = 0
-    left = [f"{shared} are nodes of both"] if shared else []
-    left += [f"{len(nodes) - len(free)} follow something already"] if len(free) < len(nodes) else []
-    left += [f"{len(free) - len(able)} are followed by the other surface"] if len(able) < len(free) else []
-    left += [f"{len(able) - tied} lie more than {within:.3g} off and stay open"] if tied < len(able) else []
-    own = facet_size(mesh, pair.second, pair.first)
-    if tied and own is not None and own > COARSER * size:
-        left += [f"the finer surface is free between them: name {pair.second.name} first"]
+    left = [f"{shared} belong to both surfaces"] if shared else []
+    left += [f"{len(nodes) - len(free)} already follow other nodes"] if len(free) < len(nodes) else []
+    left += [f"{len(free) - len(able)} lead nodes of the other surface"] if len(able) < len(free) else []
+    left += [f"{len(able) - tied} are more than {within:.3g} away and stay open"] if tied < len(able) else []
+    second_size = facet_size(mesh, pair.second, pair.first)
+    if tied and second_size is not None and second_size > COARSER * size:
+        left += [f"nodes of the finer surface between them stay free: name {pair.second.name} first to avoid this"]
     how = "TIED in the deck" if pair.tied else "mesh.contact"
-    bound = "" if pair.tied or not tied else "; what may open or slide is stiffer here than it is"
-    return mesh, f"{tied} of {len(pair.first.nodes)} nodes bonded ({how}){''.join(f', {own}' for own in left)}{bound}"
+    bound = "" if pair.tied or not tied else "; the model is too stiff where the contact may open or slide"
+    return mesh, f"{tied} of {len(pair.first.nodes)} nodes bonded ({how}){''.join(f', {part}' for part in left)}{bound}"
 
 
 def following_already(mesh: Mesh) -> IntArray:
-    """Nodes whose motions, or some of them, follow others by ties and relations."""
-    led = [own.nodes for own in mesh.rigid] + [np.array([own.reference]) for own in mesh.averaging]
-    led += [own.node[:1] for own in mesh.relations]
+    """Nodes that follow others by ties or relations, in at least one component."""
+    led = [tie.nodes for tie in mesh.rigid] + [np.array([tie.reference]) for tie in mesh.averaging]
+    led += [tie.node[:1] for tie in mesh.relations]
     return np.unique(concatenate(led))
 
 
 def _followed_by(mesh: Mesh, nodes: IntArray) -> IntArray:
-    """Nodes that some of `nodes` (m,) follow by relations: to follow these in turn would be a circle."""
-    ahead = [own.node[1:] for own in mesh.relations if np.isin(own.node[0], nodes)]
+    """Nodes that lead some of `nodes` (m,) by relations; tying them to these would be circular."""
+    ahead = [relation.node[1:] for relation in mesh.relations if np.isin(relation.node[0], nodes)]
     return np.unique(concatenate(ahead))

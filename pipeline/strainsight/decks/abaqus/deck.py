@@ -1,4 +1,4 @@
-"""Abaqus and CalculiX decks: solids, shells, beams, supports, ties and masses; the rest is counted, never dropped."""
+"""Abaqus and CalculiX decks: solids, shells, beams, supports, ties and masses; everything else is counted."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
 from strainsight.mesh.surface_ties import without_held
 from strainsight.mesh.thin import nodes_that_turn
 
-TAKEN = re.compile(
+IMPORTED = re.compile(
     r"NODE|ELEMENT|NSET|ELSET|SURFACE|(END)?(PART|ASSEMBLY|INSTANCE)|SYSTEM|TRANSFORM|MATERIAL|ELASTIC|DENSITY|"
     r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION|TIE|CONTACTPAIR|MODELCHANGE|CYCLICSYMMETRYMODEL"
 )
@@ -39,7 +39,7 @@ HARMLESS = re.compile(
     r"(NODE|EL|CONTACT|ENERGY|MODAL|SECTION)(FILE|PRINT)|PHYSICALCONSTANTS|DIAGNOSTICS|STATIC|(COMPLEX)?FREQUENCY|"
     r"(MODAL)?DYNAMIC|STEADYSTATEDYNAMICS|BUCKLE|VISCO|RANDOMRESPONSE|RESPONSESPECTRUM|HEATTRANSFER|DIRECTCYCLIC|SELECTCYCLICSYMMETRYMODES|GREEN"
 )
-"""Output, procedures and their control: they change neither stiffness, mass, ties nor supports."""
+"""Output, procedures and their control, which change neither stiffness, mass, ties nor supports."""
 STRUCTURAL = re.compile(
     r"\*(?!CLOAD|DLOAD|DSLOAD|DFLUX|CFLUX|FILM|RADIATE|TEMPERATURE|BASE ?MOTION|EXPANSION|CONDUCTIVITY|SPECIFIC HEAT"
     r"|INITIAL|AMPLITUDE)"
@@ -49,23 +49,23 @@ UNSUPPORTED = re.compile(
     r"|SUBSTRUCTURE|SUBMODEL|FASTENER|PRE-TENSION|RELEASE|COUPLING|DISTRIBUTING ?COUPLING|RIGID ?BODY"
     r"|CLOAD|DLOAD|DSLOAD|INERTIA ?RELIEF)"
 )
-"""Elements, ties and loads: what a model is not the same without."""
+"""Elements, ties and loads without which the model is wrong."""
 OF_THIN = re.compile(
     r"\*(NORMAL$|NODE with|TRANSVERSE ?SHEAR|CENTROID|SHEAR ?CENTER|BEAM ?ADDED ?INERTIA|BEAM ?FLUID ?INERTIA"
     r"|BEAM ?SECTION ?OFFSET)"
 )
-"""What shells and beams are not the same without."""
+"""Keywords without which shells and beams are wrong."""
 BEFORE = "lines before the first keyword"
 OF_CONTACT = re.compile(
     r"\*(SURFACE ?INTERACTION|SURFACE ?BEHAVIOR|FRICTION|CONTACT ?(DAMPING|INTERFERENCE|FILE|CONTROLS)|CLEARANCE"
     r"|CHANGE ?(FRICTION|CONTACT ?TYPE|SURFACE ?BEHAVIOR)|GAP ?(CONDUCTANCE|HEAT ?GENERATION))"
 )
-"""How a pair presses and slides: nothing of it is in a pair that is bonded or open."""
+"""Behaviour of contact pairs, which has no effect on bonded or open pairs."""
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
-    "PARAMETER": ("parameters are not supported", "write their values out"),
-    "MANIFEST": ("assemblies of several files are not supported", "write the deck as one file"),
+    "PARAMETER": ("parameters are not supported", "write their values into the deck"),
+    "MANIFEST": ("assemblies of several files are not supported", "export the deck as one file"),
 }
 
 
@@ -73,23 +73,23 @@ def read_abaqus(
     path: Path,
     *,
     required: bool = True,
-    stated: bool = True,
+    materials_required: bool = True,
     ignore: Sequence[str] = (),
     include: Sequence[Path] = (),
     contact: Contact | None = None,
     step: int | None = None,
 ) -> Mesh:
-    """An Abaqus or CalculiX input deck in its own units, with its own ids.
+    """Read an Abaqus or CalculiX input deck with its units and ids.
 
-    Imported: *NODE, *ELEMENT (the types of `mesh.kinds` and of `cells.THIN`, MASS, ROTARYI, SPRING1, 2, A), *NSET, *ELSET,
-    *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), the sections of `sections`, *BOUNDARY,
-    *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
-    *EQUATION, *TIE of surfaces, *CONTACT PAIR, *INCLUDE. What else changes the structure is in `ignored` with its count. Sets
-    of a part are "INSTANCE.SET" where there are several instances.
-    required: there have to be elements, and sections of shells and beams; stated: section and material of all of them; ignore:
-    keywords and types of elements that are left out; include: folders beside the deck's own that files may come from; contact:
-    what becomes of *CONTACT PAIR, see `with_contact`; step: the one whose supports and elements count, see `state_of`.
-    Raises DeckError with file:line for what cannot be imported as it stands.
+    Imported: *NODE, *ELEMENT (the types of `mesh.kinds` and of `cells.THIN`, MASS, ROTARYI, SPRING1, 2, A), *NSET,
+    *ELSET, *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), the sections of
+    `sections`, *BOUNDARY, *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC
+    COUPLING, *MPC (BEAM), *EQUATION, *TIE of surfaces, *CONTACT PAIR, *INCLUDE. Everything else that changes the
+    structure is counted in `ignored`. Sets of a part are "INSTANCE.SET" if there are several instances. required:
+    require elements, and sections of shells and beams; materials_required: require section and material of all
+    elements; ignore: keywords and element types to leave out; include: further folders of included files; contact:
+    treatment of *CONTACT PAIR, see `with_contact`; step: step that defines supports and elements, see `state_of`.
+    Raises DeckError with file:line for unsupported input.
     """
     path = Path(path)
     keywords, included, before, of_files = read_keywords(path, include)
@@ -110,7 +110,7 @@ def read_abaqus(
     ignored += of_supports
     ignored.update({card: len(steps) for card, steps in loaded.items()})
     node_sets, element_sets, set_names = _sets(assembly)
-    sections = read_sections(assembly, keywords, set_names, ignored, required, stated)
+    sections = read_sections(assembly, keywords, set_names, ignored, required, materials_required)
     left = assembly.element_ids[sections.left]
     if left.size:
         element_sets = {name: np.setdiff1d(ids, left) for name, ids in element_sets.items()}
@@ -124,30 +124,30 @@ def read_abaqus(
         "element": Origin.at(assembly.element_ids, assembly.element_where),
     }
     bare = Mesh(assembly.node_ids, assembly.position, blocks, origin=origin)
-    found = surfaces(assembly, bare, ignored)
-    node_sets |= _surface_sets(found, node_sets)
+    deck_surfaces = surfaces(assembly, bare, ignored)
+    node_sets |= _surface_sets(deck_surfaces, node_sets)
     axes = nodal_axes(assembly)
-    made = ties(found, axes, ignored)
-    origin["tie"] = Origin.at(np.arange(1, len(made.where) + 1), made.where)
-    fixed = state.supports.pairs(made.rotations, ignored, free=spelt(ENFORCED) in named)
+    deck_ties = ties(deck_surfaces, axes, ignored)
+    origin["tie"] = Origin.at(np.arange(1, len(deck_ties.where) + 1), deck_ties.where)
+    fixed = state.supports.pairs(deck_ties.rotations, ignored, free=spelt(ENFORCED) in named)
     turned = set(nodes_that_turn(shells, beams).tolist())
-    still = set(bare.nodes_of_elements.tolist()) - turned - turning_nodes(made.rigid, made.averaging)
-    related = equations(assembly, made.rotations, still)
+    still = set(bare.nodes_of_elements.tolist()) - turned - turning_nodes(deck_ties.rigid, deck_ties.averaging)
+    related = equations(assembly, deck_ties.rotations, still)
     origin["relation"] = Origin.at(np.arange(1, len(related.where) + 1), related.where)
-    turning = turning_nodes(made.rigid, made.averaging, related.relations) | turned
-    loads = LoadReader(found, axes, made.rotations, sections, ignored).read(turning)
-    masses = point_masses(assembly, made.rotations)
+    turning = turning_nodes(deck_ties.rigid, deck_ties.averaging, related.relations) | turned
+    loads = LoadReader(deck_surfaces, axes, deck_ties.rotations, sections, ignored).read(turning)
+    masses = point_masses(assembly, deck_ties.rotations)
     mesh = Mesh(
         **vars(sections.properties),
         node_ids=assembly.node_ids,
         position=assembly.position,
         blocks=blocks,
         fixed=fixed,
-        rigid=tuple(made.rigid),
-        averaging=tuple(made.averaging),
+        rigid=tuple(deck_ties.rigid),
+        averaging=tuple(deck_ties.averaging),
         relations=tuple(related.relations),
         point_masses=masses,
-        springs=springs(assembly, axes, made.rotations),
+        springs=springs(assembly, axes, deck_ties.rotations),
         shells=shells,
         beams=beams,
         axes=axes,
@@ -158,15 +158,15 @@ def read_abaqus(
         included=included,
         origin=origin,
     )
-    mesh, found = with_whole_ring(mesh, found)
-    mesh, refused = with_tied_surfaces(mesh, found)
-    mesh = without_held(with_contact(mesh, found, keywords, contact, state.pairs))
+    mesh, deck_surfaces = with_whole_ring(mesh, deck_surfaces)
+    mesh, refused = with_tied_surfaces(mesh, deck_surfaces)
+    mesh = without_held(with_contact(mesh, deck_surfaces, keywords, contact, state.pairs))
     control = dict.fromkeys(filter(OF_CONTACT.match, ignored), "none") if mesh.contacts else {}
     for card, where in refused.items():
         if spelt(card) in named:
             dropped[card] = len(where)
         ignored[card] = len(where)
-    said, doubts = notes_and_doubts([*of_files, *_reinterpreted(assembly), *assembly.notes, *mesh.notes])
+    notes, doubts = notes_and_doubts([*of_files, *_reinterpreted(assembly), *assembly.notes, *mesh.notes])
     return replace(
         mesh,
         ignored=dict(sorted(ignored.items())),
@@ -184,23 +184,23 @@ def read_abaqus(
             )
         }
         | {card: steps[0].where for card, steps in loaded.items() if card != LARGE},
-        notes=said,
+        notes=notes,
         doubts=doubts,
         read=_read(keywords, assembly, ignored),
     )
 
 
 def _without(assembly: Assembly, named: Collection[str], removed: Collection[int]) -> tuple[Assembly, Counter[str]]:
-    """Elements of these types, and of these rows, are of none, so that nothing takes them; how many there are of each type."""
+    """Assembly with elements of these types and rows removed (their type is empty), and the number removed by type."""
     out = np.array([spelt(type_) in named for type_ in assembly.type], dtype=bool)
-    counted = Counter(f"{ELEMENT}{type_}" for type_, own in zip(assembly.type, out, strict=True) if own)
+    counted = Counter(f"{ELEMENT}{type_}" for type_, is_out in zip(assembly.type, out, strict=True) if is_out)
     out[list(removed)] = True
-    types = ["" if own else type_ for type_, own in zip(assembly.type, out, strict=True)]
+    types = ["" if is_out else type_ for type_, is_out in zip(assembly.type, out, strict=True)]
     return replace(assembly, type=types, kind=np.where(out, -1, assembly.kind)), counted
 
 
 def _first(card: str, keywords: Sequence[Keyword], assembly: Assembly) -> str:
-    """Where a keyword, or an element of a type, stands first."""
+    """First place of a keyword, or of an element of a type."""
     if card.startswith(ELEMENT):
         return assembly.where(assembly.type.index(card.removeprefix(ELEMENT)))
     return next(keyword.where for keyword in keywords if card.startswith(keyword.title))
@@ -208,17 +208,17 @@ def _first(card: str, keywords: Sequence[Keyword], assembly: Assembly) -> str:
 
 def _check_elements(assembly: Assembly, path: Path, required: bool) -> None:
     if not assembly.node_ids.size:
-        raise error_at(path, "the deck holds no node", "check that this is the deck of the model")
+        raise error_at(path, "the deck contains no nodes", "check that this is the deck of the model")
     if required and not np.any(assembly.families != ""):
         raise error_at(
             path,
-            "the deck holds no solid element, and no shell or beam",
-            f"the model needs {FAMILIES} ({USUAL}), {', '.join(THIN)}",
+            "the deck contains no solid, shell or beam elements",
+            f"add elements of these types: {FAMILIES} ({USUAL}), {', '.join(THIN)}",
         )
 
 
 def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> None:
-    """No element with a node twice, no two elements on the same nodes."""
+    """Raise DeckError for an element with a repeated node, or two elements with the same nodes."""
     row_of = {int(number): row for row, number in enumerate(assembly.element_ids)}
     check_elements(
         blocks,
@@ -228,11 +228,11 @@ def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> No
 
 
 def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
-    """Keywords, and elements by type, that change the structure and are not supported."""
-    counted = Counter(k.title for k in keywords if not TAKEN.fullmatch(k.name) and not HARMLESS.fullmatch(k.name))
-    if own := stressed(keywords):
-        counted[STRESSED] = len(own)
-        counted -= Counter(keyword.title for keyword in own)
+    """Count keywords, and elements by type, that change the structure and are not supported."""
+    counted = Counter(k.title for k in keywords if not IMPORTED.fullmatch(k.name) and not HARMLESS.fullmatch(k.name))
+    if stress_keywords := stressed(keywords):
+        counted[STRESSED] = len(stress_keywords)
+        counted -= Counter(keyword.title for keyword in stress_keywords)
     for type_, count in Counter(assembly.type).items():
         if type_ not in SOLIDS and type_ not in THIN and type_ not in ("", "MASS", "ROTARYI", *SPRINGS):
             counted[f"{ELEMENT}{type_}"] += count
@@ -240,29 +240,30 @@ def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
 
 
 def _read(keywords: Sequence[Keyword], assembly: Assembly, ignored: Collection[str]) -> dict[str, int]:
-    """Keywords and types of elements that were taken → how many."""
-    taken = Counter(k.title for k in keywords if TAKEN.fullmatch(k.name) and k.title not in ignored)
-    types = Counter(f"{ELEMENT}{own}" for own in assembly.type if own)
-    return dict(taken + Counter({name: count for name, count in types.items() if name not in ignored}))
+    """Imported keywords and element types → count."""
+    counts = Counter(k.title for k in keywords if IMPORTED.fullmatch(k.name) and k.title not in ignored)
+    types = Counter(f"{ELEMENT}{type_}" for type_ in assembly.type if type_)
+    return dict(counts + Counter({name: count for name, count in types.items() if name not in ignored}))
 
 
 def _nodes_with_normals(keywords: Sequence[Keyword]) -> int:
-    """How many nodes state a normal behind their coordinates, that of shells and n2 of beams there."""
+    """Number of nodes with a normal after their coordinates, which is that of shells and n2 of beams."""
     texts = (text for keyword in keywords if keyword.name == "NODE" for text in keyword.texts if text.count(",") > 3)
     return sum(any(split(text)[4:7]) for text in texts)
 
 
 def _reinterpreted(assembly: Assembly) -> list[str]:
-    how = {type_: (kind.name, own) for type_, (kind, own) in SOLIDS.items()} | THIN
+    how = {type_: (kind.name, note) for type_, (kind, note) in SOLIDS.items()} | THIN
     return [
-        f"{count} {type_} taken as {' '.join(how[type_])}"
+        f"{count} {type_} imported as {' '.join(how[type_])}"
         for type_, count in sorted(Counter(assembly.type).items())
         if type_ in how and how[type_][1]
     ]
 
 
 def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray], dict[tuple[str, str], str]]:
-    """Node sets and element sets (of what is imported) by name, ids of the mesh; (instance, SET) → name of an element set."""
+    """Node sets and element sets (imported elements only) by name, with ids of the mesh; (instance, SET) → name of
+    an element set."""
     nodes: dict[str, IntArray] = {}
     elements: dict[str, IntArray] = {}
     names: dict[tuple[str, str], str] = {}
@@ -282,7 +283,7 @@ def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray],
 
 
 def _qualified(written: str, scope: Scope, assembly: Assembly, used: set[str]) -> str:
-    """The name of a set, which is added to those in use, in capitals."""
+    """Name of a set, which is added in capitals to the used names."""
     clash = written.upper() in used
     name = f"{scope.name}.{written}" if scope.name and (not assembly.flat or clash) else written
     used.add(name.upper())
@@ -290,12 +291,12 @@ def _qualified(written: str, scope: Scope, assembly: Assembly, used: set[str]) -
 
 
 def _surface_sets(surfaces: Surfaces, node_sets: dict[str, IntArray]) -> dict[str, IntArray]:
-    """Surfaces as node sets; the name says so where a node set has the same one."""
-    assembly, used, made = surfaces.assembly, {name.upper() for name in node_sets}, {}
+    """Surfaces as node sets; the name gets the suffix "(surface)" if a node set has the same name."""
+    assembly, used, sets = surfaces.assembly, {name.upper() for name in node_sets}, {}
     for surface in surfaces.by_name.values():
         if surface.nodes.size:
             name = _qualified(surface.name, surface.scope, assembly, set())
             name = f"{name} (surface)" if name.upper() in used else name
             used.add(name.upper())
-            made[name] = np.sort(assembly.node_ids[surface.nodes])
-    return made
+            sets[name] = np.sort(assembly.node_ids[surface.nodes])
+    return sets

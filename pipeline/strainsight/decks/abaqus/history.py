@@ -1,4 +1,4 @@
-"""What the steps of an Abaqus deck leave of its supports, elements and contact pairs (*BOUNDARY, *MODEL CHANGE)."""
+"""Supports, elements and contact pairs that result from the steps of an Abaqus deck (*BOUNDARY, *MODEL CHANGE)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.model import IntArray
 
 LARGE = "*STEP, NLGEOM"
-"""Large displacements, where no modes follow."""
+"""Name of large displacements that no modal step follows."""
 STRESSED = "*INITIAL CONDITIONS, TYPE=STRESS"
 MODAL = {
     *("FREQUENCY", "COMPLEXFREQUENCY", "STEADYSTATEDYNAMICS", "MODALDYNAMIC", "RANDOMRESPONSE", "RESPONSESPECTRUM"),
@@ -26,33 +26,33 @@ LOADS = {"CLOAD", "DLOAD", "DSLOAD", "BOUNDARY", "TEMPERATURE"}
 
 
 def preloads(steps: Sequence[Step]) -> dict[str, list[Keyword]]:
-    """Cards as `Mesh.ignored` names them → where they stand.
+    """Preload cards, named as in `Mesh.ignored` → keywords that cause them.
 
-    "PRELOAD by *STEP, NLGEOM": steps of large displacements before modes, which count in Abaqus, and in CalculiX beside
-    PERTURBATION; "PRELOAD by *STEP, PERTURBATION": modes that in CalculiX are about the loads of a static step before. Abaqus
-    asks for NLGEOM there, and a deck that states NLGEOM=NO is one of Abaqus.
+    "PRELOAD by *STEP, NLGEOM": steps with large displacements before a modal step, which affect the modes in Abaqus,
+    and in CalculiX with PERTURBATION. "PRELOAD by *STEP, PERTURBATION": modes that CalculiX computes about the loads
+    of a preceding static step. Abaqus requires NLGEOM for this, and a deck with NLGEOM=NO is an Abaqus deck.
     """
-    found: dict[str, list[Keyword]] = {}
+    preload_steps: dict[str, list[Keyword]] = {}
     bent: list[Keyword] = []
     loaded = large = False
     for step in steps:
-        stated, inside = step.keyword.parameters, _names(step)
-        if "NLGEOM" in stated:  # goes on from step to step
-            large = stated["NLGEOM"].upper() != "NO"
+        parameters, inside = step.keyword.parameters, _names(step)
+        if "NLGEOM" in parameters:  # remains active in later steps
+            large = parameters["NLGEOM"].upper() != "NO"
         if not inside & MODAL:
             bent += [step.keyword] if large else []
-            loaded |= "STATIC" in inside and "NLGEOM" not in stated and bool(inside & LOADS)
+            loaded |= "STATIC" in inside and "NLGEOM" not in parameters and bool(inside & LOADS)
         elif bent:
-            found.setdefault(f"{PRELOAD} by {LARGE}", []).extend(bent)
+            preload_steps.setdefault(f"{PRELOAD} by {LARGE}", []).extend(bent)
             bent = []
-        elif loaded and "PERTURBATION" in stated and "NLGEOM" not in stated:
-            found.setdefault(f"{PRELOAD} by *STEP, PERTURBATION", []).append(step.keyword)
-    return found | ({LARGE: bent} if bent else {})
+        elif loaded and "PERTURBATION" in parameters and "NLGEOM" not in parameters:
+            preload_steps.setdefault(f"{PRELOAD} by *STEP, PERTURBATION", []).append(step.keyword)
+    return preload_steps | ({LARGE: bent} if bent else {})
 
 
 def stressed(keywords: Sequence[Keyword]) -> list[Keyword]:
-    """*INITIAL CONDITIONS that state stress."""
-    return [own for own in keywords if own.name == "INITIALCONDITIONS" and own.word("TYPE") == "STRESS"]
+    """*INITIAL CONDITIONS of TYPE=STRESS."""
+    return [keyword for keyword in keywords if keyword.name == "INITIALCONDITIONS" and keyword.word("TYPE") == "STRESS"]
 
 
 TYPES = {
@@ -65,33 +65,35 @@ TYPES = {
     "YASYMM": (0, 2, 4),
     "ZASYMM": (0, 1, 5),
 }
-"""Components 0-5 that a named support holds."""
+"""Components 0-5 that a named support fixes."""
 NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class Supports:
-    """motion (f,) 6·row + component 0-5 that is held, each once, sorted; moves (f,) where the value is not zero; line (f,) number
-    of the data line that says so last."""
+    """motion (f,) 6·row + component 0-5 of the fixed motions, unique and sorted; moves (f,) whether the value is not
+    zero; line (f,) number of the last data line that defines it."""
 
     motion: IntArray = field(default_factory=lambda: NONE)
     moves: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     line: IntArray = field(default_factory=lambda: NONE)
 
     def then(self, more: Iterable[Supports]) -> Supports:
-        """These and those that come after them, of which the last counts."""
+        """These supports followed by `more`, where the last definition applies."""
         all_ = [self, *more]
-        motion = np.concatenate([own.motion for own in all_])[::-1]
-        kept, at = np.unique(motion, return_index=True)
-        moves, line = (np.concatenate([getattr(own, name) for own in all_])[::-1][at] for name in ("moves", "line"))
-        return Supports(kept, moves, line)
+        motion = np.concatenate([supports.motion for supports in all_])[::-1]
+        unique_motion, at = np.unique(motion, return_index=True)
+        moves, line = (
+            np.concatenate([getattr(supports, name) for supports in all_])[::-1][at] for name in ("moves", "line")
+        )
+        return Supports(unique_motion, moves, line)
 
     def pairs(self, rotations: dict[int, int], ignored: Counter[str], free: bool = False) -> IntArray:
-        """(f, 2) pairs (row, component 0-5), each once, sorted. A displacement that is enforced is held at zero, or free, and
-        counted.
+        """(f, 2) unique sorted pairs (row, component 0-5). Prescribed displacements are fixed at zero, or left free,
+        and counted.
 
-        rotations: node whose translations are the rotations of another one (CalculiX) → that node; free: what is not held at
-        zero is not held.
+        rotations: node whose translations are the rotations of another node (CalculiX) → that node; free: leave
+        prescribed displacements free instead of fixing them at zero.
         """
         if self.moves.any():
             ignored[ENFORCED if free else HELD] += len(np.unique(self.line[self.moves]))
@@ -104,72 +106,74 @@ class Supports:
 
 @dataclass(frozen=True)
 class State:
-    """What holds in a step: supports; rows of the elements, and names of the contact pairs, that *MODEL CHANGE has removed."""
+    """Supports of a step; rows of the elements and names of the contact pairs that *MODEL CHANGE has removed."""
 
     supports: Supports = field(default_factory=Supports)
     elements: frozenset[int] = frozenset()
     pairs: frozenset[tuple[str, str]] = frozenset()
 
     def same(self, other: State) -> bool:
-        """Do the same supports, elements and pairs hold in both?"""
+        """Whether both states have the same supports, elements and pairs."""
         same = np.array_equal(self.supports.motion, other.supports.motion)
         return same and (self.elements, self.pairs) == (other.elements, other.pairs)
 
 
 def state_of(assembly: Assembly, ignored: Counter[str], chosen: int | None = None) -> State:
-    """The state in step `chosen`, or in that of the frequency analysis; without any, of all steps, which have to agree.
+    """State in step `chosen` or in the frequency step; without either, the state of all steps, which must agree.
 
-    OP=NEW removes the supports before it, of the model too. Those of a perturbation step end with it in Abaqus and go on in
-    CalculiX. Raises ChoiceError where steps differ, DeckError where the two programs do, for a step that is not there, motions of
-    another model or a subroutine, nodes and elements that are not there, and a support of unknown name.
+    OP=NEW removes all previous supports, including those of the model. Supports of a perturbation step end with it
+    in Abaqus and continue in CalculiX. Raises ChoiceError if steps differ, DeckError if the two programs differ, and
+    for a missing step, motions of a submodel or subroutine, missing nodes and elements, and an unknown support name.
     """
     reader = _Reader(assembly, ignored)
     model = State(Supports().then(reader.supports(assembly.keywords("BOUNDARY"))))
     for _, keyword in assembly.keywords("MODELCHANGE"):
         if "ACTIVATE" not in keyword.parameters:
-            raise keyword.error("stands before the first *STEP", "move it into the step in which it changes the model")
+            raise keyword.error(
+                "not allowed before the first *STEP", "move it into the step in which it changes the model"
+            )
     if not assembly.steps:
         return model
     if chosen is not None and not 1 <= chosen <= len(assembly.steps):
         raise DeckError(
             f"step {chosen} (mesh.step) is not in the deck",
             where=assembly.steps[-1].keyword.where,
-            remedy=f"steps are numbered from 1 to {len(assembly.steps)}",
+            remedy=f"set mesh.step to a number from 1 to {len(assembly.steps)}",
         )
     modal = [step.number for step in assembly.steps if _names(step) & MODAL]
-    asked = [chosen] if chosen else modal or [step.number for step in assembly.steps]
+    requested = [chosen] if chosen else modal or [step.number for step in assembly.steps]
     states: dict[int, State] = {}
     running = general = model
-    for step in assembly.steps[: max(asked)]:
+    for step in assembly.steps[: max(requested)]:
         running, local = reader.after(step, running), reader.after(step, general)
         general = general if _is_perturbation(step) else local
         states[step.number] = running
-        if step.number in asked and not running.same(local):
+        if step.number in requested and not running.same(local):
             raise DeckError(
-                f"the supports of step {step.number} are not the same in all programs: those of a perturbation step before it "
-                "end with that step in Abaqus, and go on in CalculiX",
+                f"the supports of step {step.number} are ambiguous: supports of an earlier perturbation step "
+                "end with that step in Abaqus, but continue in CalculiX",
                 where=step.keyword.where,
-                remedy="write all supports of this step in it (*BOUNDARY, OP=NEW)",
+                remedy="define all supports of this step in the step itself (*BOUNDARY, OP=NEW)",
             )
-    _check_choice(assembly.steps, states, asked)
-    state, step = states[asked[0]], assembly.steps[asked[0] - 1]
+    _check_choice(assembly.steps, states, requested)
+    state, step = states[requested[0]], assembly.steps[requested[0] - 1]
     if not state.same(model):
-        count = f", without {plural(len(state.elements), 'element')} (*MODEL CHANGE)" if state.elements else ""
-        assembly.notes.append(f"supports are those in step {step.number} ({step.keyword.where}){count}")
+        count = f", {plural(len(state.elements), 'element')} removed (*MODEL CHANGE)" if state.elements else ""
+        assembly.notes.append(f"supports are those of step {step.number} ({step.keyword.where}){count}")
     return state
 
 
-def _check_choice(steps: Sequence[Step], states: dict[int, State], asked: Sequence[int]) -> None:
-    """Raise ChoiceError where the steps asked for do not have the same state."""
-    other = next((number for number in asked if not states[number].same(states[asked[0]])), None)
+def _check_choice(steps: Sequence[Step], states: dict[int, State], requested: Sequence[int]) -> None:
+    """Raise ChoiceError if the requested steps have different states."""
+    other = next((number for number in requested if not states[number].same(states[requested[0]])), None)
     if other is not None:
-        what = "supports" if states[other].elements == states[asked[0]].elements else "elements"
+        what = "supports" if states[other].elements == states[requested[0]].elements else "elements"
         raise ChoiceError(
-            f"steps {asked[0]} and {other} have different {what} ({steps[asked[0] - 1].keyword.where}, "
+            f"steps {requested[0]} and {other} have different {what} ({steps[requested[0] - 1].keyword.where}, "
             f"{steps[other - 1].keyword.where})",
             where=steps[other - 1].keyword.where,
-            remedy=f"say which step counts: mesh.step: {other}",
-            choices=tuple(asked),
+            remedy=f"select the step with mesh.step: {other}",
+            choices=tuple(requested),
             key="step",
         )
 
@@ -184,7 +188,7 @@ def _is_perturbation(step: Step) -> bool:
 
 @dataclass
 class _Reader:
-    """Reads the keywords of steps; lines: how many data lines of *BOUNDARY so far."""
+    """Reader of the keywords of steps; lines: number of data lines of *BOUNDARY read so far."""
 
     assembly: Assembly
     ignored: Counter[str]
@@ -192,14 +196,16 @@ class _Reader:
     known: dict[tuple[int, str], list[Supports]] = field(default_factory=dict)
 
     def after(self, step: Step, before: State) -> State:
-        """The state in a step, from that before it."""
+        """State in a step, given the state before it."""
         scope = self.assembly.scopes[""]
-        own = [keyword for keyword in step.keywords if keyword.name == "BOUNDARY"]
-        new = any(keyword.word("OP") == "NEW" for keyword in own)
+        boundary_keywords = [keyword for keyword in step.keywords if keyword.name == "BOUNDARY"]
+        new = any(keyword.word("OP") == "NEW" for keyword in boundary_keywords)
         state = before
-        if own:
+        if boundary_keywords:
             supports = Supports() if new else before.supports
-            state = replace(before, supports=supports.then(self.supports((scope, keyword) for keyword in own)))
+            state = replace(
+                before, supports=supports.then(self.supports((scope, keyword) for keyword in boundary_keywords))
+            )
         for keyword in step.keywords:
             if keyword.name == "MODELCHANGE":
                 state = self.changed(keyword, scope, state)
@@ -209,54 +215,62 @@ class _Reader:
         """The state after a *MODEL CHANGE."""
         ways = {"ADD", "REMOVE"} & keyword.parameters.keys()
         kind = keyword.word("TYPE", "ELEMENT").replace(" ", "")
-        if "ACTIVATE" in keyword.parameters:  # it prepares a change of a later analysis
+        if "ACTIVATE" in keyword.parameters:  # prepares a change in a later analysis
             return state
         if len(ways) != 1:
-            raise keyword.error("says neither ADD nor REMOVE, or both", "give one of them")
+            raise keyword.error("exactly one of ADD and REMOVE is required", "specify one of them")
         rows = keyword.rows()
         if kind == "CONTACTPAIR":
             pairs = {(row.text(0).upper(), row.text(1).upper()) for row in rows}
             return replace(state, pairs=state.pairs - pairs if "ADD" in ways else state.pairs | pairs)
         if kind != "ELEMENT":
-            raise keyword.error(f"TYPE={kind} is neither ELEMENT nor CONTACT PAIR", "correct the type")
+            raise keyword.error(f"TYPE={kind} is not supported", "set TYPE to ELEMENT or CONTACT PAIR")
         named = [
             self.assembly.element_rows(entry, scope, row).tolist() for row in rows for entry in row.tokens if entry
         ]
-        elements = frozenset(number for own in named for number in own)
+        elements = frozenset(number for number_list in named for number in number_list)
         return replace(state, elements=state.elements - elements if "ADD" in ways else state.elements | elements)
 
     def supports(self, keywords: Iterable[tuple[Scope, Keyword]]) -> list[Supports]:
-        """Of each data line of *BOUNDARY, in their order."""
-        found: list[Supports] = []
+        """Supports of each data line of *BOUNDARY, in order."""
+        found_supports: list[Supports] = []
         for scope, keyword in keywords:
             if "SUBMODEL" in keyword.parameters or "USER" in keyword.parameters:
-                raise keyword.error("motions of another model are not supported", "only supports at zero are imported")
+                raise keyword.error(
+                    "motions of a submodel (SUBMODEL) or a subroutine (USER) are not supported",
+                    "replace them by supports with value zero",
+                )
             key = id(keyword), scope.name
             if key not in self.known:
                 self.known[key] = [self._line(row, scope) for row in keyword.rows(needed=False)]
-            found += self.known[key]
-        return found
+            found_supports += self.known[key]
+        return found_supports
 
     def _line(self, row: Row, scope: Scope) -> Supports:
         nodes = np.unique(self.assembly.node_rows(row.text(0), scope, row))
-        held = np.array(_held(row, self.ignored), dtype=np.int64)
-        motion = np.sort((6 * nodes[:, None] + held).ravel())
+        components = np.array(_fixed_components(row, self.ignored), dtype=np.int64)
+        motion = np.sort((6 * nodes[:, None] + components).ravel())
         self.lines += 1
         moves = np.full(len(motion), row.real(3, "the value", 0.0) != 0)
         return Supports(motion, moves, np.full(len(motion), self.lines))
 
 
-def _held(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
+def _fixed_components(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
     """Components 0-5 of a data line of *BOUNDARY."""
     label = row.text(1).upper()
     if label and not label[0].isdigit():
         if label not in TYPES:
-            raise row.error(f"{row.text(1)!r} is no support", f"write degrees of freedom, or {', '.join(TYPES)}")
+            raise row.error(
+                f"{row.text(1)!r} is not a support type", f"write degrees of freedom, or one of {', '.join(TYPES)}"
+            )
         return TYPES[label]
     first = row.integer(1, "the first degree of freedom")
     last = row.integer(2, "the last degree of freedom", first) or first
     if last < first or (first < 1 and last != 0):
-        raise row.error(f"degrees of freedom {first} to {last}", "write the first and the last one, from 1 to 6")
+        raise row.error(
+            f"the degrees of freedom {first} to {last} are not valid",
+            "write the first and the last degree of freedom, from 1 to 6",
+        )
     for other in {first, last} - {*range(1, 7)}:  # temperature (0, 11), pressure (8) …
         ignored[f"*BOUNDARY of degree of freedom {other}"] += 1
     return tuple(c - 1 for c in range(max(first, 1), min(last, 6) + 1))

@@ -1,4 +1,4 @@
-"""Loads of an Abaqus deck: concentrated ones, pressures on elements and surfaces, weight and rotation."""
+"""Loads of an Abaqus deck: concentrated loads, pressures on elements and surfaces, gravity and rotation."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.thin import Laminate, ShellSection, concatenate
 
 AXES = {"BX": 0, "BY": 1, "BZ": 2}
-"""Label of a force per volume → its direction."""
+"""Label of a force per volume → direction."""
 
 
 @dataclass(frozen=True)
 class LoadReader:
-    """Reads loads; rotations: see `Supports.pairs`; axes: row of a node → its *TRANSFORM; loads of other kinds are counted."""
+    """Reader of loads; rotations: see `Supports.pairs`; axes: row of a node → its *TRANSFORM; other loads are
+    counted."""
 
     surfaces: Surfaces
     axes: Mapping[int, FloatArray]
@@ -35,10 +36,10 @@ class LoadReader:
     ignored: Counter[str]
 
     def read(self, turning: Collection[int]) -> dict[str, NodalForces]:
-        """Each *CLOAD, *DLOAD and *DSLOAD as CLOAD-1, CLOAD-2, …, DLOAD-1, …, in the order of the file.
+        """Loads of *CLOAD, *DLOAD and *DSLOAD as CLOAD-1, CLOAD-2, …, DLOAD-1, …, in the order of the file.
 
-        turning: rows of nodes with rotations, a moment on any other becomes a note. Raises DeckError for nodes, elements and
-        surfaces that are not there, and for a data line that is incomplete.
+        turning: rows of nodes with rotations; moments on other nodes become a note. Raises DeckError for missing
+        nodes, elements and surfaces, and for an incomplete data line.
         """
         assembly = self.surfaces.assembly
         readers = {"CLOAD": self._concentrated, "DLOAD": self._distributed, "DSLOAD": self._on_surfaces}
@@ -55,8 +56,8 @@ class LoadReader:
         return loads
 
     def _concentrated(self, scope: Scope, keyword: Keyword) -> NodalForces | None:
-        """Forces and moments along nodal axes, turned to basic; a force on the ROT NODE of a *RIGID BODY (CalculiX) is a moment
-        on its reference node."""
+        """Forces and moments along nodal axes, rotated to basic axes; a force on the ROT NODE of a *RIGID BODY
+        (CalculiX) is a moment on its reference node."""
         force: dict[int, FloatArray] = {}
         moment: dict[int, FloatArray] = {}
         for row in keyword.rows(needed=False):
@@ -70,13 +71,13 @@ class LoadReader:
         if not (force or moment):
             return None
         loaded = list(dict.fromkeys([*force, *moment]))
-        forces, moments = (np.array([own.get(node, np.zeros(3)) for node in loaded]) for own in (force, moment))
+        forces, moments = (np.array([vectors.get(node, np.zeros(3)) for node in loaded]) for vectors in (force, moment))
         return NodalForces(np.array(loaded), forces, moments if moment else None)
 
     def _distributed(self, scope: Scope, keyword: Keyword) -> NodalForces | None:
-        """P1 to P6: a pressure p on a facet of a solid, t = −p n.   P: on a shell, along its normal, t = p n (Abaqus guide to
-        prescribed conditions, distributed loads).   BX to BZ: a force per volume of shells.   GRAV: g times a direction.
-        CENTRIF: Ω², a point and the axis."""
+        """P1 to P6: pressure p on a facet of a solid, t = −p n.   P: on a shell, along its normal, t = p n (Abaqus
+        guide to prescribed conditions, distributed loads).   BX to BZ: force per volume of shells.   GRAV: g times a
+        direction. CENTRIF: Ω², a point and the axis."""
         assembly = self.surfaces.assembly
         parts: list[tuple[IntArray, FloatArray]] = []
         body: list[BodyForce] = []
@@ -107,18 +108,18 @@ class LoadReader:
         return _summed(parts, body)
 
     def _per_volume(self, rows: IntArray, axis: int, b: float) -> list[tuple[IntArray, FloatArray]]:
-        """A force b per volume of the shells in rows along a basic axis, b t per area."""
-        found = []
+        """Force b per volume of the shells in rows along a basic axis, b t per area."""
+        loads = []
         assembly, region = self.surfaces.assembly, self.sections.region
         for number in np.unique(region[rows]).tolist():
             section = self.sections.properties.sections.get(number)
             if isinstance(section, ShellSection | Laminate):
                 t = b * section.thickness * np.eye(3)[axis]
-                found += _loaded(assembly, shell_facets(assembly, rows[region[rows] == number]), _even(t))
-        return found
+                loads += _loaded(assembly, shell_facets(assembly, rows[region[rows] == number]), _even(t))
+        return loads
 
     def _on_surfaces(self, scope: Scope, keyword: Keyword) -> NodalForces | None:
-        """P: a pressure p on a *SURFACE of facets, t = −p n, the normal n of a shell on its side SNEG against its own."""
+        """P: pressure p on a *SURFACE of facets, t = −p n; the side SNEG of a shell reverses its normal n."""
         parts: list[tuple[IntArray, FloatArray]] = []
         for row in keyword.rows(needed=False):
             if (label := row.text(1).upper()) != "P":
@@ -126,30 +127,30 @@ class LoadReader:
                 continue
             surface = self.surfaces.find(row.text(0), scope, row)
             if not surface.facets:
-                raise row.error(f"surface {row.text(0)!r} has no facets", "name a surface of TYPE=ELEMENT with sides")
+                raise row.error(f"surface {row.text(0)!r} has no facets", "use a surface of TYPE=ELEMENT with sides")
             if surface.sideless:
                 raise row.error(
-                    f"surface {row.text(0)!r} holds shells on neither side, or edges",
-                    "name the side of each, SPOS or SNEG",
+                    f"surface {row.text(0)!r} contains shell edges, or shells without a side",
+                    "specify the side of each shell, SPOS or SNEG",
                 )
             parts += _pressed(self.surfaces.assembly, surface.facets, row.real(2, "the pressure"))
         return _summed(parts, [])
 
 
 def _body(assembly: Assembly, scope: Scope, row: Row, label: str) -> BodyForce:
-    """Weight or rotation of the elements and point masses of a set, or of all where it names none."""
+    """Gravity or rotation of the elements and point masses of a set, or of all if no set is named."""
     rows = assembly.element_rows(row.text(0), scope, row) if row.text(0) else None
     elements = None if rows is None else np.sort(assembly.element_ids[rows])
     size = row.real(2, "the magnitude")
     start = 3 if label == "GRAV" else 6
     direction = np.array([row.real(start + i, "a component of the direction", 0.0) for i in range(3)])
     if not (length := float(np.linalg.norm(direction))) > 0:
-        raise row.error(f"{label} has no direction", "give three numbers, not all zero")
+        raise row.error(f"{label} has no direction", "specify three components that are not all zero")
     direction = scope.rotation @ direction / length
     if label == "GRAV":
         return BodyForce(acceleration=size * direction, elements=elements)
     if size < 0:
-        raise row.error(f"the square of the angular velocity is {size:g}, negative", "give Ω²")
+        raise row.error(f"the square of the angular velocity is {size:g}, negative", "specify Ω²")
     point = np.array([row.real(3 + i, "a coordinate of the point", 0.0) for i in range(3)])
     centre = scope.rotation @ point + scope.translation
     return BodyForce(rotation=np.sqrt(size) * direction, centre=centre, elements=elements)
@@ -162,7 +163,7 @@ def _pressed(
 
 
 def _even(t: FloatArray) -> Traction:
-    """The same traction everywhere."""
+    """Uniform traction."""
     return lambda x, n, _: np.broadcast_to(t, x.shape)
 
 
@@ -182,5 +183,5 @@ def _summed(parts: list[tuple[IntArray, FloatArray]], body: list[BodyForce]) -> 
     nodes, place = np.unique(rows, return_inverse=True)
     force = np.zeros((len(nodes), 3))
     if parts:
-        np.add.at(force, place, np.concatenate([own for _, own in parts]))
+        np.add.at(force, place, np.concatenate([forces for _, forces in parts]))
     return NodalForces(nodes, force, body=tuple(body))

@@ -1,4 +1,4 @@
-"""Materials of an Abaqus deck: those that its sections refer to."""
+"""Materials of an Abaqus deck that its sections refer to."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, Material, Proper
 from strainsight.mesh.thin import Lamina
 
 OURS = [0, 1, 2, 3, 5, 4]
-"""Place in 11 22 33 12 13 23, the order of Abaqus, of ours, 11 22 33 12 23 31."""
+"""Our order 11 22 33 12 23 31 as positions in the order of Abaqus, 11 22 33 12 13 23."""
 LINES = {"ENGINEERINGCONSTANTS": 2, "ORTHOTROPIC": 2, "ANISOTROPIC": 3}
-"""TYPE → data lines for each temperature, of eight entries each."""
+"""TYPE → data lines for each temperature, with eight entries each."""
 _CONSTANTS = ("E1", "E2", "E3", "nu12", "nu13", "nu23", "G12", "G13", "G23")
 
 
@@ -34,35 +34,36 @@ class Definition:
 
 @dataclass
 class Materials:
-    """definitions: NAME → material of the deck; stated: each that a section names has to be there and elastic; properties: where
-    the materials are put, numbered in the order in which sections name them."""
+    """definitions: NAME → material of the deck; required: each material of a section must exist and be elastic;
+    properties: receives the materials, numbered in the order of first use."""
 
     definitions: dict[str, Definition]
-    stated: bool
+    required: bool
     notes: list[str]
     properties: Properties
     _numbers: dict[str, int] = field(default_factory=dict)
 
     def _add(self, name: str, make: Callable[[Definition, int, list[str]], Material | Lamina | Anisotropic]) -> int:
-        """The number of one more."""
+        """Add a material and return its number."""
         number = self.properties.free_material()
-        made = make(self.definitions[name], number, self.notes)
-        getattr(self.properties, MATERIAL_FIELDS[type(made)])[number] = made
+        material = make(self.definitions[name], number, self.notes)
+        getattr(self.properties, MATERIAL_FIELDS[type(material)])[number] = material
         self._numbers[name] = number
         return number
 
     def number(self, keyword: Keyword) -> int:
-        """Number of the material that a section names; 0 where there is none and none has to be stated.
+        """Number of the material of a section; 0 if it is missing and not required.
 
-        Raises DeckError for one that is not there, or not linear and elastic, or of shells and beams not isotropic.
+        Raises DeckError for a missing material, one that is not linear elastic, and one of shells and beams that is
+        not isotropic.
         """
         name = keyword.needs("MATERIAL").upper()
-        if name not in self.definitions and self.stated:
+        if name not in self.definitions and self.required:
             raise keyword.error(
                 f"material {keyword.parameters['MATERIAL']!r} is not in the deck",
                 f"add the *MATERIAL, or correct the name{OR_CONFIG}",
             )
-        if name not in self.definitions or not (self.stated or "ELASTIC" in self.definitions[name].options):
+        if name not in self.definitions or not (self.required or "ELASTIC" in self.definitions[name].options):
             return 0
         solid = self.anisotropic(keyword)
         if name in self._numbers and (solid or self._numbers[name] in self.properties.materials):
@@ -70,31 +71,32 @@ class Materials:
         return self._add(name, _anisotropic if solid else _material)
 
     def orthotropic(self, keyword: Keyword) -> bool:
-        """Whether the material that a section names is TYPE=LAMINA."""
-        own = self.definitions.get(keyword.word("MATERIAL"))
-        return own is not None and _type(own) == "LAMINA"
+        """Whether the material of a section is TYPE=LAMINA."""
+        definition = self.definitions.get(keyword.word("MATERIAL"))
+        return definition is not None and _type(definition) == "LAMINA"
 
     def anisotropic(self, keyword: Keyword) -> bool:
-        """Whether the material that a section of solids names is one of `elastic.LINES`."""
-        own = self.definitions.get(keyword.word("MATERIAL"))
+        """Whether the material of a section of solids has a type in `elastic.LINES`."""
+        definition = self.definitions.get(keyword.word("MATERIAL"))
         solid = keyword.name == "SOLIDSECTION"
-        return own is not None and solid and bool(anisotropic_type(own.options.get("ELASTIC")))
+        return definition is not None and solid and bool(anisotropic_type(definition.options.get("ELASTIC")))
 
     def of_ply(self, name: str, keyword: Keyword) -> int:
-        """Number of the material of a ply. Raises DeckError for one that is not there, or not elastic."""
+        """Number of the material of a ply. Raises DeckError for one that is missing or not elastic."""
         make = _lamina if _type(self._require(name, keyword)) == "LAMINA" else _material
         return self._numbers.get(name.upper()) or self._add(name.upper(), make)
 
     def of_layer(self, name: str, row: Row) -> int:
-        """Number of the material of a layer of solids, isotropic or anisotropic. Raises DeckError for one that is not there, or
-        of plane stress."""
-        own = self._require(name, row)
-        if _type(own) == "LAMINA":
+        """Number of the material of a layer of solids, isotropic or anisotropic. Raises DeckError for one that is
+        missing or plane-stress only."""
+        definition = self._require(name, row)
+        if _type(definition) == "LAMINA":
             raise row.error(
-                f"material {name!r} is TYPE=LAMINA, which does not say what solids resist across",
-                "give it TYPE=ENGINEERING CONSTANTS",
+                f"material {name!r} is TYPE=LAMINA, which does not define the stiffness through the thickness "
+                "of solids",
+                "use TYPE=ENGINEERING CONSTANTS",
             )
-        make = _anisotropic if anisotropic_type(own.options.get("ELASTIC")) else _material
+        make = _anisotropic if anisotropic_type(definition.options.get("ELASTIC")) else _material
         return self._numbers.get(name.upper()) or self._add(name.upper(), make)
 
     def _require(self, name: str, by: Keyword | Row) -> Definition:
@@ -103,44 +105,44 @@ class Materials:
         return self.definitions[name.upper()]
 
     def of_section(self, name: str, E: float, nu: float, rho: float) -> int:
-        """Number of a material that a section states itself."""
+        """Add a material that a section defines, and return its number."""
         number = self.properties.free_material()
         self.properties.materials[number] = Material(number, E, nu, rho, name)
         return number
 
     @property
     def unused(self) -> int:
-        """How many no section names."""
+        """Number of materials without a section."""
         return len(self.definitions) - len(self._numbers)
 
 
 def definitions(keywords: list[Keyword]) -> dict[str, Definition]:
-    """NAME → material; its options are what follows until the next *MATERIAL."""
-    found: dict[str, Definition] = {}
+    """NAME → material; its options are the keywords up to the next *MATERIAL."""
+    materials: dict[str, Definition] = {}
     current: Definition | None = None
     for keyword in keywords:
         if keyword.name == "MATERIAL":
             name = keyword.needs("NAME").upper()
-            if name in found:
+            if name in materials:
                 raise keyword.error(
-                    f"{keyword.parameters['NAME']!r} stands twice (first at {found[name].keyword.where})",
-                    "give every material its own name",
+                    f"{keyword.parameters['NAME']!r} is defined twice (first at {materials[name].keyword.where})",
+                    "use a unique name for every material",
                 )
-            current = found[name] = Definition(keyword)
+            current = materials[name] = Definition(keyword)
         elif keyword.name in ("ELASTIC", "DENSITY"):
             if current is None:
-                raise keyword.error("stands before any *MATERIAL", "put it after its *MATERIAL")
+                raise keyword.error("there is no *MATERIAL before this keyword", "move it after its *MATERIAL")
             if keyword.name in current.options:
                 raise keyword.error(
-                    f"stands twice in the material (first at {current.options[keyword.name].where})",
+                    f"defined twice in the material (first at {current.options[keyword.name].where})",
                     "remove one of them",
                 )
             current.options[keyword.name] = keyword
-    return found
+    return materials
 
 
 def by_temperature(keywords: Sequence[Keyword]) -> bool:
-    """Whether a material states its *ELASTIC for several temperatures, and not the same for all."""
+    """Whether the *ELASTIC of a material differs between temperatures."""
     return any(k.name == "ELASTIC" and _varies(k) for k in keywords)
 
 
@@ -162,13 +164,13 @@ def _material(definition: Definition, number: int, notes: list[str]) -> Material
     if elastic is None:
         raise definition.keyword.error(
             f"material {name!r} of a section has no *ELASTIC",
-            f"give its Young's modulus and Poisson's ratio{OR_CONFIG}",
+            f"add Young's modulus and Poisson's ratio{OR_CONFIG}",
         )
     if (kind := _type(definition)) not in ("ISO", "ISOTROPIC"):
         raise elastic.error(
-            f"TYPE={kind}: of shells and beams only isotropic materials are supported, and TYPE=LAMINA in shells",
-            "give the material TYPE=ISO, or that of plies TYPE=LAMINA; solids may have TYPE=ENGINEERING CONSTANTS, "
-            "ORTHOTROPIC or ANISOTROPIC",
+            f"TYPE={kind} is not supported here: shells and beams need an isotropic material, or shells TYPE=LAMINA",
+            "use TYPE=ISO, or TYPE=LAMINA for plies; solids also allow TYPE=ENGINEERING CONSTANTS, ORTHOTROPIC "
+            "or ANISOTROPIC",
         )
     row = elastic.rows()[0]
     E, nu = row.real(0, "Young's modulus"), row.real(1, "Poisson's ratio", 0.0)
@@ -197,12 +199,13 @@ def _anisotropic(definition: Definition, number: int, notes: list[str]) -> Aniso
 
 
 def _density(definition: Definition, notes: list[str], lines: int = 1) -> float:
-    """ρ; 0 with a note where the material states none. A note, too, of lines by temperature, of *ELASTIC so many for each."""
+    """Density ρ; 0 with a note if it is missing. Adds a note if there are several temperatures; lines: number of
+    *ELASTIC lines for each."""
     name = definition.keyword.parameters["NAME"]
     elastic, density = definition.options.get("ELASTIC"), definition.options.get("DENSITY")
     rho = 0.0
     if density is None:
-        notes.append(f"material {name} has no *DENSITY: taken as 0")
+        notes.append(f"material {name} has no *DENSITY, so it is set to 0")
     else:
         rho = density.rows()[0].not_negative(0, "the density")
     for keyword in (elastic, density):
@@ -217,18 +220,21 @@ def _density(definition: Definition, notes: list[str], lines: int = 1) -> float:
 
 
 def anisotropic_type(elastic: Keyword | None) -> str:
-    """TYPE of an *ELASTIC of anisotropic solids, one of `LINES`; "" of another. CalculiX shortens the names."""
+    """TYPE of an *ELASTIC of anisotropic solids, one of `LINES`; "" otherwise. CalculiX shortens the names."""
     if elastic is None:
         return ""
-    own = elastic.word("TYPE").replace(" ", "")
-    return next((name for name in LINES if own == name or (own in ("ORTHO", "ANISO") and name.startswith(own))), "")
+    type_ = elastic.word("TYPE").replace(" ", "")
+    return next(
+        (name for name in LINES if type_ == name or (type_ in ("ORTHO", "ANISO") and name.startswith(type_))), ""
+    )
 
 
 def solid_stiffness(elastic: Keyword) -> FloatArray:
     """C (6, 6) along the axes of the material in our order, 11 22 33 12 23 31.
 
-    ORTHOTROPIC states D₁₁₁₁, D₁₁₂₂, D₂₂₂₂, D₁₁₃₃, D₂₂₃₃, D₃₃₃₃, D₁₂₁₂, D₁₃₁₃, D₂₃₂₃, ANISOTROPIC the upper triangle of D by
-    columns in the order 11 22 33 12 13 23. Raises DeckError for one that is not positive definite, with its least eigenvalue.
+    ORTHOTROPIC lists D₁₁₁₁, D₁₁₂₂, D₂₂₂₂, D₁₁₃₃, D₂₂₃₃, D₃₃₃₃, D₁₂₁₂, D₁₃₁₃, D₂₃₂₃, ANISOTROPIC the upper triangle
+    of D by columns in the order 11 22 33 12 13 23. Raises DeckError if C is not positive definite, with its smallest
+    eigenvalue.
     """
     kind, rows = anisotropic_type(elastic), elastic.rows()
     if kind == "ENGINEERINGCONSTANTS":
@@ -254,11 +260,11 @@ def _named(i: int) -> str:
 
 
 def _values(elastic: Keyword, rows: list[Row], names: tuple[str, ...] | list[str]) -> FloatArray:
-    """The named values, eight a line."""
+    """Values of the constants `names`, eight a line."""
     if len(rows) < -(-len(names) // 8):
         raise elastic.error(
-            f"{len(rows)} lines, and {len(names)} constants need {-(-len(names) // 8)} of eight entries",
-            f"give {', '.join(names[:4])}, … {names[-1]}",
+            f"{len(rows)} data lines, but {len(names)} constants need {-(-len(names) // 8)} lines of eight entries",
+            f"specify {', '.join(names[:4])}, … {names[-1]}",
         )
     return np.array([rows[k // 8].real(k % 8, name) for k, name in enumerate(names)])
 
@@ -268,8 +274,8 @@ SYSTEMS = ("RECTANGULAR", "ZRECTANGULAR", "CYLINDRICAL")
 
 @dataclass(frozen=True)
 class SolidAxes:
-    """How the axes of a material of solids lie; about: which of them, 1, 2 or 3, the second line of the *ORIENTATION names, None
-    where it names none; where it stands."""
+    """Axes of a material of solids; about: the axis, 1, 2 or 3, in the second line of the *ORIENTATION, None if not
+    specified; place in the file."""
 
     orientation: Orientation
     about: int | None
@@ -277,58 +283,60 @@ class SolidAxes:
 
 
 def named_orientation(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -> Keyword | None:
-    """The *ORIENTATION of this name that a section or its line refers to, of its part or of the assembly; None for ""."""
+    """The *ORIENTATION of this name in the part or the assembly; None for ""."""
     if not name:
         return None
     for within in (scope, assembly.scopes[""]):
-        for own in within.part.keywords:
-            if own.name == "ORIENTATION" and own.word("NAME") == name.upper():
-                return own
+        for keyword in within.part.keywords:
+            if keyword.name == "ORIENTATION" and keyword.word("NAME") == name.upper():
+                return keyword
     raise by.error(f"orientation {name.upper()!r} is not in the deck", "add the *ORIENTATION, or correct the name")
 
 
 def rectangular_axes(row: Row) -> FloatArray:
-    """Axes (3, 3), one in a column, of the points a on x, b in the plane of x and y, and the origin c."""
+    """Axes (3, 3), one in a column, of the points a on x, b in the xy plane, and the origin c."""
     points = np.array([row.real(i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
     x, b = points[:2] - points[2]
     return orthonormal(x, normal(x, b), row)
 
 
 def solid_orientation(assembly: Assembly, scope: Scope, keyword: Keyword) -> Orientation:
-    """Of a section of solids of an anisotropic material, see `solid_axes`; without one the basic axes.
+    """Orientation of a section of anisotropic solids, see `solid_axes`; the basic axes by default.
 
-    Raises DeckError for an instance that is turned without one."""
-    own = solid_axes(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
-    if own is None and not np.allclose(scope.rotation, np.eye(3)):
+    Raises DeckError for a rotated instance without orientation.
+    """
+    axes = solid_axes(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
+    if axes is None and not np.allclose(scope.rotation, np.eye(3)):
         raise keyword.error(
-            "anisotropic solids of an instance that is turned have no ORIENTATION", "give the section one"
+            "anisotropic solids of a rotated instance have no ORIENTATION", "add an ORIENTATION to the section"
         )
-    return Orientation(BASIC, np.eye(3)) if own is None else own.orientation
+    return Orientation(BASIC, np.eye(3)) if axes is None else axes.orientation
 
 
 def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -> SolidAxes | None:
-    """Axes of an anisotropic material of solids, its instance turned with it: RECTANGULAR (a on x, b in the plane xy),
-    Z RECTANGULAR (a on z, b in the plane xz) or CYLINDRICAL (a and b on the axis; 1 radial, 2 around, 3 along), by coordinates;
-    then turned by an angle [deg] about its axis 1, 2 or 3, as the second line says. None for no name.
+    """Axes of an anisotropic material of solids, rotated with its instance: RECTANGULAR (a on x, b in the plane xy),
+    Z RECTANGULAR (a on z, b in the plane xz) or CYLINDRICAL (a and b on the axis; 1 radial, 2 circumferential, 3
+    axial), defined by coordinates; then rotated by an angle [deg] about axis 1, 2 or 3 of the second line. None
+    without a name.
 
-    Raises DeckError for one that is not there, for distributions, and other systems and definitions.
+    Raises DeckError for a missing orientation, distributions, and other systems and definitions.
     """
-    own = named_orientation(assembly, scope, by, name)
-    if own is None:
+    orientation = named_orientation(assembly, scope, by, name)
+    if orientation is None:
         return None
-    system = own.word("SYSTEM", "RECTANGULAR").replace(" ", "")
-    definition = own.word("DEFINITION", "COORDINATES")
+    system = orientation.word("SYSTEM", "RECTANGULAR").replace(" ", "")
+    definition = orientation.word("DEFINITION", "COORDINATES")
     if system not in SYSTEMS or definition not in ("COORDINATES", ""):
-        raise own.error(
+        raise orientation.error(
             f"SYSTEM={system}, DEFINITION={definition} is not supported for anisotropic solids",
-            "give a rectangular or cylindrical one by coordinates",
+            "use a rectangular or cylindrical system defined by coordinates",
         )
-    rows = own.rows()
+    rows = orientation.rows()
     first = rows[0]
     if parse_real(first.text(0)) is None:
         raise first.error(
             f"{first.text(0)!r} is a distribution, which is not supported for anisotropic solids",
-            "give each group of elements a section with an orientation of its own, by coordinates",
+            "use a separate section with an ORIENTATION by coordinates for each group of elements",
         )
     points = np.array([first.real(i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
     if system == "CYLINDRICAL":
@@ -340,18 +348,18 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
         origin, kind = points[2], "rectangular"
         axes = rectangular_axes(first)
         if system == "ZRECTANGULAR":
-            z, x, y = axes.T  # what a rectangular one calls x, y and z
+            z, x, y = axes.T  # x, y and z of the rectangular system
             axes = np.column_stack([x, y, z])
     moved = CoordinateSystem(kind, scope.rotation @ origin + scope.translation, scope.rotation @ axes)
     if len(rows) < 2:
-        return SolidAxes(Orientation(moved, np.eye(3)), None, own.where)
+        return SolidAxes(Orientation(moved, np.eye(3)), None, orientation.where)
     about = rows[1].integer(0, "the axis", 1)
     if about not in (1, 2, 3):
-        raise rows[1].error(f"axis {about}", "give the axis about which the others turn, 1, 2 or 3")
+        raise rows[1].error(f"axis {about} is not valid", "specify the rotation axis 1, 2 or 3")
     turn = turned_about(about, rows[1].real(1, "the angle", 0.0))
-    return SolidAxes(Orientation(moved, turn), about if rows[1].text(0) else None, own.where)
+    return SolidAxes(Orientation(moved, turn), about if rows[1].text(0) else None, orientation.where)
 
 
 def turned_about(about: int, degrees: float) -> FloatArray:
-    """Axes (3, 3), one in a column, that are turned by an angle [deg] about one of them, 1, 2 or 3."""
+    """Axes (3, 3), one in a column, rotated by an angle [deg] about axis 1, 2 or 3."""
     return rotation(np.eye(3)[about - 1], np.radians(degrees))

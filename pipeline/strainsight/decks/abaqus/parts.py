@@ -1,4 +1,4 @@
-"""Nodes and elements (*NODE, *ELEMENT) of one part, or of a flat deck, as arrays in its own ids and axes."""
+"""Nodes and elements (*NODE, *ELEMENT) of one part or flat deck, with its ids and axes."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from strainsight.mesh.model import FloatArray, IdTable, IntArray
 from strainsight.mesh.thin import concatenate
 
 SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.items()}
-"""Type → kind of element, and how it is reinterpreted. The order of the nodes is that of VTK in all of them."""
+"""Type → kind of element, and note on its import. Nodes have the order of VTK in all types."""
 USUAL = ", ".join(next(iter(kind.abaqus)) for kind in ELEMENTS if kind.abaqus)
-REDUCED = "integrated fully: reduced integration and its hourglass control are not imitated"
+REDUCED = "fully integrated: reduced integration and hourglass control are not reproduced"
 SHELLS = {
     **dict.fromkeys(("S3", "S3R"), ("tri3", "")),
     "STRI3": ("tri3", "which shears"),
@@ -35,17 +35,17 @@ BEAMS = {
     "T3D2": ("rod", ""),
 }
 THIN = {**SHELLS, **BEAMS}
-"""Type → kind of shell or beam, and how it is reinterpreted."""
+"""Type → kind of shell or beam, and note on its import."""
 NODES = {"tri3": 3, "quad4": 4, "tri6": 6, "quad8": 8}
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Elements of one *ELEMENT keyword: type in capitals; kind, None where it is no solid; ids (m,); nodes in a
-    flat (c,) array of rows (−1 where there is none), first (m + 1,) where those of each element begin; data line (m,).
+    """Elements of one *ELEMENT keyword: type in capitals; kind, None if it is not a solid; ids (m,); nodes in a flat
+    (c,) array of rows (−1 if missing), first (m + 1,) start of the nodes of each element; data line (m,).
 
-    words: position in nodes → entry that is no number (node of an instance, seen from the assembly); cut: each line holds more
-    nodes than an element has and ends in a comma, as the first lines of quadratic ones do: the first ones count, as in CalculiX.
+    words: position in nodes → entry that is not a number (node of an instance); cut: each line has more nodes than
+    an element and ends in a comma, as the first lines of quadratic elements; the first nodes are used, as in CalculiX.
     """
 
     keyword: Keyword
@@ -60,10 +60,10 @@ class Cells:
 
 
 def read_cells(keyword: Keyword, table: IdTable) -> Cells:
-    """The elements of an *ELEMENT keyword, on as many lines each as it takes, with the rows of their nodes in `table`.
+    """The elements of an *ELEMENT keyword, on one or more lines each, with the rows of their nodes in `table`.
 
-    A beam may have one node more, which its first axis points to. Raises DeckError for a wrong number of nodes, a node that is
-    missing, and solids that are not supported.
+    A beam may have one extra node, which defines its first axis. Raises DeckError for a wrong number of nodes, a
+    missing node and unsupported solids.
     """
     type_ = keyword.needs("TYPE").upper()
     if type_ not in SOLIDS and type_.startswith("C3D"):
@@ -94,7 +94,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     values = values.reshape(-1, width)
     if values[:, 0].min() < 1:
         i = int(np.argmin(values[:, 0]))
-        raise _at(keyword, int(first[i]), f"the element id {values[i, 0]} is not positive")
+        raise _at(keyword, int(first[i]), f"element id {values[i, 0]} is not positive")
     rows, missing = table.rows(values[:, 1:])
     if missing.any():
         i, j = np.argwhere(missing)[0]
@@ -103,7 +103,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
             keyword,
             int(first[i]),
             f"{type_} {values[i, 0]}: node {number} is not in the deck",
-            f"add the node {number}, or correct the id",
+            f"add node {number}, or correct the id",
         )
     begin = np.arange(len(values) + 1) * (width - 1)
     return Cells(keyword, type_, kind, values[:, 0].copy(), rows.ravel(), begin, first, {}, cut)
@@ -114,20 +114,20 @@ def _at(keyword: Keyword, i: int, what: str, remedy: str = "correct the line and
 
 
 def _miscount(keyword: Keyword, counts: IntArray, width: int, type_: str) -> DeckError:
-    """The first element whose lines do not hold its id and its nodes."""
+    """Error for the first element whose lines do not contain exactly its id and its nodes."""
     have = start = 0
     for i, count in enumerate(counts.tolist()):
         start = i if have == 0 else start
         continued = i > start and keyword.texts[i - 1][-1] == ","
         have += count
         if have > width or (have < width and i + 1 == len(counts)):
-            own = have if have < width or i == start or continued else have - count
+            count_of_element = have if have < width or i == start or continued else have - count
             element = split(keyword.texts[start])[0]
             return _at(
                 keyword,
                 start,
-                f"{type_} {element}: {own - 1} nodes, where a {type_} has {width - 1}",
-                "give the nodes of a whole element; the deck may be cut off here",
+                f"{type_} {element} has {count_of_element - 1} nodes, but a {type_} needs {width - 1}",
+                "complete the element; the deck may be truncated here",
             )
         have %= width
     raise AssertionError("the lines hold whole elements")
@@ -137,12 +137,14 @@ def _no_integer(keyword: Keyword) -> DeckError:
     for row in keyword.rows():
         for i, entry in enumerate(keyword.texts[row.i].rstrip(", \t").split(",")):
             if parse_integer(entry.strip()) is None:
-                return row.error(f"entry {i + 1} {no_integer(entry.strip())}", "give the ids of element and nodes")
+                return row.error(
+                    f"entry {i + 1} {no_integer(entry.strip())}", "write the ids of the element and its nodes"
+                )
     raise AssertionError("all entries are integers")
 
 
 def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
-    """Beams, point masses, and elements that are only counted: nodes that are not there do not matter yet."""
+    """Beams, point masses and elements that are only counted; missing nodes are allowed."""
     lines: list[int] = []
     tokens: list[list[str]] = []
     for row in keyword.rows():
@@ -155,9 +157,9 @@ def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
         if row.integer(0, "the element id") < 1:
             raise row.error(f"the element id {row.tokens[0]} is not positive")
     ids = np.array([int(entries[0]) for entries in tokens], dtype=np.int64)
-    own = [[entry for entry in entries[1:] if entry] for entries in tokens]
-    first = np.cumsum([0, *map(len, own)])
-    flat = [entry for entries in own for entry in entries]
+    nodes = [[entry for entry in entries[1:] if entry] for entries in tokens]
+    first = np.cumsum([0, *map(len, nodes)])
+    flat = [entry for entries in nodes for entry in entries]
     numbers = [parse_integer(entry) for entry in flat]
     rows, missing = table.rows(np.array([number or 0 for number in numbers], dtype=np.int64))
     words = {i: entry for i, (entry, number) in enumerate(zip(flat, numbers, strict=True)) if number is None}
@@ -169,7 +171,8 @@ GENERATORS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
 
 @dataclass(frozen=True)
 class Part:
-    """keywords as they stand; node ids (n,), position (n, 3) in the axes of the part, where each node stands; elements likewise.
+    """The keywords of a part; node ids (n,), position (n, 3) in the axes of the part, file and line of each node;
+    elements likewise.
 
     rows: id(keyword) → rows of the nodes or elements that this *NODE or *ELEMENT defines.
     """
@@ -186,19 +189,19 @@ class Part:
     @cached_property
     def sets(self) -> dict[tuple[str, str], list[Keyword]]:
         """("NODE" or "ELEMENT", NAME of a set) → the keywords that define it."""
-        found: dict[tuple[str, str], list[Keyword]] = {}
+        keywords_by_set: dict[tuple[str, str], list[Keyword]] = {}
         for keyword in self.keywords:
             for kind, parameter in (("NODE", "NSET"), ("ELEMENT", "ELSET")):
                 if keyword.name in (kind, parameter) and keyword.parameters.get(parameter):
-                    found.setdefault((kind, keyword.parameters[parameter].upper()), []).append(keyword)
-        return found
+                    keywords_by_set.setdefault((kind, keyword.parameters[parameter].upper()), []).append(keyword)
+        return keywords_by_set
 
 
 def read_part(keywords: tuple[Keyword, ...]) -> Part:
     """The nodes and elements that the keywords of a part define.
 
-    Raises DeckError for nodes and elements that stand twice, have a wrong number of nodes or a node that is missing, for
-    solids that are not supported and for generated meshes.
+    Raises DeckError for duplicate ids, a wrong number of nodes, missing nodes, unsupported solids and generated
+    meshes.
     """
     ids, position, where, rows = _nodes(keywords)
     table = IdTable(ids)
@@ -222,23 +225,25 @@ def _nodes(
     axes, origin, start = np.eye(3), np.zeros(3), 0
     for keyword in keywords:
         if keyword.name in GENERATORS:
-            raise keyword.error("generated meshes are not supported", "write the nodes and elements out")
+            raise keyword.error(
+                "generated meshes are not supported", "export the deck with explicit nodes and elements"
+            )
         if keyword.name == "SYSTEM":
             origin, axes = _system(keyword)
         if keyword.name != "NODE":
             continue
-        own, local = _node_lines(keyword)
+        new_ids, local = _node_lines(keyword)
         system = keyword.word("SYSTEM", "R")
         if system == "C":
             r, angle = local[:, 0].copy(), np.radians(local[:, 1])
             local[:, 0], local[:, 1] = r * np.cos(angle), r * np.sin(angle)
         elif system != "R":
-            raise keyword.error(f"SYSTEM={system} is not supported", "write the nodes in rectangular coordinates")
-        ids.append(own)
+            raise keyword.error(f"SYSTEM={system} is not supported", "export the nodes in rectangular coordinates")
+        ids.append(new_ids)
         positions.append(origin + local @ axes.T)
         where += zip(keyword.files, keyword.numbers, strict=True)
-        rows[id(keyword)] = np.arange(start, start + len(own))
-        start += len(own)
+        rows[id(keyword)] = np.arange(start, start + len(new_ids))
+        start += len(new_ids)
     all_ids = np.concatenate(ids)
     check_once(all_ids, "node", lambda i: "{}:{}".format(*where[i]))
     return all_ids, np.concatenate(positions), tuple(where), rows
@@ -257,17 +262,18 @@ def _node_lines(keyword: Keyword) -> tuple[IntArray, FloatArray]:
             values = np.full(1, np.nan)
         if ids is not None and ids.min() > 0 and np.isfinite(values).all() and "_" not in "".join(keyword.texts):
             return ids, values.reshape(-1, 4)[:, 1:]
-    found, position = [], []
+    node_ids, position = [], []
     for row in keyword.rows():
-        found.append(row.integer(0, "the node id"))
-        if found[-1] < 1:
-            raise row.error(f"the node id {found[-1]} is not positive")
+        node_ids.append(row.integer(0, "the node id"))
+        if node_ids[-1] < 1:
+            raise row.error(f"node id {node_ids[-1]} is not positive")
         position.append([row.real(i, "a coordinate", 0.0) for i in (1, 2, 3)])
-    return np.array(found, dtype=np.int64), np.array(position)
+    return np.array(node_ids, dtype=np.int64), np.array(position)
 
 
 def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
-    """*SYSTEM: origin a, and axes: x towards b, c in the xy plane on the side of y; without c, z stays Z."""
+    """*SYSTEM: origin a, and axes with x towards b and c in the xy plane on the side of y; without c, the z axis
+    stays Z."""
     rows = keyword.rows(needed=False)
     if not rows:
         return np.zeros(3), np.eye(3)
@@ -278,22 +284,22 @@ def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     if len(rows) > 1:
         z = normal(x, rows[1].reals(3, "a coordinate") - origin)
     elif abs(x[2]) > 1e-9 * np.linalg.norm(x):
-        raise rows[0].error("point b must lie in the plane of a, or a point c be given", "add the line of point c")
+        raise rows[0].error("point b is not in the plane of a, and point c is missing", "add the line with point c")
     else:
         z = np.array([0.0, 0.0, 1.0])
     return origin, orthonormal(x, z, rows[0])
 
 
 def orthonormal(x: FloatArray, z: FloatArray, row: Row) -> FloatArray:
-    """Axes x, z × x, z of length one as columns (3, 3); DeckError where one of them is zero."""
+    """Axes x, z × x, z of length one as columns (3, 3); DeckError if one of them is zero."""
     lengths = np.linalg.norm(x), np.linalg.norm(z)
     if not min(lengths) > 0:
-        raise row.error("the points lie on one line and define no axes", "give points that span a plane")
+        raise row.error("the points are on one line and define no axes", "specify points that span a plane")
     x, z = x / lengths[0], z / lengths[1]
     return np.column_stack([x, np.cross(z, x), z])
 
 
 def normal(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a × b, exactly zero where they are parallel to rounding."""
+    """a × b, exactly zero if the vectors are parallel to rounding."""
     product = np.cross(a, b)
     return product if np.linalg.norm(product) > 1e-9 * np.linalg.norm(a) * np.linalg.norm(b) else np.zeros(3)

@@ -1,4 +1,4 @@
-"""Parts and instances of an assembly: all their nodes and elements, and what names mean in each instance."""
+"""Parts and instances of an assembly: all nodes and elements, and the meaning of names in each instance."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SECTIONS = ("SOLIDSECTION", "SHELLSECTION", "SHELLGENERALSECTION", "BEAMSECTION"
 
 
 INSIDE = {"PART": (), "ASSEMBLY": (), "INSTANCE": ("ASSEMBLY",), "STEP": ()}
-"""Keyword that an *END closes → those inside of which it stands."""
+"""Keyword that an *END closes → keywords that must enclose it."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Step:
 def read_structure(
     keywords: list[Keyword],
 ) -> tuple[tuple[Keyword, ...], dict[str, tuple[Keyword, ...]], list[tuple[Keyword, tuple[Keyword, ...]]], list[Step]]:
-    """Keywords of the model itself, of each part, of each instance with its *INSTANCE, and the steps."""
+    """Keywords of the model, of each part, of each instance with its *INSTANCE, and the steps."""
     model: list[Keyword] = []
     closed: dict[str, list[tuple[Keyword, tuple[Keyword, ...]]]] = {name: [] for name in INSIDE}
     named: set[tuple[str, str]] = set()
@@ -50,61 +50,70 @@ def read_structure(
         if name in INSIDE:
             if tuple(k.name for k, _ in opened) != INSIDE[name]:
                 raise keyword.error(
-                    f"stands inside {around.title} at {around.where}" if around else "stands outside *ASSEMBLY",
-                    f"close it with *END {around.name} before" if around else "put it between *ASSEMBLY and its end",
+                    f"not allowed inside {around.title} at {around.where}"
+                    if around
+                    else "only allowed inside *ASSEMBLY",
+                    f"close {around.name} first" if around else "move it between *ASSEMBLY and *END ASSEMBLY",
                 )
             opened.append((keyword, []))
         elif name.startswith("END") and name[3:] in INSIDE:
             if around is None or around.name != name[3:]:
-                raise keyword.error(f"there is no *{name[3:]} to end", "remove the line, or add what it ends")
+                raise keyword.error(f"*{name[3:]} was not opened", "remove the line, or add the missing keyword")
             closed[around.name].append((around, tuple(opened.pop()[1])))
             if around.name in ("PART", "INSTANCE"):
                 key = (around.name, around.needs("NAME").upper())
                 if key in named:
-                    what = f"{around.name.lower()} {around.parameters['NAME']!r} stands twice"
-                    raise around.error(what, "give each its own name")
+                    what = f"{around.name.lower()} {around.parameters['NAME']!r} is defined twice"
+                    raise around.error(what, "use unique names")
                 named.add(key)
         elif around is None or around.name == "ASSEMBLY":
             model.append(keyword)
         else:
             if around.name == "STEP" and name in (*MESH, *SECTIONS, "MATERIAL"):
-                raise keyword.error("stands inside a *STEP", "move it before the first *STEP")
+                raise keyword.error("not allowed inside a *STEP", "move it before the first *STEP")
             # Sets of a step are sets of the model.
             of_model = name in ("NSET", "ELSET", "SURFACE") and around.name == "STEP"
             (model if of_model else opened[-1][1]).append(keyword)
     if opened:
         start = opened[-1][0]
-        raise start.error(f"no *END {start.name} follows", "the deck may be cut off: write it again")
+        raise start.error(f"*END {start.name} is missing", "add it; the deck may be truncated: export it again")
     if closed["PART"] and not closed["INSTANCE"]:
-        raise closed["PART"][0][0].error("there is no *INSTANCE of any part", "add an *ASSEMBLY with the instances")
-    parts = {start.needs("NAME").upper(): own for start, own in closed["PART"]}
-    steps = [Step(number, start, own) for number, (start, own) in enumerate(closed["STEP"], start=1)]
+        raise closed["PART"][0][0].error("no *INSTANCE uses a part", "add an *ASSEMBLY with the instances")
+    parts = {start.needs("NAME").upper(): part_keywords for start, part_keywords in closed["PART"]}
+    steps = [
+        Step(number, start, step_keywords) for number, (start, step_keywords) in enumerate(closed["STEP"], start=1)
+    ]
     return tuple(model), parts, closed["INSTANCE"], steps
 
 
 def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and translation (3,) of an *INSTANCE: first the translation, then the rotation about an axis of the
-    assembly."""
+    """Rotation (3, 3) and translation (3,) of an *INSTANCE: first the translation, then the rotation about an axis
+    of the assembly."""
     rows = keyword.rows(needed=False)
     turns = [row for row in rows if any(row.tokens[3:])]
     shifts = [row for row in rows if not any(row.tokens[3:])]
     if len(turns) > 1 or len(shifts) > 1:
-        raise rows[-1].error("more lines than a translation and a rotation", "give x, y, z and then the axis and angle")
+        raise rows[-1].error(
+            "more than one translation or rotation line",
+            "write one line with x, y, z, then one line with the axis and the angle",
+        )
     shift = shifts[0].reals(3, "a translation") if shifts else np.zeros(3)
     if not turns:
         return np.eye(3), shift
     values = turns[0].reals(7, "a coordinate of the axis, or the angle")
     a, axis = values[:3], values[3:6] - values[:3]
     if not np.linalg.norm(axis) > 0:
-        raise turns[0].error("the two points of the axis coincide", "give two points, and the angle in degrees")
+        raise turns[0].error(
+            "the two points of the axis coincide", "specify two different points, and the angle in degrees"
+        )
     R = rotation(axis / np.linalg.norm(axis), np.radians(values[6]))
     return R, a + R @ (shift - a)
 
 
 @dataclass(frozen=True)
 class Scope:
-    """A part in its place: x = rotation (3, 3) x' + translation (3,); name of the instance, "" for assembly or flat deck;
-    rows of its first node and element among those of the whole deck."""
+    """A placed part: x = rotation (3, 3) x' + translation (3,); name of the instance, "" for the assembly or a flat
+    deck; rows of its first node and element in the whole deck."""
 
     name: str
     part: Part
@@ -116,12 +125,11 @@ class Scope:
 
 @dataclass
 class Assembly:
-    """All nodes and elements of the deck, row by row, instance after instance, the assembly's own at last.
+    """All nodes and elements of the deck, instance by instance, followed by those of the assembly itself.
 
     node_ids (n,), position (n, 3); element_ids (m,), kind (m,) index into ELEMENTS or −1, type of each element,
-    empty of one that is left out;
-    nodes (c,) rows of nodes, −1 where there is none, first (m + 1,) where those of each element begin; where they stand;
-    model: keywords outside of steps that belong to no part; notes: sentences on ids and sets.
+    empty if it is left out; nodes (c,) rows of nodes, −1 if missing, first (m + 1,) start of the nodes of each
+    element; file and line of each; model: keywords outside of steps and parts; notes: messages on ids and sets.
     """
 
     scopes: dict[str, Scope]
@@ -141,22 +149,22 @@ class Assembly:
 
     @cached_property
     def families(self) -> NDArray[np.str_]:
-        """(m,): "solid", "shell", "beam" or "rod", empty of elements that are not imported as one of them."""
+        """(m,): "solid", "shell", "beam" or "rod"; empty for elements that are not imported."""
         names = {
             **dict.fromkeys(SHELLS, "shell"),
             **{type_: "rod" if kind == "rod" else "beam" for type_, (kind, _) in BEAMS.items()},
         }
-        found = np.array([names.get(type_, "") for type_ in self.type], dtype="U5")
-        found[self.kind >= 0] = "solid"
-        return found
+        families = np.array([names.get(type_, "") for type_ in self.type], dtype="U5")
+        families[self.kind >= 0] = "solid"
+        return families
 
     @cached_property
     def thin_kinds(self) -> NDArray[np.str_]:
-        """(m,): the kind of a shell, beam or rod, empty of all other elements."""
+        """(m,): kind of a shell, beam or rod; empty for all other elements."""
         return np.array([THIN.get(type_, ("", ""))[0] for type_ in self.type], dtype="U5")
 
     def element(self, row: int) -> str:
-        """An element in the words of the deck: "S4R 12"."""
+        """Name of an element in the words of the deck: "S4R 12"."""
         return f"{self.type[row]} {self.element_ids[row]}"
 
     def where(self, row: int) -> str:
@@ -164,26 +172,26 @@ class Assembly:
         return "{}:{}".format(*self.element_where[row])
 
     def element_error(self, row: int, what: str, remedy: str) -> DeckError:
-        """A DeckError where an element stands."""
+        """A DeckError at an element."""
         number = int(self.element_ids[row])
         return entity_error("element", number, f"{self.element(row)} {what}", remedy, lambda *_: self.where(row))
 
     def name_of(self, rows: IntArray) -> Callable[[int], str]:
-        """Number of an element among some → `element`."""
+        """Index of an element in `rows` → `element`."""
         return lambda i: self.element(int(rows[i]))
 
     def error_of(self, rows: IntArray) -> Callable[[int, str, str], DeckError]:
-        """Number of an element among some → `element_error`."""
+        """Index of an element in `rows` → `element_error`."""
         return lambda i, what, remedy: self.element_error(int(rows[i]), what, remedy)
 
     @property
     def flat(self) -> bool:
-        """Is there at most one instance, so that names need not say which?"""
+        """Whether there is at most one instance, so that names are unique without it."""
         return len(self.scopes) <= 2
 
     def keywords(self, name: str, of_steps: bool = False) -> Iterator[tuple[Scope, Keyword]]:
-        """Keywords of this name, once for every instance of a part, with the scope of their names; of_steps: behind them those in
-        steps."""
+        """Keywords of this name, once for every instance of a part, with the scope of their names; of_steps:
+        followed by those in steps."""
         for scope in self.scopes.values():
             for keyword in scope.part.keywords:
                 if keyword.name == name:
@@ -192,7 +200,7 @@ class Assembly:
             yield from ((self.scopes[""], keyword) for keyword in step.keywords if keyword.name == name)
 
     def scope_of(self, name: str, row: Keyword | Row) -> Scope:
-        """The instance of this name; DeckError where there is none."""
+        """Instance of this name; DeckError if it does not exist."""
         if name.upper() not in self.scopes or not name:
             raise row.error(f"instance {name!r} is not in the deck", "correct the name")
         return self.scopes[name.upper()]
@@ -206,40 +214,44 @@ class Assembly:
         return scope, name
 
     def node_rows(self, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
-        """Rows of the node or node set that an entry names; DeckError where there is none."""
+        """Rows of the node or node set that an entry names; DeckError if it does not exist."""
         return self._rows("NODE", entry, scope, row)
 
     def element_rows(self, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
-        """Rows of the element or element set that an entry names; DeckError where there is none."""
+        """Rows of the element or element set that an entry names; DeckError if it does not exist."""
         return self._rows("ELEMENT", entry, scope, row)
 
     def node_set(self, name: str, scope: Scope, row: Keyword | Row) -> IntArray:
-        """Rows of the node set of this name, also if it is a number; DeckError where there is none."""
+        """Rows of the node set of this name, also if it is a number; DeckError if it does not exist."""
         return self._named("NODE", name, scope, row)
 
     def element_set(self, name: str, scope: Scope, row: Keyword | Row) -> IntArray:
-        """Rows of the element set of this name, also if it is a number; DeckError where there is none."""
+        """Rows of the element set of this name, also if it is a number; DeckError if it does not exist."""
         return self._named("ELEMENT", name, scope, row)
 
     def connectivity(self, rows: IntArray, places: Sequence[int]) -> IntArray:
-        """Rows (k, p) of the nodes of elements at these of their places."""
+        """Rows (k, p) of the nodes of elements at these places of their connectivity."""
         return self.nodes[self.first[rows][:, None] + np.array(places)]
 
     def nodes_of(self, row: int) -> IntArray:
-        """Rows of the nodes of one element, −1 of those that are not in the deck."""
+        """Rows of the nodes of one element; −1 for nodes that are not in the deck."""
         return self.nodes[self.first[row] : self.first[row + 1]]
 
     def element_nodes(self, rows: IntArray) -> IntArray:
-        """Rows (k,) of the nodes of elements, each once, sorted."""
+        """Unique sorted rows (k,) of the nodes of elements."""
         counts = self.first[rows + 1] - self.first[rows]
         start = np.repeat(self.first[rows] - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts)
         nodes = np.unique(self.nodes[start + np.arange(counts.sum())]) if rows.size else rows
         return nodes[nodes >= 0]
 
     def set_names(self, kind: str, scope: Scope) -> dict[str, str]:
-        """NAME → as the file writes it first, of the sets of kind NODE or ELEMENT in a scope."""
+        """Name in capitals → name as first written, of the sets of kind NODE or ELEMENT in a scope."""
         parameter = "NSET" if kind == "NODE" else "ELSET"
-        return {name: own[0].parameters[parameter] for (of, name), own in scope.part.sets.items() if of == kind}
+        return {
+            name: definitions[0].parameters[parameter]
+            for (of, name), definitions in scope.part.sets.items()
+            if of == kind
+        }
 
     def _rows(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
         within, name = self.split_name(entry, scope)
@@ -258,10 +270,10 @@ class Assembly:
 
     def _named(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
         within, name = self.split_name(entry, scope)
-        found = self._set(kind, name.upper(), within, ())
-        if found is None:
+        rows = self._set(kind, name.upper(), within, ())
+        if rows is None:
             raise row.error(f"{kind.lower()} set {entry!r} is not in the deck", "correct the name, or add the set")
-        return found
+        return rows
 
     def _numbered(self, kind: str, ids: IntArray, scope: Scope) -> tuple[IntArray, np.ndarray]:
         table, first = (
@@ -271,7 +283,7 @@ class Assembly:
         return rows + first, missing
 
     def _set(self, kind: str, name: str, scope: Scope, above: tuple[str, ...]) -> IntArray | None:
-        """Sorted rows of a set, each once; None where no keyword defines it."""
+        """Unique sorted rows of a set; None if no keyword defines it."""
         key = (kind, scope.name.upper(), name)
         if key in self._known:
             return self._known[key]
@@ -304,11 +316,11 @@ class Assembly:
         for i in np.flatnonzero(missing):
             entry, row = entries[i]
             if numbers[i] is not None:
-                self._rows(kind, entry, scope, row)  # says what is missing
+                self._rows(kind, entry, scope, row)  # raises the error for the missing entry
             within, name = self.split_name(entry, scope)
             if parse_integer(name) is None:
                 if f"{within.name}.{name.upper()}" in above:
-                    raise row.error(f"set {entry!r} contains itself", "take it out of the sets it is made of")
+                    raise row.error(f"set {entry!r} contains itself", "remove it from its own members")
                 self._set(kind, name.upper(), within, above)
             parts.append(self._rows(kind, entry, scope, row))
         return np.concatenate(parts)
@@ -321,44 +333,49 @@ class Assembly:
             low, high = row.integer(0, "the first id"), row.integer(1, "the last id", row.integer(0, "the first id"))
             step = row.integer(2, "the increment", 1) or 1
             if high < low or step < 0:
-                raise row.error(f"{low} to {high} in steps of {step} runs backwards", "write the lower id first")
+                raise row.error(
+                    f"the range {low} to {high} with increment {step} is decreasing",
+                    "write the lower id first, and a positive increment",
+                )
             sorted_ids = table.sorted
             within = sorted_ids[np.searchsorted(sorted_ids, low) : np.searchsorted(sorted_ids, high, side="right")]
             within = within[(within - low) % step == 0]
             lost += (high - low) // step + 1 - within.size
             parts.append(self._numbered(kind, within, scope)[0])
         if lost:
-            sentence = f"{keyword.where}: {keyword.title} generates {lost} ids that are not in the deck: left out"
+            sentence = (
+                f"{keyword.where}: {keyword.title} generates {lost} ids that are not in the deck; they are left out"
+            )
             self.notes += [sentence] if sentence not in self.notes else []
         return np.concatenate(parts)
 
 
 def assemble(keywords: list[Keyword]) -> Assembly:
-    """The parts of a deck in their places.
+    """Place the parts of a deck.
 
         x = a + R (x' + t − a)
 
-    with the translation t and the rotation R about the axis from a to b of each instance. A deck without parts is one
-    scope. Where ids of instances clash, instance i gets i·10ᵏ on top of its own, k so that they cannot meet.
-    Raises DeckError for parts and steps that do not end, and for instances of parts that are not there.
+    with the translation t and the rotation R about the axis from a to b of each instance. A deck without parts is
+    one scope. If ids of instances clash, i·10ᵏ is added to the ids of instance i, with k large enough to make them
+    unique. Raises DeckError for parts and steps without end, and for instances of missing parts.
     """
     model, parts, instances, steps = read_structure(keywords)
     scopes: dict[str, Scope] = {}
     read: dict[str, Part] = {}
     placed: list[tuple[str, Part, FloatArray, FloatArray]] = []
-    for keyword, own in instances:
+    for keyword, instance_keywords in instances:
         part_name = keyword.needs("PART").upper()
         if part_name not in parts:
             raise keyword.error(
                 f"part {keyword.parameters['PART']!r} is not in the deck", "correct the name of the part"
             )
-        if any(k.name in MESH for k in own):
-            part = read_part((*parts[part_name], *own))
+        if any(k.name in MESH for k in instance_keywords):
+            part = read_part((*parts[part_name], *instance_keywords))
         else:
             part = read.get(part_name) or read_part(parts[part_name])
             read[part_name] = part
-            if own:
-                part = replace(part, keywords=(*part.keywords, *own))
+            if instance_keywords:
+                part = replace(part, keywords=(*part.keywords, *instance_keywords))
         placed.append((keyword.needs("NAME"), part, *placement(keyword)))
     placed.append(("", read_part(model), np.eye(3), np.zeros(3)))
     node = element = 0
@@ -369,48 +386,50 @@ def assemble(keywords: list[Keyword]) -> Assembly:
 
 
 def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[Step, ...]) -> Assembly:
-    """Nodes and elements of all scopes in one table."""
+    """Merge nodes and elements of all scopes into one table."""
     every = list(scopes.values())
-    cells = [(scope, own) for scope in every for own in scope.part.cells]
+    cells = [(scope, block) for scope in every for block in scope.part.cells]
     notes = [
-        f"{own.keyword.where}: lines of {own.type} hold more nodes and end in a comma, as those of quadratic elements do: the "
-        f"first {int(own.first[1])} count, as in CalculiX"
-        for _, own in cells
-        if own.cut
+        f"{block.keyword.where}: data lines of {block.type} have extra nodes and end in a comma, as for "
+        f"quadratic elements; the first {int(block.first[1])} nodes are used, as in CalculiX"
+        for _, block in cells
+        if block.cut
     ]
     offsets = _offsets([scope.part.nodes.ids for scope in every]), _offsets([s.part.elements.ids for s in every])
     for scope, *by in zip(every, *offsets, strict=True):
         shifts = [f"{what} ids + {more}" for what, more in zip(("node", "element"), by, strict=True) if more]
         if shifts and scope.part.nodes.ids.size:
-            owner = f"instance {scope.name}" if scope.name else "the assembly's own"
-            notes.append(f"{owner}: {', '.join(shifts)}, as several instances have the same ids")
+            owner = f"instance {scope.name}" if scope.name else "the assembly"
+            notes.append(f"{owner}: {', '.join(shifts)}, because several instances have the same ids")
     assembly = Assembly(
         scopes=scopes,
         node_ids=concatenate(scope.part.nodes.ids + by for scope, by in zip(every, offsets[0], strict=True)),
         position=np.concatenate([scope.part.position @ scope.rotation.T + scope.translation for scope in every]),
         node_where=[at for scope in every for at in scope.part.node_where],
         element_ids=concatenate(scope.part.elements.ids + by for scope, by in zip(every, offsets[1], strict=True)),
-        kind=concatenate(np.full(len(own.ids), ELEMENTS.index(own.kind) if own.kind else -1) for _, own in cells),
-        type=[own.type for _, own in cells for _ in own.ids],
-        nodes=concatenate(np.where(own.nodes < 0, -1, own.nodes + scope.first_node) for scope, own in cells),
-        first=np.cumsum(concatenate([np.zeros(1, dtype=np.int64), *(np.diff(own.first) for _, own in cells)])),
+        kind=concatenate(
+            np.full(len(block.ids), ELEMENTS.index(block.kind) if block.kind else -1) for _, block in cells
+        ),
+        type=[block.type for _, block in cells for _ in block.ids],
+        nodes=concatenate(np.where(block.nodes < 0, -1, block.nodes + scope.first_node) for scope, block in cells),
+        first=np.cumsum(concatenate([np.zeros(1, dtype=np.int64), *(np.diff(block.first) for _, block in cells)])),
         element_where=[at for scope in every for at in scope.part.element_where],
         model=model,
         steps=steps,
         notes=notes,
     )
     base = 0
-    for scope, own in cells:
-        lines = own.keyword.rows() if own.words else []
-        for i, word in own.words.items():
-            rows = assembly.node_rows(word, scope, lines[own.line[np.searchsorted(own.first, i, "right") - 1]])
+    for scope, block in cells:
+        lines = block.keyword.rows() if block.words else []
+        for i, word in block.words.items():
+            rows = assembly.node_rows(word, scope, lines[block.line[np.searchsorted(block.first, i, "right") - 1]])
             assembly.nodes[base + i] = rows[0] if rows.size == 1 else -1
-        base += len(own.nodes)
+        base += len(block.nodes)
     return assembly
 
 
 def _offsets(ids: list[IntArray]) -> list[int]:
-    """What each scope adds to its ids: nothing where all are distinct, else i·10ᵏ beyond all of them."""
+    """Offset added to the ids of each scope: zero if all ids are distinct, else i·10ᵏ larger than all of them."""
     together = np.concatenate(ids)
     if len(np.unique(together)) == len(together):
         return [0] * len(ids)

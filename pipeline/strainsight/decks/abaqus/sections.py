@@ -1,4 +1,4 @@
-"""Sections of an Abaqus deck: the region of every element, its material, and what makes shells and beams solid."""
+"""Sections of an Abaqus deck: region and material of every element, and the shell and beam blocks."""
 
 from __future__ import annotations
 
@@ -42,17 +42,16 @@ FOR = {
     "BEAMSECTION": ("beam",),
     "BEAMGENERALSECTION": ("beam",),
 }
-"""Keyword → families of the elements that it is for."""
+"""Keyword → families of the elements to which it applies."""
 WANTED = {"solid": "*SOLID SECTION", "shell": "*SHELL SECTION", "beam": "*BEAM SECTION", "rod": "*SOLID SECTION"}
 
 
 @dataclass(frozen=True)
 class Sections:
-    """region (m,) of each element, 0 of those that are not imported; properties: the regions, one a section, and what they
-    refer to.
+    """region (m,) of each element, 0 if it is not imported; properties: the regions, one a section, and their data.
 
-    offset: region → where the middle of its elements lies from their nodes, along the normal of a shell, along n1 and n2 of a
-    beam; direction (3,): n1 of a beam, x of the material of a shell; left (k,): rows of the shells, beams and rods without a
+    offset: region → offset of the element middle from the nodes, along the normal of a shell, along n1 and n2 of a
+    beam; direction (3,): n1 of a beam, material axis x of a shell; left (k,): rows of shells, beams and rods without
     section.
     """
 
@@ -69,20 +68,20 @@ def read_sections(
     set_name: dict[tuple[str, str], str],
     ignored: Counter[str],
     required: bool,
-    stated: bool,
+    materials_required: bool,
 ) -> Sections:
     """*SOLID SECTION of solids and trusses, *SHELL SECTION, *BEAM SECTION and *BEAM GENERAL SECTION.
 
-    set_name: (instance, SET) → its name in the mesh; required: sections of shells and beams have to be there and supported;
-    otherwise the elements of others are left out and counted; stated: every solid has to have a section, and every section its
-    material; otherwise a region may have none, and solids without section are one. Raises DeckError for an element without
-    section, with two or with one of another kind, for a section without material or set, one that is not supported, and a
-    material that is not linear and elastic, or of shells and beams not isotropic.
+    set_name: (instance, SET) → name in the mesh; required: require supported sections of shells and beams; otherwise
+    elements without one are left out and counted; materials_required: require a section of every solid and a material
+    of every section; otherwise a region may have no material, and solids without section form one region. Raises
+    DeckError for an element without section or with two, a section of another family, a missing material or set, and
+    an unsupported section or material.
     """
     properties = Properties()
-    materials = Materials(definitions(keywords), stated, assembly.notes, properties)
-    found = Sections(np.zeros(len(assembly.families), dtype=np.int64), properties)
-    left = [found.left]
+    materials = Materials(definitions(keywords), materials_required, assembly.notes, properties)
+    sections = Sections(np.zeros(len(assembly.families), dtype=np.int64), properties)
+    left = [sections.left]
     for scope in assembly.scopes.values():
         for keyword in scope.part.keywords:
             if keyword.name not in FOR:
@@ -92,27 +91,27 @@ def read_sections(
             if not known.size and (rows.size or keyword.name != "SOLIDSECTION"):
                 continue
             _check_family(assembly, keyword, known)
-            if (taken := known[found.region[known] > 0]).size:
+            if (assigned := known[sections.region[known] > 0]).size:
                 raise keyword.error(
-                    f"element {assembly.element_ids[taken[0]]} is in the section of "
-                    f"{properties.regions[int(found.region[taken[0]])].name} already",
-                    "let every element belong to one section",
+                    f"element {assembly.element_ids[assigned[0]]} already belongs to section "
+                    f"{properties.regions[int(sections.region[assigned[0]])].name}",
+                    "assign every element to exactly one section",
                 )
             within, written = assembly.split_name(keyword.parameters["ELSET"], scope)
             name = set_name.get((within.name, written.upper()), written)
             try:
-                _add(assembly, scope, keyword, known, materials, found, name)
+                _add(assembly, scope, keyword, known, materials, sections, name)
             except DeckError:
                 if required or keyword.name == "SOLIDSECTION":
                     raise
                 left.append(known)
-    left.append(_without(assembly, found, np.concatenate(left), required, stated))
-    gone = np.unique(np.concatenate(left))
-    gone = gone[found.region[gone] == 0]
-    ignored.update(Counter(f"*ELEMENT, TYPE={assembly.type[row]}" for row in gone.tolist()))
+    left.append(_without(assembly, sections, np.concatenate(left), required, materials_required))
+    omitted = np.unique(np.concatenate(left))
+    omitted = omitted[sections.region[omitted] == 0]
+    ignored.update(Counter(f"*ELEMENT, TYPE={assembly.type[row]}" for row in omitted.tolist()))
     if materials.unused:
         ignored["*MATERIAL that no section refers to"] += materials.unused
-    return replace(found, left=gone)
+    return replace(sections, left=omitted)
 
 
 def _check_family(assembly: Assembly, keyword: Keyword, rows: IntArray) -> None:
@@ -122,69 +121,83 @@ def _check_family(assembly: Assembly, keyword: Keyword, rows: IntArray) -> None:
         row = int(other[0])
         raise keyword.error(
             f"{assembly.element(row)} is a {'truss' if family[row] == 'rod' else family[row]} ({other.size} such elements)",
-            f"take it out of the element set, and give it a {WANTED[str(family[row])]}",
+            f"remove it from the element set, and add a {WANTED[str(family[row])]}",
         )
 
 
 def _add(
-    assembly: Assembly, scope: Scope, keyword: Keyword, rows: IntArray, made: Materials, found: Sections, name: str
+    assembly: Assembly,
+    scope: Scope,
+    keyword: Keyword,
+    rows: IntArray,
+    materials: Materials,
+    sections: Sections,
+    name: str,
 ) -> None:
-    """A region of the elements in rows (k,), of that name."""
-    number, offset, direction = len(found.properties.regions) + 1, np.zeros(2), np.full(3, np.nan)
+    """Add a region of the elements in rows (k,) with this name."""
+    number, offset, direction = len(sections.properties.regions) + 1, np.zeros(2), np.full(3, np.nan)
     section: ShellSection | BeamSection | Laminate | None = None
     material = None
     if keyword.name == "SOLIDSECTION":
         rods = assembly.families[rows] == "rod"
         if "COMPOSITE" in keyword.parameters:
-            found.properties.composites[number] = composite_solid(assembly, scope, keyword, rows, made)
+            sections.properties.composites[number] = composite_solid(assembly, scope, keyword, rows, materials)
             material = 0  # those of its layers
-        if made.anisotropic(keyword):
+        if materials.anisotropic(keyword):
             if rods.any():
                 raise keyword.error(
-                    f"{assembly.element(int(rows[np.argmax(rods)]))} is a truss, and its material is anisotropic",
-                    "give trusses an isotropic material",
+                    f"{assembly.element(int(rows[np.argmax(rods)]))} is a truss, but its material is anisotropic",
+                    "use an isotropic material for trusses",
                 )
-            found.properties.orientations[number] = solid_orientation(assembly, scope, keyword)
+            sections.properties.orientations[number] = solid_orientation(assembly, scope, keyword)
         if rods.any():
             section = _truss(keyword, assembly.notes)
     elif keyword.name.startswith("SHELL"):
-        section, offset, direction = shell_section(assembly, scope, keyword, made)
+        section, offset, direction = shell_section(assembly, scope, keyword, materials)
     else:
         types = sorted({assembly.type[row] for row in rows.tolist()})
         if "B33" in types and len(types) > 1:
             raise keyword.error(
-                f"{' and '.join(types)} in one section: B33 do not shear", "give each type its own section"
+                f"{' and '.join(types)} are in one section, but B33 elements have no shear deformation",
+                "use a separate section for each type",
             )
         beam, offset, direction = beam_section(scope, keyword, types != ["B33"], assembly.notes)
         if "MATERIAL" not in keyword.parameters and keyword.name == "BEAMGENERALSECTION":
             beam, *constants = own_constants(keyword, beam, assembly.notes)
-            material = made.of_section(f"material of {name}", *constants)
+            material = materials.of_section(f"material of {name}", *constants)
         section = beam
     if isinstance(section, Laminate):
         material = 0  # those of its plies
     elif material is None:
-        material = made.number(keyword)
-    found.properties.regions[number] = Region(number, name, material)
-    found.region[rows] = number
+        material = materials.number(keyword)
+    sections.properties.regions[number] = Region(number, name, material)
+    sections.region[rows] = number
     if section is not None:
-        found.properties.sections[number], found.offset[number], found.direction[number] = section, offset, direction
+        sections.properties.sections[number], sections.offset[number], sections.direction[number] = (
+            section,
+            offset,
+            direction,
+        )
 
 
 def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
-    """Area of the trusses of a *SOLID SECTION, 1 where it states none."""
+    """Area of the trusses of a *SOLID SECTION, 1 by default."""
     rows = keyword.rows(needed=False)
     if not rows or not rows[0].text(0):
-        notes.append(f"{keyword.where}: {keyword.title} states no area of its trusses: taken as 1, as Abaqus does")
+        notes.append(f"{keyword.where}: {keyword.title} has no truss area, so it is set to 1, as in Abaqus")
         return BeamSection(1.0)
     return BeamSection(rows[0].positive(0, "the area"))
 
 
-def _without(assembly: Assembly, found: Sections, left: IntArray, required: bool, stated: bool) -> IntArray:
-    """Solids without section are a region, unless it has to be stated; rows of other elements without one, unless required."""
-    family, regions = assembly.families, found.properties.regions
-    without = np.setdiff1d(np.flatnonzero((family != "") & (found.region == 0)), left)
+def _without(
+    assembly: Assembly, sections: Sections, left: IntArray, required: bool, materials_required: bool
+) -> IntArray:
+    """Make a region of the solids without section, unless materials are required; return rows of other elements
+    without section, unless required."""
+    family, regions = assembly.families, sections.properties.regions
+    without = np.setdiff1d(np.flatnonzero((family != "") & (sections.region == 0)), left)
     solid = without[family[without] == "solid"]
-    if solid.size and stated:
+    if solid.size and materials_required:
         raise assembly.element_error(
             int(solid[0]),
             f"has no section ({solid.size} elements)",
@@ -193,29 +206,29 @@ def _without(assembly: Assembly, found: Sections, left: IntArray, required: bool
     if solid.size:
         number = len(regions) + 1
         regions[number] = Region(number, "without section", 0)
-        found.region[solid] = number
+        sections.region[solid] = number
     thin = without[family[without] != "solid"]
     if thin.size and required:
         row = int(thin[0])
         raise assembly.element_error(
             row,
             f"has no section ({thin.size} elements)",
-            f"add a {WANTED[str(family[row])]} with its element set, or leave these elements out "
-            f"(mesh.ignore: [{assembly.type[row]}])",
+            f"add a {WANTED[str(family[row])]} with its element set, or leave these elements out (mesh.ignore: "
+            f"[{assembly.type[row]}])",
         )
     return thin
 
 
 IN_ORDER = {"beam": (0, 1), "rod": (0, 1), "beam3": (0, 2, 1)}
-"""Kind → where its nodes stand in the deck: ends, and the one between."""
+"""Kind → positions of its nodes in the deck: ends first, then the middle."""
 APART = 1e-9
-"""Length of an element over the extent of the model, below which its ends coincide."""
+"""Length of an element relative to the model extent below which its ends coincide."""
 
 
 def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ...]:
-    """Shells with a section, a block a kind.
+    """Shells with a section, one block a kind.
 
-    Raises DeckError for a node that stands twice in a shell, and for one that has no area, is folded or warped too much.
+    Raises DeckError for a repeated node and for a shell without area, or folded or warped too much.
     """
     blocks = []
     kinds = assembly.thin_kinds
@@ -226,7 +239,9 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
         nodes = assembly.connectivity(rows, range(NODES[kind]))
         if (at := folded(nodes)) is not None:
             raise assembly.element_error(
-                int(rows[at]), "has a node twice", "write a collapsed quadrangle as an S3, take others out"
+                int(rows[at]),
+                "has the same node twice",
+                "use an S3 instead of a collapsed quadrilateral; remove other such elements",
             )
         plate_normals(
             assembly.position[nodes[:, : CORNERS[NODES[kind]]]],
@@ -247,13 +262,13 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
 
 
 def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]:
-    """Beams and trusses with a section, a block a kind:
+    """Beams and trusses with a section, one block a kind:
 
         x from the first node to the last,     n2 = x × v/|x × v|,   n1 = n2 × x
 
-    y is n1 and z is n2; v is the direction n1 of the section, or points from the first node to one more of the element. A B32
-    has its middle node between its ends.
-    Raises DeckError for nodes that are missing or coincide, and for a direction n1 along the beam.
+    y is n1 and z is n2; v is the direction n1 of the section, or the vector from the first node to an additional
+    node. A B32 has its middle node between its ends. Raises DeckError for nodes that are missing or coincide, and for
+    a direction n1 parallel to the beam.
     """
     extent = float(np.ptp(assembly.position, axis=0).max()) if len(assembly.position) else 0.0
     blocks = []
@@ -267,7 +282,7 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
         x = np.diff(assembly.position[nodes[:, :2]], axis=1)[:, 0]
         if (short := ~(np.linalg.norm(x, axis=1) > APART * extent)).any():
             raise assembly.element_error(
-                int(rows[np.argmax(short)]), "has no length: its nodes coincide", "move a node, or take it out"
+                int(rows[np.argmax(short)]), "has no length: its nodes coincide", "move a node, or remove the element"
             )
         region = sections.region[rows]
         v = (
@@ -281,39 +296,47 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
             n1 = ", ".join(f"{c:g}" for c in v[at])
             raise assembly.element_error(
                 int(rows[at]),
-                f"lies along the first axis n1 ({n1}) of its section",
-                "give a direction across the beam on the line after the dimensions, which is 0, 0, -1 without it",
+                f"is parallel to the first axis n1 ({n1}) of its section",
+                "specify a direction across the beam on the line after the dimensions; the default is 0, 0, -1",
             )
         place = np.array([sections.offset[number] for number in region.tolist()])
         note_shared(nodes, assembly.name_of(rows), assembly.notes)
-        own = np.repeat(axes[:, None], nodes.shape[1], axis=1)
+        node_axes = np.repeat(axes[:, None], nodes.shape[1], axis=1)
         if kind == "beam3":
-            own, _ = axes_along(assembly.position[nodes], axes, ALONG)
-        off = own[..., 1] * place[:, None, :1] + own[..., 2] * place[:, None, 1:] if kind != "rod" else 0 * own[..., 0]
+            node_axes, _ = axes_along(assembly.position[nodes], axes, ALONG)
+        off = (
+            node_axes[..., 1] * place[:, None, :1] + node_axes[..., 2] * place[:, None, 1:]
+            if kind != "rod"
+            else 0 * node_axes[..., 0]
+        )
         released = np.zeros((len(rows), 2, 6), dtype=bool)
         blocks.append(BeamBlock(kind, assembly.element_ids[rows], nodes, region, axes, off, released))
     return tuple(blocks)
 
 
 def _check_count(assembly: Assembly, rows: IntArray, order: tuple[int, ...]) -> None:
-    """As many nodes as a beam has, or one more that n1 points to, which trusses have not."""
+    """Raise DeckError unless each beam has its nodes, and at most one more (not for trusses) that defines n1."""
     for row in rows.tolist():
         nodes = assembly.nodes_of(row)
         truss = assembly.type[row].startswith("T")
         if not len(order) <= len(nodes) <= len(order) + (not truss):
             count, more = ("two", "third") if len(order) == 2 else ("three", "fourth")
             raise assembly.element_error(
-                row, f"has {len(nodes)} nodes", f"give {count}" + ("" if truss else f", and a {more} that n1 points to")
+                row,
+                f"has {len(nodes)} nodes",
+                f"specify {count} nodes" + ("" if truss else f", and optionally a {more} for n1"),
             )
         if nodes.min() < 0:
             i = int(np.argmin(nodes)) + 1
             raise assembly.element_error(
-                row, f"has a node that is not in the deck (its {i}.)", "add the node, or correct the id"
+                row,
+                f"refers to a node that is not in the deck (node {i} of the element)",
+                "add the node, or correct the id",
             )
 
 
 def _directions(assembly: Assembly, sections: Sections, rows: IntArray, region: IntArray, count: int) -> FloatArray:
-    """v (n, 3) of each beam of `count` nodes."""
+    """Direction v (n, 3) of each beam of `count` nodes."""
     v = np.array([sections.direction[number] for number in region.tolist()])
     more = np.flatnonzero(assembly.first[rows + 1] - assembly.first[rows] == count + 1)
     v[more] = np.diff(assembly.position[assembly.connectivity(rows[more], (0, count))], axis=1)[:, 0]

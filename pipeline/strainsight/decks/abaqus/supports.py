@@ -22,32 +22,33 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
         TYPE=R   x ∥ a, z ∥ a × b          TYPE=C   r, θ, z about the axis from a to b
         TYPE=S   r, θ, φ about the centre a with the pole b,   φ = r × θ
 
-    Those of an instance turn with it. Raises DeckError for a node with two, and for points that define no axes.
+    Axes of an instance rotate with it. Raises DeckError for a node with two systems, and for points that define no
+    axes.
     """
-    found: dict[int, FloatArray] = {}
+    axes: dict[int, FloatArray] = {}
     for scope, keyword in assembly.keywords("TRANSFORM"):
         row = keyword.rows()[0]
         a, b = row.reals(6, "a coordinate").reshape(2, 3)
         kind = keyword.word("TYPE", "R") or "R"
         nodes = assembly.node_set(keyword.needs("NSET"), scope, keyword)
         if kind not in ("R", "C", "S"):
-            raise keyword.error(f"TYPE={kind} is not R, C or S", "give the type of the system")
+            raise keyword.error(f"TYPE={kind} is not supported", "set TYPE to R, C or S")
         for node in nodes.tolist():
-            if node in found:
+            if node in axes:
                 raise keyword.error(
-                    f"node {assembly.node_ids[node]} has axes of another *TRANSFORM", "give every node one system"
+                    f"node {assembly.node_ids[node]} already has another *TRANSFORM", "use one *TRANSFORM for each node"
                 )
             position = scope.rotation.T @ (assembly.position[node] - scope.translation)
             try:
-                found[node] = scope.rotation @ _axes(kind, a, b, position, row)
+                axes[node] = scope.rotation @ _axes(kind, a, b, position, row)
             except DeckError:
                 if kind == "R":
                     raise
                 raise row.error(
-                    f"node {assembly.node_ids[node]} lies on the axis: it has no radial direction",
-                    "take it out of the node set",
+                    f"node {assembly.node_ids[node]} is on the axis, so it has no radial direction",
+                    "remove it from the node set",
                 ) from None
-    return found
+    return axes
 
 
 def _axes(kind: str, a: FloatArray, b: FloatArray, position: FloatArray, row: Row) -> FloatArray:
@@ -61,23 +62,24 @@ def _axes(kind: str, a: FloatArray, b: FloatArray, position: FloatArray, row: Ro
 
 
 def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[PointMass, ...]:
-    """MASS elements with their *MASS; ROTARYI elements give a mass on the same node its inertia, or stand alone.
+    """MASS elements with their *MASS; a ROTARYI element adds inertia to a mass on the same node, or is a separate
+    point mass.
 
-    I = [I11 I12 I13; · I22 I23; · · I33], its products with the sign of a tensor, turned with the instance.
-    rotations: see `Supports.pairs`. Raises DeckError for an element without value or node, or on a ROT NODE, whose motions
-    are rotations, and for values that are negative.
+    I = [I11 I12 I13; · I22 I23; · · I33], products with the sign of a tensor, rotated with the instance. rotations:
+    see `Supports.pairs`. Raises DeckError for an element without value or node, an element on a ROT NODE, whose
+    motions are rotations, and negative values.
     """
     points = []
-    for row, (_, keyword) in _stated(assembly, ("MASS",), "MASS"):
+    for row, (_, keyword) in _with_keyword(assembly, ("MASS",), "MASS"):
         mass = keyword.rows()[0].not_negative(0, "the mass")
         points.append(PointMass(int(assembly.element_ids[row]), _node_of(assembly, row, rotations), mass))
-    for row, (scope, keyword) in _stated(assembly, ("ROTARYI",), "ROTARYINERTIA"):
+    for row, (scope, keyword) in _with_keyword(assembly, ("ROTARYI",), "ROTARYINERTIA"):
         line = keyword.rows()[0]
         a, b, c, ab, ac, bc = line.reals(6, "the inertia")
         tensor = np.array([[a, ab, ac], [ab, b, bc], [ac, bc, c]])
         lowest = float(np.linalg.eigvalsh(tensor)[0])
         if lowest < -1e-9 * np.abs(tensor).max():
-            raise line.error(f"the least principal inertia is {lowest:g}, negative", "correct the six values")
+            raise line.error(f"the smallest principal inertia is {lowest:g}, negative", "correct the six values")
         node, turned = _node_of(assembly, row, rotations), scope.rotation @ tensor @ scope.rotation.T
         i = next((i for i, point in enumerate(points) if point.node == node), None)
         if i is None:
@@ -88,88 +90,100 @@ def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[Poin
 
 
 REFUSED = {
-    "SPRING": (("NONLINEAR", "ORIENTATION", "COMPLEXSTIFFNESS"), "give one constant stiffness"),
-    "ROTARYINERTIA": (("ORIENTATION",), "write the inertia along the basic axes"),
+    "SPRING": (("NONLINEAR", "ORIENTATION", "COMPLEXSTIFFNESS"), "use one constant stiffness"),
+    "ROTARYINERTIA": (("ORIENTATION",), "specify the inertia along the basic axes"),
     "MASS": ((), ""),
 }
-"""Keyword → parameters that are not supported, and the remedy."""
+"""Keyword → unsupported parameters and remedy."""
 
 
-def _stated(assembly: Assembly, types: Sequence[str], name: str) -> Iterator[tuple[int, tuple[Scope, Keyword]]]:
-    """Rows of the elements of some types, with the keyword of this name that gives their value."""
+def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterator[tuple[int, tuple[Scope, Keyword]]]:
+    """Rows of the elements of some types, with the keyword `name` that defines their value."""
     wanted = np.isin(np.array(assembly.type, dtype=str), types)
-    given: dict[int, tuple[Scope, Keyword]] = {}
+    keyword_of_row: dict[int, tuple[Scope, Keyword]] = {}
     for scope, keyword in assembly.keywords(name):
         parameters, remedy = REFUSED[name]
         for parameter in parameters:
             if keyword.parameters.get(parameter) is not None:
                 raise keyword.error(f"{parameter} is not supported", remedy)
         if keyword.word("TYPE", "ISOTROPIC") not in ("ISOTROPIC", ""):
-            raise keyword.error("masses that differ by direction are not supported", "give one mass")
+            raise keyword.error("anisotropic masses are not supported", "use one isotropic mass")
         rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
         for row in rows[wanted[rows]].tolist():
-            if row in given:
-                raise keyword.error(f"element {assembly.element_ids[row]} has a value already", "give it one value")
-            given[row] = (scope, keyword)
+            if row in keyword_of_row:
+                raise keyword.error(
+                    f"element {assembly.element_ids[row]} already has a value", "define its value only once"
+                )
+            keyword_of_row[row] = (scope, keyword)
     for row in np.flatnonzero(wanted).tolist():
-        if row not in given:
+        if row not in keyword_of_row:
             title = "ROTARY INERTIA" if name == "ROTARYINERTIA" else name
-            remedy = f"add its *{title}, or leave these elements out (mesh.ignore: [{assembly.type[row]}])"
+            remedy = (
+                f"add *{title} for the element set, or leave these elements out (mesh.ignore: [{assembly.type[row]}])"
+            )
             raise assembly.element_error(row, "has no value", remedy)
-        yield row, given[row]
+        yield row, keyword_of_row[row]
 
 
 def _node_of(assembly: Assembly, row: int, rotations: Mapping[int, int]) -> int:
     nodes = assembly.nodes_of(row)
     if len(nodes) != 1 or nodes[0] < 0:
-        raise assembly.element_error(row, "does not stand on one node of the deck", "give its id and one node")
+        raise assembly.element_error(
+            row, "must have exactly one node of the deck", "specify the element id and one node"
+        )
     if int(nodes[0]) in rotations:
         raise assembly.element_error(
             row,
-            f"stands on node {assembly.node_ids[nodes[0]]}, the ROT NODE of a *RIGID BODY",
-            f"put it on the reference node {assembly.node_ids[rotations[int(nodes[0])]]}",
+            f"refers to node {assembly.node_ids[nodes[0]]}, the ROT NODE of a *RIGID BODY",
+            f"use the reference node {assembly.node_ids[rotations[int(nodes[0])]]}",
         )
     return int(nodes[0])
 
 
 def component_range(rows: list[Row], start: int) -> tuple[int, ...]:
-    """Components 0-5 of data lines "first, last" that begin at entry `start`; all six where none is given."""
-    found: set[int] = set()
+    """Components 0-5 of data lines "first, last" that begin at entry `start`; all six by default."""
+    components: set[int] = set()
     for row in rows:
         if not row.text(start):
             return tuple(range(6))
         first = row.integer(start, "the first degree of freedom")
         last = row.integer(start + 1, "the last degree of freedom", first) or first
         if not 1 <= first <= last <= 6:
-            raise row.error(f"degrees of freedom {first} to {last}", "write the first and the last one, from 1 to 6")
-        found |= set(range(first - 1, last))
-    return tuple(sorted(found)) or tuple(range(6))
+            raise row.error(
+                f"the degrees of freedom {first} to {last} are not valid",
+                "write the first and the last degree of freedom, from 1 to 6",
+            )
+        components |= set(range(first - 1, last))
+    return tuple(sorted(components)) or tuple(range(6))
 
 
 NODES = {"SPRING1": 1, "SPRING2": 2, "SPRINGA": 2}
-"""Element type → number of its nodes."""
+"""Element type → number of nodes."""
 
 
 def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mapping[int, int]) -> tuple[Springs, ...]:
     """One `Springs` an element, with the constant stiffness k of its *SPRING:
 
-        SPRING1  s = u_i      SPRING2  s = u_i − v_j      SPRINGA  s = (v − u)·(y − x)/|y − x|  along its nodes at x and y
+        SPRING1  s = u_i      SPRING2  s = u_i − v_j      SPRINGA  s = (v − u)·(y − x)/|y − x|  along its nodes at x
+        and y
 
-    i, j degrees of freedom of its nodes along their *TRANSFORM. rotations: node whose translations are the rotations of another
-    one (CalculiX) → that node. Raises DeckError for an element without *SPRING or node, for stiffness that is not constant or
-    turned (NONLINEAR, ORIENTATION), and for a translation against a rotation.
+    i, j are degrees of freedom along the *TRANSFORM of the nodes. rotations: node whose translations are the
+    rotations of another node (CalculiX) → that node. Raises DeckError for an element without *SPRING or node,
+    stiffness that is not constant or has an ORIENTATION, and springs between a translation and a rotation.
     """
-    found = []
-    for row, (_, keyword) in _stated(assembly, tuple(NODES), "SPRING"):
+    elements = []
+    for row, (_, keyword) in _with_keyword(assembly, tuple(NODES), "SPRING"):
         kind, nodes = assembly.type[row], assembly.nodes_of(row).tolist()
         if len(nodes) != NODES[kind] or min(nodes) < 0:
-            remedy = f"add them, or leave these elements out (mesh.ignore: [{kind}])"
-            raise assembly.element_error(row, "does not stand on nodes of the deck", remedy)
+            remedy = f"add its nodes, or leave these elements out (mesh.ignore: [{kind}])"
+            raise assembly.element_error(
+                row, "refers to a node that is not in the deck, or has the wrong number of nodes", remedy
+            )
         lines = keyword.rows()
         if kind == "SPRINGA":
             along = assembly.position[nodes[1]] - assembly.position[nodes[0]]
             if not np.linalg.norm(along) > 0:
-                raise keyword.error(f"the nodes of {assembly.element(row)} coincide", "use a SPRING2")
+                raise keyword.error(f"the nodes of {assembly.element(row)} coincide", "use SPRING2")
             e = along / np.linalg.norm(along)
             ends = [(nodes[0], 0, -e), (nodes[1], 0, e)]
         else:
@@ -180,21 +194,23 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
                 turns = component > 2 or node in rotations
                 ends.append((rotations.get(node, node), 3 if turns else 0, sign * axis))
             if len({first for _, first, _ in ends}) > 1:
-                raise lines[0].error("one end is a translation, the other a rotation", "let both be of one kind")
-        # the line of degrees of freedom is blank for a SPRINGA, and blank lines are none
+                raise lines[0].error(
+                    "the spring connects a translation with a rotation", "use two translations or two rotations"
+                )
+        # a SPRINGA has a blank line of degrees of freedom, and blank lines are not stored
         line = lines[-1]
         if len(lines) > 2 or (kind != "SPRINGA" and len(lines) < 2):
             raise line.error(
-                "not a line of degrees of freedom and one of stiffness", "give the two lines, or add the second"
+                "the spring needs one line with degrees of freedom and one line with the stiffness", "write both lines"
             )
         k = line.not_negative(0 if line.text(0) or kind != "SPRINGA" else 1, "the stiffness")
-        found.append(spring_between(assembly.element(row), k, ends))
-    return tuple(found)
+        elements.append(spring_between(assembly.element(row), k, ends))
+    return tuple(elements)
 
 
 @dataclass
 class Equations:
-    """Relations, numbered from 1, and where each stands."""
+    """Relations, numbered from 1, and file and line of each."""
 
     relations: list[Relation] = field(default_factory=list)
     where: list[tuple[str, int]] = field(default_factory=list)
@@ -202,7 +218,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class Term:
-    """What an entry names: nodes (k,), one or as many as equations, ascending by id; component 0-5, coefficient."""
+    """Term of an equation: nodes (k,), one or as many as equations, ascending by id; component 0-5, coefficient."""
 
     nodes: IntArray
     component: int
@@ -211,62 +227,71 @@ class Term:
 
 
 def equations(assembly: Assembly, rotations: Mapping[int, int], still: Collection[int]) -> Equations:
-    """Σ A u = 0 along the *TRANSFORM of the nodes, the first motion follows; sets make as many equations as they have nodes.
+    """Equations Σ A u = 0 along the *TRANSFORM of the nodes; the first motion is dependent; a node set makes one
+    equation for each node.
 
-    rotations: node whose translations are the rotations of another one (CalculiX) → that node; still: rows of the nodes that
-    have no rotations. Equations of later steps are left out, with a note. Raises DeckError for options, one in the first step,
-    for a node or set that is not there, sets of unequal size or without an order (UNSORTED), degrees of freedom that are none of
-    1 to 6, and rotations of a node that has none.
+    rotations: node whose translations are the rotations of another node (CalculiX) → that node; still: rows of nodes
+    without rotations. Equations of later steps are left out, with a note. Raises DeckError for options, equations in
+    the first step, missing nodes or sets, sets of unequal size or without an order (UNSORTED), degrees of freedom
+    other than 1 to 6, and rotations of nodes without rotations.
     """
-    found = Equations()
-    for step, keyword in [(own, k) for own in assembly.steps for k in own.keywords if k.name == "EQUATION"]:
+    result = Equations()
+    for step, keyword in [(step_, k) for step_ in assembly.steps for k in step_.keywords if k.name == "EQUATION"]:
         if step.number == 1:
-            raise keyword.error("stands inside the first *STEP", "move it before, or take it out")
+            raise keyword.error(
+                "equations inside the first *STEP are not supported",
+                "move the equation before the first *STEP, or remove it",
+            )
         assembly.notes.append(
-            f"the equations of step {step.number} ({keyword.where}) are left out: those of the model count"
+            f"the equations of step {step.number} ({keyword.where}) are left out: only equations of the model are used"
         )
     for scope, keyword in assembly.keywords("EQUATION"):
         if other := sorted(set(keyword.parameters) - {"INPUT"}):
             raise keyword.error(
-                f"{other[0]} is not supported", "give the equations alone, whose right-hand side is zero"
+                f"the parameter {other[0]} is not supported",
+                "remove the parameter; the right-hand side of equations must be zero",
             )
         for start, entries in _equations(keyword):
             if all(row.integer(at + 1, "the degree of freedom") in (0, 8, 11) for row, at in entries):
-                assembly.notes.append(f"{start.where}: an equation between temperatures or pressures is left out")
+                assembly.notes.append(f"{start.where}: the equation of temperatures or pressures is left out")
                 continue
             terms = [_term(assembly, scope, *entry) for entry in entries]
             value = np.array([term.value for term in terms])
             for node, component in _motions(assembly, terms, rotations, still):
-                found.where.append((keyword.files[start.i], keyword.numbers[start.i]))
-                number = len(found.where)
-                found.relations.append(Relation(number, np.array(node), np.array(component), value, "*EQUATION"))
-    return found
+                result.where.append((keyword.files[start.i], keyword.numbers[start.i]))
+                number = len(result.where)
+                result.relations.append(Relation(number, np.array(node), np.array(component), value, "*EQUATION"))
+    return result
 
 
 def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
-    """Of each equation its first line, with the number of terms, and line and first entry of each of its terms."""
+    """First line of each equation, and the line and first entry of each term."""
     rows = iter(keyword.rows())
     for start in rows:
         count = start.integer(0, "the number of terms")
         if count < 1 or any(start.tokens[1:]):
             raise start.error(
-                "is no number of terms", "begin an equation with it, alone on a line, then give the terms"
+                "the number of terms is not valid",
+                "begin the equation with a line that contains only the number of terms, then write the terms",
             )
         terms: list[tuple[Row, int]] = []
         while len(terms) < count:
             row = next(rows, None)
             if row is None:
                 raise start.error(
-                    f"{count} terms are stated, {len(terms)} follow", "give them all, or correct the number"
+                    f"{count} terms are declared, but {len(terms)} are defined",
+                    "add the missing terms, or correct the number",
                 )
             used = 1 + max(i for i, entry in enumerate(row.tokens) if entry) if any(row.tokens) else 0
             if used % 3:
                 raise row.error(
-                    "not three entries a term", "give node, degree of freedom and coefficient of every term"
+                    "a term needs three entries", "write node, degree of freedom and coefficient of every term"
                 )
             terms += [(row, i) for i in range(0, used, 3)]
         if len(terms) > count:
-            raise start.error(f"{count} terms are stated, {len(terms)} follow", "correct the number")
+            raise start.error(
+                f"{count} terms are declared, but {len(terms)} are defined", "correct the number of terms"
+            )
         yield start, terms
 
 
@@ -274,9 +299,9 @@ def _term(assembly: Assembly, scope: Scope, row: Row, at: int) -> Term:
     component = row.component(at + 1)
     nodes = assembly.node_rows(row.text(at), scope, row)
     if not nodes.size:
-        raise row.error(f"node set {row.text(at)!r} is empty", "name another set")
+        raise row.error(f"node set {row.text(at)!r} is empty", "use a node set that is not empty")
     if len(nodes) > 1 and _unsorted(assembly, row.text(at), scope):
-        raise row.error(f"node set {row.text(at)!r} is UNSORTED", "write an equation for each of its nodes")
+        raise row.error(f"node set {row.text(at)!r} is UNSORTED", "write a separate equation for each of its nodes")
     return Term(nodes[np.argsort(assembly.node_ids[nodes])], component, row.real(at + 2, "the coefficient"), row)
 
 
@@ -289,26 +314,26 @@ def _unsorted(assembly: Assembly, entry: str, scope: Scope) -> bool:
 def _motions(
     assembly: Assembly, terms: list[Term], rotations: Mapping[int, int], still: Collection[int]
 ) -> Iterator[tuple[list[int], list[int]]]:
-    """Nodes and components 0-5 of the terms of each equation that they make."""
+    """Nodes and components 0-5 of the terms of each resulting equation."""
     count = len(terms[0].nodes)
     for term in terms:
         if len(term.nodes) not in (1, count):
             raise term.row.error(
-                f"a set of {len(term.nodes)} nodes where the first one has {count}",
-                "give sets of as many nodes, or one node",
+                f"the node set has {len(term.nodes)} nodes, but the first node set has {count}",
+                "use node sets of equal size, or one node",
             )
     if terms[0].value == 0:
         raise terms[0].row.error(
-            "the coefficient of the first term is 0", "give a motion first that can follow the others"
+            "the coefficient of the first term is 0", "start with a motion that can depend on the others"
         )
     for i in range(count):
         named = [int(term.nodes[i if len(term.nodes) > 1 else 0]) for term in terms]
-        node = [rotations.get(own, own) for own in named]
-        component = [term.component + 3 * (own in rotations) for term, own in zip(terms, named, strict=True)]
-        for term, own, row, c in zip(terms, named, node, component, strict=True):
+        node = [rotations.get(node_row, node_row) for node_row in named]
+        component = [term.component + 3 * (node_row in rotations) for term, node_row in zip(terms, named, strict=True)]
+        for term, named_row, row, c in zip(terms, named, node, component, strict=True):
             if (c > 2 and term.value != 0 and row in still) or c > 5:
                 raise term.row.error(
-                    f"degree of freedom {term.component + 1} of node {assembly.node_ids[own]}, which has no such rotation",
-                    "nodes of solids have translations only (1 to 3)",
+                    f"degree of freedom {term.component + 1} does not exist at node {assembly.node_ids[named_row]}",
+                    "use degrees of freedom 1 to 3; nodes of solids have only translations",
                 )
         yield node, component

@@ -20,9 +20,9 @@ from strainsight.mesh.thin import concatenate
 
 @dataclass(frozen=True)
 class Surface:
-    """name as the file writes it; scope it is defined in; nodes (k,) rows, sorted; weight (k,): share of the area of the
-    facets, or the area the file states for each node, 1 where it states none; facets: kind and nodes (f, k) rows, normal
-    outward, none of a surface of nodes; sideless: it holds shells on neither side, or their edges."""
+    """name as in the file; scope of its definition; nodes (k,) rows, sorted; weight (k,): share of the area of the
+    facets, or the area of each node in the file, 1 by default; facets: kind and nodes (f, k) rows, normal outward,
+    empty for a node surface; sideless: contains shells without side, or shell edges."""
 
     name: str
     scope: Scope
@@ -33,9 +33,9 @@ class Surface:
 
 
 SIDES = {"SPOS": 1, "S2": 1, "SNEG": -1, "S1": -1}
-"""Label → ±1 times the normal of a shell, S1 and S2 as CalculiX has them."""
+"""Label → ±1 times the normal of a shell, S1 and S2 as in CalculiX."""
 EDGES = {f"E{i}": i - 1 for i in range(1, 5)} | {f"S{i}": i - 3 for i in range(3, 7)}
-"""Label → the edge of a shell from its node of this place, E1 to E4 of Abaqus, S3 to S6 of CalculiX."""
+"""Label → edge of a shell that starts at its node of this position, E1 to E4 of Abaqus, S3 to S6 of CalculiX."""
 OF_NODES = {len(kind.nodes): kind for kind in FACETS if not len(kind.read_at)}
 
 
@@ -47,17 +47,18 @@ class Surfaces:
     by_name: dict[tuple[str, str], Surface]
 
     def find(self, entry: str, scope: Scope, by: Keyword | Row) -> Surface:
-        """The surface that an entry names; DeckError where there is none."""
+        """The surface that an entry names; DeckError if it does not exist."""
         within, name = self.assembly.split_name(entry, scope)
         surface = self.by_name.get((within.name.upper(), name.upper()))
         if surface is None:
             raise by.error(
-                f"surface {entry!r} is not in the deck, or of another type", "correct the name, or add the *SURFACE"
+                f"surface {entry!r} is not in the deck, or has an unsupported type",
+                "correct the name, or add the *SURFACE",
             )
         return surface
 
     def find_pair(self, scope: Scope, row: Row) -> tuple[Surface, Surface]:
-        """The two surfaces that a line names, the same one twice where it names one alone; DeckError where one is not there."""
+        """The two surfaces of a line, twice the same if it names only one; DeckError if one is missing."""
         first = self.find(row.text(0), scope, row)
         return first, self.find(row.text(1), scope, row) if row.text(1) else first
 
@@ -74,12 +75,12 @@ def cell_blocks(assembly: Assembly, region: IntArray) -> tuple[CellBlock, ...]:
 
 
 def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
-    """Those of *SURFACE with TYPE=ELEMENT (S1 to S6, or the facets outside, of solids; SPOS, SNEG, edges or
-    both sides of shells) and TYPE=NODE.
+    """Surfaces of *SURFACE with TYPE=ELEMENT (S1 to S6 or the exterior facets of solids; SPOS, SNEG, edges or both
+    sides of shells) and TYPE=NODE.
 
-    Facets of other elements are left out, of beams with a note; other types are counted. A facet's area is shared equally among
-    its nodes, an edge's length likewise. Raises DeckError for sets that are not there and for facets that an element does not
-    have.
+    Facets of other elements are left out, with a note for beams; other types are counted. The area of a facet and
+    the length of an edge are shared equally among their nodes. Raises DeckError for missing sets and for invalid facet
+    numbers.
     """
     gathered: dict[tuple[str, str], _Parts] = {}
     outside: Facets | None = None
@@ -100,7 +101,7 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
                 continue
             rows = assembly.element_rows(row.text(0), scope, row)
             if np.isin(family[rows], ("beam", "rod")).any():
-                assembly.notes.append(f"{row.where}: beams of surface {name} are left out of it")
+                assembly.notes.append(f"{row.where}: the beams of surface {name} are left out")
             solids, label = rows[family[rows] == "solid"], row.text(1).upper()
             if label:
                 number = parse_integer(label[1:]) if label.startswith("S") else None
@@ -120,7 +121,7 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
 
 @dataclass
 class _Parts:
-    """What the lines of a surface name, see `Surface`; shares: nodes and the area of each."""
+    """Lines of a surface, see `Surface`; shares: nodes and the area of each."""
 
     name: str
     scope: Scope
@@ -139,13 +140,13 @@ class _Parts:
 def _of_shells(
     assembly: Assembly, row: Row, rows: IntArray
 ) -> tuple[list[tuple[Kind, IntArray]], list[tuple[IntArray, FloatArray]]]:
-    """Of the shells in rows the sides that a data line names, kind and nodes (f, k), or the nodes of edges and their shares."""
+    """Sides of the shells in rows, kind and nodes (f, k), or the nodes of their edges and their shares."""
     label = row.text(1).upper()
     if not rows.size:
         return [], []
     if label and label not in SIDES and label not in EDGES:
         raise row.error(
-            f"{row.text(1)!r} is no side or edge of {assembly.element(int(rows[0]))}", "write SPOS, SNEG or E1 to E4"
+            f"{row.text(1)!r} is not a side or edge of {assembly.element(int(rows[0]))}", "use SPOS, SNEG or E1 to E4"
         )
     facets = shell_facets(assembly, rows)
     if label not in EDGES:
@@ -155,7 +156,9 @@ def _of_shells(
     lines = []
     for kind, nodes in facets:
         if not EDGES[label] < kind.corners:
-            raise row.error(f"{row.text(1)!r} is no edge of a shell of {kind.corners} corners", "name another edge")
+            raise row.error(
+                f"{row.text(1)!r} is not an edge of a shell with {kind.corners} corners", "use another edge"
+            )
         ends = np.take(nodes[:, : kind.corners], [EDGES[label], EDGES[label] + 1], axis=1, mode="wrap")
         length = np.linalg.norm(np.diff(assembly.position[ends], axis=1)[:, 0], axis=1)
         if kind.edges:
@@ -175,19 +178,19 @@ def shell_facets(assembly: Assembly, rows: IntArray) -> list[tuple[Kind, IntArra
 def facets_of(
     assembly: Assembly, rows: IntArray, number: int | None, row: Row, letter: str
 ) -> list[tuple[Kind, IntArray]]:
-    """Facet 1, 2, … of the solids in rows: kind and nodes (f, k); DeckError where they have none of this number."""
-    found = []
+    """Facet 1, 2, … of the solids in rows: kind and nodes (f, k); DeckError if an element has no such facet."""
+    facets_by_kind = []
     for i in np.unique(assembly.kind[rows]):
         facets = ELEMENTS[i].facets
         if number is None or not 1 <= number <= len(facets):
             raise row.error(
-                f"{row.text(1)!r} is no facet of a {ELEMENTS[i].name}",
-                f"write {letter}1 to {letter}{len(facets)}" + ", or nothing" * (letter == "S"),
+                f"{row.text(1)!r} is not a facet of a {ELEMENTS[i].name}",
+                f"use {letter}1 to {letter}{len(facets)}" + ", or leave the entry blank" * (letter == "S"),
             )
         kind, local = facets[number - 1]
-        own = rows[assembly.kind[rows] == i]
-        found.append((kind, assembly.connectivity(own, local)))
-    return found
+        rows_of_kind = rows[assembly.kind[rows] == i]
+        facets_by_kind.append((kind, assembly.connectivity(rows_of_kind, local)))
+    return facets_by_kind
 
 
 def _by_kind(facets: Facets) -> list[tuple[Kind, IntArray]]:
@@ -200,6 +203,6 @@ def _by_kind(facets: Facets) -> list[tuple[Kind, IntArray]]:
 
 
 def _shares(assembly: Assembly, kind: Kind, nodes: IntArray) -> tuple[IntArray, FloatArray]:
-    """Each node of facets (f, k) with a k-th of the area between the facet's corners."""
+    """Each node of facets (f, k) with 1/k of the area between the facet's corners."""
     area = 0.5 * np.linalg.norm(area_vector(assembly.position[nodes[:, : kind.corners]]), axis=1)
     return nodes.ravel(), np.repeat(area / nodes.shape[1], nodes.shape[1])

@@ -1,6 +1,7 @@
-"""Abaqus and CalculiX decks as keywords with their parameters and data lines; comments, continuations, included files.
+"""Abaqus and CalculiX decks as keywords with parameters and data lines; comments, continuations and included files
+are resolved.
 
-Own, because meshio merges the instances of an assembly, loses materials and ends the process at elements it does not know.
+meshio is not used: it merges the instances of an assembly, loses materials and fails at unknown element types.
 """
 
 from __future__ import annotations
@@ -21,20 +22,20 @@ WITH_INPUT = (
     *("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "ELASTIC"),
     *("DENSITY", "MASS", "SPRING", "MPC"),
 )
-"""Keywords that are imported and whose data may stand in a file of their own."""
+"""Imported keywords whose data may be in a separate file."""
 
 _QUOTED = re.compile(r'"[^"]*"')
 _COMMENT = re.compile(r"(^|\s)#(\s.*)?$")
-"""A remark at the end of a line, behind a # that stands alone, as decks for CalculiX have it."""
-_CORRECT = "correct the line and run again"
+"""A comment at the end of a line after a separate #, as in CalculiX decks."""
+_CORRECT = "correct the line"
 
 
 @dataclass(frozen=True)
 class Keyword:
     """One keyword with its data.
 
-    title as in "*SOLID SECTION"; name the same without asterisk and blanks; parameters in capitals without blanks → value
-    ("" where it has none); file and line of the keyword; texts (n,) of the data lines, with their files and numbers.
+    title as in "*SOLID SECTION"; name without asterisk and blanks; parameters in capitals without blanks → value (""
+    if it has no value); file and line of the keyword; texts (n,) of the data lines, with their files and numbers.
     """
 
     title: str
@@ -64,38 +65,39 @@ class Keyword:
         return DeckError(f"{self.title}: {what}", where=self.where, remedy=remedy)
 
     def needs(self, parameter: str) -> str:
-        """The value of a parameter; DeckError where it is missing or empty."""
+        """Value of a parameter; DeckError if it is missing or empty."""
         value = self.parameters.get(parameter.replace(" ", ""), "")
         if not value:
-            raise self.error(f"has no {parameter}", f"give {parameter}=…")
+            raise self.error(f"{parameter} is missing", f"add {parameter}=…")
         return value
 
     def word(self, parameter: str, default: str = "") -> str:
-        """The value of a parameter in capitals, `default` where it is missing."""
+        """Value of a parameter in capitals; `default` if it is missing."""
         return self.parameters.get(parameter, default).upper()
 
     def number(self, parameter: str, default: float, remedy: str) -> float:
-        """The value of a parameter as a finite real, `default` where it is missing or empty; DeckError for no number."""
+        """Value of a parameter as a finite real; `default` if it is missing or empty, DeckError if it is not a
+        number."""
         text = self.parameters.get(parameter.replace(" ", ""), "")
         value = parse_real(text) if text else default
         if value is None:
-            raise self.error(f"{parameter}={text} is no number", remedy)
+            raise self.error(f"{parameter}={text} is not a number", remedy)
         return value
 
     def rows(self, needed: bool = True) -> list[Row]:
-        """The data lines; DeckError where there are none though they are needed."""
+        """The data lines; DeckError if they are required and missing."""
         if needed and not self.texts:
-            raise self.error("no data line follows", "the deck may be cut off here: write it again")
+            raise self.error("the data lines are missing", "add the data lines; the deck may be truncated here")
         return [Row(self, i, split(text)) for i, text in enumerate(self.texts)]
 
     def flat(self) -> tuple[list[str], IntArray]:
-        """All entries of all data lines, and how many each line has (trailing commas do not count)."""
+        """All entries of all data lines, and the number of entries of each line (trailing commas are ignored)."""
         texts = [text.rstrip(", \t") for text in self.texts]
         return ",".join(texts).split(","), np.array([text.count(",") + 1 for text in texts], dtype=np.int64)
 
 
 class Row(NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("tokens", list[str])]), Entries):
-    """A data line: its keyword, its number among the data lines from 0, and its entries."""
+    """A data line: its keyword, its position among the data lines from 0, and its entries."""
 
     __slots__ = ()
 
@@ -105,9 +107,9 @@ class Row(NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("tokens", list[
         return self.keyword.where_data(self.i)
 
     def reals(self, count: int, meaning: str) -> FloatArray:
-        """The first `count` entries, blank ones zero; DeckError for more than that."""
+        """The first `count` entries, zero if blank; DeckError if there are more."""
         if any(self.tokens[count:]):
-            raise self.error(f"{len(self.tokens)} entries where {count} belong")
+            raise self.error(f"the line has {len(self.tokens)} entries, but at most {count} are allowed")
         return np.array([self.real(i, meaning, 0.0) for i in range(count)])
 
     def error(self, what: str, remedy: str = _CORRECT) -> DeckError:
@@ -116,12 +118,12 @@ class Row(NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("tokens", list[
 
 
 def split(text: str) -> list[str]:
-    """Entries between commas, without blanks around them and without quotation marks (which protect commas)."""
+    """Entries between commas, without surrounding blanks and quotation marks (which protect commas)."""
     return [entry.strip('"') for entry in split_quoted(text)]
 
 
 def integers(tokens: list[str]) -> IntArray | None:
-    """All tokens as integers, or None where one is none."""
+    """All tokens as integers, or None if one is not an integer."""
     try:
         values = np.array(list(map(int, tokens)), dtype=np.int64)
     except (ValueError, OverflowError):
@@ -130,12 +132,13 @@ def integers(tokens: list[str]) -> IntArray | None:
 
 
 def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keyword], tuple[str, ...], int, list[str]]:
-    """The keywords of a deck and of the files it includes, in their order; the names of these files; how many lines stand before
-    the first keyword, which CalculiX passes over; notes on these files.
+    """Keywords of a deck and its included files, in order; names of the included files; number of lines before the
+    first keyword, which CalculiX ignores; notes on the files.
 
-    A keyword line that ends in a comma goes on in the next one, where parameters stand there; otherwise the comma says nothing,
-    as in CalculiX. *INCLUDE and INPUT= may leave the folder of the deck for those of `include` only.
-    Raises DeckError for files that are missing, empty or binary, for one without a keyword, and for numbers before the first.
+    A keyword line that ends in a comma continues if the next line contains parameters; otherwise the comma is
+    ignored, as in CalculiX. *INCLUDE and INPUT= may leave the folder of the deck only for the folders in `include`.
+    Raises DeckError for files that are missing, empty, binary or without a keyword, and for numbers before the first
+    keyword.
     """
     includes = Includes.of(path, include)
     keywords: list[Keyword] = []
@@ -148,7 +151,7 @@ def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keywor
                 _append(keywords[-1], line)
                 continue
             before.append(line)
-            if line.text[0] in "0123456789+-.":  # the head of the file is missing
+            if line.text[0] in "0123456789+-.":  # the beginning of the file is missing
                 raise _no_keyword(line)
             continue
         keyword = _keyword(line)
@@ -156,26 +159,25 @@ def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keywor
         if "INPUT" in keyword.parameters and keyword.name in WITH_INPUT:
             above = (path.resolve(), Path(line.file).resolve())
             target = includes.file(keyword.needs("INPUT"), "INPUT", line, above)
-            for own in _lines(target, includes, (*above, target.resolve())):
-                files.setdefault(own.file)
-                if own.text[0] == "*":
-                    raise own.error(
-                        f"{own.text[:24]!r} in a file that should hold the data of {keyword.title}",
-                        "take the file in with *INCLUDE, or remove the keyword",
+            for data_line in _lines(target, includes, (*above, target.resolve())):
+                files.setdefault(data_line.file)
+                if data_line.text[0] == "*":
+                    raise data_line.error(
+                        f"found {data_line.text[:24]!r} in a file that must contain only data lines of {keyword.title}",
+                        "use *INCLUDE for this file, or remove the keyword from it",
                     )
-                _append(keyword, own)
+                _append(keyword, data_line)
     if not keywords and before:
         raise _no_keyword(before[0])
     if not keywords:
-        raise error_at(path, "the deck holds no keyword", "check that this is the right file")
+        raise error_at(path, "the deck contains no keyword", "check that the path is correct")
     return keywords, tuple(name for name in files if name != str(path)), len(before), includes.notes
 
 
 def _no_keyword(line: Line) -> DeckError:
     return line.error(
-        f"{line.text[:24]!r} stands before the first keyword",
-        "an Abaqus or CalculiX deck begins with a line such as *HEADING or *NODE; a Nastran deck of this name is read "
-        "with mesh.format: nastran",
+        f"found {line.text[:24]!r} before the first keyword",
+        "start the deck with a keyword such as *HEADING or *NODE; for a Nastran deck set mesh.format: nastran",
     )
 
 
@@ -186,7 +188,7 @@ def _append(keyword: Keyword, line: Line) -> None:
 
 
 def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterator[Line]:
-    """Keyword lines, joined with their continuations, and data lines; neither comments nor blank lines."""
+    """Keyword lines, joined with their continuations, and data lines, without comments and blank lines."""
     file = str(path)
     pending: Line | None = None
     for number, raw in enumerate(text_lines(path), start=1):
@@ -211,12 +213,12 @@ def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterato
 
 
 def _parameters(text: str) -> bool:
-    """Whether a line holds parameters and no data: all its entries begin with a letter."""
+    """Whether a line contains only parameters: all its entries begin with a letter."""
     return all(part[:1].isalpha() for part in split_quoted(text.rstrip(", \t")))
 
 
 def _taken_in(line: Line, path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterator[Line]:
-    """The line itself, or, for *INCLUDE, the lines of the file."""
+    """The line itself or, for *INCLUDE, the lines of the included file."""
     if not line.text[1:].lstrip().upper().startswith("INCLUDE"):
         yield line
         return
@@ -229,7 +231,7 @@ def _keyword(line: Line) -> Keyword:
     head, *entries = split_quoted(line.text.rstrip(", \t"))
     title = "*" + " ".join(head[1:].upper().split())
     if not title[1:2].isalpha():
-        raise line.error(f"{line.text[:24]!r} is no keyword", "a comment begins with **")
+        raise line.error(f"{line.text[:24]!r} is not a keyword", "begin comments with **")
     keyword = Keyword(title, {}, line.file, line.number)
     for part in entries:
         key, _, value = part.partition("=")
@@ -237,13 +239,13 @@ def _keyword(line: Line) -> Keyword:
         if not key:
             continue
         if not key[0].isalpha():
-            raise keyword.error(f"{part!r} is no parameter", "a parameter is a name, or NAME=value")
+            raise keyword.error(f"{part!r} is not a parameter", "write parameters as NAME or NAME=value")
         keyword.parameters[key] = value.strip().strip('"')
     return keyword
 
 
 def split_quoted(text: str) -> list[str]:
-    """Entries between commas that no quotation marks protect; the marks stay."""
+    """Entries between commas outside quotation marks; the marks are kept."""
     if '"' not in text:
         return [entry.strip() for entry in text.split(",")]
     masked = _QUOTED.sub(lambda match: match[0].replace(",", "\0"), text)

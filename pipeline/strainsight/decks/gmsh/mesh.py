@@ -1,4 +1,4 @@
-"""Gmsh meshes with the numbers of their nodes and elements, physical groups as regions and sets."""
+"""Gmsh meshes with their node and element numbers; physical groups are regions and sets."""
 
 from __future__ import annotations
 
@@ -32,38 +32,40 @@ from strainsight.mesh.thin import concatenate
 
 @dataclass(frozen=True)
 class Doubled:
-    """Elements written once for each of their physical volumes: those left out → the one that stays."""
+    """Elements that are written once for each physical volume: dropped (k,) ids and remaining (k,) ids of the same
+    elements."""
 
     dropped: IntArray
-    kept: IntArray
+    remaining: IntArray
 
 
 def merged(solids: list[Chunk], version: str) -> tuple[list[Chunk], Doubled]:
-    """Format 2 writes an element once for each of its physical groups, under another number: keep the lowest group's."""
+    """Format 2 writes an element once for each of its physical groups, with a new number; keep only that of the
+    lowest group."""
     nothing = np.zeros(0, dtype=np.int64)
     tags = {chunk.groups for chunk in solids}
     if not version.startswith("2") or len(tags) < 2:
         return solids, Doubled(nothing, nothing)
-    dropped, kept, left = [nothing], [nothing], []
+    dropped, remaining, left = [nothing], [nothing], []
     for number in dict.fromkeys(chunk.type for chunk in solids):
-        own = [chunk for chunk in solids if chunk.type == number]
-        group = np.concatenate([np.full(len(c.ids), c.groups[0] if c.groups else 0) for c in own])
-        ids, nodes = np.concatenate([c.ids for c in own]), np.concatenate([c.nodes for c in own])
+        chunks_of_type = [chunk for chunk in solids if chunk.type == number]
+        group = np.concatenate([np.full(len(c.ids), c.groups[0] if c.groups else 0) for c in chunks_of_type])
+        ids, nodes = np.concatenate([c.ids for c in chunks_of_type]), np.concatenate([c.nodes for c in chunks_of_type])
         order = np.lexsort((group, *nodes.T))
         again = np.zeros(len(ids), dtype=bool)
         again[1:] = np.all(np.diff(nodes[order], axis=0) == 0, axis=1) & (np.diff(group[order]) > 0)
         first = np.maximum.accumulate(np.where(again, 0, np.arange(len(ids))))
         dropped.append(ids[order][again])
-        kept.append(ids[order][first[again]])
+        remaining.append(ids[order][first[again]])
         stays = np.ones(len(ids), dtype=bool)
         stays[order[again]] = False
         at = 0
-        for chunk in own:
+        for chunk in chunks_of_type:
             rows = stays[at : at + len(chunk.ids)]
             at += len(chunk.ids)
             line = None if chunk.line is None else chunk.line[rows]
             left.append(replace(chunk, ids=chunk.ids[rows], nodes=chunk.nodes[rows], line=line))
-    return [chunk for chunk in left if len(chunk.ids)], Doubled(np.concatenate(dropped), np.concatenate(kept))
+    return [chunk for chunk in left if len(chunk.ids)], Doubled(np.concatenate(dropped), np.concatenate(remaining))
 
 
 def note_doubled(doubled: Doubled) -> list[str]:
@@ -71,13 +73,14 @@ def note_doubled(doubled: Doubled) -> list[str]:
     if not count:
         return []
     return [
-        f"{plural(count, 'element')} written once more for a further physical volume (element {doubled.dropped[0]} is "
-        f"{doubled.kept[0]} again): counted once, in the region of the lowest tag and in all sets"
+        f"{plural(count, 'element')} written more than once, for several physical volumes (element "
+        f"{doubled.dropped[0]} is element {doubled.remaining[0]} again): used once, in the region of the lowest "
+        "tag and in all sets"
     ]
 
 
 def block_of(file: GmshFile, chunk: Chunk, kind: str, order: Order, region: int) -> CellBlock:
-    """Elements of a chunk by the rows of their nodes. Raises DeckError for a node that is not in the file."""
+    """Elements of a chunk with the rows of their nodes. Raises DeckError for a node that is not in the file."""
     rows, missing = file.table.rows(chunk.nodes)
     if missing.any():
         row, column = np.argwhere(missing)[0]
@@ -85,25 +88,25 @@ def block_of(file: GmshFile, chunk: Chunk, kind: str, order: Order, region: int)
         what = (
             f"element {element} ({chunk.kind.name}) refers to node {chunk.nodes[row, column]}, which is not in the file"
         )
-        raise entity_error("element", element, what, "write the mesh again with all its nodes", file.where)
+        raise entity_error("element", element, what, "export the mesh again with all its nodes", file.where)
     return CellBlock(kind, chunk.ids, in_order(rows, order), np.full(len(chunk.ids), region))
 
 
-def kept_ids(ids: IntArray, doubled: Doubled) -> IntArray:
+def remaining_ids(ids: IntArray, doubled: Doubled) -> IntArray:
     rows, absent = IdTable(doubled.dropped).rows(ids)
-    return np.where(absent, ids, doubled.kept[rows]) if len(doubled.dropped) else ids
+    return np.where(absent, ids, doubled.remaining[rows]) if len(doubled.dropped) else ids
 
 
 THIN_KINDS = {3: "quad4", 2: "tri3", 16: "quad8", 9: "tri6", 1: LINE, 8: LINE3}
-"""Types of elements that may have a section."""
+"""Element types that may have a section."""
 NINE = 10
-"""Type of the quadrangle that second order makes by default."""
+"""Type of the 9-node quadrilateral, the default of second order."""
 GROUP = {1: "line", 2: "surface", 3: "volume"}
 
 
 @dataclass(frozen=True)
 class Thin:
-    """Elements with sections: as they stand in the file, as cells, their regions; elements that are written twice."""
+    """Elements with sections: as in the file, as cells, their regions; elements that are written twice."""
 
     chunks: list[Chunk]
     cells: tuple[CellBlock, ...]
@@ -112,27 +115,30 @@ class Thin:
 
 
 def thin_cells(
-    file: GmshFile, given: Mapping[str, GivenSection], solids: Mapping[int, Region], notes: list[str]
+    file: GmshFile, sections: Mapping[str, GivenSection], solids: Mapping[int, Region], notes: list[str]
 ) -> Thin:
     """Elements of the physical groups that have a section; solids: regions of the volumes.
 
-    Raises UserError for a group that is not there, DeckError for elements of higher order, and for one in groups of two sections.
+    Raises UserError for a missing group, DeckError for elements of higher order, and for an element with two
+    different sections.
     """
-    chosen = regions_with_sections(_groups(file), given, solids, notes)
+    chosen = regions_with_sections(_groups(file), sections, solids, notes)
     chunks = []
     for chunk in file.elements:
         dimension = chunk.kind.dimension
-        own: list[int | None] = [tag for tag in chunk.groups or (None,) if (dimension, tag) in chosen]
-        if not own or not len(chunk.ids):
+        section_tags: list[int | None] = [tag for tag in chunk.groups or (None,) if (dimension, tag) in chosen]
+        if not section_tags or not len(chunk.ids):
             continue
         if chunk.type not in THIN_KINDS:
             element, names = int(chunk.ids[0]), ", ".join(TYPES[number].name + "s" for number in THIN_KINDS)
-            what = f"element {element} is a {chunk.kind.name}, and {chosen[dimension, own[0]][0]} has a section"
+            what = (
+                f"element {element} is a {chunk.kind.name}, but {chosen[dimension, section_tags[0]][0]} has a section"
+            )
             incomplete = "set Mesh.SecondOrderIncomplete = 1 before meshing"
             lower = "set Mesh.ElementOrder = 2 (or 1) before meshing"
             remedy = incomplete if chunk.type == NINE else lower
-            raise entity_error("element", element, f"{what}: its elements may be {names}", remedy, file.where)
-        groups = tuple(sorted(tag for tag in own if tag is not None))
+            raise entity_error("element", element, f"{what} and may contain only {names}", remedy, file.where)
+        groups = tuple(sorted(tag for tag in section_tags if tag is not None))
         chunks.append(replace(chunk, groups=groups))
     left, doubled = merged(chunks, file.version)
     several = [*_in_several(left), *_written_twice(chunks, doubled)]
@@ -140,11 +146,12 @@ def thin_cells(
         (first, section), *others = (chosen[dimension, tag] for tag in tags)
         if other := next((region for region, another in others if another is not section), None):
             what = f"element {element} is in {first} and in {other}, which have different sections"
-            remedy = "give one of the two a section (mesh.sections), or part the physical groups"
+            remedy = "assign a section to only one of them (mesh.sections), or separate the physical groups"
             raise entity_error("element", element, what, remedy, file.where)
     if several:
         notes.append(
-            f"element {several[0][0]} is in several physical groups with a section: in the region of the lowest tag"
+            f"element {several[0][0]} is in several physical groups with a section; the region of the lowest "
+            "tag is used"
         )
     cells = []
     for number, kind in THIN_KINDS.items():
@@ -158,7 +165,7 @@ def thin_cells(
 
 
 def _groups(file: GmshFile) -> dict[int, dict[int | None, str]]:
-    """Names of the physical groups that hold elements, by dimension; None: elements in none."""
+    """Names of the physical groups with elements, by dimension; None: elements in no group."""
     groups: dict[int, dict[int | None, str]] = {}
     for chunk in file.elements:
         dimension = chunk.kind.dimension
@@ -171,48 +178,47 @@ def _groups(file: GmshFile) -> dict[int, dict[int | None, str]]:
 
 
 def _in_several(chunks: list[Chunk]) -> Iterator[tuple[int, int, tuple[int, ...]]]:
-    """The first element of those in several groups, its dimension and their tags."""
+    """First element in several groups, its dimension and the tags."""
     for chunk in chunks:
         if len(chunk.groups) > 1:
             yield int(chunk.ids[0]), chunk.kind.dimension, chunk.groups
 
 
 def _written_twice(chunks: list[Chunk], doubled: Doubled) -> Iterator[tuple[int, int, tuple[int, ...]]]:
-    """The same of elements that format 2 writes once for each of their groups."""
-    wanted = {*doubled.dropped.tolist(), *doubled.kept.tolist()}
+    """The same for elements that format 2 writes once for each group."""
+    wanted = {*doubled.dropped.tolist(), *doubled.remaining.tolist()}
     of = {i: chunk for chunk in chunks for i in chunk.ids.tolist() if i in wanted}
-    for dropped, kept in zip(doubled.dropped.tolist(), doubled.kept.tolist(), strict=True):
-        yield kept, of[kept].kind.dimension, (of[kept].groups[0], of[dropped].groups[0])
+    for dropped, remaining in zip(doubled.dropped.tolist(), doubled.remaining.tolist(), strict=True):
+        yield remaining, of[remaining].kind.dimension, (of[remaining].groups[0], of[dropped].groups[0])
 
 
 __all__ = ["is_gmsh", "read_gmsh"]
 
 
-def read_gmsh(path: Path, *, required: bool = True, given: Mapping[str, GivenSection] | None = None) -> Mesh:
-    """A gmsh mesh (formats 2.0 to 2.2, 4.0, 4.1, text or binary) in its own units, with its own numbers.
+def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, GivenSection] | None = None) -> Mesh:
+    """Read a gmsh mesh (formats 2.0 to 2.2, 4.0, 4.1, text or binary) with its units and numbers.
 
-    Regions are the physical volumes, by their tags, and the surfaces and lines that have a section; every physical group is
-    a set of nodes, a region also one of elements, by name or as "2d-5" (dimension, tag). The format knows no materials and
-    no supports.
-    required: there have to be solids, where no sections are given; given: key of the config → section of physical surfaces and
-    lines, in the units of the file. Raises DeckError, in text files with file:line, for what cannot be imported as it stands,
-    and UserError for a region of a section that is not there.
+    Regions are the physical volumes, by tag, and the surfaces and lines with a section. Every physical group is a
+    node set, a region also an element set, by name or as "2d-5" (dimension, tag). The format has no materials and no
+    supports. required: require solids if there are no sections; sections: config key → section of physical surfaces
+    and lines, in the units of the file. Raises DeckError for unsupported input, with file:line in text files, and
+    UserError for a missing region of a section.
     """
     path = Path(path)
     file = read_file(path)
     if file.skipped["$PartitionedEntities"]:
         raise error_at(
             path,
-            "the mesh is partitioned: its physical groups hang on the partitions",
-            "save it unpartitioned (gmsh: Modules, Mesh, Unpartition)",
+            "the mesh is partitioned: its physical groups belong to the partitions",
+            "save it without partitions (gmsh: Modules, Mesh, Unpartition)",
         )
-    nodes, given = file.nodes, given or {}
+    nodes, sections = file.nodes, sections or {}
     solids = [chunk for chunk in file.elements if chunk.kind.dimension == 3 and len(chunk.ids)]
     check_nodes(nodes.ids, nodes.position, file.where)
-    _check_types(solids, file, required and not given)
+    _check_types(solids, file, required and not sections)
     solids, doubled = merged(solids, file.version)
     blocks, regions, notes = _blocks(solids, file)
-    thin = thin_cells(file, given, regions, notes)
+    thin = thin_cells(file, sections, regions, notes)
     check_elements([*blocks, *thin.cells], file.where)
     node_sets, element_sets, more = _sets(file, thin, doubled)
     mesh = Mesh(
@@ -232,17 +238,17 @@ def read_gmsh(path: Path, *, required: bool = True, given: Mapping[str, GivenSec
 
 
 def _check_types(solids: list[Chunk], file: GmshFile, required: bool) -> None:
-    """Raise DeckError for solids of other kinds, and where there are none though they are required."""
+    """Raise DeckError for unsupported solids, and for missing solids if they are required."""
     if not solids and required:
-        found: Counter[str] = Counter()
+        counts: Counter[str] = Counter()
         for chunk in file.elements:
-            found[chunk.kind.name] += len(chunk.ids)
-        shown = ", ".join(plural(count, name) for name, count in found.items()) or "no elements"
+            counts[chunk.kind.name] += len(chunk.ids)
+        shown = ", ".join(plural(count, name) for name, count in counts.items()) or "no elements"
         raise DeckError(
-            f"the mesh holds no solid element ({shown})",
+            f"the mesh contains no solid elements ({shown})",
             where=file.path,
-            remedy="mesh in three dimensions (gmsh -3); where there are physical groups, put every volume in one, "
-            f"or set Mesh.SaveAll = 1; {SHELLS}",
+            remedy="mesh in three dimensions (gmsh -3); put every volume in a physical group, or set Mesh.SaveAll = "
+            f"1; {SHELLS}",
         )
     for chunk in solids:
         if chunk.type not in KINDS:
@@ -253,7 +259,7 @@ def _check_types(solids: list[Chunk], file: GmshFile, required: bool) -> None:
 
 
 def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...], dict[int, Region], list[str]]:
-    """Blocks of one kind each, and the physical volumes that they are in as regions."""
+    """Blocks of one kind each, and their physical volumes as regions."""
     tags = sorted({tag for chunk in solids for tag in chunk.groups})
     regions = {tag: Region(tag, file.names.get((3, tag)) or f"volume {tag}", 0) for tag in tags}
     notes = []
@@ -264,28 +270,30 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
         notes.append(f"{plural(outside, 'element')} in no physical volume: region {spare}")
     elif outside:
         regions[spare] = Region(spare, "solids", 0)
-        notes.append("the file has no physical volumes: all elements are region 1 (solids)")
+        notes.append("the file has no physical volumes; all elements are in region 1 (solids)")
     several = [chunk for chunk in solids if len(chunk.groups) > 1]
     if several:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
-        notes.append(f"{plural(count, 'element')} in several physical volumes ({both}): region of the lowest tag")
+        notes.append(
+            f"{plural(count, 'element')} in several physical volumes ({both}); the region of the lowest tag is used"
+        )
     blocks = []
     for kind in ELEMENTS:
-        own = [chunk for chunk in solids if chunk.type == kind.gmsh]
-        if not own:
+        chunks_of_kind = [chunk for chunk in solids if chunk.type == kind.gmsh]
+        if not chunks_of_kind:
             continue
-        parts = [block_of(file, c, kind.name, kind.gmsh_order, min(c.groups, default=spare)) for c in own]
+        parts = [block_of(file, c, kind.name, kind.gmsh_order, min(c.groups, default=spare)) for c in chunks_of_kind]
         blocks.append(CellBlock.joined(parts))
     used = {int(tag) for block in blocks for tag in np.unique(block.region)}
     return tuple(blocks), {tag: region for tag, region in regions.items() if tag in used}, notes
 
 
 def _sets(file: GmshFile, thin: Thin, doubled: Doubled) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
-    """Every physical group as a set of nodes, those that are regions also as one of elements; and notes on their names."""
+    """Node set of every physical group, element set of every region, and notes on their names."""
     members: defaultdict[tuple[int, int], list[Chunk]] = defaultdict(list)
     for chunk in file.elements:
         if len(chunk.ids) and chunk.type not in KINDS:
-            block_of(file, chunk, "", (), 0)  # all its nodes are there
+            block_of(file, chunk, "", (), 0)  # checks that all its nodes exist
         for tag in chunk.groups:
             members[chunk.kind.dimension, tag].append(chunk)
     names, notes = _set_names(members, file.names)
@@ -297,23 +305,26 @@ def _sets(file: GmshFile, thin: Thin, doubled: Doubled) -> tuple[dict[str, IntAr
         node_sets[name] = np.union1d(node_sets.get(name, numbers), numbers)
         if dimension == 3 or (dimension, tag) in thin.chosen:
             twice = doubled if dimension == 3 else thin.doubled
-            ids = kept_ids(np.concatenate([chunk.ids for chunk in chunks]), twice)
+            ids = remaining_ids(np.concatenate([chunk.ids for chunk in chunks]), twice)
             element_sets[name] = np.union1d(element_sets.get(name, ids), ids)
     empty = [name for key, name in file.names.items() if key not in members]
-    notes += [f"physical group {name!r} holds no elements" for name in empty]
+    notes += [f"physical group {name!r} has no elements" for name in empty]
     return node_sets, element_sets, notes
 
 
 def _set_names(
-    members: Mapping[tuple[int, int], object], given: Mapping[tuple[int, int], str]
+    members: Mapping[tuple[int, int], object], physical_names: Mapping[tuple[int, int], str]
 ) -> tuple[dict[tuple[int, int], str], list[str]]:
-    """Name of every group; where groups of several dimensions share one, the dimension is added to it."""
-    names = {(dimension, tag): given.get((dimension, tag)) or f"{dimension}d-{tag}" for dimension, tag in members}
+    """Name of every group; the dimension is added if groups of different dimensions share a name."""
+    names = {
+        (dimension, tag): physical_names.get((dimension, tag)) or f"{dimension}d-{tag}" for dimension, tag in members
+    }
     shared = {
         name for name in names.values() if len({dimension for (dimension, _), n in names.items() if n == name}) > 1
     }
     notes = [
-        f"physical groups of several dimensions are called {name!r}: sets '{name} (2d)'…" for name in sorted(shared)
+        f"physical groups of different dimensions have the name {name!r}; their sets are called '{name} (2d)' etc."
+        for name in sorted(shared)
     ]
     return {key: f"{name} ({key[0]}d)" if name in shared else name for key, name in names.items()}, notes
 

@@ -1,6 +1,7 @@
-"""Nodes, elements and geometrical entities in a gmsh file, as formats 2 and 4 write them.
+"""Nodes, elements and geometrical entities in a gmsh file, formats 2 and 4.
 
-Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)", "version 4" and "Node ordering".
+Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)", "version 4" and "Node
+ordering".
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from strainsight.mesh.thin import concatenate
 
 
 class ElementType(NamedTuple):
-    """A type of element: name, dimension of its geometry, number of nodes."""
+    """An element type: name, dimension of its geometry, number of nodes."""
 
     name: str
     dimension: int
@@ -39,7 +40,7 @@ _SHAPES: Mapping[tuple[str, int], Mapping[int, int]] = {
     ("prism", 3): {6: 6, 13: 18, 18: 15, 90: 40, 91: 75},
     ("pyramid", 3): {7: 5, 14: 14, 19: 13, 118: 30, 119: 55, 125: 21},
 }
-"""Shape and its dimension → number of a type → its nodes."""
+"""Shape and dimension → type number → number of nodes."""
 TYPES: Mapping[int, ElementType] = {
     number: ElementType(f"{nodes}-node {shape}" if dimension else shape, dimension, nodes)
     for (shape, dimension), types in _SHAPES.items()
@@ -48,16 +49,16 @@ TYPES: Mapping[int, ElementType] = {
 """Number → type, up to the fifth order of lines and surfaces."""
 
 KINDS = {kind.gmsh: kind for kind in ELEMENTS if kind.gmsh}
-"""The solids that are supported."""
+"""Supported solids."""
 
 
 def remedy(number: int) -> str:
-    """What to do about a solid that is not supported."""
+    """Remedy for an unsupported solid."""
     kind = TYPES[number]
     if "pyramid" in kind.name:
         return (
-            "set Mesh.ElementOrder = 1 (pyramids are supported in first order only), or mesh without pyramids: tetrahedra "
-            "throughout (Mesh.RecombineAll = 0), or hexahedra by transfinite volumes"
+            "set Mesh.ElementOrder = 1 (only linear pyramids are supported), or avoid pyramids: use only "
+            "tetrahedra (Mesh.RecombineAll = 0), or hexahedra from transfinite volumes"
         )
     if number in (12, 13):
         return "set Mesh.SecondOrderIncomplete = 1 before meshing: 20-node hexahedra and 15-node prisms are supported"
@@ -65,13 +66,13 @@ def remedy(number: int) -> str:
 
 
 LARGEST_NUMBER = 2.0**53
-"""Up to here a double holds every integer."""
+"""Largest number up to which a double represents every integer."""
 
 
 class Text:
-    """Numbers of a section that is text: body, which begins at line `line` of the file.
+    """Numbers of a text section with body `body`, which begins at line `line` of the file.
 
-    Raises DeckError for what is no number, with its line, and for numbers that are claimed and not there.
+    Raises DeckError with the line for entries that are not numbers, and for missing numbers.
     """
 
     def __init__(self, body: bytes, path: str, name: str, line: int):
@@ -94,14 +95,14 @@ class Text:
                 try:
                     np.array(word, dtype="S40").astype(float)
                 except ValueError:
-                    raise self._error(f"{word[:40].decode('latin-1')!r} is no number", number) from None
-        raise self._error("numbers that run into each other", self.line)
+                    raise self._error(f"{word[:40].decode('latin-1')!r} is not a number", number) from None
+        raise self._error("numbers are not separated by blanks", self.line)
 
     def take(self, kind: str, count: int) -> np.ndarray:
-        """The next numbers: kind "double", or "int" and "size" for whole ones. Returns (count,)."""
+        """The next numbers: kind "double", or "int" and "size" for integers. Returns (count,)."""
         self.start = self.at
         if not 0 <= count <= len(self.values) - self.at:
-            raise self.error(f"{count} more numbers are claimed, {len(self.values) - self.at} are there")
+            raise self.error(f"{count} more numbers are expected, but only {len(self.values) - self.at} follow")
         self.at += count
         values = self.values[self.start : self.at]
         if kind == "double":
@@ -109,46 +110,46 @@ class Text:
         whole = (values == np.floor(values)) & (np.abs(values) < LARGEST_NUMBER)
         if not whole.all():
             self.start += int(np.argmin(whole))
-            raise self.error(f"{self.values[self.start]:g} stands where a whole number belongs")
+            raise self.error(f"{self.values[self.start]:g} is not an integer")
         return values.astype(np.int64)
 
     def rows(self, count: int, reals: int) -> tuple[IntArray, FloatArray]:
-        """The next rows of one whole number and `reals` others: (count,) and (count, reals)."""
+        """The next rows of one integer and `reals` other numbers: (count,) and (count, reals)."""
         table = self.take("double", count * (1 + reals)).reshape(count, 1 + reals)
         whole = (table[:, 0] == np.floor(table[:, 0])) & (np.abs(table[:, 0]) < LARGEST_NUMBER)
         if not whole.all():
             self.start += int(np.argmin(whole)) * (1 + reals)
-            raise self.error(f"{self.values[self.start]:g} stands where a node number belongs")
+            raise self.error(f"{self.values[self.start]:g} is not a node number")
         return table[:, 0].astype(np.int64), table[:, 1:]
 
     def lines(self, count: int, width: int) -> IntArray | None:
-        """Lines on which the `count` rows of `width` numbers begin that were taken last."""
+        """Line of each of the last `count` rows of `width` numbers."""
         begin = self.start + width * np.arange(count)
         return np.searchsorted(self._ends, begin, side="right").astype(np.int64) + self.line
 
-    def error(self, what: str, remedy: str = "write the mesh again: the file is damaged or truncated") -> DeckError:
-        """An error at the line of the numbers that were taken last."""
+    def error(self, what: str, remedy: str = "the file is damaged or truncated: export the mesh again") -> DeckError:
+        """An error at the line of the numbers read last."""
         begin = min(self.start, max(len(self.values) - 1, 0))
         return self._error(what, int(np.searchsorted(self._ends, begin, side="right")) + self.line, remedy)
 
-    def _error(self, what: str, line: int, remedy: str = "correct the line, or write the mesh again") -> DeckError:
+    def _error(self, what: str, line: int, remedy: str = "correct the line, or export the mesh again") -> DeckError:
         return error_at(f"{self.path}:{line}", f"${self.name}: {what}", remedy)
 
     def finish(self) -> None:
-        """Raise DeckError where numbers are left over."""
+        """Raise DeckError for surplus numbers."""
         if self.at < len(self.values):
             self.start = self.at
-            raise self.error(f"{len(self.values) - self.at} numbers more than the counts claim")
+            raise self.error(f"the section has {len(self.values) - self.at} numbers more than expected")
 
 
 class Binary:
     """Numbers of a binary section that begins at byte `at` of the file; order "<" or ">", size [bytes] of a size_t.
 
-    Raises DeckError, with the section, for numbers that are claimed and not there.
+    Raises DeckError with the section for missing numbers.
     """
 
     def __init__(self, content: bytes, at: int, path: str, name: str, order: str, size: int):
-        # a file that ends within its count has no byte behind it
+        # a file that ends after its count has no further bytes
         self.content, self.at, self.path, self.name = content, min(at, len(content)), path, name
         self.types = {
             "int": np.dtype(f"{order}i4"),
@@ -163,40 +164,40 @@ class Binary:
             return values.astype(np.float64)
         whole = values.astype(np.int64)
         if kind == "size" and np.any(whole < 0):
-            raise self.error("a number beyond 2⁶³")
+            raise self.error("a number exceeds 2⁶³")
         return whole
 
     def rows(self, count: int, reals: int) -> tuple[IntArray, FloatArray]:
-        """The next rows of one whole number and `reals` others: (count,) and (count, reals)."""
+        """The next rows of one integer and `reals` other numbers: (count,) and (count, reals)."""
         table = self._raw(np.dtype([("id", self.types["int"]), ("x", self.types["double"], (reals,))]), count)
         return table["id"].astype(np.int64), table["x"].astype(np.float64)
 
     def _raw(self, dtype: np.dtype, count: int) -> np.ndarray:
         left = (len(self.content) - self.at) // dtype.itemsize
         if not 0 <= count <= left:
-            raise self.error(f"{count} more entries are claimed, at most {left} are in the file")
+            raise self.error(f"{count} more entries are expected, but at most {left} follow")
         values = np.frombuffer(self.content, dtype, count, self.at) if count else np.zeros(0, dtype)
         self.at += count * dtype.itemsize
         return values
 
     def rest(self) -> np.ndarray:
-        """All that follows as ints, without taking it."""
+        """All following bytes as integers, without advancing."""
         count = (len(self.content) - self.at) // 4
         return np.frombuffer(self.content, self.types["int"], count, self.at) if count else np.zeros(0, np.int32)
 
     def lines(self, count: int, width: int) -> IntArray | None:
-        """None: bytes have no lines."""
+        """None: binary sections have no lines."""
         return None
 
-    def error(self, what: str, remedy: str = "write the mesh again: the file is damaged or truncated") -> DeckError:
+    def error(self, what: str, remedy: str = "the file is damaged or truncated: export the mesh again") -> DeckError:
         """An error in this section."""
         return error_at(self.path, f"${self.name}: {what}", remedy)
 
     def finish(self) -> None:
-        """Raise DeckError where the section does not end here."""
+        """Raise DeckError unless the section ends here."""
         tail = self.content[self.at : self.at + 40].lstrip()
         if not tail.startswith(b"$End" + self.name.encode()):
-            raise self.error(f"$End{self.name} does not follow the last entry that the counts claim")
+            raise self.error(f"$End{self.name} is missing after the last entry")
 
 
 Numbers = Text | Binary
@@ -216,8 +217,8 @@ NO_NODES = NodeRows(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), None)
 
 @dataclass(frozen=True)
 class Chunk:
-    """Elements of one type in the same physical groups: ids (n,), nodes (n, k) by their numbers in gmsh's order,
-    groups the tags of the physical groups, line (n,) in the file or None."""
+    """Elements of one type in the same physical groups: ids (n,), node numbers (n, k) in gmsh's order, tags of the
+    groups, line (n,) in the file or None."""
 
     type: int
     ids: IntArray
@@ -227,7 +228,7 @@ class Chunk:
 
     @property
     def kind(self) -> ElementType:
-        """What type of elements they are."""
+        """Type of the elements."""
         return TYPES[self.type]
 
 
@@ -242,17 +243,20 @@ def _joined(parts: list[NodeRows]) -> NodeRows:
 
 def _nodes_of(source: Numbers, number: int) -> int:
     if number not in TYPES:
-        raise source.error(f"element type {number} is unknown", "mesh with elements of first or second order")
+        raise source.error(f"element type {number} is unknown", "use elements of first or second order")
     return TYPES[number].nodes
 
 
 def nodes_2(source: Numbers, count: int, parametric: bool) -> NodeRows:
-    """Rows of number x y z; parametric ones go on with dimension, entity and parameters, which are left."""
+    """Read rows "number x y z"; dimension, entity and parameters of parametric nodes are skipped."""
     if not parametric:
         ids, position = source.rows(count, 3)
         return NodeRows(ids, position, source.lines(count, 4))
     if isinstance(source, Binary):
-        raise source.error("binary parametric nodes of format 2 are not supported", "save with Mesh.SaveParametric = 0")
+        raise source.error(
+            "binary parametric nodes of format 2 are not supported",
+            "set Mesh.SaveParametric = 0 and save the mesh again",
+        )
     parts = []
     for _ in range(count):
         ids, row = source.rows(1, 5)
@@ -262,7 +266,7 @@ def nodes_2(source: Numbers, count: int, parametric: bool) -> NodeRows:
 
 
 def nodes_4(source: Numbers, version: str) -> NodeRows:
-    """Blocks of nodes, one a geometrical entity; parameters on the entity are left."""
+    """Read blocks of nodes, one for each geometrical entity; parameters are skipped."""
     latest = version == "4.1"
     blocks, total = (int(n) for n in source.take("size", 4 if latest else 2)[:2])
     parts = []
@@ -270,7 +274,9 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
         header = source.take("int", 3)
         dimension, parametric = int(header[0 if latest else 1]), int(header[2])
         if not 0 <= dimension <= 3 or parametric not in (0, 1):
-            raise source.error(f"a block of nodes on an entity of dimension {dimension}, parametric {parametric}")
+            raise source.error(
+                f"a block of nodes has the invalid entity dimension {dimension} or parametric flag {parametric}"
+            )
         count = int(source.take("size", 1)[0])
         width = 3 + (dimension if parametric else 0)
         if latest:
@@ -279,32 +285,32 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
         else:
             ids, x = source.rows(count, width)
         parts.append(NodeRows(ids, x[:, :3], source.lines(count, width if latest else 1 + width)))
-    found = sum(len(part.ids) for part in parts)
-    if found != total:
-        raise source.error(f"{total} nodes are claimed, the blocks hold {found}")
+    count_in_blocks = sum(len(part.ids) for part in parts)
+    if count_in_blocks != total:
+        raise source.error(f"{total} nodes are expected, but the blocks contain {count_in_blocks}")
     return _joined(parts)
 
 
 def entity_groups(source: Numbers, version: str) -> dict[tuple[int, int], tuple[int, ...]]:
     """(dimension, tag) of a geometrical entity → tags of its physical groups.
 
-    A negative tag reverses the orientation of the group's elements and means the same group.
+    A negative tag denotes the same group with reversed element orientation.
     """
-    found: dict[tuple[int, int], tuple[int, ...]] = {}
+    groups_of_entity: dict[tuple[int, int], tuple[int, ...]] = {}
     counts = source.take("size", 4)
     for dimension in range(4):
         for _ in range(int(counts[dimension])):
             tag = int(source.take("int", 1)[0])
             source.take("double", 3 if dimension == 0 and version == "4.1" else 6)
             groups = source.take("int", int(source.take("size", 1)[0]))
-            found[dimension, tag] = tuple(dict.fromkeys(abs(int(group)) for group in groups))
+            groups_of_entity[dimension, tag] = tuple(dict.fromkeys(abs(int(group)) for group in groups))
             if dimension:
                 source.take("int", int(source.take("size", 1)[0]))
-    return found
+    return groups_of_entity
 
 
 def elements_4(source: Numbers, version: str, groups: dict[tuple[int, int], tuple[int, ...]]) -> list[Chunk]:
-    """Blocks of elements, one a geometrical entity and type."""
+    """Read blocks of elements, one for each geometrical entity and type."""
     latest = version == "4.1"
     blocks, total = (int(n) for n in source.take("size", 4 if latest else 2)[:2])
     chunks = []
@@ -313,16 +319,16 @@ def elements_4(source: Numbers, version: str, groups: dict[tuple[int, int], tupl
         width = 1 + _nodes_of(source, number)
         count = int(source.take("size", 1)[0])
         table = source.take("size" if latest else "int", count * width).reshape(count, width)
-        own = groups.get((TYPES[number].dimension, second if latest else first), ())
-        chunks.append(Chunk(number, table[:, 0], table[:, 1:], own, source.lines(count, width)))
-    found = sum(len(chunk.ids) for chunk in chunks)
-    if found != total:
-        raise source.error(f"{total} elements are claimed, the blocks hold {found}")
+        entity_tags = groups.get((TYPES[number].dimension, second if latest else first), ())
+        chunks.append(Chunk(number, table[:, 0], table[:, 1:], entity_tags, source.lines(count, width)))
+    count_in_blocks = sum(len(chunk.ids) for chunk in chunks)
+    if count_in_blocks != total:
+        raise source.error(f"{total} elements are expected, but the blocks contain {count_in_blocks}")
     return chunks
 
 
 def elements_2(source: Numbers, count: int) -> list[Chunk]:
-    """Rows of number, type, tags, nodes (text), or type, how many follow, tags, and those rows (binary).
+    """Read rows of number, type, tags, nodes (text), or type, count, tags, and the rows (binary).
 
     The first tag is the physical group, 0 for none.
     """
@@ -334,11 +340,11 @@ def elements_2(source: Numbers, count: int) -> list[Chunk]:
     while done < count:
         source.start = source.at
         if len(values) - source.at < 3:
-            raise source.error(f"{count} elements are claimed, {done} are there")
+            raise source.error(f"{count} elements are expected, but only {done} follow")
         number, tags = (int(n) for n in source.take("int", 3)[1:])
         source.at = source.start
         width = 3 + _tags(source, tags) + _nodes_of(source, number)
-        rows = _alike(values, source.at, width, slice(1, 3), count - done)
+        rows = _count_equal_rows(values, source.at, width, slice(1, 3), count - done)
         table = source.take("int", max(rows, 1) * width).reshape(-1, width)
         chunks += _by_group(number, table[:, 0], table[:, 3:], tags, source.lines(len(table), width))
         done += len(table)
@@ -353,12 +359,12 @@ def _elements_2_binary(source: Binary, count: int) -> list[Chunk]:
         number, follow, tags = (int(n) for n in source.take("int", 3))
         width = 1 + _tags(source, tags) + _nodes_of(source, number)
         if not 1 <= follow <= count - done:
-            raise source.error(f"a block of {follow} elements where {count - done} are left")
+            raise source.error(f"a block has {follow} elements, but only {count - done} are expected")
         if follow > 1:
             table = source.take("int", follow * width).reshape(follow, width)
         else:
             # gmsh writes a header before every element
-            rows = max(_alike(values, 0, 3 + width, slice(0, 3), count - done), 1)
+            rows = max(_count_equal_rows(values, 0, 3 + width, slice(0, 3), count - done), 1)
             source.at = begin
             table = source.take("int", rows * (3 + width)).reshape(rows, 3 + width)[:, 3:]
         chunks += _by_group(number, table[:, 0], table[:, 1:], tags, None)
@@ -368,12 +374,12 @@ def _elements_2_binary(source: Binary, count: int) -> list[Chunk]:
 
 def _tags(source: Numbers, tags: int) -> int:
     if not 0 <= tags <= 1000:
-        raise source.error(f"an element with {tags} tags")
+        raise source.error(f"an element has {tags} tags")
     return tags
 
 
-def _alike(values: np.ndarray, at: int, width: int, columns: slice, most: int) -> int:
-    """How many rows of `width` from `at` on agree with the first in these columns."""
+def _count_equal_rows(values: np.ndarray, at: int, width: int, columns: slice, most: int) -> int:
+    """Number of rows of `width` from `at` that equal the first row in these columns."""
     most = min(most, (len(values) - at) // width)
     rows = 1
     while rows < most:
@@ -387,11 +393,11 @@ def _alike(values: np.ndarray, at: int, width: int, columns: slice, most: int) -
 
 
 def _by_group(number: int, ids: IntArray, rest: IntArray, tags: int, line: IntArray | None) -> list[Chunk]:
-    """Split rows of tags and nodes by their physical group."""
+    """Split rows of tags and nodes by physical group."""
     group = np.abs(rest[:, 0]) if tags else np.zeros(len(rest), dtype=np.int64)
     chunks = []
     for tag in np.unique(group):
-        own = group == tag
-        lines = None if line is None else line[own]
-        chunks.append(Chunk(number, ids[own], rest[own, tags:], (int(tag),) if tag else (), lines))
+        in_group = group == tag
+        lines = None if line is None else line[in_group]
+        chunks.append(Chunk(number, ids[in_group], rest[in_group, tags:], (int(tag),) if tag else (), lines))
     return chunks

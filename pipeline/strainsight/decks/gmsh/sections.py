@@ -35,7 +35,8 @@ _READ = ("PhysicalNames", "Entities", "Nodes", "ParametricNodes", "Elements")
 
 @dataclass
 class GmshFile:
-    """What a file holds: version "2.2"; names (dimension, physical tag) → name; nodes; elements; sections not read."""
+    """Contents of a file: version "2.2"; names (dimension, physical tag) → name; nodes; elements; sections that are
+    not read."""
 
     path: str
     version: str = ""
@@ -46,11 +47,11 @@ class GmshFile:
 
     @cached_property
     def table(self) -> IdTable:
-        """Numbers of the nodes to their rows."""
+        """Node number → row."""
         return IdTable(self.nodes.ids)
 
     def where(self, what: str, number: int) -> str:
-        """The line of the last "node" or "element" with this number, or the file where it has no lines."""
+        """Line of the last "node" or "element" with this number, or the file if it is binary."""
         for rows in [self.nodes] if what == "node" else reversed(self.elements):
             hits = np.flatnonzero(rows.ids == number)
             if hits.size and rows.line is not None:
@@ -59,7 +60,8 @@ class GmshFile:
 
 
 def is_gmsh(path: Path) -> bool:
-    """Whether a file begins as gmsh's do, with a section ($MeshFormat, $Comments); ANSYS writes another kind of .msh."""
+    """Whether a file begins like a gmsh file, with a section ($MeshFormat, $Comments); ANSYS writes another kind of
+    .msh."""
     try:
         with opened(Path(path)) as file:
             return re.match(rb"(\xef\xbb\xbf)?\s*\$[A-Za-z]", file.read(200)) is not None
@@ -68,15 +70,15 @@ def is_gmsh(path: Path) -> bool:
 
 
 def read_file(path: Path) -> GmshFile:
-    """The sections of a gmsh file, unpacked where its name ends in .gz.
+    """Read the sections of a gmsh file, unpacked if its name ends in .gz.
 
-    Raises DeckError for a file that is missing, empty, damaged or of another version.
+    Raises DeckError for a file that is missing, empty, damaged or has an unsupported version.
     """
     return _Reader(read_bytes(Path(path)).removeprefix(b"\xef\xbb\xbf"), str(path)).read()
 
 
 class _Reader:
-    """Walks through the sections of a file."""
+    """Reader of the sections of a file."""
 
     def __init__(self, content: bytes, path: str):
         self.content, self.path = content, path
@@ -85,36 +87,36 @@ class _Reader:
         self.binary, self.order, self.size = False, "<", 8
 
     def read(self) -> GmshFile:
-        at, seen = 0, set[str]()
+        at, section_names = 0, set[str]()
         while (at := _BLANKS.match(self.content, at).end()) < len(self.content):  # type: ignore[union-attr]
             header = _HEADER.match(self.content, at)
             if not header:
-                raise self._error("a section ($Nodes) should begin here", at)
+                raise self._error("expected the start of a section, such as $Nodes", at)
             name = header[1].decode("latin-1")
             if not self.file.version and name not in ("MeshFormat", "Comments"):
                 old = name in ("NOD", "ELM", "PARA", "PTS")
-                what = "format 1 of gmsh is not supported" if old else f"${name} stands before $MeshFormat"
+                what = "format 1 of gmsh is not supported" if old else f"${name} is not allowed before $MeshFormat"
                 raise self._error(what, at, _SAVE)
             key = name.removeprefix("Parametric")
-            if key in seen and key in (*_READ, "MeshFormat"):
-                raise self._error(f"${name} stands twice", at, "keep one mesh in the file")
-            seen.add(key)
+            if key in section_names and key in (*_READ, "MeshFormat"):
+                raise self._error(f"the section ${name} occurs twice", at, "keep only one mesh in the file")
+            section_names.add(key)
             at = self._section(name, header.end())
         if not self.file.version:
-            raise self._error("there is no section $MeshFormat", 0, _SAVE)
+            raise self._error("the section $MeshFormat is missing", 0, _SAVE)
         for key in ("Nodes", "Elements"):
-            if key not in seen:
-                raise self._error(f"there is no section ${key}", 0)
+            if key not in section_names:
+                raise self._error(f"the section ${key} is missing", 0)
         return self.file
 
     def _section(self, name: str, start: int) -> int:
-        """Read the section whose body begins at byte `start`; returns where the next begins."""
+        """Read the section whose body begins at byte `start`; returns the start of the next one."""
         if self.binary and name in ("Entities", "Nodes", "ParametricNodes", "Elements"):
             end = self._read_numbers(name, start, b"")
         else:
             end = self.content.find(b"$End" + name.encode("latin-1"), start)
             if end < 0:
-                raise self._error(f"${name} does not end: the file is truncated", start - 1)
+                raise self._error(f"${name} has no end: the file is truncated", start - 1)
             body = self.content[start:end]
             if name == "MeshFormat":
                 self._format(body, start)
@@ -130,14 +132,14 @@ class _Reader:
         first, _, rest = body.lstrip().partition(b"\n")
         words = first.decode("latin-1").split()
         if len(words) != 3 or words[1] not in ("0", "1") or words[2] not in ("4", "8"):
-            raise self._error("$MeshFormat should read like '4.1 0 8'", start)
+            raise self._error("$MeshFormat is not valid; expected, for example, '4.1 0 8'", start)
         if words[0] not in ("2", "2.0", "2.1", "2.2", "4", "4.0", "4.1"):
-            raise self._error(f"format {words[0]} of gmsh is not supported", start, _SAVE)
+            raise self._error(f"gmsh format {words[0]} is not supported", start, _SAVE)
         self.file.version = words[0] if "." in words[0] else words[0] + ".0"
         self.binary, self.size = words[1] == "1", int(words[2])
         if self.binary:
             if rest[:4] not in (b"\1\0\0\0", b"\0\0\0\1"):
-                raise self._error("the binary 1 that tells the byte order is missing", start)
+                raise self._error("the binary number 1 that defines the byte order is missing", start)
             self.order = "<" if rest[0] else ">"
 
     def _names(self, body: bytes, start: int) -> None:
@@ -150,17 +152,17 @@ class _Reader:
             if not match or dimension not in (0, 1, 2, 3) or tag is None:
                 raise error_at(
                     f"{self.path}:{number}",
-                    f"$PhysicalNames: {text.strip()[:60]!r} should read like '3 1 \"hub\"'",
+                    f"$PhysicalNames: {text.strip()[:60]!r} is not valid; expected, for example, '3 1 \"hub\"'",
                     "correct the line",
                 )
             self.file.names[dimension, tag] = match[3]
         claimed = rows[0][1].strip() if rows else b""
         if claimed != str(len(rows) - 1).encode():
             text = claimed[:20].decode("latin-1")
-            raise self._error(f"$PhysicalNames claims {text!r} names and holds {max(len(rows) - 1, 0)}", start)
+            raise self._error(f"$PhysicalNames announces {text!r} names, but contains {max(len(rows) - 1, 0)}", start)
 
     def _read_numbers(self, name: str, start: int, body: bytes) -> int:
-        """Read a section of numbers; returns where it ends."""
+        """Read a section of numbers; returns its end."""
         source: Numbers
         old = self.file.version.startswith("2")
         if self.binary:
@@ -168,7 +170,7 @@ class _Reader:
             if old:
                 first = self.content[start : start + 30].partition(b"\n")[0]
                 if not first.strip().isdigit():
-                    raise self._error(f"${name} should begin with a count", start)
+                    raise self._error(f"${name} must begin with a count", start)
                 count, start = int(first), start + len(first) + 1
             source = Binary(self.content, start, self.path, name, self.order, self.size)
         else:
@@ -191,9 +193,9 @@ class _Reader:
     def _line(self, at: int) -> int:
         return self.content.count(b"\n", 0, at) + 1
 
-    def _error(self, what: str, at: int, remedy: str = "write the mesh again: the file is damaged") -> DeckError:
+    def _error(self, what: str, at: int, remedy: str = "the file is damaged: export the mesh again") -> DeckError:
         where = self.path if self.binary and at > 200 else f"{self.path}:{self._line(at)}"
         return error_at(where, what, remedy)
 
 
-_SAVE = "save it with Mesh.MshFileVersion = 4.1 (or 2.2)"
+_SAVE = "save the mesh with Mesh.MshFileVersion = 4.1 (or 2.2)"

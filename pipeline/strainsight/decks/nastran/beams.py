@@ -1,4 +1,4 @@
-"""Beams and rods of a Nastran deck: elements, sections, and sections given as a shape with dimensions."""
+"""Beams and rods of a Nastran deck: elements, sections, and section shapes with dimensions."""
 
 from __future__ import annotations
 
@@ -20,18 +20,22 @@ from strainsight.mesh.thin import BeamBlock, BeamSection
 BEAMS, RODS = ("CBAR", "CBEAM"), ("CROD", "CTUBE", "CONROD")
 DEFAULTS = {"CBAR": "BAROR", "CBEAM": "BEAMOR"}
 APART = 1e-9
-"""Length of an element over the extent of the model, below which its ends coincide."""
+"""Length of an element relative to the model extent below which its ends coincide."""
 
 
 def with_defaults(cards: Cards) -> dict[str, list[Card]]:
-    """CBAR and CBEAM by name, in whose blank PID, X1 to X3 (or G0) and OFFT stands what BAROR and BEAMOR say."""
-    found: dict[str, list[Card]] = {}
+    """CBAR and CBEAM by name, with blank PID, X1 to X3 (or G0) and OFFT filled from BAROR and BEAMOR."""
+    cards_by_name: dict[str, list[Card]] = {}
     for name, default in DEFAULTS.items():
-        given = cards.of(default)
-        if len(given) > 1:
-            raise given[1].error(f"a second one (first at {given[0].where})", f"keep one {default}")
-        found[name] = [_filled(card, given[0]) for card in cards.of(name)] if given else cards.of(name)
-    return found
+        default_cards = cards.of(default)
+        if len(default_cards) > 1:
+            raise default_cards[1].error(
+                f"{default} is defined twice (first at {default_cards[0].where})", f"keep one {default}"
+            )
+        cards_by_name[name] = (
+            [_filled(card, default_cards[0]) for card in cards.of(name)] if default_cards else cards.of(name)
+        )
+    return cards_by_name
 
 
 def _filled(card: Card, default: Card) -> Card:
@@ -46,28 +50,29 @@ def _filled(card: Card, default: Card) -> Card:
 def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
     """Beams and rods.
 
-        x from GA + WA to GB + WB,     z = x × v/|x × v|,   y = z × x,     v = X1 to X3 in the system CD of GA, or GA to G0
+        x from GA + WA to GB + WB,     z = x × v/|x × v|,   y = z × x,     v = X1 to X3 in the system CD of GA, or GA
+        to G0
 
-    Raises DeckError for a missing or repeated node, ends that coincide, an orientation along the axis or none, an end that is
-    released altogether, offsets along the element (OFFT).
+    Raises DeckError for a missing or repeated node, coincident ends, an orientation that is missing or along the
+    axis, a completely released end, and offsets in element axes (OFFT).
     """
     extent = float(np.ptp(grids.position, axis=0).max())
     blocks = []
     for kind, names in (("beam", BEAMS), ("rod", RODS)):
-        own, ids, region = elements.of(names)
-        if not own:
+        cards, ids, region = elements.of(names)
+        if not cards:
             continue
-        given = np.array(
-            [[card.integer((1 if card.name == "CONROD" else 2) + i, "a node id") for i in (0, 1)] for card in own],
+        node_ids = np.array(
+            [[card.integer((1 if card.name == "CONROD" else 2) + i, "a node id") for i in (0, 1)] for card in cards],
             dtype=np.int64,
         )
-        nodes = grids.nodes.rows_of_cards(given, own)
+        nodes = grids.nodes.rows_of_cards(node_ids, cards)
         if (at := folded(nodes)) is not None:
-            raise own[at].error("both ends are on one node", "give it two nodes, or take it out")
-        n = len(own)
+            raise cards[at].error("both ends are at the same node", "specify two nodes, or remove the element")
+        n = len(cards)
         offset, released = np.zeros((n, 2, 3)), np.zeros((n, 2, 6), dtype=bool)
         if kind == "beam":
-            for i, card in enumerate(own):
+            for i, card in enumerate(cards):
                 _check_offt(card)
                 for end in (0, 1):
                     offset[i, end] = _offset(card, end, int(nodes[i, end]), grids)
@@ -76,35 +81,40 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         length = np.linalg.norm(along, axis=1)
         short = ~(length > APART * extent)
         if short.any():
-            raise own[int(np.argmax(short))].error("its ends coincide", "move a node or an offset, or take it out")
+            raise cards[int(np.argmax(short))].error(
+                "its ends coincide", "move a node or an offset, or remove the element"
+            )
         if kind == "beam":
-            v = np.array([_orientation(card, int(A), grids) for card, A in zip(own, nodes[:, 0], strict=True)])
+            v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])
         else:
             v = np.eye(3)[np.argmin(np.abs(along), axis=1)]
         axes, lost = beam_axes(along, v)
         if lost.any():
-            raise own[int(np.argmax(lost))].error("G0 or X1 to X3 lie on its axis", "give a point or vector off it")
+            raise cards[int(np.argmax(lost))].error(
+                "the orientation G0 or X1 to X3 is along the beam axis",
+                "specify a point or vector that is not on the axis",
+            )
         blocks.append(BeamBlock(kind, ids, nodes, region, axes, offset, released))
     return tuple(blocks)
 
 
 def _check_offt(card: Card) -> None:
-    """GGG, or BGG where the orientation is along the basic axes; 1 and 2 are flags of old decks."""
+    """Raise DeckError unless OFFT is GGG, or BGG (orientation in basic axes); 1 and 2 are flags of old decks."""
     text = card.text(7).upper()
     offset = any(card.text(i) and card.real(i, "an offset") != 0 for i in range(10, 16))
     if text in ("", "1", "2", "GGG", "BGG") or (text in ("GGO", "GOG", "GOO", "BGO", "BOG", "BOO") and not offset):
         return
     if parse_real(text) is not None:
-        raise card.error(f"BIT is {text}: a twist built in is not supported", "leave the field blank")
+        raise card.error(f"BIT is {text}: pretwist is not supported", "leave the field blank")
     raise card.error(
-        f"OFFT is {text}: only offsets along the systems CD of the nodes are supported", "give OFFT as GGG or BGG"
+        f"OFFT is {text}: only offsets along the systems CD of the nodes are supported", "set OFFT to GGG or BGG"
     )
 
 
 def _offset(card: Card, end: int, row: int, grids: Grids) -> FloatArray:
     """WA or WB along the basic axes."""
-    own = [card.real(10 + 3 * end + i, "an offset", 0.0) for i in range(3)]
-    return np.asarray(grids.axes.get(row, np.eye(3)) @ own)
+    offset = [card.real(10 + 3 * end + i, "an offset", 0.0) for i in range(3)]
+    return np.asarray(grids.axes.get(row, np.eye(3)) @ offset)
 
 
 def _released(card: Card, end: int) -> list[int]:
@@ -112,34 +122,35 @@ def _released(card: Card, end: int) -> list[int]:
     text = card.text(8 + end)
     if text in ("", "0"):
         return []
-    found = components(text, card)
-    if len(found) > 5:
-        raise card.error(f"end {'AB'[end]} is released altogether", "take the element out, or hold one motion")
-    return list(found)
+    pins = components(text, card)
+    if len(pins) > 5:
+        raise card.error(
+            f"all components of end {'AB'[end]} are released", "remove the element, or connect one component"
+        )
+    return list(pins)
 
 
 def _orientation(card: Card, A: int, grids: Grids) -> FloatArray:
-    """The vector v (3,), along the basic axes."""
+    """Orientation vector v (3,) along the basic axes."""
     v = grids.direction(card, A, basic=card.text(7).upper().startswith("B"))
     if v is None:
-        raise card.error(
-            f"neither G0 nor X1 to X3 give its plane, nor does a {DEFAULTS[card.name]}", "give one of them"
-        )
+        raise card.error(f"the orientation is missing: G0, X1 to X3, or a {DEFAULTS[card.name]}", "specify one of them")
     return v
 
 
 LINEAR = 1e-3
-"""Deviation of a station of a PBEAM from the line between its ends, over the larger end, that the digits of a card explain."""
+"""Deviation of a PBEAM station from the linear variation between its ends, relative to the larger end, that is
+attributed to rounding."""
 STATIONS = ("YES", "YESA", "NO")
 
 
 def bar_section(card: Card) -> tuple[int, BeamSection]:
-    """MID and section of a PBAR; blank K1 and K2: it does not shear. Raises DeckError for sections that cannot be."""
+    """MID and section of a PBAR; rigid in shear if K1 and K2 are blank. Raises DeckError for invalid sections."""
     A, I1, I2, J, nonstructural = (card.real(i, what, 0.0) for i, what in _WORDS)
     I12 = card.real(18, "I12", 0.0)
     shear = (card.real(16, "K1", 0.0), card.real(17, "K2", 0.0))
-    own = BeamSection(A, _second(I1, I2, I12), J, shear, _points(card, 8), nonstructural)
-    return card.integer(1, "the material id"), _checked(card, own)
+    section = BeamSection(A, _second(I1, I2, I12), J, shear, _points(card, 8), nonstructural)
+    return card.integer(1, "the material id"), _checked(card, section)
 
 
 _WORDS = ((2, "the area A"), (3, "I1"), (4, "I2"), (5, "J"), (6, "the mass NSM"))
@@ -153,96 +164,109 @@ def rod_section(card: Card) -> tuple[int, BeamSection]:
     """MID and section of a PROD or CONROD."""
     mid, *fields = _RODS[card.name]
     area, torsion = card.real(fields[0], "the area A"), card.real(fields[1], "J", 0.0)
-    own = BeamSection(area, torsion=torsion, nonstructural=card.real(fields[2], "the mass NSM", 0.0))
-    return card.integer(mid, "the material id"), _checked(card, own)
+    section = BeamSection(area, torsion=torsion, nonstructural=card.real(fields[2], "the mass NSM", 0.0))
+    return card.integer(mid, "the material id"), _checked(card, section)
 
 
 def tube_section(card: Card) -> tuple[int, BeamSection]:
-    """MID and section of a PTUBE of outer diameter d and wall t, a full circle without t:
+    """MID and section of a PTUBE of outer diameter d and wall t, a solid circle without t:
 
     A = π (d² − (d − 2t)²)/4,     J = π (d⁴ − (d − 2t)⁴)/32
     """
     d, t = card.real(2, "the outer diameter OD"), card.real(3, "the wall T", 0.0)
     if card.text(5) and card.real(5, "the outer diameter OD2") != d:
-        raise card.error("OD2 makes it conical, which is not supported", "give pieces with PTUBEs of their own")
+        raise card.error(
+            "OD2 differs from OD: conical tubes are not supported",
+            "divide the tube into pieces with separate PTUBE cards",
+        )
     if not 0 <= 2 * t <= d:
-        raise card.error(f"the wall is {t:g}, of a tube {d:g} thick", "give a wall of at most half the diameter")
+        raise card.error(
+            f"the wall thickness is {t:g}, but the outer diameter is {d:g}",
+            "specify a wall thickness of at most half the diameter",
+        )
     inner = d - 2 * t if t else 0.0
-    own = BeamSection(
+    section = BeamSection(
         np.pi * (d**2 - inner**2) / 4,
         torsion=np.pi * (d**4 - inner**4) / 32,
         nonstructural=card.real(4, "the mass NSM", 0.0),
     )
-    return card.integer(1, "the material id"), _checked(card, own)
+    return card.integer(1, "the material id"), _checked(card, section)
 
 
 def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
-    """MID and section of a PBEAM at its ends; stations between them have to lie on the line. K1 and K2 are 1 where blank.
+    """MID and section of a PBEAM at its ends; intermediate stations must vary linearly. Blank K1 and K2 are 1.
 
-    N1 and N2, M1 and M2 of end B are those of end A where blank. Raises DeckError for stations off the line, and for relief of
-    shear by taper (S1, S2).
+    N1 and N2, M1 and M2 of end B default to those of end A. Raises DeckError for non-linear stations and shear
+    relief (S1, S2).
     """
     at, points = 8, np.zeros((0, 2))
-    if card.text(8).upper() not in STATIONS:  # the line of places of stress may be left out
+    if card.text(8).upper() not in STATIONS:  # the line of stress recovery points is optional
         at, points = 16, _points(card, 8)
     end_a = replace(_station(card, 2, None), points=points)
     stations: list[tuple[float, int, FloatArray]] = []
     while (recovered := card.text(at).upper()) in STATIONS:
-        own = _points(card, at + 8) if recovered == "YES" else points
-        stations.append((card.real(at + 1, "the place X/XB"), at + 2, own))
+        recovery_points = _points(card, at + 8) if recovered == "YES" else points
+        stations.append((card.real(at + 1, "the place X/XB"), at + 2, recovery_points))
         at += 16 if recovered == "YES" else 8
-    ends = [(field, own) for x, field, own in stations if x == 1]
+    ends = [(field, recovery_points) for x, field, recovery_points in stations if x == 1]
     end_b = replace(_station(card, ends[-1][0], end_a), points=ends[-1][1]) if ends else end_a
     for x, field, _ in stations:
         if not 0 < x <= 1:
-            raise card.error(f"X/XB is {x:g}, no station behind end A", "give places above 0, end B at 1")
+            raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
         if x < 1:
             check_station(card, x, _station(card, field, _between(x, end_a, end_b)), end_a, end_b)
     words: tuple[str, ...] = ("K1", "K2", "S1", "S2", "NSI(A)", "NSI(B)", "CW(A)", "CW(B)")
     words += ("M1(A)", "M2(A)", "M1(B)", "M2(B)", "N1(A)", "N2(A)", "N1(B)", "N2(B)")
     more: dict[str, float] = {}
-    for i, word in enumerate(words):  # of end B the values of end A where it is blank
+    for i, word in enumerate(words):  # values of end B default to those of end A
         more[word] = card.real(at + i, word, 1.0 if word in ("K1", "K2") else more.get(word.replace("(B)", "(A)"), 0.0))
-    given = [word for word in words if more[word] != 0]
-    if relief := [word for word in given if word in ("S1", "S2")]:
+    nonzero = [word for word in words if more[word] != 0]
+    if relief := [word for word in nonzero if word in ("S1", "S2")]:
         raise card.error(
-            f"{', '.join(f'{word} is {more[word]:g}' for word in relief)}: relief of shear by taper is not supported",
+            f"{', '.join(f'{word} is {more[word]:g}' for word in relief)}: shear relief is not supported",
             "leave them blank",
         )
     if (
-        any(word[0] == "N" and word[1] != "S" for word in given)
+        any(word[0] == "N" and word[1] != "S" for word in nonzero)
         and not min(*_values(end_a)[1:3], *_values(end_b)[1:3]) > 0
     ):
         raise card.error(
-            "a neutral axis beside the shear centre (N1, N2) of a beam that does not bend", "give I1 and I2"
+            "the neutral axis has an offset (N1, N2), but the beam has no bending stiffness", "specify I1 and I2"
         )
     end_a, end_b = (
-        replace(own, neutral=(more[f"N1({end})"], more[f"N2({end})"]), beside=(more[f"M1({end})"], more[f"M2({end})"]))
-        for own, end in ((end_a, "A"), (end_b, "B"))
+        replace(
+            station, neutral=(more[f"N1({end})"], more[f"N2({end})"]), beside=(more[f"M1({end})"], more[f"M2({end})"])
+        )
+        for station, end in ((end_a, "A"), (end_b, "B"))
     )
-    if idle := [word for i, word in enumerate(words) if more[word] and word[:2] in ("NS", "CW") and card.text(at + i)]:
-        notes.append(f"PBEAM {card.text(0)}: {', '.join(idle)} (inertia about the axis, warping) have no effect")
+    if ignored_words := [
+        word for i, word in enumerate(words) if more[word] and word[:2] in ("NS", "CW") and card.text(at + i)
+    ]:
+        notes.append(
+            f"PBEAM {card.text(0)}: {', '.join(ignored_words)} (inertia about the axis, warping) have no effect"
+        )
     shear = (more["K1"], more["K2"])
-    made = replace(end_a, shear=shear, at_b=None if _alike(end_a, end_b) else replace(end_b, shear=shear))
-    return card.integer(1, "the material id"), _checked(card, made)
+    section = replace(end_a, shear=shear, at_b=None if _equal_sections(end_a, end_b) else replace(end_b, shear=shear))
+    return card.integer(1, "the material id"), _checked(card, section)
 
 
 def _station(card: Card, at: int, default: BeamSection | None) -> BeamSection:
-    """A, I1, I2, I12, J, NSM from a field on; blank ones are those of `default`, and at end A zero but for A, I1 and I2."""
+    """A, I1, I2, I12, J, NSM from a field on; blank entries default to `default`, at end A to zero except for A, I1
+    and I2."""
     blank = [None, None, None, 0.0, 0.0, 0.0] if default is None else _values(default)
     names = ("the area A", "I1", "I2", "I12", "J", "the mass NSM")
     A, I1, I2, I12, J, nonstructural = (card.real(at + i, names[i], blank[i]) for i in range(6))
     return BeamSection(A, _second(I1, I2, I12), J, nonstructural=nonstructural)
 
 
-def _values(own: BeamSection) -> list[float]:
+def _values(section: BeamSection) -> list[float]:
     """A, I1, I2, I12, J, NSM."""
-    I = own.second
-    return [own.area, float(I[0, 0]), float(I[1, 1]), float(I[0, 1]), own.torsion, own.nonstructural]
+    I = section.second
+    return [section.area, float(I[0, 0]), float(I[1, 1]), float(I[0, 1]), section.torsion, section.nonstructural]
 
 
-def _alike(a: BeamSection, b: BeamSection) -> bool:
-    """Whether the sections at both ends are the same."""
+def _equal_sections(a: BeamSection, b: BeamSection) -> bool:
+    """Whether the sections at both ends are equal."""
     return all(np.array_equal(getattr(a, entry.name), getattr(b, entry.name)) for entry in fields(a))
 
 
@@ -251,17 +275,17 @@ def _between(x: float, a: BeamSection, b: BeamSection) -> BeamSection:
     return BeamSection(A, _second(I1, I2, I12), J, nonstructural=nonstructural)
 
 
-def check_station(card: Card, x: float, own: BeamSection, a: BeamSection, b: BeamSection) -> None:
-    """Raise DeckError unless a section at x of the length from end A is that on the line between the ends."""
+def check_station(card: Card, x: float, section: BeamSection, a: BeamSection, b: BeamSection) -> None:
+    """Raise DeckError unless a section at x of the length from end A varies linearly between the ends."""
     line = _values(_between(x, a, b))
     for name, value, on_line, p, q in zip(
-        ("A", "I1", "I2", "I12", "J", "NSM"), _values(own), line, _values(a), _values(b), strict=True
+        ("A", "I1", "I2", "I12", "J", "NSM"), _values(section), line, _values(a), _values(b), strict=True
     ):
         if abs(value - on_line) > LINEAR * max(abs(p), abs(q)):
             raise card.error(
-                f"{name} is {value:g} at X/XB = {x:g}, on the line between its ends {on_line:g}: other stations are not "
-                "supported",
-                "divide the beam there, with a PBEAM for each part",
+                f"{name} is {value:g} at X/XB = {x:g}, but linear variation between the ends requires "
+                f"{on_line:g}: other stations are not supported",
+                "divide the beam there, with one PBEAM for each part",
             )
 
 
@@ -270,44 +294,47 @@ def _second(I1: float, I2: float, I12: float) -> FloatArray:
 
 
 def _points(card: Card, at: int) -> FloatArray:
-    """Places C, D, E, F (p, 2) of stress, those that are given."""
-    given = [i for i in range(at, at + 8, 2) if card.text(i) or card.text(i + 1)]
-    return np.array([[card.real(i + j, "a place of stress", 0.0) for j in (0, 1)] for i in given]).reshape(-1, 2)
+    """Stress recovery points C, D, E, F (p, 2) that are not blank."""
+    filled = [i for i in range(at, at + 8, 2) if card.text(i) or card.text(i + 1)]
+    return np.array([[card.real(i + j, "a place of stress", 0.0) for j in (0, 1)] for i in filled]).reshape(-1, 2)
 
 
-def _checked(card: Card, own: BeamSection) -> BeamSection:
-    """Raise DeckError for what no section can be."""
-    for end in (own, *((own.at_b,) if own.at_b else ())):
+def _checked(card: Card, section: BeamSection) -> BeamSection:
+    """Raise DeckError for an invalid section."""
+    for end in (section, *((section.at_b,) if section.at_b else ())):
         A, I1, I2, I12, J, nonstructural = _values(end)
         if not A > 0:
-            raise card.error(f"the area is {A:g}, not positive", "give a positive area")
+            raise card.error(f"the area is {A:g}, not positive", "specify a positive area")
         if min(I1, I2, J, nonstructural) < 0 or I12**2 > I1 * I2 * (1 + LINEAR):
             raise card.error(
-                f"I1 is {I1:g}, I2 {I2:g}, I12 {I12:g}, J {J:g}, NSM {nonstructural:g}",
-                "none but I12 may be negative, and I12² at most I1 I2",
+                f"the section properties are inconsistent: I1 = {I1:g}, I2 = {I2:g}, I12 = {I12:g}, J = {J:g}, "
+                f"NSM = {nonstructural:g}",
+                "only I12 may be negative, and I12² must not exceed I1 I2",
             )
-        if min(own.shear) < 0:
-            raise card.error(f"K1 is {own.shear[0]:g} and K2 {own.shear[1]:g}", "neither may be negative")
-    return own
+        if min(section.shear) < 0:
+            raise card.error(
+                f"K1 is {section.shear[0]:g} and K2 {section.shear[1]:g}", "specify K1 and K2 of at least 0"
+            )
+    return section
 
 
 CENTRED = 1e-6
-"""Distance over the size of a section, within which its places of stress are symmetric about the centroid."""
+"""Tolerance, relative to the section size, for stress recovery points that are symmetric about the centroid."""
 
 
 def bar_shape(card: Card) -> tuple[int, BeamSection]:
-    """MID and section of a PBARL, whose axis is through the centroid."""
+    """MID and section of a PBARL, whose axis is the line of centroids."""
     _, count = _shape(card)
-    own = _section(card, _dimensions(card, 8, count, None))
-    own = replace(own, nonstructural=card.not_negative(8 + count, "the mass NSM", 0.0))
-    return card.integer(1, "the material id"), own
+    section = _section(card, _dimensions(card, 8, count, None))
+    section = replace(section, nonstructural=card.not_negative(8 + count, "the mass NSM", 0.0))
+    return card.integer(1, "the material id"), section
 
 
 def beam_shape(card: Card) -> tuple[int, BeamSection]:
-    """MID and section of a PBEAML at its ends; sections between them have to lie on the line.
+    """MID and section of a PBEAML at its ends; intermediate sections must vary linearly.
 
-    Raises DeckError for stations off the line, and for shapes whose shear centre, which is the axis of a CBEAM, lies beside the
-    centroid: those that are not symmetric about a point.
+    Raises DeckError for non-linear stations, and for shapes whose shear centre (the axis of a CBEAM) is not the
+    centroid: those without point symmetry.
     """
     kind, count = _shape(card)
     dimensions = _dimensions(card, 8, count, None)
@@ -316,33 +343,35 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
     at, between, end_b = 9 + count, [], end_a
     while any(card.text(i) for i in range(at, at + 3 + count)):
         if card.text(at).upper() not in ("", *STATIONS):
-            raise card.error(f"SO (field {at + 2}) is {card.text(at)}", "write YES or NO")
+            raise card.error(f"SO (field {at + 2}) is {card.text(at)}", "set SO to YES or NO")
         x = card.real(at + 1, "the place X/XB", 1.0)
         if not 0 < x <= 1:
-            raise card.error(f"X/XB is {x:g}, no station behind end A", "give places above 0, end B at 1")
+            raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
         blank = not any(card.text(i) for i in range(at + 2, at + 3 + count))
-        own = _section(card, _dimensions(card, at + 2, count, dimensions))
-        own = replace(own, nonstructural=card.not_negative(at + 2 + count, "the mass NSM", mass))
+        station = _section(card, _dimensions(card, at + 2, count, dimensions))
+        station = replace(station, nonstructural=card.not_negative(at + 2 + count, "the mass NSM", mass))
         if x == 1:
-            end_b = own
+            end_b = station
         elif not blank:
-            between.append((x, own))
+            between.append((x, station))
         at += 3 + count
-    for x, own in between:
-        check_station(card, x, own, end_a, end_b)
+    for x, station in between:
+        check_station(card, x, station, end_a, end_b)
     for end in (end_a, end_b):
         if not _symmetric(end.points):
             raise card.error(
-                f"the shear centre of this {kind} is not its centroid: such a section of a CBEAM is not supported",
-                "make it a CBAR with a PBARL, whose axis is through the centroid, with WA and WB where it lies elsewhere",
+                f"the shear centre of {kind} is not the centroid: such CBEAM sections are not supported",
+                "use a CBAR with a PBARL, whose axis is the centroid, and specify offsets with WA and WB",
             )
-    return card.integer(1, "the material id"), end_a if _alike(end_a, end_b) else replace(end_a, at_b=end_b)
+    return card.integer(1, "the material id"), end_a if _equal_sections(end_a, end_b) else replace(end_a, at_b=end_b)
 
 
 def _shape(card: Card) -> tuple[str, int]:
-    """TYPE, and how many dimensions it has."""
+    """TYPE, and its number of dimensions."""
     if card.text(2).upper() not in ("", "MSCBML0"):
-        raise card.error(f"GROUP is {card.text(2)}, not MSCBML0", "give the section by its area and moments")
+        raise card.error(
+            f"GROUP is {card.text(2)}, but must be MSCBML0", "define the section by its area and moments of inertia"
+        )
     kind = card.text(3).upper()
     return kind, SHAPES[kind][0] if kind in SHAPES else 0
 
@@ -355,10 +384,10 @@ def _section(card: Card, dimensions: list[float]) -> BeamSection:
     try:
         return section_of_shape(card.text(3).upper(), dimensions)
     except DeckError as fault:
-        raise card.error(fault.what, fault.remedy or "correct the card and run again") from None
+        raise card.error(fault.what, fault.remedy or "correct the card") from None
 
 
 def _symmetric(points: FloatArray) -> bool:
-    """Is there, for each of the points (p, 2), one on the other side of the centroid?"""
-    apart = np.linalg.norm(points[:, None] + points[None], axis=2).min(axis=1)
-    return bool(apart.max() <= CENTRED * np.abs(points).max())
+    """Whether each of the points (p, 2) has a counterpart on the other side of the centroid."""
+    distance = np.linalg.norm(points[:, None] + points[None], axis=2).min(axis=1)
+    return bool(distance.max() <= CENTRED * np.abs(points).max())

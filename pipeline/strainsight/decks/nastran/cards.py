@@ -1,7 +1,7 @@
 """Nastran text as cards: sections, includes, comments, continuations and the three field formats, with file and line.
 
-Own, because pyyeti's `rdcards` ends a card at a comment between its lines, drops the rest of a large-field card in free
-format, reads past ENDDATA and knows no line numbers. pyyeti is the oracle of the tests.
+pyyeti's `rdcards` is used only in tests. It ends a card at a comment between its lines and drops the rest of a
+large-field card in free format. It reads past ENDDATA and does not report line numbers.
 """
 
 from __future__ import annotations
@@ -20,38 +20,43 @@ from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray, Origin
 
 HEAD = re.compile(r"=(?:\((\d{1,9})\)|(\d{1,9}))?")
-"""First field of such a card."""
+"""First field of a replication card."""
 MOST = 1_000_000
-"""Cards that a deck may make so: nobody writes the rest of a model of this size by hand, and ten lines could fill the memory."""
+"""Largest number of replicated cards; ten lines could otherwise fill the memory."""
 _STEP = re.compile(r"\*(?:\((.+)\)|(.+))")
 
 
-def times(head: str, made: int, line: Line) -> int:
-    """How often =(n) or =n repeats; 1 of a plain =. Raises DeckError where that makes more than MOST, with those made before."""
+def times(head: str, card_count: int, line: Line) -> int:
+    """Number of repetitions of =(n) or =n; 1 for =. Raises DeckError if there are more than MOST, including
+    `card_count`."""
     match = HEAD.fullmatch(head)
     count = int(match[1] or match[2] or 1) if match else 1
-    if made + count > MOST:
-        raise line.error(f"{head} makes {made + count} cards of the deck repeated ones", f"at most {MOST} may be")
+    if card_count + count > MOST:
+        raise line.error(
+            f"{head} makes {card_count + count} replicated cards in the deck",
+            f"reduce the number of replicated cards to at most {MOST}",
+        )
     return count
 
 
 def repeated_fields(fields: Sequence[str], pattern: Sequence[str], line: Line) -> list[str]:
-    """The eight fields of the next card: = is that of the card before, *x the same plus x (blank: x), == all that are left.
+    """The eight fields of the next card: = copies a field of the previous card, *x adds x to it, a blank x repeats,
+    == copies the rest.
 
-    Raises DeckError where *x has no number before it, or is none.
+    Raises DeckError if *x refers to a field that is not a number, or x is not a number.
     """
-    made: list[str] = []
+    result: list[str] = []
     for i in range(8):
         token, before = entry(pattern, i), entry(fields, i)
         if token == "==":
-            return [*made, *(entry(fields, j) for j in range(i, 8))]
+            return [*result, *(entry(fields, j) for j in range(i, 8))]
         if token == "=":
-            made.append(before)
+            result.append(before)
         elif step := _STEP.fullmatch(token):
-            made.append(_sum(before, step[1] or step[2], f"{token} in field {i + 2}", line))
+            result.append(_sum(before, step[1] or step[2], f"{token} in field {i + 2}", line))
         else:
-            made.append(token)
-    return made
+            result.append(token)
+    return result
 
 
 def _sum(before: str, step: str, what: str, line: Line) -> str:
@@ -62,7 +67,7 @@ def _sum(before: str, step: str, what: str, line: Line) -> str:
     x, h = parse_real(before), parse_real(step)
     if x is None or h is None:
         raise line.error(
-            f"{what} adds {step!r} to {before!r}, and both have to be numbers", "correct the card, or write it out"
+            f"{what} adds {step!r} to {before!r}, but both must be numbers", "correct the card, or write it explicitly"
         )
     return repr(x + h)
 
@@ -74,11 +79,12 @@ _INCLUDE = re.compile(r"""\s*INCLUDE(?:\s*=\s*|\s+|(?=['"]))(.*)$""", re.IGNOREC
 _CEND = re.compile(r"\s*CEND\b", re.IGNORECASE)
 _CASE_CONTROL = re.compile(r"\s*(SOL\s+\w+\s*$|CEND\b|SUBCASE\b)", re.IGNORECASE)
 _LONGEST_NAME = 8
-"""Lines over which the name of an included file may go."""
+"""Largest number of lines of an include file name."""
 
 
 class Card(NamedTuple("_Card", [("name", str), ("tokens", list[str]), ("file", str), ("line", int)]), Entries):
-    """One bulk-data entry: NAME (upper case, no asterisk), tokens of the data fields (stripped), where its first line stands."""
+    """One bulk-data entry: NAME (upper case, no asterisk), tokens of the data fields (stripped), file and line of
+    its start."""
 
     __slots__ = ()
     WORD, FIRST = "field", 2
@@ -89,26 +95,26 @@ class Card(NamedTuple("_Card", [("name", str), ("tokens", list[str]), ("file", s
         return f"{self.file}:{self.line}"
 
     def is_blank(self, i: int) -> bool:
-        """Whether a field is blank, or 0, which says the same where an id belongs."""
+        """Whether a field is blank, or 0, which means the same for an id."""
         return self.text(i) in ("", "0")
 
-    def error(self, what: str, remedy: str = "correct the card and run again") -> DeckError:
+    def error(self, what: str, remedy: str = "correct the card") -> DeckError:
         """A DeckError at this card."""
         return DeckError(f"{self.name} {self.text(0)}: {what}", where=self.where, remedy=remedy)
 
 
 class Cards(dict[str, list[Card]]):
-    """Cards by name, those of one name in file order."""
+    """Cards by name, in file order."""
 
     def of(self, *names: str) -> list[Card]:
-        """The cards of these names, one name after the other."""
+        """The cards of these names, name by name."""
         return [card for name in names for card in self.get(name, [])]
 
 
 @dataclass(frozen=True)
 class Deck:
-    """cards by name in file order, the case-control lines, how many lines stand after ENDDATA, the files that are included and
-    notes on them, whether there is a BEGIN BULK, whether ENDDATA shows that the deck is whole, and its last line."""
+    """cards by name in file order, case-control lines, number of lines after ENDDATA, included files and notes on
+    them, whether there is a BEGIN BULK, whether there is an ENDDATA, and the last line."""
 
     cards: Cards
     case_control: tuple[Line, ...]
@@ -121,7 +127,7 @@ class Deck:
 
 
 def unique_ids(cards: Sequence[Card], what: str) -> IntArray:
-    """First fields (n,) of the cards as ids; DeckError where one is not positive or stands twice."""
+    """First fields (n,) of the cards as ids; DeckError if one is not positive or not unique."""
     ids = np.array([card.integer(0, f"the {what} id") for card in cards], dtype=np.int64)
     if ids.size and ids.min() < 1:
         raise cards[int(np.argmin(ids))].error(f"the {what} id must be positive")
@@ -130,29 +136,29 @@ def unique_ids(cards: Sequence[Card], what: str) -> IntArray:
 
 
 class Elements(NamedTuple):
-    """Elements (n,): their cards, ids and regions."""
+    """Elements (n,): cards, ids and regions."""
 
     cards: Sequence[Card]
     ids: IntArray
     region: IntArray
 
     def of(self, names: Collection[str]) -> Elements:
-        """Those on cards of these names."""
+        """The elements on cards of these names."""
         rows = np.flatnonzero([card.name in names for card in self.cards])
         return Elements([self.cards[i] for i in rows.tolist()], self.ids[rows], self.region[rows])
 
 
 def origin(ids: IntArray, cards: Sequence[Card]) -> Origin:
-    """Where the entities with these ids (n,) stand, one a card."""
+    """File and line of the entities with these ids (n,), one a card."""
     return Origin.at(ids, [(card.file, card.line) for card in cards])
 
 
 def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
-    """All cards of a deck and of what it includes.
+    """All cards of a deck and its included files.
 
-    Without BEGIN BULK the whole file is bulk data. An INCLUDE may leave the folder of the deck for those of `include` only; one
-    before CEND is passed over, as there is no model in it. ENDDATA may be missing: `Deck.ended`.
-    Raises DeckError for a file that is missing, empty or binary, and for lines that are no card.
+    Without BEGIN BULK the whole file is bulk data. An INCLUDE may leave the folder of the deck only for the folders
+    in `include`; an INCLUDE before CEND is skipped, because it contains no model. ENDDATA may be missing:
+    `Deck.ended`. Raises DeckError for a file that is missing, empty or binary, and for lines that are not cards.
     """
     path = Path(path)
     includes = Includes.of(path, include)
@@ -164,39 +170,37 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
         line = lines[begins[-1]]
         raise line.error(
             f"{line.text.strip()!r}: superelements are not supported",
-            "give the deck of one structure with one BEGIN BULK",
+            "export the deck of one structure with one BEGIN BULK",
         )
     start = begins[0] + 1 if begins else 0
     if not begins:
         for line in lines:
             if _CASE_CONTROL.match(line.text):
-                raise line.error(f"{line.text.strip()!r} without BEGIN BULK", "add the line BEGIN BULK")
+                raise line.error(f"found {line.text.strip()!r}, but BEGIN BULK is missing", "add the line BEGIN BULK")
     end = next((i for i in range(start, len(lines)) if _ENDDATA.match(lines[i].text)), len(lines))
     ended = end < len(lines)
     cards = Cards()
     for card in _cards(lines[start:end]):
         cards.setdefault(card.name, []).append(card)
     if not cards:
-        raise error_at(path, "the deck holds no bulk data", "check that this is the right file")
+        raise error_at(path, "the deck contains no bulk data", "check that the path is correct")
     case_control = tuple(lines[: begins[0]]) if begins else ()
     after = max(len(lines) - end - 1, 0)
     return Deck(cards, case_control, after, included, tuple(includes.notes), bool(begins), ended, lines[-1])
 
 
 def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Generator[Line, None, bool]:
-    """Lines of a file and, up to ENDDATA, of those it includes; returns whether ENDDATA was among them.
+    """Lines of a file and, up to ENDDATA, of its included files; returns whether ENDDATA was found.
 
-    A name without a folder is that of a file beside the one that it stands in, others are relative to the folder of the deck,
-    as in MSC and NX Nastran; in decks of OptiStruct (.fem) all are relative to the file that they stand in.
+    A name without a folder is relative to the including file, other names to the folder of the deck, as in MSC and
+    NX Nastran; in OptiStruct decks (.fem) all names are relative to the including file.
     """
     ended = False
     lines = text_lines(path)
-    control = next(
-        (i for i, line in enumerate(lines) if _CEND.match(line)), 0
-    )  # lines of executive control: no model is in them
+    control = next((i for i, line in enumerate(lines) if _CEND.match(line)), 0)  # executive control contains no model
     passed = 0
     for number, raw in enumerate(lines, start=1):
-        if number <= passed:  # the rest of a name
+        if number <= passed:  # continuation of a file name
             continue
         if not ended and "INCLUDE" in raw[:40].upper() and (match := _INCLUDE.match(raw)):
             above = (*parents, path.resolve())
@@ -214,7 +218,7 @@ def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Generat
 
 
 def _file_name(argument: str, following: Sequence[str], where: str) -> tuple[str, int]:
-    """The name behind INCLUDE, and over how many of the following lines it goes on, up to its quotation mark."""
+    """The file name after INCLUDE, and the number of following lines that it uses, up to its closing quotation mark."""
     whole = argument.strip()
     for more, line in enumerate(["", *following]):
         whole += line.strip()
@@ -222,12 +226,14 @@ def _file_name(argument: str, following: Sequence[str], where: str) -> tuple[str
             return (quoted[2] if quoted[1] else quoted[3]), more
         if whole[:1] not in ("'", '"'):
             break
-    raise error_at(where, f"INCLUDE {argument.strip()}: no complete file name", "write INCLUDE 'file' on one line")
+    raise error_at(
+        where, f"INCLUDE {argument.strip()}: the file name is incomplete", "write INCLUDE 'file' on one line"
+    )
 
 
 class _Piece(NamedTuple):
-    """A line of a card: its name, or the mark of a continuation; its data fields; the mark of the line that continues it; how
-    many lines of the large format it makes, 0 in another format."""
+    """A line of a card: its name or continuation mark; data fields; mark of its continuation; number of large-format
+    lines, 0 in another format."""
 
     line: Line
     head: str
@@ -243,8 +249,8 @@ class _Piece(NamedTuple):
 def _cards(lines: list[Line]) -> Iterator[Card]:
     pieces = [_cut(line) for line in _joined(lines)]
     follower = _continuations(pieces)
-    pattern: list[str] | None = None  # of the card before, where that repeats one itself
-    name, made = "", 0
+    pattern: list[str] | None = None  # of the previous card, if it is a replication
+    name, card_count = "", 0
     fields: list[str] = []
     for i, piece in enumerate(pieces):
         if piece.continues:
@@ -253,12 +259,12 @@ def _cards(lines: list[Line]) -> Iterator[Card]:
         if piece.head[0] == "=":
             if not name or len(fields) != 8 or (pattern is None and piece.head != "="):
                 raise line.error(
-                    f"{line.text.strip()[:24]!r} repeats no card that stands on one line before it",
-                    "write repeated cards out",
+                    f"{line.text.strip()[:24]!r} does not repeat a card of one line",
+                    "write the repeated cards explicitly",
                 )
             pattern = piece.data if piece.head == "=" else pattern
-            count = times(piece.head, made, line)
-            made += count
+            count = times(piece.head, card_count, line)
+            card_count += count
             for _ in range(count):
                 fields = repeated_fields(fields, pattern or [], line)
                 yield Card(name, fields, line.file, line.number)
@@ -275,7 +281,7 @@ def _cards(lines: list[Line]) -> Iterator[Card]:
 
 
 def _joined(lines: list[Line]) -> Iterator[Line]:
-    """Lines in free format that end in a comma, with the rest of their fields where the next line begins with a number."""
+    """Lines, where a free-format line that ends in a comma is joined with a next line that begins with a number."""
     before: Line | None = None
     for line in lines:
         if before and before.text[-1] == "," and line.text[0] in "0123456789.-":
@@ -289,11 +295,10 @@ def _joined(lines: list[Line]) -> Iterator[Line]:
 
 
 def _continuations(pieces: list[_Piece]) -> dict[int, int]:
-    """Line → the line that continues it: the next one where its mark fits or is blank, else the one with the same mark, wherever
-    it stands. Column 1 of a mark does not count, and in a deck whose lines end in no marks no mark does.
+    """Line → its continuation: the next line if its mark matches or is blank, else the line with the same mark.
+    Column 1 of a mark is ignored, and all marks are ignored if no line ends in a mark.
 
-    Raises DeckError for a mark without its other end, one that stands twice where lines are not in order, and two lines that
-    continue the same one.
+    Raises DeckError for an unmatched mark, an ambiguous mark, and two continuations of one line.
     """
     ending: dict[str, list[int]] = {}
     beginning: dict[str, list[int]] = {}
@@ -311,50 +316,51 @@ def _continuations(pieces: list[_Piece]) -> dict[int, int]:
         if key and ending and before not in ending.get(key, []):
             before = _other_end(pieces, i, ending.get(key, []), beginning[key])
         if before < 0 or pieces[before].head[:1] == "=":
-            what = "a continuation with no card before it"
+            what = "the continuation has no preceding card"
             raise piece.line.error(what, "correct the order of the lines")
         if before in follower:
             raise piece.line.error(
-                f"a second continuation of line {pieces[before].line.where} (first at {pieces[follower[before]].line.where})",
-                "give every line and its continuation a mark of their own",
+                f"a second line continues {pieces[before].line.where} (first at {pieces[follower[before]].line.where})",
+                "use a unique mark for each line and its continuation",
             )
         follower[before] = i
     for i, piece in enumerate(pieces):
         if piece.mark[:1] in ("+", "*") and _key(piece.mark) and i not in follower:
             raise piece.line.error(
-                f"no continuation has the mark {piece.mark!r} of this line",
+                f"no line continues the mark {piece.mark!r} of this line",
                 "add the continuation, or remove the mark if the card ends here",
             )
     return follower
 
 
 def _other_end(pieces: list[_Piece], i: int, ending: list[int], beginning: list[int]) -> int:
-    """The only line that ends in the mark with which line i begins."""
+    """The only line that ends in the mark at the beginning of line i."""
     piece = pieces[i]
     if len(ending) == 1 == len(beginning) and ending[0] != i:
         return ending[0]
     again = [pieces[j].line.where for j in sorted({*ending, *beginning} - {i})]
     raise piece.line.error(
         f"continuation {piece.head!r}: "
-        + (f"its mark also stands at {', '.join(again[:3])}" if ending else "no line ends in its mark"),
-        "put the continuation behind the line that it continues, or give both a mark of their own",
+        + (f"its mark is also used at {', '.join(again[:3])}" if ending else "no line ends in its mark"),
+        "move the continuation after its line, or use a unique mark for both",
     )
 
 
 def _key(mark: str) -> str:
-    """What of a mark has to agree."""
+    """The part of a mark that must match."""
     return mark.lstrip("+*").strip()
 
 
 def _cut(line: Line) -> _Piece:
-    """A line as head, data fields (8 a line, or 4 in large format) and mark of the next line.
+    """Parse a line into head, data fields (8 a line, or 4 in large format) and mark of the next line.
 
-    In free format what is beyond the fields of a line is on the next one; marks may stand between: `…,6,+,+,7,8` and `…,6,7,8`.
+    In free format surplus fields belong to the next line, with or without marks between them: `…,6,+,+,7,8` and
+    `…,6,7,8`.
     """
     text = line.text
     if "," in text:
         tokens = [token.strip() for token in text.split(",")]
-        if not text[:8].strip():  # a continuation whose first field is blank
+        if not text[:8].strip():  # a continuation with a blank first field
             tokens = ["", *tokens]
         head = tokens[0].upper()
         large = int("*" in head)
@@ -373,17 +379,17 @@ def _cut(line: Line) -> _Piece:
         if head and text[0] == " " and head[0] not in "+*":
             raise line.error(
                 f"{head!r} does not begin in column 1",
-                "a card begins in column 1, a continuation with eight blanks, + or *",
+                "start a card in column 1, and a continuation with eight blanks, + or *",
             )
     if head and head[0] not in "+*":
         head = head.rstrip("*").rstrip()
         if not head[:1].isalpha() and not HEAD.fullmatch(head):
-            raise line.error(f"{text.strip()[:24]!r} is no bulk-data card", "a card begins with its name")
+            raise line.error(f"{text.strip()[:24]!r} is not a bulk-data card", "start each card with its name")
     return _Piece(line, head, data, mark, large)
 
 
 def _free_fields(tokens: list[str], width: int, line: Line) -> tuple[list[str], str]:
-    """Data fields of a line in free format, a multiple of `width`, and the mark behind them."""
+    """Data fields of a line in free format, a multiple of `width`, and the mark after them."""
     data: list[str] = []
     while tokens and not tokens[-1]:
         tokens.pop()
@@ -398,7 +404,7 @@ def _free_fields(tokens: list[str], width: int, line: Line) -> tuple[list[str], 
             elif parse_real(tokens[0]) is None:
                 raise line.error(
                     f"the mark {tokens[0]!r} in field {width + 2} is followed by {tokens[1]!r} on the same line",
-                    "begin a new line behind the mark, or remove it",
+                    "start a new line after the mark, or remove the mark",
                 )
         if not tokens:
             return data, ""

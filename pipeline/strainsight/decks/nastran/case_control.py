@@ -1,4 +1,4 @@
-"""Lists of ids, named sets and PARAM of a Nastran deck: what its case control selects and changes."""
+"""Id lists, sets and PARAM of a Nastran deck, and the selections of its case control."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _SET = re.compile(r"\s*SET\s+(\d+)\s*=\s*(.*)$", re.IGNORECASE)
 
 
 def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntArray, IntArray]:
-    """Ids of a list such as 1, 4, THRU, 9, EXCEPT, 7, BY, 2 on the ids that exist.
+    """Ids of a list such as 1, 4, THRU, 9, EXCEPT, 7, BY, 2, restricted to the existing ids.
 
-    A range takes what exists of it; a single id need not exist. existing (n,) sorted.
-    Returns (all ids in the order of the list, those stated singly that do not exist). Raises DeckError for other words.
+    A range contains only existing ids; a single id need not exist. existing (n,) sorted. Returns (all ids in the
+    order of the list, single ids that do not exist). Raises DeckError for other words.
     """
     words = [token.upper() for token in tokens if token]
     parts: list[IntArray] = []
@@ -36,7 +36,11 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
                 excluded.add(value)
                 i += 1
             if not excluded or not parts:
-                raise error_at(where, "EXCEPT without ids of the range before it", "write first THRU last EXCEPT ids")
+                raise error_at(
+                    where,
+                    "EXCEPT must be followed by ids of the preceding range",
+                    "write the list as: first THRU last EXCEPT ids",
+                )
             parts[-1] = parts[-1][~np.isin(parts[-1], list(excluded))]
             continue
         first = _id(words[i], where)
@@ -46,7 +50,7 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
             if i < len(words) and words[i] == "BY":
                 step, i = _id(words[i + 1] if i + 1 < len(words) else "", where), i + 2
             if high < low:
-                raise error_at(where, f"the range {low} THRU {high} runs backwards", "write the lower id first")
+                raise error_at(where, f"the range {low} THRU {high} is decreasing", "write the lower id first")
             within = existing[np.searchsorted(existing, low) : np.searchsorted(existing, high, side="right")]
             parts.append(within[(within - low) % step == 0])
             continue
@@ -63,8 +67,8 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
 def _id(word: str, where: str) -> int:
     value = parse_integer(word)
     if value is None or value < 1:
-        what = f"an id {no_integer(word)}" if value is None and is_whole(word) else f"{word!r} is no id"
-        raise error_at(where, what, "ids are positive integers, ranges first THRU last")
+        what = f"an id {no_integer(word)}" if value is None and is_whole(word) else f"{word!r} is not an id"
+        raise error_at(where, what, "use positive integers, and ranges first THRU last")
     return value
 
 
@@ -73,9 +77,9 @@ def sets(
 ) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
     """Node sets and element sets by name.
 
-    SET1 holds nodes, SET3 says what it holds. SET of the case control does not say: it is a node set where all its
-    single ids are nodes, an element set where all are elements, and both where both are true. node_ids and element_ids
-    sorted; left_out: cards that the reader was asked to leave out.
+    SET1 contains nodes; SET3 states its type. A SET of the case control is a node set if all its single ids are
+    nodes, an element set if all are elements, and both if both are true. node_ids and element_ids sorted; left_out:
+    ignored cards.
     """
     nodes: dict[str, IntArray] = {}
     elements: dict[str, IntArray] = {}
@@ -83,13 +87,13 @@ def sets(
         if "ALL" in tokens or not all(token in ("THRU", "EXCEPT", "BY") or parse_integer(token) for token in tokens):
             ignored["SET of the case control"] += 1
             continue
-        taken = False
-        for found, ids in ((nodes, node_ids), (elements, element_ids)):
+        is_set = False
+        for sets_by_name, ids in ((nodes, node_ids), (elements, element_ids)):
             members, missing = expand(tokens, ids, where)
             if members.size and not missing.size:
-                found[f"SET-{number}"] = np.unique(members)
-                taken = True
-        if not taken:
+                sets_by_name[f"SET-{number}"] = np.unique(members)
+                is_set = True
+        if not is_set:
             ignored["SET of the case control"] += 1
     for card in deck.cards.of("SET1"):
         tokens = [token for token in card.tokens[1:] if token.upper() != "SKIN"]
@@ -99,21 +103,21 @@ def sets(
             case "GRID" | "POINT":
                 nodes[_name(card, nodes)] = _members(card, card.tokens[2:], node_ids, "node")
             case "ELEM" | "ELEMENT":
-                own = card.tokens[2:]
-                if other := _others({**left_out, **deck.cards}, own, element_ids, card.where):
+                member_tokens = card.tokens[2:]
+                if other := _others({**left_out, **deck.cards}, member_tokens, element_ids, card.where):
                     ignored["SET3 with elements that are not imported"] += 1
-                    own = [token for token in own if token not in other]
-                if any(own):
-                    elements[_name(card, elements)] = _members(card, own, element_ids, "element")
+                    member_tokens = [token for token in member_tokens if token not in other]
+                if any(member_tokens):
+                    elements[_name(card, elements)] = _members(card, member_tokens, element_ids, "element")
             case _:
                 ignored["SET3"] += 1
     return nodes, elements
 
 
-def _name(card: Card, found: dict[str, IntArray]) -> str:
+def _name(card: Card, sets_by_name: dict[str, IntArray]) -> str:
     name = f"{card.name}-{card.integer(0, 'the set id')}"
-    if name in found:
-        raise card.error("the set id stands twice", "give every set its own id")
+    if name in sets_by_name:
+        raise card.error("the set id is used twice", "number every set uniquely")
     return name
 
 
@@ -125,33 +129,36 @@ def _members(card: Card, tokens: Sequence[str], existing: IntArray, what: str) -
 
 
 def _others(cards: Mapping[str, Sequence[Card]], tokens: Sequence[str], imported: IntArray, where: str) -> set[str]:
-    """The tokens that are single ids of elements of the deck beside those that are imported."""
+    """Tokens that are single ids of elements in the deck that are not imported."""
     missing = {str(number) for number in expand(tokens, imported, where)[1].tolist()}
     if not missing:
         return missing
-    return missing & {card.text(0) for name, own in cards.items() if name[0] in "CR" for card in own}
+    return missing & {
+        card.text(0) for name, cards_of_name in cards.items() if name[0] in "CR" for card in cards_of_name
+    }
 
 
 def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
-    """(number, words, where) of each SET, over lines that end in a comma."""
-    found: list[tuple[int, list[str], str]] = []
+    """(number, words, where) of each SET, including continuation lines after a comma."""
+    definitions: list[tuple[int, list[str], str]] = []
     continued = False
     for line in deck.case_control:
         match = _SET.match(line.text)
         if match:
-            found.append((_id(match[1], line.where), [], line.where))
+            definitions.append((_id(match[1], line.where), [], line.where))
         if match or continued:
             text = match[2] if match else line.text
-            found[-1][1].extend(text.replace(",", " ").upper().split())
+            definitions[-1][1].extend(text.replace(",", " ").upper().split())
             continued = line.text.endswith(",")
-    return found
+    return definitions
 
 
 @dataclass(frozen=True)
 class CardSets:
-    """Sets of supports ("SPC") or relations ("MPC"), what they are called; cards of all; combined: set → sets that an SPCADD or
-    MPCADD makes it of; ids of all, and top: those that are part of no other; chosen: ids, as written, that lines "SPC = n" of the
-    case control select, and the first line of each; left_out: some cards were, so that none need be there."""
+    """Sets of supports ("SPC") or relations ("MPC"), with their name `what`; cards of all; combined: set → sets of
+    its SPCADD or MPCADD; ids of all, top: sets that are not part of another; chosen: ids, as written, selected by
+    lines "SPC = n" of the case control, with the first line of each; left_out: some cards are ignored, so sets may be
+    missing."""
 
     what: str
     cards: list[Card]
@@ -162,7 +169,7 @@ class CardSets:
     left_out: bool
 
     def parts(self, number: int) -> set[int]:
-        """Sets that a set is made of, or itself."""
+        """Sets that form a combined set, or the set itself."""
         return self.combined.get(number, {number})
 
     def card(self, number: int) -> Card:
@@ -170,11 +177,11 @@ class CardSets:
         return next(card for card in self.cards if int(card.tokens[0]) == number)
 
     def choices(self, more: str = "") -> str:
-        """What to do about a set that is not there; more: beside selecting another one."""
+        """Remedy for a missing set; more: alternative to the selection of another set."""
         return f"select one of {', '.join(map(str, sorted(self.ids)))}{more}" if self.ids else "add the set"
 
     def select(self, more: str) -> int:
-        """The set that the first line selects. Raises DeckError, with `more` as remedy, where it is not there."""
+        """The set that the first line selects. Raises DeckError, with `more` in the remedy, if it is missing."""
         text, line = next(iter(self.chosen.items()))
         number = parse_integer(text) or 0
         if number not in self.ids and not self.left_out:
@@ -183,16 +190,16 @@ class CardSets:
 
 
 def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) -> CardSets:
-    """The sets on cards of these names. Raises DeckError for a set that is part of one and has no card."""
+    """The sets on cards of these names. Raises DeckError for a combined set with a missing member."""
     single = {card.integer(0, "the set id") for card in deck.cards.of(*names)}
     combined: dict[int, set[int]] = {}
     for card in deck.cards.of(f"{what}ADD"):
         number = card.integer(0, "the set id")
         if number in combined:
-            raise card.error("the set id stands twice")
+            raise card.error("the set id is used twice")
         combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
         if (lost := combined[number] - single) and not left_out:
-            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or take it out")
+            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or remove it here")
     ids = single | set(combined)
     chosen: dict[str, Line] = {}
     for line in deck.case_control:
@@ -203,11 +210,11 @@ def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) ->
 
 
 HONOURED = ("WTMASS",)
-"""Those that count here as in Nastran."""
+"""Parameters with the same effect as in Nastran."""
 SCALES = ("CK1", "CK2", "CK3", "CM1", "CM2", "CB1", "CB2", "CP1", "CP2")
-"""Factors on stiffness, mass, damping and loads: without effect where they are 1."""
+"""Factors on stiffness, mass, damping and loads, without effect if they are 1."""
 STRUCTURE = (*SCALES, "LGDISP", "INREL")
-"""Those that make the structure another one, or hold it in another way: large displacements, inertia relief."""
+"""Parameters that change the structure or its supports: large displacements, inertia relief."""
 NONE = (
     *("POST", "POSTEXT", "PRGPST", "PRTMAXIM", "PRTRESLT", "GRDPNT", "OGEOM", "OUGCORD", "OMAXR", "EXTOUT"),
     *("ECHO", "NOCOMPS", "AUTOSPC", "AUTOSPCR", "EPZERO", "EPPRT", "SPCGEN", "SINGULAR", "MAXRATIO", "BAILOUT"),
@@ -216,8 +223,8 @@ NONE = (
     *("HYBRID", "K6ROT", "SNORM", "COUPMASS", "TINY", "SHIFT1", "AUNITS", "DBALL", "NASPRT", "NEWSEQ", "SOLVE"),
     *("UNSYMF", "TABS"),
 )
-"""Output, checks, residual vectors, damping (which the config states), and what elements of another program do within: drilling
-stiffness, normals and masses. Elements here have their own, and mass is consistent: COUPMASS that lumps it is of the others."""
+"""Parameters without effect: output, checks, residual vectors, damping (set in the config), and element details of
+other programs (drilling stiffness, normals, mass). COUPMASS for a lumped mass is not one of them."""
 _LINE = re.compile(r"\s*PARAM[\s,]+([A-Z][A-Z0-9]*)[\s,=]+([^\s,$]+)", re.IGNORECASE)
 
 
@@ -228,36 +235,38 @@ def _of_case_control(deck: Deck) -> list[Card]:
 
 
 def mass_scale(deck: Deck) -> float:
-    """PARAM WTMASS: the factor that turns the deck's weights into masses.
+    """PARAM WTMASS: the factor from weights of the deck to masses.
 
-    Raises DeckError where it is not positive, and where bulk data and case control, or subcases, state different ones."""
-    found = _named(deck.cards.of("PARAM"), "WTMASS")[-1:]  # of the bulk data the last one counts
-    found += _named(_of_case_control(deck), "WTMASS")
-    factors = [card.real(1, "the factor") for card in found]
-    for card, scale in zip(found, factors, strict=True):
+    Raises DeckError if it is not positive, and if bulk data, case control or subcases differ.
+    """
+    definitions = _named(deck.cards.of("PARAM"), "WTMASS")[-1:]  # the last one of the bulk data applies
+    definitions += _named(_of_case_control(deck), "WTMASS")
+    factors = [card.real(1, "the factor") for card in definitions]
+    for card, scale in zip(definitions, factors, strict=True):
         if scale <= 0:
             raise card.error(f"the factor is {scale:g}, not positive")
         if scale != factors[0]:
             raise card.error(
-                f"the factor is {scale:g}, and {factors[0]:g} at {found[0].where}", "state the one that holds, once"
+                f"the factor is {scale:g} here, but {factors[0]:g} at {definitions[0].where}",
+                "keep only the correct one",
             )
     return factors[0] if factors else 1.0
 
 
 def lumped(deck: Deck) -> bool:
-    """Whether a deck says that its mass is lumped: COUPMASS, in its last card, that is not positive."""
+    """Whether the last COUPMASS is not positive, so that the mass of the deck is lumped."""
     return any((parse_real(card.text(1)) or 0) <= 0 for card in _named(_parameters(deck), "COUPMASS")[-1:])
 
 
 def large_displacements(deck: Deck) -> bool | None:
-    """What LGDISP states, in its last card; None where there is none."""
-    found = _named(_parameters(deck), "LGDISP")
-    return (parse_real(found[-1].text(1)) or 0) > 0 if found else None
+    """Whether the last LGDISP activates large displacements; None without LGDISP."""
+    parameters = _named(_parameters(deck), "LGDISP")
+    return (parse_real(parameters[-1].text(1)) or 0) > 0 if parameters else None
 
 
 def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dict[str, str]:
-    """Count what is not honoured, "PARAM POST", and say what each does: "structure" or "none" (see `Mesh`); a name that is nearly
-    one of those that count is a doubt."""
+    """Count PARAM that are not used, "PARAM POST", and return the effect of each: "structure" or "none" (see
+    `Mesh`). A name that resembles a used one is a doubt."""
     effect = {}
     for card in _parameters(deck):
         name = card.text(0).upper()
@@ -271,7 +280,7 @@ def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dic
         elif name in STRUCTURE or name in NONE:
             effect[f"PARAM {name}"] = "structure" if name in STRUCTURE else "none"
         elif meant := get_close_matches(name, (*HONOURED, *STRUCTURE), n=1, cutoff=0.8):
-            notes.append(Doubt(f"PARAM {name} ({card.where}) is not known and has no effect: did you mean {meant[0]}?"))
+            notes.append(Doubt(f"PARAM {name} ({card.where}) is unknown and has no effect: did you mean {meant[0]}?"))
     return effect
 
 

@@ -1,4 +1,4 @@
-"""Nastran decks: solids, shells, beams, materials, supports, ties and masses; the rest is counted, never dropped."""
+"""Nastran decks: solids, shells, beams, materials, supports, ties and masses; everything else is counted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from strainsight.decks.nastran.properties import properties
 from strainsight.decks.nastran.shells import SHELLS
 from strainsight.decks.nastran.solids import SOLIDS, read_solids, straight_sides, with_middles
 from strainsight.decks.nastran.springs import MASSES, SPRINGS, fixed_components, point_masses, springs
-from strainsight.decks.nastran.thin import TAKEN as THIN
+from strainsight.decks.nastran.thin import IMPORTED as THIN
 from strainsight.decks.nastran.thin import read_thin
 from strainsight.decks.nastran.ties import NAMES as RIGID_BARS
 from strainsight.decks.nastran.ties import averaging_elements, rigid_bars, rigid_elements, selected_cards, terms
@@ -32,7 +32,7 @@ from strainsight.mesh.thin import nodes_that_turn
 from strainsight.mesh.units import rescaled
 
 STRUCTURE = (*("K2GG", "M2GG", "K2PP", "M2PP", "A2GG", "SUPORT1", "BCONTACT", "BCSET", "BGSET", "NSM", "DEFORM"),)
-"""Matrices beside the elements, supports of a free structure, contact, more mass."""
+"""Matrices, supports of a free structure, contact and additional mass."""
 _LINE = re.compile(rf"\s*({'|'.join(STRUCTURE)})\b\s*(\(.*?\))?\s*=", re.IGNORECASE)
 SYSTEM_FIELDS: Mapping[str, Sequence[int]] = {
     "GRID": (1, 5),
@@ -48,25 +48,25 @@ SYSTEM_FIELDS: Mapping[str, Sequence[int]] = {
     "PLOAD4": (8,),
     **dict.fromkeys(BY_POINTS, (1,)),
 }
-"""Card → fields that name a coordinate system; of a shell a whole number is one, a real number an angle."""
+"""Card → fields that refer to a coordinate system; in a shell an integer is a system, a real number an angle."""
 
 
 def unused_systems(cards: Cards) -> dict[str, int]:
-    """CORD1 and CORD2 that no card refers to, "CORD2R that no card refers to" → how many."""
+    """CORD1 and CORD2 that no card uses, "CORD2R that no card refers to" → count."""
     used = {
         parse_integer(card.text(i)) for name, fields in SYSTEM_FIELDS.items() for card in cards.of(name) for i in fields
     }
-    found: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for name in (*BY_POINTS, *BY_NODES):
-        # a CORD1 may define two
+        # a CORD1 may define two systems
         of_card = (0, 4) if name in BY_NODES else (0,)
         ids = [parse_integer(card.text(i)) for card in cards.of(name) for i in of_card if card.text(i)]
-        if count := sum(own not in used for own in ids):
-            found[f"{name} that no card refers to"] = count
-    return found
+        if count := sum(number not in used for number in ids):
+            counts[f"{name} that no card refers to"] = count
+    return counts
 
 
-TAKEN = {
+IMPORTED = {
     *("GRID", "GRDSET", "PSOLID", "PCOMPS", "MAT1", "MAT2", "MAT8", "SPC", "SPC1", "SPCADD", "RBE2", "RBE3"),
     *("MPC", "MPCADD", "PMASS", "SET1", "SET3"),
     *(*ANISOTROPIC, *MASSES, *RIGID_BARS, *SOLIDS, *THIN, *LOADS, *SPRINGS, *BY_POINTS, *BY_NODES),
@@ -80,7 +80,7 @@ UNSUPPORTED = re.compile(
     r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BE2GS|TRPLT|SPLINE|JOINT|SSCON)|DMIG|NSM"
     r"|PLOAD|ACCEL|SLOAD|LOADCY|DEFORM|(FORCE|MOM|PRES)AX$|" + _CONTACT
 )
-"""Elements, ties, bonded faces, contact, preloaded bolts and static loads: what a model is not the same without."""
+"""Elements, ties, bonded faces, contact, preloaded bolts and static loads without which the model is wrong."""
 CONTROL = re.compile(
     r"PARAM$|BGPARM|BCTPARM|BCPARA|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|SPCD|TEMP"
     r"|FORCE|RFORCE|MDLPRM|NLPARM|lines after ENDDATA"
@@ -91,31 +91,33 @@ def read_nastran(
     path: Path,
     *,
     required: bool = True,
-    stated: bool = True,
+    materials_required: bool = True,
     ignore: Sequence[str] = (),
     spc: int | None = None,
     include: Sequence[Path] = (),
 ) -> Mesh:
-    """A Nastran deck in its own units, with its own ids.
+    """Read a Nastran deck with its units and ids.
 
-    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, PCOMPS, MAT1, MAT9 and MAT11
-    of solids, MAT8 of plies, what `thin` takes, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR, RBAR1, RROD, RBE1, `MASSES`,
-    springs, the static loads of `static_loads`, SET1, SET3, case-control SPC, MPC and SET, PARAM WTMASS (also of the case
-    control), INCLUDE. Every other card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5 of
-    the bulk data "SET1-5". Without a selection in the case control the only set of supports counts.
-    required: there have to be elements, and properties of shells and beams; stated: PSOLID and MAT1 of all of them; ignore:
-    cards that are left out, and MISSING ENDDATA, without which a deck with BEGIN BULK has to end; spc: set of supports that
-    counts, whatever is selected; include: folders beside the deck's own that INCLUDE may read from.
-    Raises DeckError with file:line for what cannot be imported as it stands.
+    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, PCOMPS, MAT1,
+    MAT9 and MAT11 of solids, MAT8 of plies, the cards of `thin`, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR,
+    RBAR1, RROD, RBE1, `MASSES`, springs, the static loads of `static_loads`, SET1, SET3, case-control SPC, MPC and
+    SET, PARAM WTMASS (also of the case control), INCLUDE. Every other card is counted in `ignored`. SET 5 of the case
+    control is the set "SET-5", SET1 5 of the bulk data "SET1-5". Without a selection in the case control the only
+    support set is used. required: require elements, and properties of shells and beams; materials_required: require
+    PSOLID and MAT1 of all elements; ignore: cards to leave out, and MISSING ENDDATA to accept a deck with BEGIN BULK
+    and without ENDDATA; spc: support set instead of the selected one; include: further folders of included files.
+    Raises DeckError with file:line for unsupported input.
     """
     path = Path(path)
     deck = read_deck(path, include)
     notes = [*_unended(deck, ignore), *deck.notes]
     cut = deck.begun and not deck.ended
     cards = deck.cards
-    left_out = {name: cards.pop(name) for name in {spelt(name) for name in ignore} & {*cards} & TAKEN}
-    ignored = Counter({name: len(found) for name, found in left_out.items()})  # others are counted anyway
-    first = {name: found[0].where for name, found in cards.items()}
+    left_out = {name: cards.pop(name) for name in {spelt(name) for name in ignore} & {*cards} & IMPORTED}
+    ignored = Counter(
+        {name: len(cards_of_name) for name, cards_of_name in left_out.items()}
+    )  # others are counted anyway
+    first = {name: cards_of_name[0].where for name, cards_of_name in cards.items()}
     grids, middles = with_middles(cards, read_grids(cards, notes, path), notes)
     nodes = grids.nodes
     blocks, solids = read_solids(cards, nodes, grids.position, notes)
@@ -124,12 +126,12 @@ def read_nastran(
     if required and not (blocks or thin.shells or thin.beams):
         raise error_at(
             path,
-            "the deck holds no solid element, and no shell or beam",
-            f"the model needs {FAMILIES} ({', '.join(SOLIDS)}), CQUAD4, CTRIA3, CBAR or CBEAM",
+            "the deck contains no solid, shell or beam elements",
+            f"add elements of these types: {FAMILIES} ({', '.join(SOLIDS)}), CQUAD4, CTRIA3, CBAR or CBEAM",
         )
     ignored += thin.left_out
     element_ids = np.concatenate([solids.ids, thin.elements.ids])
-    region_properties = rescaled(properties(cards, blocks, grids, thin, ignored, notes, stated), mass=scale)
+    region_properties = rescaled(properties(cards, blocks, grids, thin, ignored, notes, materials_required), mass=scale)
     ties = cards.of("RBE2", "RBE3", *RIGID_BARS)
     tie_ids = unique_ids(ties, "rigid element")
     turned = nodes_that_turn(thin.shells, thin.beams)
@@ -152,9 +154,9 @@ def read_nastran(
     free = spelt(ENFORCED) in {spelt(name) for name in ignore}
     fixed = fixed_components(deck, nodes, grids.permanent, ignored, notes, spc, free)
     sprung = springs(cards, grids, notes)
-    turning |= {int(row) for own in sprung for row in own.turned}
+    turning |= {int(row) for spring in sprung for row in spring.turned}
     masses = point_masses(cards, grids, scale, turning, notes)
-    # a plate that is left out still says where a pressure acts
+    # an ignored plate still locates a pressure load
     loaded_cards = Cards({**{name: left_out[name] for name in PLATES if name in left_out}, **cards})
     mesh = Mesh(nodes.ids, grids.position, blocks, shells=thin.shells)
     loads = static_loads(loaded_cards, grids, mesh, turning, notes)
@@ -166,7 +168,7 @@ def read_nastran(
         del ignored["PARAM COUPMASS"]
     ignored.update({MISSING_END: 1} if cut else {})
     by_temperature = any(name.startswith("MATT") for name in cards)
-    said, doubts = notes_and_doubts(notes)
+    messages, doubts = notes_and_doubts(notes)
     return Mesh(
         **vars(region_properties),
         node_ids=nodes.ids,
@@ -195,10 +197,10 @@ def read_nastran(
         }
         | {card: lines[0].where for card, lines in loaded.items()}
         | ({MISSING_END: deck.last.where} if cut else {}),
-        notes=said,
+        notes=messages,
         doubts=doubts,
         lumped=diagonal,
-        read={name: len(found) for name, found in cards.items() if name in TAKEN},
+        read={name: len(cards_of_name) for name, cards_of_name in cards.items() if name in IMPORTED},
         source=str(path),
         included=deck.included,
         origin={
@@ -211,29 +213,30 @@ def read_nastran(
 
 
 def _unended(deck: Deck, ignore: Sequence[str]) -> list[str]:
-    """The note that a deck has no ENDDATA. Raises DeckError where its BEGIN BULK needs one and `ignore` does not name it."""
+    """Note on a deck without ENDDATA. Raises DeckError if it has BEGIN BULK and `ignore` does not contain MISSING
+    ENDDATA."""
     if deck.ended:
         return []
     if deck.begun and spelt(MISSING_END) not in {spelt(name) for name in ignore}:
         raise DeckError(
-            "the deck ends without ENDDATA: it may be cut off",
+            "ENDDATA is missing: the deck may be truncated",
             where=deck.last.where,
-            remedy="copy the deck again, or add the line ENDDATA if this is its end; to take it as it is, "
+            remedy="copy the deck again, or add the line ENDDATA if the deck is complete; to import it unchanged set "
             f"mesh.ignore: [{MISSING_END}]",
         )
-    begin = "" if deck.begun else " (and no BEGIN BULK)"
+    begin = "" if deck.begun else " and no BEGIN BULK"
     last = deck.last.text.strip()
     return [
-        f"the deck has no ENDDATA{begin}: that it is whole cannot be seen; its last line is "
+        f"the deck has no ENDDATA{begin}, so check that it is complete; its last line is "
         f"{last[:72] + ' …' if len(last) > 72 else last!r} ({deck.last.where})"
     ]
 
 
 def _count_ignored(deck: Deck, ignored: Counter[str], notes: list[str]) -> dict[str, str]:
-    """Count what is not imported; the effect of PARAM cards, and of lines of the case control, by their names."""
-    for name, found in deck.cards.items():
-        if name not in TAKEN and name != "PARAM":
-            ignored[name] += len(found)
+    """Count cards that are not imported; returns the effect of PARAM cards and of case-control lines by name."""
+    for name, cards_of_name in deck.cards.items():
+        if name not in IMPORTED and name != "PARAM":
+            ignored[name] += len(cards_of_name)
     if deck.after_end:
         ignored["lines after ENDDATA"] += deck.after_end
     matches = (_LINE.match(line.text) for line in deck.case_control)

@@ -1,4 +1,4 @@
-"""Nodes (GRID) and coordinate systems (CORD) of a Nastran deck: positions in the basic system, axes of displacements."""
+"""Nodes (GRID) and coordinate systems (CORD) of a Nastran deck: positions in the basic system, nodal axes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ SHAPES = {"R": "rectangular", "C": "cylindrical", "S": "spherical"}
 BY_POINTS, BY_NODES = ("CORD2R", "CORD2C", "CORD2S"), ("CORD1R", "CORD1C", "CORD1S")
 
 PointOf = Callable[[int, Card], tuple[FloatArray, int]]
-"""Node id and the card that names it → coordinates (3,) and the system CP they are given in."""
+"""Node id and the card that refers to it → coordinates (3,) and their system CP."""
 
 
 @dataclass(frozen=True)
 class _Definition:
-    """Points A, B, C (3, 3), each given in a system of its own."""
+    """Points A, B, C (3, 3), each with its coordinate system."""
 
     card: Card
     points: FloatArray
@@ -35,27 +35,26 @@ def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateS
 
         z = (B − A)/|B − A|,   y = z × (C − A)/|z × (C − A)|,   x = y × z
 
-    with A, B, C in the reference system of a CORD2, or the three nodes of a CORD1 in the systems those are given in;
-    all of these may come later in the deck.
-    Raises DeckError for an id given twice, a reference that is missing or circular, and three points on a line.
+    with A, B, C in the reference system of a CORD2, or the three nodes of a CORD1 in their systems CP, in any order
+    in the deck. Raises DeckError for a duplicate id, a missing or circular reference, and three points on a line.
     """
-    found = _definitions(cards, point_of)
+    definitions = _definitions(cards, point_of)
     systems = {0: BASIC}
-    for cid in found:
+    for cid in definitions:
         pending = [cid]
         while pending:
-            own = found[pending[-1]]
-            missing = [reference for reference in own.systems if reference not in systems]
+            definition = definitions[pending[-1]]
+            missing = [reference for reference in definition.systems if reference not in systems]
             if not missing:
-                systems[pending[-1]] = _resolved(own, systems)
+                systems[pending[-1]] = _resolved(definition, systems)
                 pending.pop()
-            elif missing[0] not in found:
-                raise own.card.error(
-                    f"refers to coordinate system {missing[0]}, which is not in the deck", "add its card"
+            elif missing[0] not in definitions:
+                raise definition.card.error(
+                    f"refers to coordinate system {missing[0]}, which is not in the deck", "add the card of the system"
                 )
             elif missing[0] in pending:
-                raise found[cid].card.error(
-                    "refers to itself through its reference systems", "refer one of them to the basic system 0"
+                raise definitions[cid].card.error(
+                    "its reference systems are circular", "define one of them in the basic system 0"
                 )
             else:
                 pending.append(missing[0])
@@ -63,15 +62,17 @@ def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateS
 
 
 def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
-    found: dict[int, _Definition] = {}
+    definitions: dict[int, _Definition] = {}
 
     def add(cid: int, definition: _Definition) -> None:
         if cid < 1:
             raise definition.card.error("the system id must be positive")
-        if cid in found:
-            first = found[cid].card.where
-            raise definition.card.error(f"system id {cid} stands twice (first at {first})", "give each its own id")
-        found[cid] = definition
+        if cid in definitions:
+            first = definitions[cid].card.where
+            raise definition.card.error(
+                f"system id {cid} is used twice (first at {first})", "number each system uniquely"
+            )
+        definitions[cid] = definition
 
     for card in cards.of(*BY_POINTS):
         points = np.array([card.real(2 + i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
@@ -84,18 +85,20 @@ def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
             a, b, c = (point_of(card.integer(at + i, "a node id"), card) for i in (1, 2, 3))
             points = np.array([a[0], b[0], c[0]])
             add(card.integer(at, "the system id"), _Definition(card, points, (a[1], b[1], c[1])))
-    return found
+    return definitions
 
 
-def _resolved(own: _Definition, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
-    A, B, C = to_basic(own.points, np.array(own.systems), systems)
+def _resolved(definition: _Definition, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
+    A, B, C = to_basic(definition.points, np.array(definition.systems), systems)
     z, plane = B - A, C - A
     y = np.cross(z, plane)
     length, area = np.linalg.norm(z), np.linalg.norm(y)
     if length == 0 or area <= 1e-9 * length * np.linalg.norm(plane):
-        raise own.card.error("the points A, B and C lie on one line", "give a point C off the line from A to B")
+        raise definition.card.error(
+            "the points A, B and C are on one line", "specify a point C that is not on the line from A to B"
+        )
     z, y = z / length, y / area
-    return CoordinateSystem(SHAPES[own.card.name[-1]], A, np.column_stack([np.cross(y, z), y, z]))
+    return CoordinateSystem(SHAPES[definition.card.name[-1]], A, np.column_stack([np.cross(y, z), y, z]))
 
 
 def to_basic(local: FloatArray, system: IntArray, systems: dict[int, CoordinateSystem]) -> FloatArray:
@@ -122,14 +125,14 @@ def _to_basic(local: FloatArray, system: CoordinateSystem) -> FloatArray:
 
 
 class NodeTable(IdTable):
-    """Ids (n,) of the file to rows of `Mesh.position`; the SPOINT cards, for errors."""
+    """Ids (n,) of the file → rows of `Mesh.position`; the SPOINT cards for errors."""
 
     def __init__(self, ids: IntArray, scalar: Sequence[Card] = ()):
         super().__init__(ids)
         self._scalar = scalar
 
     def row(self, node_id: int, card: Card) -> int:
-        """Row of one node; DeckError where it is missing."""
+        """Row of one node; DeckError if it is missing."""
         return int(self.rows_of_cards(np.array([[node_id]]), [card])[0, 0])
 
     def rows_of_cards(self, ids: IntArray, cards: Sequence[Card]) -> IntArray:
@@ -141,11 +144,11 @@ class NodeTable(IdTable):
         return rows
 
     def _fault(self, node_id: int) -> tuple[str, str]:
-        own = np.array([node_id])
-        if any((expand(card.tokens, own, card.where)[0] == node_id).any() for card in self._scalar):
+        ids = np.array([node_id])
+        if any((expand(card.tokens, ids, card.where)[0] == node_id).any() for card in self._scalar):
             return (
-                f"node {node_id} is a scalar point: scalar points are not supported",
-                "take it out, or give it as a GRID card with a place in space",
+                f"node {node_id} is a scalar point (SPOINT), which is not supported",
+                "remove the node, or define it as a GRID",
             )
         return f"node {node_id} is not in the deck", f"add a GRID card with id {node_id}, or correct the id"
 
@@ -161,8 +164,8 @@ class Grids:
     permanent: list[tuple[Card, int, str]]
 
     def direction(self, card: Card, A: int, basic: bool = False) -> FloatArray | None:
-        """The vector (3,) of fields 4 to 6 along the system CD of node A or the basic one, or that from A to the node in field 4;
-        None where these are blank."""
+        """Vector (3,) of fields 4 to 6 along the system CD of node A or the basic system, or from A to the node in
+        field 4; None if the fields are blank."""
         if not any(card.text(i) for i in (4, 5, 6)):
             return None
         if not (card.text(5) or card.text(6)) and parse_integer(card.text(4)) is not None:
@@ -172,36 +175,37 @@ class Grids:
 
 
 def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
-    """GRID with what GRDSET says where its CP, CD or PS is blank.
+    """Read GRID; blank fields CP, CD and PS have the values of GRDSET.
 
-    Raises DeckError for a deck without GRID, an id that stands twice, and a system that is not there.
+    Raises DeckError for a deck without GRID, a duplicate id, and a missing system.
     """
     grids = cards.of("GRID")
     if not grids:
-        raise error_at(path, "the deck holds no GRID card", "check that this is the deck of the model")
+        raise error_at(path, "the deck contains no GRID card", "check that this is the deck of the model")
     if long := [card for card in grids if len(card.tokens) > 8 and any(card.tokens[8:])]:
         raise long[0].error(
-            "more than 8 data fields", "remove what is behind field 9; a line of its own begins every card"
+            "the card has more than 8 data fields",
+            "remove the entries after field 9, and start every card on a new line",
         )
     CP, CD, PS = _defaults(cards.of("GRDSET"))
     nodes = NodeTable(unique_ids(grids, "node"), cards.of("SPOINT"))
     local = np.array([[card.real(i, "a coordinate", 0.0) for i in (2, 3, 4)] for card in grids])
-    given = np.array([card.integer(1, "the system CP", CP) for card in grids])
+    systems_cp = np.array([card.integer(1, "the system CP", CP) for card in grids])
     meant = np.array([card.integer(5, "the system CD", CD) for card in grids])
 
     def point_of(node_id: int, card: Card) -> tuple[FloatArray, int]:
         row = nodes.row(node_id, card)
-        return local[row], int(given[row])
+        return local[row], int(systems_cp[row])
 
     systems = coordinate_systems(cards, point_of)
-    for system in (given, meant):
+    for system in (systems_cp, meant):
         for cid in np.unique(system):
             if int(cid) not in systems:
                 raise grids[int(np.argmax(system == cid))].error(
-                    f"coordinate system {cid} is no CORD1 or CORD2 of the deck",
-                    "add the card of the system, or give the node in the basic system 0",
+                    f"coordinate system {cid} is not a CORD1 or CORD2 of the deck",
+                    "add the card of the system, or define the node in the basic system 0",
                 )
-    position = to_basic(local, given, systems)
+    position = to_basic(local, systems_cp, systems)
     axes: dict[int, FloatArray] = {}
     for cid in np.unique(meant[meant != 0]):
         rows = np.flatnonzero(meant == cid)
@@ -210,33 +214,34 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
         if on_axis.any():
             lost = "e_r and e_θ" if systems[int(cid)].kind == "cylindrical" else "e_θ and e_φ"
             notes.append(
-                f"{int(on_axis.sum())} of the nodes with CD = {cid} lie on its axis (node {nodes.ids[rows[on_axis][0]]}), "
-                f"where {lost} have no direction: their components are along the rectangular axes that define it"
+                f"{int(on_axis.sum())} of the nodes with CD = {cid} are on its axis (node "
+                f"{nodes.ids[rows[on_axis][0]]}), where {lost} are undefined: their components are along the "
+                "rectangular axes of the system"
             )
     texts = [card.text(6) or PS for card in grids]
     permanent = [(grids[i], i, text) for i, text in enumerate(texts) if text not in ("", "0")]
     return Grids(nodes, position, systems, axes, permanent)
 
 
-def _defaults(found: list[Card]) -> tuple[int, int, str]:
-    """CP, CD and PS of a blank field of GRID."""
-    if len(found) > 1:
-        raise found[1].error(f"a second one (first at {found[0].where})", "keep one GRDSET")
-    if not found:
+def _defaults(cards: list[Card]) -> tuple[int, int, str]:
+    """CP, CD and PS for blank fields of GRID."""
+    if len(cards) > 1:
+        raise cards[1].error(f"GRDSET is defined twice (first at {cards[0].where})", "keep only one GRDSET")
+    if not cards:
         return 0, 0, ""
-    return found[0].integer(1, "the system CP", 0), found[0].integer(5, "the system CD", 0), found[0].text(6)
+    return cards[0].integer(1, "the system CP", 0), cards[0].integer(5, "the system CD", 0), cards[0].text(6)
 
 
 def resolved_system(card: Card, field: int, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
-    """The coordinate system that a field names; blank is the basic one. Raises DeckError where it is not there."""
+    """The coordinate system of a field; the basic one if it is blank. Raises DeckError if it is missing."""
     cid = card.integer(field, "the system CID", 0)
     if cid not in systems:
-        raise card.error(f"coordinate system {cid} is no CORD1 or CORD2 of the deck", "add the card of the system")
+        raise card.error(f"coordinate system {cid} is not a CORD1 or CORD2 of the deck", "add the card of the system")
     return systems[cid]
 
 
 def axes_at(position: FloatArray, system: CoordinateSystem) -> FloatArray:
-    """The directions of a system at one point (3,)."""
+    """Axes of a system at one point (3,)."""
     if system is BASIC:
         return BASIC.axes
     return local_axes(position[None, :], system)[0][0]

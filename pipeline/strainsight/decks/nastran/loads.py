@@ -1,4 +1,4 @@
-"""Static loads of a Nastran deck: forces, moments, pressures, weight, rotation, and what a LOAD makes of them."""
+"""Static loads of a Nastran deck: forces, moments, pressures, gravity, rotation, and their combinations (LOAD)."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from strainsight.mesh.kinds.kind import ElementKind, Kind
 from strainsight.mesh.model import FloatArray, IntArray, Mesh
 
 PLATES = {"CQUAD4": 4, "CQUADR": 4, "CQUAD8": 4, "CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 3}
-"""Card → number of corners; where one that is not imported coats a solid, a pressure on it is one on the solid."""
+"""Card → number of corners; if an ignored plate coats a solid, its pressure acts on the solid."""
 
 
 @dataclass(frozen=True)
 class Pressed:
-    """A facet under a pressure: set; kind of the facet; nodes (k,) rows, normal outward; p [Pa] at its corners, positive inward;
-    along: system and vector in it along which p acts instead, None for the normal."""
+    """A facet under pressure: set; kind; nodes (k,) rows, normal outward; p [Pa] at its corners, positive inward;
+    along: system and vector of the direction of p, None for the normal."""
 
     set: int
     kind: Kind
@@ -40,25 +40,26 @@ class Pressed:
 def pressure_forces(cards: Cards, grids: Grids, mesh: Mesh) -> Iterator[tuple[int, IntArray, FloatArray]]:
     """(set, rows (m,), force (m, 3)) of the pressures, the consistent forces of
 
-        t = −p n       or       t = p N/|N| along the vector N of a PLOAD4,     p linear or bilinear between the corners.
+        t = −p n       or       t = p N/|N| along the vector N of a PLOAD4,     p linear or bilinear between the
+        corners.
 
-    A pressure is positive inward on a solid (PLOAD4 with its corners), and along the normal by the right-hand rule on the nodes
-    of a PLOAD and on plates (PLOAD2, PLOAD4), which are shells of the model or coat a solid.
-    Raises DeckError for an element, node or face that is not there, and for loads on edges (SORL = LINE).
+    A pressure is positive inward on a solid (PLOAD4 with its corners), and along the normal by the right-hand rule
+    for the nodes of a PLOAD and for plates (PLOAD2, PLOAD4), which are shells of the model or coat a solid. Raises
+    DeckError for a missing element, node or face, and for loads on edges (SORL = LINE).
     """
     groups: dict[tuple[int, str, int, object], list[Pressed]] = {}
-    for own in _pressed(cards, grids, mesh):
-        along = None if own.along is None else (id(own.along[0]), own.along[1])
-        groups.setdefault((own.set, own.kind.name, len(own.p), along), []).append(own)
+    for facet in _pressed(cards, grids, mesh):
+        along = None if facet.along is None else (id(facet.along[0]), facet.along[1])
+        groups.setdefault((facet.set, facet.kind.name, len(facet.p), along), []).append(facet)
     for group in groups.values():
         first = group[0]
-        p, nodes = np.array([own.p for own in group]), np.array([own.nodes for own in group])
+        p, nodes = np.array([facet.p for facet in group]), np.array([facet.nodes for facet in group])
         linear = next(kind for kind in FACETS if len(kind.nodes) == first.kind.corners)
         yield first.set, nodes.ravel(), _forces(grids.position, first, linear, nodes, p).reshape(-1, 3)
 
 
 def _forces(position: FloatArray, like: Pressed, linear: Kind, nodes: IntArray, p: FloatArray) -> FloatArray:
-    """Forces (f, k, 3) on facets whose pressures p (f, c) at the corners act as that of `like`."""
+    """Forces (f, k, 3) on facets with pressures p (f, c) at the corners, in the direction of `like`."""
 
     def traction(x: FloatArray, n: FloatArray, xi: FloatArray) -> FloatArray:
         size = np.einsum("qc,fc->fq", linear.shape(xi), p)[..., None]
@@ -72,10 +73,8 @@ def _forces(position: FloatArray, like: Pressed, linear: Kind, nodes: IntArray, 
 
 
 def _pressed(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
-    found: list[Pressed] = []
-    outlines: list[
-        tuple[Card, tuple[int, ...], tuple[float, ...]]
-    ] = []  # of PLOAD and plates: corners in their sequence
+    facets: list[Pressed] = []
+    outlines: list[tuple[Card, tuple[int, ...], tuple[float, ...]]] = []  # PLOAD and plates: corners in order
     place = (
         {int(i): (block, row) for block in mesh.blocks for row, i in enumerate(block.ids)} if "PLOAD4" in cards else {}
     )
@@ -95,7 +94,7 @@ def _pressed(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
         if number in place and card.text(6).upper() != "THRU":
             block, row = place[number]
             kind, local = _loaded_face(card, kind_of(block.kind), block.nodes[row], grids)
-            found.append(
+            facets.append(
                 Pressed(
                     _set(card), kind, block.nodes[row][list(local)], p4[: kind.corners], _pressures_along(card, grids)
                 )
@@ -104,7 +103,7 @@ def _pressed(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
             last = [card.text(1), *card.tokens[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
             for corners in _named_plates(card, last, plates):
                 outlines.append((card, corners, p4[: len(corners)]))
-    return found + _outlined(outlines, grids, mesh)
+    return facets + _outlined(outlines, grids, mesh)
 
 
 def _set(card: Card) -> int:
@@ -112,30 +111,30 @@ def _set(card: Card) -> int:
 
 
 def _pressures_along(card: Card, grids: Grids) -> tuple[CoordinateSystem, tuple[float, float, float]] | None:
-    """The vector of a PLOAD4 in its system, where it has one."""
+    """Vector of a PLOAD4 in its system, or None."""
     if card.text(12).upper() == "LINE":
-        raise card.error("SORL is LINE: loads on edges are not supported", "spread the load over the face")
+        raise card.error("SORL is LINE: loads on edges are not supported", "define the load on the face instead")
     a, b, c = (card.real(9 + i, "a component of the direction", 0.0) for i in range(3))
     return (resolved_system(card, 8, grids.systems), (a, b, c)) if a or b or c else None
 
 
 def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -> tuple[Kind, tuple[int, ...]]:
-    """Facet of a solid that G1 and G3 or G4 name, and its local nodes with G1 first: two opposite corners of a quadrangle; a
-    corner of a triangle and, of a tetrahedron, the corner that is not on it, or of a pyramid its edge on the base."""
-    own = nodes.tolist()
+    """Facet of a solid defined by G1 and G3 or G4, and its local nodes with G1 first. G3/G4 is the opposite corner
+    of a quadrilateral; of a tetrahedron the corner that is not on the triangle; of a pyramid the end of its base edge."""
+    node_rows = nodes.tolist()
 
     def corner(i: int) -> int | None:
         if card.is_blank(i):
             return None
         row = grids.nodes.row(card.integer(i, "a node id"), card)
-        if row not in own[: kind.corners]:
+        if row not in node_rows[: kind.corners]:
             raise card.error(
-                f"node {card.text(i)} is no corner of element {card.text(1)}", "name corners of the loaded face"
+                f"node {card.text(i)} is not a corner of element {card.text(1)}", "specify corners of the loaded face"
             )
-        return own.index(row)
+        return node_rows.index(row)
 
     first, other = corner(6), corner(7)
-    found = []
+    matches = []
     for facet, local in kind.facets:
         corners = local[: facet.corners]
         if first not in corners:
@@ -147,13 +146,14 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
         else:
             fits = other is None if kind.corners != 5 else other in corners
         if fits:
-            found.append((facet, local))
-    if len(found) != 1:
+            matches.append((facet, local))
+    if len(matches) != 1:
         raise card.error(
-            f"G1 and G3 or G4 name {'no face' if not found else 'several faces'} of the {kind.name} element {card.text(1)}",
-            "give opposite corners of a quadrangle; of a tetrahedron a corner of the face and the one that is not on it",
+            f"G1 and G3 or G4 define {'no face' if not matches else 'several faces'} of the {kind.name} element {card.text(1)}",
+            "specify opposite corners of a quadrilateral; for a tetrahedron, a corner of the face and the "
+            "corner that is not on it",
         )
-    facet, local = found[0]
+    facet, local = matches[0]
     at = local.index(first)
     turn = [(at + i) % facet.corners for i in range(facet.corners)]
     middle = [facet.corners + i for i in turn] if len(local) > facet.corners else []
@@ -161,7 +161,7 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
 
 
 def _plates(cards: Cards, grids: Grids) -> dict[int, tuple[int, ...]]:
-    """Element id → rows of its corners, of the plates of the deck, where a pressure may refer to one."""
+    """Element id → rows of its corners, for the plates that pressure loads may use."""
     if not ("PLOAD2" in cards or "PLOAD4" in cards):
         return {}
     return {
@@ -176,9 +176,9 @@ def _plates(cards: Cards, grids: Grids) -> dict[int, tuple[int, ...]]:
 def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int, ...]]) -> list[tuple[int, ...]]:
     ids, missing = expand(tokens, np.array(sorted(plates), dtype=np.int64), card.where)
     if missing.size or not ids.size:
-        what = f"element {missing[0]} is" if missing.size else "its elements are"
+        what = f"element {missing[0]} is" if missing.size else "the elements are"
         raise card.error(
-            f"{what} no {'plate' if card.name == 'PLOAD2' else 'solid or plate'} of the deck",
+            f"{what} not a {'plate' if card.name == 'PLOAD2' else 'solid or plate'} of the deck",
             f"correct the id, or leave these loads out (mesh.ignore: [{card.name}])",
         )
     return [plates[i] for i in ids.tolist()]
@@ -187,8 +187,8 @@ def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int
 def _outlined(
     outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]], grids: Grids, mesh: Mesh
 ) -> list[Pressed]:
-    """The facets of solids with these corners, or else shells; a pressure along the sequence of the corners becomes one inward,
-    which of a shell is against the normal by its nodes."""
+    """Facets of solids, or else shells, with these corners; a pressure along the right-hand normal of the corners
+    becomes inward pressure, which acts against the nodal normal of a shell."""
     if not outlines:
         return []
     wanted = np.zeros(len(grids.position), dtype=bool)
@@ -197,19 +197,19 @@ def _outlined(
     for block in mesh.blocks:
         for kind, local in kind_of(block.kind).facets:
             nodes = block.nodes[:, list(local)]
-            for own in nodes[wanted[nodes[:, : kind.corners]].all(axis=1)]:
-                facets.setdefault(frozenset(own[: kind.corners].tolist()), (kind, own))
+            for nodes_of_facet in nodes[wanted[nodes[:, : kind.corners]].all(axis=1)]:
+                facets.setdefault(frozenset(nodes_of_facet[: kind.corners].tolist()), (kind, nodes_of_facet))
     for shell in mesh.shells:
         plane = facet_of(shell.kind)
-        for own in shell.nodes[wanted[shell.corners].all(axis=1)]:
-            facets.setdefault(frozenset(own[: plane.corners].tolist()), (plane, own))
-    found = []
+        for nodes_of_facet in shell.nodes[wanted[shell.corners].all(axis=1)]:
+            facets.setdefault(frozenset(nodes_of_facet[: plane.corners].tolist()), (plane, nodes_of_facet))
+    pressed = []
     for card, corners, p in outlines:
         if frozenset(corners) not in facets:
             ids = ", ".join(str(grids.nodes.ids[row]) for row in corners)
             raise card.error(
                 f"no solid or shell has a face with the corners {ids}",
-                f"give the corners of one, or leave these loads out (mesh.ignore: [{card.name}])",
+                f"correct the corners, or leave these loads out (mesh.ignore: [{card.name}])",
             )
         kind, nodes = facets[frozenset(corners)]
         at = [corners.index(row) for row in nodes[: kind.corners].tolist()]
@@ -217,12 +217,12 @@ def _outlined(
         sign = -1.0 if outward else 1.0
         along = _pressures_along(card, grids) if card.name == "PLOAD4" else None
         value = tuple((p[i] if along else sign * p[i]) for i in at)
-        found.append(Pressed(_set(card), kind, nodes, value, along))
-    return found
+        pressed.append(Pressed(_set(card), kind, nodes, value, along))
+    return pressed
 
 
 POINTS = {"": 0, "1": 2, "2": 4}
-"""FORCE, FORCE1, FORCE2: by how many nodes the direction is given."""
+"""FORCE, FORCE1, FORCE2: number of nodes that define the direction."""
 LOADS = (
     *(f"{kind}{which}" for kind in ("FORCE", "MOMENT") for which in POINTS),
     *("PLOAD", "PLOAD2", "PLOAD4", "GRAV", "RFORCE", "LOAD"),
@@ -234,14 +234,14 @@ _MODES = re.compile(r"\s*(NLIC\b|ANALYSIS\s*=\s*(MODES|MCEIG|DCEIG|MFREQ|DFREQ|M
 _LOADED = re.compile(r"\s*ANALYSIS\s*=\s*(NLST|STATIC|PRELOAD)", re.IGNORECASE)
 BUCKLING = {"105", "SEBUCKL", "5"}
 STATIC = {"106", "NLSTATIC", "66"}
-"""Nonlinear statics: METHOD beside LGDISP asks for the modes about the loaded state."""
+"""Nonlinear statics: METHOD with LGDISP requests modes about the loaded state."""
 STEPS = {"400", "401", "402"}
-"""Solutions of several steps, in which modes follow statics; displacements may be large unless LGDISP says they are not."""
+"""Solutions with several steps, in which modes follow statics; displacements are large unless LGDISP disables them."""
 
 
 @dataclass
 class LoadSet:
-    """What a set holds: force and moment by row of the node, body forces, and the names of its cards."""
+    """Loads of a set: force and moment by node row, body forces, and the names of the cards."""
 
     force: defaultdict[int, FloatArray] = field(default_factory=lambda: defaultdict(lambda: np.zeros(3)))
     moment: defaultdict[int, FloatArray] = field(default_factory=lambda: defaultdict(lambda: np.zeros(3)))
@@ -249,37 +249,39 @@ class LoadSet:
     cards: set[str] = field(default_factory=set)
 
     def add(self, other: LoadSet, factor: float) -> None:
-        """What the other set holds, times a factor."""
-        for own, more in ((self.force, other.force), (self.moment, other.moment)):
+        """Add the loads of the other set, times a factor."""
+        for values, more in ((self.force, other.force), (self.moment, other.moment)):
             for row, value in more.items():
-                own[row] += factor * value
+                values[row] += factor * value
         self.body += [replace(body, factor=factor * body.factor) for body in other.body]
 
-    def made(self) -> NodalForces:
-        """As a load of the mesh."""
+    def to_nodal_forces(self) -> NodalForces:
+        """The set as a load of the mesh."""
         rows, none = list(dict.fromkeys([*self.force, *self.moment])), np.zeros(3)
-        force, moment = (np.array([own.get(i, none) for i in rows]).reshape(-1, 3) for own in (self.force, self.moment))
+        force, moment = (
+            np.array([vectors.get(i, none) for i in rows]).reshape(-1, 3) for vectors in (self.force, self.moment)
+        )
         return NodalForces(np.array(rows, dtype=np.int64), force, moment if self.moment else None, tuple(self.body))
 
 
 def static_loads(
     cards: Cards, grids: Grids, mesh: Mesh, turning: Collection[int], notes: list[str]
 ) -> dict[str, NodalForces]:
-    """The loads of set s: "FORCE-s" where it holds FORCE cards alone, else "LOAD-s"; of a LOAD card "LOAD-s" too.
+    """Loads of set s: "FORCE-s" if it contains only FORCE cards, else "LOAD-s"; a LOAD card is "LOAD-s" too.
 
         FORCE   F N along the directions of its CID at the node,   FORCE1  along G1G2,   FORCE2  along G1G2 × G3G4
         GRAV    g = A N,     RFORCE  ω = 2π A R through the node G,     LOAD  S Σ S_i L_i
 
-    MOMENTs likewise; mesh: solids and shells on their nodes; turning: rows of nodes with rotations, a MOMENT on any other
-    becomes a note. Loads on one node add up.
-    Raises DeckError for a node, element, system or set that is not there, and for an angular acceleration.
+    MOMENTs likewise; mesh: solids and shells; turning: rows of nodes with rotations; a MOMENT on another node
+    becomes a note. Loads on one node are added. Raises DeckError for a missing node, element, system or set, and for
+    an angular acceleration.
     """
     sets: dict[int, LoadSet] = {}
 
     def of(card: Card) -> LoadSet:
-        own = sets.setdefault(card.integer(0, "the set id"), LoadSet())
-        own.cards.add(card.name)
-        return own
+        load_set = sets.setdefault(card.integer(0, "the set id"), LoadSet())
+        load_set.cards.add(card.name)
+        return load_set
 
     for kind in ("FORCE", "MOMENT"):
         for which, points in POINTS.items():
@@ -291,48 +293,53 @@ def static_loads(
         for card in cards.of(name):
             of(card)
     for number, rows, force in pressure_forces(cards, grids, mesh):
-        own = sets[number].force
+        forces = sets[number].force
         for row, value in zip(rows.tolist(), force, strict=True):
-            own[row] += value
+            forces[row] += value
     for card in cards.of("GRAV"):
         of(card).body.append(BodyForce(acceleration=_along(card, 1, 2, grids)))
     for card in cards.of("RFORCE"):
         if card.real(8, "the angular acceleration RACC", 0.0) != 0:
-            raise card.error("RACC states an angular acceleration", "only a steady rotation is supported: leave it out")
+            raise card.error(
+                "angular acceleration (RACC) is not supported", "leave RACC blank; only steady rotation is supported"
+            )
         at = card.integer(1, "the node G", 0)
         centre = grids.position[grids.nodes.row(at, card)] if at else np.zeros(3)
         of(card).body.append(BodyForce(rotation=2 * np.pi * _along(card, 2, 3, grids), centre=centre))
-    loose = sorted({int(grids.nodes.ids[row]) for own in sets.values() for row in own.moment if row not in turning})
+    loose = sorted(
+        {int(grids.nodes.ids[row]) for load_set in sets.values() for row in load_set.moment if row not in turning}
+    )
     if loose:
         notes.append(moment_note("MOMENT", loose))
     named = {
-        f"{'FORCE' if own.cards == {'FORCE'} else 'LOAD'}-{number}": own.made() for number, own in sorted(sets.items())
+        f"{'FORCE' if load_set.cards == {'FORCE'} else 'LOAD'}-{number}": load_set.to_nodal_forces()
+        for number, load_set in sorted(sets.items())
     }
     return named | _combined(cards.of("LOAD"), sets)
 
 
 def _combined(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, NodalForces]:
-    found: dict[int, LoadSet] = {}
+    combined: dict[int, LoadSet] = {}
     for card in cards:
         number, whole = card.integer(0, "the set id"), card.real(1, "the factor S")
-        if number in sets or number in found:
-            raise card.error("other loads have its set id", "give the combination an id of its own")
-        own = found[number] = LoadSet()
+        if number in sets or number in combined:
+            raise card.error("the set id is also used by other loads", "use a unique id for the combination")
+        total = combined[number] = LoadSet()
         for i in range(2, len(card.tokens), 2):
             if not (card.text(i) or card.text(i + 1)):
                 continue
             part = card.integer(i + 1, "a set id")
             if part not in sets:
                 raise card.error(
-                    f"set {part} holds no load that is imported",
-                    "take it out, or leave the combination out (mesh.ignore: [LOAD])",
+                    f"set {part} contains no imported load",
+                    "remove it, or leave the combination out (mesh.ignore: [LOAD])",
                 )
-            own.add(sets[part], whole * card.real(i, "a factor"))
-    return {f"LOAD-{number}": own.made() for number, own in sorted(found.items())}
+            total.add(sets[part], whole * card.real(i, "a factor"))
+    return {f"LOAD-{number}": total.to_nodal_forces() for number, total in sorted(combined.items())}
 
 
 def _vector(card: Card, row: int, points: int, grids: Grids) -> FloatArray:
-    """Force or moment of a card, by the components in its system or by two or four nodes."""
+    """Force or moment of a card, from the components in its system or from two or four nodes."""
     if not points:
         axes = axes_at(grids.position[row], resolved_system(card, 2, grids.systems))
         size = card.real(3, f"the {card.name.lower()}")
@@ -340,31 +347,33 @@ def _vector(card: Card, row: int, points: int, grids: Grids) -> FloatArray:
     x = [grids.position[grids.nodes.row(card.integer(3 + i, "a node id"), card)] for i in range(points)]
     direction = x[1] - x[0] if points == 2 else np.cross(x[1] - x[0], x[3] - x[2])
     if not np.linalg.norm(direction) > 0:
-        raise card.error("its nodes give no direction", "name nodes that do not coincide or lie on one line")
+        raise card.error(
+            "the nodes do not define a direction", "use nodes that do not coincide and are not on one line"
+        )
     size = card.real(2, f"the {card.name.rstrip('12').lower()}")
     return np.asarray(size * direction / np.linalg.norm(direction))
 
 
 def _along(card: Card, system: int, size: int, grids: Grids) -> FloatArray:
-    """Size times the vector behind it, in a rectangular system."""
-    own = resolved_system(card, system, grids.systems)
-    if own.kind != "rectangular":
-        raise card.error("its system is not rectangular", "give the vector in a rectangular one")
+    """Magnitude times vector, in a rectangular system."""
+    coordinate_system = resolved_system(card, system, grids.systems)
+    if coordinate_system.kind != "rectangular":
+        raise card.error("the coordinate system is not rectangular", "specify the vector in a rectangular system")
     vector = [card.real(size + 1 + i, "a component of the vector", 0.0) for i in range(3)]
-    return np.asarray(card.real(size, "the factor A") * own.axes @ vector)
+    return np.asarray(card.real(size, "the factor A") * coordinate_system.axes @ vector)
 
 
 def preloads(deck: Deck) -> dict[str, list[Line]]:
-    """Cards as `Mesh.ignored` names them, "PRELOAD by STATSUB" → the lines of the case control that ask for it."""
+    """Preload cards, named as in `Mesh.ignored`, "PRELOAD by STATSUB" → lines of the case control that cause them."""
     control = deck.case_control
     solution = next((match[1].upper() for line in control if (match := _SOLUTION.match(line.text))), "")
-    found: dict[str, list[Line]] = {}
+    lines_by_name: dict[str, list[Line]] = {}
     if solution not in BUCKLING:
-        found["STATSUB"] = [line for line in control if _STATSUB.match(line.text)]
+        lines_by_name["STATSUB"] = [line for line in control if _STATSUB.match(line.text)]
     large = large_displacements(deck)
     if solution in STATIC and large:
-        found[f"SOL {solution}"] = [line for line in control if _METHOD.match(line.text)]
+        lines_by_name[f"SOL {solution}"] = [line for line in control if _METHOD.match(line.text)]
     loaded = any(_LOADED.match(line.text) for line in control)
     if solution in STEPS and loaded and large is not False:
-        found[f"SOL {solution}"] = [line for line in control if _MODES.match(line.text)]
-    return {f"{PRELOAD} by {name}": lines for name, lines in found.items() if lines}
+        lines_by_name[f"SOL {solution}"] = [line for line in control if _MODES.match(line.text)]
+    return {f"{PRELOAD} by {name}": lines for name, lines in lines_by_name.items() if lines}

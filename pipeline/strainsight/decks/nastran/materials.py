@@ -14,54 +14,57 @@ from strainsight.mesh.thin import Lamina, Laminate, Ply
 
 
 def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Material, float]:
-    """MAT1: two of E, G, ν give the third, E = 2 (1 + ν) G, E alone ν = 0; of three that contradict this, G over E/2(1 + ν).
+    """Material of a MAT1: two of E, G, ν define the third, E = 2 (1 + ν) G, E alone ν = 0; if all three are
+    inconsistent, also G over E/2(1 + ν).
 
-    Solids, and shells in their plane, have E and ν, shells across it G; beams and rods E and G, and no ν. of_beams: alone.
+    Solids and membranes use E and ν, transverse shear of shells G, beams and rods E and G. of_beams: only beams and
+    rods use it.
     """
     number = card.text(0)
-    given = [bool(card.text(i)) for i in (1, 2, 3)]
+    specified = [bool(card.text(i)) for i in (1, 2, 3)]
     E, G, nu = (
         card.real(i, name, 0.0)
         for i, name in ((1, "Young's modulus E"), (2, "shear modulus G"), (3, "Poisson's ratio"))
     )
-    if sum(given) == 1 and not given[0]:
-        alone = "G alone, and E is 0 then" if given[1] else "NU alone"
-        raise card.error(f"states {alone}: nothing can be made of it", "give E and NU")
-    if not any(given):
-        raise card.error("needs E, and G or NU", f"give E and NU{OR_CONFIG}")
-    if given == [True, False, False]:
+    if sum(specified) == 1 and not specified[0]:
+        alone = "G (E is then 0)" if specified[1] else "NU"
+        raise card.error(f"the card defines only {alone}: this is not sufficient", "specify E and NU")
+    if not any(specified):
+        raise card.error("the card has no E and no G or NU", f"specify E and NU{OR_CONFIG}")
+    if specified == [True, False, False]:
         notes.append(
             Doubt(
-                f"MAT1 {number} states E alone: NU = 0, as in Nastran, so that it does not contract sideways, and G = E/2, where "
-                "Nastran has G = 0 in torsion of beams and in shear across shells; give NU if it should be another"
+                f"MAT1 {number} defines only E, so NU = 0, as in Nastran, and G = E/2, but Nastran uses G = 0 "
+                "for torsion of beams and shear of shells; specify NU"
             )
         )
-    if given[1] and G <= 0:
-        raise card.error(f"the shear modulus is {G:g}, not positive", "give a positive modulus")
-    if not given[0]:
+    if specified[1] and G <= 0:
+        raise card.error(f"the shear modulus is {G:g}, not positive", "specify a positive modulus")
+    if not specified[0]:
         E = 2 * (1 + nu) * G
-    implied = E / (2 * G) - 1 if given[1] else nu
-    contradicts = all(given) and nu > -1 and abs(E / (2 * (1 + nu) * G) - 1) > 0.01
+    implied = E / (2 * G) - 1 if specified[1] else nu
+    inconsistent = all(specified) and nu > -1 and abs(E / (2 * (1 + nu) * G) - 1) > 0.01
     ratio = 1.0
-    if of_beams and given[:2] == [True, True] and E > 0 and not -1 < implied < 0.5:
+    if of_beams and specified[:2] == [True, True] and E > 0 and not -1 < implied < 0.5:
         ratio, nu = 2 * G / E, 0.0
         notes.append(
-            f"MAT1 {number}: E and G of its beams and rods are those of no NU between -1 and 0.5: both are taken"
+            f"MAT1 {number}: E and G of its beams and rods imply a NU outside -1 to 0.5; E and G are both used"
         )
-    elif not given[2] or (contradicts and of_beams):
+    elif not specified[2] or (inconsistent and of_beams):
         nu = implied
-    if fault := elastic_fault(E if given[0] else G, nu):
+    if fault := elastic_fault(E if specified[0] else G, nu):
         raise card.error(*fault)
-    if contradicts and of_beams and ratio == 1:
+    if inconsistent and of_beams and ratio == 1:
         notes.append(
-            f"MAT1 {number}: NU {card.text(3)} does not go with E and G, which are all that beams and rods need: {nu:.4g}"
+            f"MAT1 {number}: NU {card.text(3)} is inconsistent with E and G; beams and rods use only E and G, "
+            f"so NU = {nu:.4g}"
         )
-    elif contradicts and not of_beams:
+    elif inconsistent and not of_beams:
         ratio = 2 * (1 + nu) * G / E
         notes.append(
             Doubt(
-                f"MAT1 {number}: G = {G:.5g} is {ratio:.4g} times E/2(1 + NU), which E = {E:.5g} and NU = {nu:g} give: solids, "
-                "and shells in their plane, have E and NU, shear across shells and torsion of beams have G, as in Nastran"
+                f"MAT1 {number}: G = {G:.5g} is {ratio:.4g} times E/2(1 + NU) for E = {E:.5g} and NU = {nu:g}; "
+                "solids and membranes use E and NU, transverse shear and beam torsion use G, as in Nastran"
             )
         )
     density = card.not_negative(4, "the density", 0.0)
@@ -70,28 +73,29 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
 
 ANISOTROPIC = ("MAT9", "MAT11")
 _DAMPING = {"MAT1": 7, "MAT2": 12, "MAT8": 16, "MAT9": 30, "MAT11": 15}
-"""Field of GE."""
+"""Card → field of GE."""
 
 
 def note_damping(cards: Iterable[Card], notes: list[str]) -> None:
-    """A note on materials whose GE is not zero, by the names of their cards."""
+    """Add a note on materials with non-zero GE, by card name."""
     damped: dict[str, list[str]] = {}
     for card in cards:
         if card.real(field := _DAMPING[card.name], "the structural damping GE", 0.0):
             damped.setdefault(card.name, []).append(f"{card.text(0)} (GE {card.text(field)})")
     for name, ids in damped.items():
-        notes.append(f"{name} {some(ids)}: structural damping GE is not imported: damping comes from the config")
+        notes.append(f"{name} {some(ids)}: structural damping GE is not imported; damping is set in the config")
 
 
 def some(names: list[str]) -> str:
-    """The first three, and how many more there are."""
+    """The first three names, and the number of others."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def solid_material(card: Card) -> Anisotropic:
-    """MAT9, the upper triangle of C by rows in the order xx yy zz xy yz zx, which is ours; or MAT11, engineering constants.
+    """MAT9, the upper triangle of C by rows in our order xx yy zz xy yz zx; or MAT11, engineering constants.
 
-    Raises DeckError for a stiffness that is not positive definite, with its least eigenvalue, and a negative density.
+    Raises DeckError for a stiffness that is not positive definite, with its smallest eigenvalue, and a negative
+    density.
     """
     if card.name == "MAT9":
         rows, columns = np.triu_indices(6)
@@ -112,20 +116,21 @@ def solid_material(card: Card) -> Anisotropic:
 
 COMPOSITES = ("PCOMP", "PCOMPG")
 _FIRST = 8
-"""Field at which the plies begin."""
+"""First field of the plies."""
 
 
 def laminate(card: Card) -> Laminate:
-    """PCOMP or PCOMPG: plies from the lower face up, mirrored for LAM SYM; blank material and thickness are those before.
+    """PCOMP or PCOMPG: plies from the bottom up, mirrored for LAM SYM; blank material and thickness repeat the
+    previous ply.
 
-    Where its middle is, `middle_of` says. Raises DeckError for a card without plies or with one that has no material or no
-    thickness, and for LAM MEM, BEND, SMEAR and SMCORE.
+    `middle_of` computes the offset. Raises DeckError for a card without plies, a ply without material or thickness,
+    and for LAM MEM, BEND, SMEAR and SMCORE.
     """
     kind = card.text(7).upper()
     if kind not in ("", "SYM"):
         raise card.error(
-            f"LAM is {kind}: only whole laminates and symmetric ones (SYM) are supported",
-            "leave LAM blank and write all plies out",
+            f"LAM is {kind}: only complete (blank) and symmetric (SYM) laminates are supported",
+            "leave LAM blank and specify all plies",
         )
     nonstructural = card.not_negative(2, "the mass NSM", 0.0)
     step, at = (8, 1) if card.name == "PCOMPG" else (4, 0)
@@ -134,8 +139,9 @@ def laminate(card: Card) -> Laminate:
 
 
 def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
-    """Material, thickness and angle of each ply, which begin in field `at` of `step` fields; blank material and thickness are
-    those before. Raises DeckError for a ply that has no material or no thickness, and where there are none."""
+    """Material, thickness and angle of each ply, in groups of `step` fields from field `at`; blank material and
+    thickness repeat the previous ply. Raises DeckError for a ply without material or thickness, and if there are no
+    plies."""
     plies: list[Ply] = []
     for start in range(_FIRST, len(card.tokens), step):
         if not any(card.text(i) for i in range(start, start + step)):
@@ -146,12 +152,14 @@ def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
         t = card.positive(i + 1, f"the thickness of ply {number}", before.thickness if before else None)
         plies.append(Ply(material, t, card.real(i + 2, f"the angle of ply {number}", 0.0)))
     if not plies:
-        raise card.error("it has no plies", "give the material, thickness and angle of each from the second line on")
+        raise card.error(
+            "the laminate has no plies", "specify material, thickness and angle of each ply from the second line on"
+        )
     return tuple(plies)
 
 
 def lamina(card: Card) -> Lamina:
-    """MAT8; without G1Z or G2Z it does not shear across. Raises DeckError for moduli not positive, and NU12² ≥ E1/E2."""
+    """MAT8; rigid in transverse shear without G1Z or G2Z. Raises DeckError for non-positive moduli and NU12² ≥ E1/E2."""
     names = ("E1", "E2", "NU12", "G12", "G1Z", "G2Z")
     e1, e2, nu12, g12, g1z, g2z = (card.real(i, name, 0.0 if i > 4 else None) for i, name in enumerate(names, start=1))
     g1z, g2z = g1z or np.inf, g2z or np.inf

@@ -34,16 +34,15 @@ def properties(
     thin: Thin,
     ignored: Counter[str],
     notes: list[str],
-    stated: bool,
+    materials_required: bool,
 ) -> Properties:
-    """PSOLID, and what composite solids, shells and beams refer to → regions, the materials that they and their plies refer to,
-    and sections, with the G of a MAT1 that contradicts its E and NU; without either a region of solids has no material, unless it
-    has to be stated.
+    """Properties of solids, shells and beams → regions, materials and sections, with the G of a MAT1 that is
+    inconsistent with its E and NU. Unless materials are required, a region of solids without PSOLID has no material.
 
-    Raises DeckError for an id that stands twice, a property or material that is not there or of another kind, and fluids.
+    Raises DeckError for a duplicate id, a missing or unsupported property or material, and fluids.
     """
     solids, layered = cards.of("PSOLID"), _layered(cards, blocks, ignored)
-    used = {(own.card.name, pid) for pid, own in thin.properties.items()}
+    used = {(thin_property.card.name, pid) for pid, thin_property in thin.properties.items()}
     of_thin = [card for card in cards.of(*PROPERTIES) if (card.name, card.integer(0, "the id")) in used]
     unique_ids([*solids, *layered.values(), *of_thin], "property")
     plies = {pid: plies_of(card, step=8, at=1) for pid, card in layered.items()}
@@ -61,44 +60,50 @@ def properties(
         composites[pid] = composite_solid(card, plies[pid], anisotropic, blocks, grids, notes)
         named += [(card, mid) for mid in dict.fromkeys(ply.material for ply in plies[pid]) if mid not in anisotropic]
     in_plies: list[tuple[Card, int]] = []
-    for pid, own in thin.properties.items():
-        regions[pid] = Region(pid, f"{own.card.name} {own.card.integer(0, 'the id')}", own.material)
-        if own.material:
-            named.append((own.card, own.material))
-        elif not isinstance(own.section, GeneralShell):
-            in_plies += [(own.card, mid) for mid in dict.fromkeys(own.mids)]
+    for pid, thin_property in thin.properties.items():
+        regions[pid] = Region(
+            pid, f"{thin_property.card.name} {thin_property.card.integer(0, 'the id')}", thin_property.material
+        )
+        if thin_property.material:
+            named.append((thin_property.card, thin_property.material))
+        elif not isinstance(thin_property.section, GeneralShell):
+            in_plies += [(thin_property.card, mid) for mid in dict.fromkeys(thin_property.mids)]
     for card, mid in in_plies:
         _check_single(mid, of_plies, isotropic)
         if mid not in of_plies and mid not in isotropic:
             other = _other_material(cards, mid)
             raise card.error(
                 f"material {mid} of its plies is {other or 'not in the deck'}",
-                "give plies a MAT8 or a MAT1" if other else f"add a MAT8 or MAT1 card with id {mid}",
+                "use a MAT8 or a MAT1 for plies" if other else f"add a MAT8 or MAT1 card with id {mid}",
             )
     laminae = {mid: lamina(of_plies[mid]) for _, mid in in_plies if mid in of_plies}
     if rigid := [str(i) for i, each in laminae.items() if np.isinf(each.g1z) or np.isinf(each.g2z)]:
-        notes.append(f"MAT8 {some(rigid)}: without G1Z or G2Z it does not shear across")
+        notes.append(f"MAT8 {some(rigid)} has no G1Z or G2Z, so it is rigid in transverse shear")
     named += [(card, mid) for card, mid in in_plies if mid not in laminae]
-    materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, stated)
+    materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, materials_required)
     pairs = ((of_solids, anisotropic), (of_plies, laminae), (isotropic, materials))
     note_damping((known[mid] for known, mids in pairs for mid in mids), notes)
-    general = (own.mids for own in thin.properties.values() if isinstance(own.section, GeneralShell))
+    general = (
+        thin_property.mids
+        for thin_property in thin.properties.values()
+        if isinstance(thin_property.section, GeneralShell)
+    )
     in_general = {mid for mids in general for mid in mids}
-    taken: dict[str, Collection[int]] = dict.fromkeys(ANISOTROPIC, anisotropic)
-    taken["MAT8"] = taken["MAT2"] = {*laminae, *in_general}
-    taken["MAT1"] = {*(mid for _, mid in named), *in_general}
-    for name, mids in taken.items():
+    used_materials: dict[str, Collection[int]] = dict.fromkeys(ANISOTROPIC, anisotropic)
+    used_materials["MAT8"] = used_materials["MAT2"] = {*laminae, *in_general}
+    used_materials["MAT1"] = {*(mid for _, mid in named), *in_general}
+    for name, mids in used_materials.items():
         if unused := sum(card.integer(0, "the material id") not in mids for card in cards.of(name)):
             ignored[f"{name} that no {'solid' if name in ANISOTROPIC else 'property'} refers to"] += unused
     for block in blocks:
         missing = ~np.isin(block.region, [*(card.integer(0, "the property id") for card in solids), *layered])
-        if missing.any() and not stated and not np.isin(block.region[missing], list(thin.properties)).any():
+        if missing.any() and not materials_required and not np.isin(block.region[missing], list(thin.properties)).any():
             regions |= {int(pid): Region(int(pid), f"PSOLID {pid}", 0) for pid in np.unique(block.region[missing])}
         elif missing.any():
             i = int(np.argmax(missing))
             card = next(card for card in cards.of(*SOLIDS) if int(card.tokens[0]) == block.ids[i])
             raise card.error(
-                f"property {block.region[i]} is no PSOLID of the deck ({int(missing.sum())} {block.kind} elements)",
+                f"property {block.region[i]} is not a PSOLID of the deck ({int(missing.sum())} {block.kind} elements)",
                 f"add a PSOLID card with id {block.region[i]}{OR_CONFIG}",
             )
     return Properties(
@@ -108,28 +113,31 @@ def properties(
         anisotropic=anisotropic,
         orientations=orientations,
         composites=composites,
-        sections={pid: _with_shear(own.section, shear.get(own.material, 1.0)) for pid, own in thin.properties.items()},
+        sections={
+            pid: _with_shear(thin_property.section, shear.get(thin_property.material, 1.0))
+            for pid, thin_property in thin.properties.items()
+        },
     )
 
 
 def _layered(cards: Cards, blocks: Sequence[CellBlock], ignored: Counter[str]) -> dict[int, Card]:
-    """The PCOMPS that solids refer to, by their ids; others are counted."""
-    found, used = {}, {int(number) for block in blocks for number in np.unique(block.region)}
+    """The PCOMPS of solids by id; others are counted."""
+    cards_by_id, used = {}, {int(number) for block in blocks for number in np.unique(block.region)}
     for card in cards.of("PCOMPS"):
         if (pid := card.integer(0, "the property id")) not in used:
             ignored["PCOMPS that no element refers to"] += 1
-        elif pid in found:
-            raise card.error(f"property id {pid} stands twice", "give every property its own id")
+        elif pid in cards_by_id:
+            raise card.error(f"property id {pid} is used twice", "number all properties uniquely")
         else:
-            found[pid] = card
-    return found
+            cards_by_id[pid] = card
+    return cards_by_id
 
 
 def _solid_regions(
     solids: Sequence[Card], anisotropic: Collection[int], grids: Grids, notes: list[str]
 ) -> tuple[dict[int, Region], list[tuple[Card, int]], dict[int, Orientation]]:
-    """The regions of PSOLID, the isotropic materials that they name, and how the axes of anisotropic ones lie: CORDM, blank or 0
-    the basic system, or one of the deck."""
+    """Regions of PSOLID, their isotropic materials, and the orientation of anisotropic ones: CORDM, or the basic
+    system if it is blank or 0."""
     regions: dict[int, Region] = {}
     named: list[tuple[Card, int]] = []
     orientations: dict[int, Orientation] = {}
@@ -140,9 +148,10 @@ def _solid_regions(
             raise card.error(f"FCTN is {card.text(6)}: only structural solids are supported", "remove the fluid part")
         if mid in anisotropic and card.text(2) == "-1":
             raise card.error(
-                f"CORDM is -1, the axes of each element, and material {mid} is anisotropic: not supported, as codes define "
-                "these axes differently",
-                "name a coordinate system (CORD2R, CORD2C, CORD2S) along the material, or 0 for the basic one",
+                f"CORDM is -1 (element axes) and material {mid} is anisotropic: not supported, because programs "
+                "define these axes differently",
+                "set CORDM to a coordinate system (CORD2R, CORD2C, CORD2S) along the material axes, or 0 for "
+                "the basic system",
             )
         if card.text(2) != "-1":
             system = resolved_system(card, 2, grids.systems)
@@ -153,28 +162,28 @@ def _solid_regions(
         named += [(card, mid)] if mid not in anisotropic else []
     if schemes:
         notes.append(
-            f"PSOLID {some(schemes)}: the integration scheme is not supported: solids are integrated fully, linear "
-            "hexahedra with incompatible modes"
+            f"PSOLID {some(schemes)}: the integration scheme is not supported; solids are fully integrated, "
+            "linear hexahedra with incompatible modes"
         )
     return regions, named, orientations
 
 
 def _by_id(cards: Cards, *names: str) -> dict[int, Card]:
-    """The materials on cards of these names. Raises DeckError for an id that stands twice."""
-    found = cards.of(*names)
-    return dict(zip(unique_ids(found, "material").tolist(), found, strict=True))
+    """The materials on cards of these names. Raises DeckError for a duplicate id."""
+    material_cards = cards.of(*names)
+    return dict(zip(unique_ids(material_cards, "material").tolist(), material_cards, strict=True))
 
 
 def _check_single(mid: int, first: Mapping[int, Card], *others: Mapping[int, Card]) -> None:
-    """Raise DeckError for a material that is on one of the first cards and of others."""
+    """Raise DeckError for a material id in `first` and also in `others`."""
     if other := next((known[mid] for known in others if mid in known and mid in first), None):
         raise first[mid].error(
-            f"material id {mid} stands twice, a {other.name} has it too", "give every material its own id"
+            f"material id {mid} is used twice, also by a {other.name}", "number all materials uniquely"
         )
 
 
 def _other_material(cards: Cards, mid: int) -> str:
-    """What card has the id of a material: "a MAT10", or "" for none."""
+    """Card with the id of a material: "a MAT10", or "" if there is no card."""
     name = next((n for n in cards if n.startswith("MAT") and any(c.text(0) == str(mid) for c in cards[n])), "")
     return name and f"a {name}"
 
@@ -185,28 +194,28 @@ def _materials(
     named: Sequence[tuple[Card, int]],
     only_beams: Collection[int],
     notes: list[str],
-    stated: bool,
+    materials_required: bool,
 ) -> tuple[dict[int, Material], dict[int, float]]:
-    """The MAT1 that properties name, and of those whose G is another than E/2(1 + ν) the first over the second; only_beams: ids
-    of those of beams and rods alone. Unless it has to be stated, one may be blank, as mesh generators write it."""
+    """The MAT1 of properties, and the ratio of G to E/2(1 + ν); only_beams: ids of materials only of beams and rods.
+    Unless materials are required, a MAT1 may be blank, as mesh generators write it."""
     materials: dict[int, Material] = {}
     shear: dict[int, float] = {}
     for card, mid in named:
         if mid not in isotropic:
-            if (other := _other_material(cards, mid)) or stated:
+            if (other := _other_material(cards, mid)) or materials_required:
                 raise card.error(
                     f"material {mid} is {other or 'not in the deck'}",
-                    "give it a MAT1, solids a MAT9 or MAT11, or shells a MAT8 or MAT2"
+                    "use a MAT1; solids also allow MAT9 or MAT11, shells MAT8 or MAT2"
                     if other
                     else f"add a MAT1 card with id {mid}{OR_CONFIG}",
                 )
-        elif mid not in materials and (stated or any(isotropic[mid].text(i) for i in (1, 2, 3))):
+        elif mid not in materials and (materials_required or any(isotropic[mid].text(i) for i in (1, 2, 3))):
             materials[mid], shear[mid] = isotropic_material(isotropic[mid], mid in only_beams, notes)
     return materials, shear
 
 
 def _with_shear(section: Section, ratio: float) -> Section:
-    """The section with G of its material times `ratio`: across a shell, in torsion and across a beam."""
+    """Section with G of its material times `ratio`: in transverse shear and torsion."""
     if ratio == 1:
         return section
     if isinstance(section, BeamSection):

@@ -21,7 +21,7 @@ from strainsight.mesh.thin import SHELL_KINDS, BeamSection, GeneralShell, Sectio
 
 @dataclass(frozen=True)
 class Layout:
-    """Of a card: kind of shell; corners; fields of THETA, ZOFFS, TFLAG and T1."""
+    """Layout of a card: kind of shell; corners; fields of THETA, ZOFFS, TFLAG and T1."""
 
     kind: str
     corners: int
@@ -32,7 +32,7 @@ class Layout:
 
     @property
     def nodes(self) -> int:
-        """How many it has."""
+        """Number of nodes."""
         return self.corners * (2 if self.kind in ("quad8", "tri6") else 1)
 
 
@@ -45,15 +45,15 @@ SHELLS = {
     "CQUAD8": Layout("quad8", 4, 14, 15, 16, 10),
     "CTRIA6": Layout("tri6", 3, 8, 9, 13, 10),
 }
-"""Card → where its entries stand."""
+"""Card → layout."""
 SAME = 1e-5
-"""Relative difference of two thicknesses that the digits of a card explain."""
+"""Relative rounding difference of two thicknesses on cards."""
 
 
 @dataclass(frozen=True)
 class ThinProperty:
-    """Of shells, beams or rods: its card and section; material: 0 where plies, or membrane and bending, have theirs; mids: ids of
-    all materials that it refers to; middle: of a laminate from the plane of its elements."""
+    """Property of shells, beams or rods: card and section; material: 0 if plies, or membrane and bending, have
+    separate ones; mids: ids of all materials; middle: offset of a laminate from the plane of its elements."""
 
     card: Card
     section: Section
@@ -63,24 +63,24 @@ class ThinProperty:
 
 
 def shell_section(card: Card) -> tuple[int, ShellSection]:
-    """MID1 of a PSHELL, and its section where that is the material of all; without MID2 it is a membrane, without MID3 it does
-    not shear.
+    """MID1 of a PSHELL, and its section if all materials are MID1; without MID2 it is a membrane, without MID3 rigid
+    in shear.
 
     Raises DeckError for plane strain (MID2 = −1), and a thickness that is not positive.
     """
     t = card.positive(2, "the thickness")
     if card.is_blank(1):
-        raise card.error("MID1 is blank: it does not stretch", "give the material of MID2 as MID1 too")
+        raise card.error("MID1 is blank, so the shell has no membrane stiffness", "set MID1 to the material of MID2")
     mid = card.integer(1, "the material MID1")
     if card.text(3) == "-1":
         raise card.error(
-            "MID2 is -1, plane strain, which is not supported", "leave MID2 blank for a membrane, in plane stress"
+            "MID2 is -1 (plane strain), which is not supported", "leave MID2 blank for a membrane, in plane stress"
         )
     if card.text(11):
-        raise card.error("an entry after MID4 is not supported", "state offsets at the elements (ZOFFS)")
+        raise card.error("an entry after MID4 is not supported", "define offsets at the elements (ZOFFS)")
     bending, shear = card.real(4, "12 I/T³", 1.0), card.real(6, "TS/T", 5 / 6)
     if bending < 0 or shear <= 0:
-        raise card.error(f"12 I/T³ is {bending:g} and TS/T is {shear:g}", "neither may be negative, nor TS/T zero")
+        raise card.error(f"12 I/T³ is {bending:g} and TS/T is {shear:g}", "specify 12 I/T³ ≥ 0 and TS/T above 0")
     if card.is_blank(3):
         bending, shear = 0.0, 0.0
     elif card.is_blank(5):
@@ -93,43 +93,43 @@ def read_shells(
 ) -> tuple[ShellBlock, ...]:
     """One block a kind; properties: of their regions.
 
-    Raises DeckError for a missing or repeated node, one of the second order without all of its mid-side nodes, a shell of no
-    area, folded or warped too much, one whose corners are of another thickness than its property, and a material axis along its
-    normal.
+    Raises DeckError for a missing or repeated node, missing mid-side nodes, a shell without area, folded or warped
+    too much, a corner thickness different from the property, and a material axis along the normal.
     """
     if read_as := sorted({card.name for card in elements.cards} & {"CQUADR", "CTRIAR"}):
-        notes.append(f"{', '.join(read_as)}: read as CQUAD4 and CTRIA3")
+        notes.append(f"{', '.join(read_as)}: imported as CQUAD4 and CTRIA3")
     blocks = []
     for kind in SHELL_KINDS:
-        own, ids, region = elements.of([name for name, layout in SHELLS.items() if layout.kind == kind])
-        if not own:
+        cards, ids, region = elements.of([name for name, layout in SHELLS.items() if layout.kind == kind])
+        if not cards:
             continue
-        nodes = grids.nodes.rows_of_cards(np.array([_node_ids(card) for card in own], dtype=np.int64), own)
+        nodes = grids.nodes.rows_of_cards(np.array([_node_ids(card) for card in cards], dtype=np.int64), cards)
         if (at := folded(nodes)) is not None:
-            raise own[at].error(
-                "a node stands twice in the element", "write a collapsed quadrangle as a CTRIA3, take others out"
+            raise cards[at].error(
+                "the element has the same node twice",
+                "use a CTRIA3 instead of a collapsed quadrilateral; remove other such elements",
             )
-        x = grids.position[nodes[:, : SHELLS[own[0].name].corners]]
-        normal = _normals(own, x, notes)
-        for card, number in zip(own, region.tolist(), strict=True):
+        x = grids.position[nodes[:, : SHELLS[cards[0].name].corners]]
+        normal = _normals(cards, x, notes)
+        for card, number in zip(cards, region.tolist(), strict=True):
             _check_corners(card, properties[number].section)
-        axis = np.array([_axis(*each, grids) for each in zip(own, x, normal, strict=True)])
-        offset = np.array([card.real(SHELLS[card.name].offset, "the offset ZOFFS", 0.0) for card in own])
+        axis = np.array([_axis(*each, grids) for each in zip(cards, x, normal, strict=True)])
+        offset = np.array([card.real(SHELLS[card.name].offset, "the offset ZOFFS", 0.0) for card in cards])
         offset = offset + np.array([properties[number].middle for number in region.tolist()])
         blocks.append(ShellBlock(kind, ids, nodes, region, offset, axis.reshape(-1, 3)))
     return tuple(blocks)
 
 
 def _node_ids(card: Card) -> list[int]:
-    """Corners, then those on the sides, the first between the first two corners."""
+    """Corners, then mid-side nodes, the first between the first two corners."""
     layout = SHELLS[card.name]
     missing = [i for i in range(layout.corners, layout.nodes) if card.is_blank(2 + i)]
     if missing:
         sides = layout.nodes - layout.corners
         linear = "CQUAD4" if layout.corners == 4 else "CTRIA3"
         raise card.error(
-            f"{sides - len(missing)} of {sides} mid-side nodes (G{missing[0] + 1} is blank)",
-            f"give all mid-side nodes, or make a {linear} of it where it has none",
+            f"the element has {sides - len(missing)} of {sides} mid-side nodes (G{missing[0] + 1} is blank)",
+            f"specify all mid-side nodes, or use a {linear} if it has none",
         )
     return [card.integer(2 + i, "a node id") for i in range(layout.nodes)]
 
@@ -146,7 +146,7 @@ def _normals(cards: Sequence[Card], x: FloatArray, notes: list[str]) -> FloatArr
 
 
 def _check_corners(card: Card, section: Section) -> None:
-    """T1 to T4, or what they are of T where TFLAG is 1, have to be the thickness of the property."""
+    """Raise DeckError unless T1 to T4, or their product with T if TFLAG is 1, are the thickness of the property."""
     layout = SHELLS[card.name]
     if not any(card.text(layout.thickness + i) for i in range(layout.corners)):
         return
@@ -154,24 +154,25 @@ def _check_corners(card: Card, section: Section) -> None:
     thickness = section.thickness
     unit = thickness if card.integer(layout.flag, "TFLAG", 0) == 1 else 1.0
     for i in range(layout.corners):
-        own = unit * card.real(layout.thickness + i, "the thickness of a corner", thickness / unit)
-        if abs(own - thickness) > SAME * thickness:
+        corner_thickness = unit * card.real(layout.thickness + i, "the thickness of a corner", thickness / unit)
+        if abs(corner_thickness - thickness) > SAME * thickness:
             raise card.error(
-                f"T{i + 1} makes it {own:g} thick at a corner, its property {thickness:g}: a thickness that varies is not "
-                "supported",
-                "leave T1 to T4 blank, and give it a PSHELL of the thickness that it has in the mean",
+                f"T{i + 1} defines a thickness of {corner_thickness:g} at a corner, but the property has "
+                f"{thickness:g}: variable thickness is not supported",
+                "leave T1 to T4 blank, and assign a PSHELL with the mean thickness",
             )
 
 
 def _axis(card: Card, x: FloatArray, normal: FloatArray, grids: Grids) -> FloatArray:
-    """Its material axis (3,): side 1-2 turned by THETA about the normal, x of the system MCID; NaN for side 1-2."""
+    """Material axis (3,): side 1-2 rotated by THETA about the normal, or x of the system MCID; NaN for side 1-2."""
     theta_at = SHELLS[card.name].theta
     token = card.text(theta_at)
     if parse_integer(token) is not None:
         axis = resolved_system(card, theta_at, grids.systems).axes[:, 0]
         if not math.hypot(*_cross(axis.tolist(), normal.tolist())) > PARALLEL:
             raise card.error(
-                f"x of its material system {token} is along its normal", "name a system whose x lies along the shell"
+                f"x of the material system {token} is normal to the shell",
+                "use a system whose x axis is not normal to the shell",
             )
         return axis
     theta = np.radians(card.real(theta_at, "the angle THETA", 0.0))
@@ -184,33 +185,33 @@ def _axis(card: Card, x: FloatArray, normal: FloatArray, grids: Grids) -> FloatA
 
 
 def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]:
-    """a × b of one element: NumPy takes twenty times as long for it."""
+    """a × b of one element, 20 times faster than NumPy."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 _PLACES = {1: "MID1", 3: "MID2 (bending)", 5: "MID3 (shear)", 10: "MID4 (coupling)"}
-"""Field of a material → its name."""
+"""Field of a material → name."""
 
 
 def shell_materials(cards: Cards) -> dict[int, list[Card]]:
-    """Id → the MAT1, MAT2 and MAT8 of a deck that have it."""
-    found: dict[int, list[Card]] = {}
+    """Id → cards MAT1, MAT2 and MAT8 with this id."""
+    cards_by_id: dict[int, list[Card]] = {}
     for card in cards.of("MAT1", "MAT2", "MAT8"):
-        found.setdefault(card.integer(0, "the material id"), []).append(card)
-    return found
+        cards_by_id.setdefault(card.integer(0, "the material id"), []).append(card)
+    return cards_by_id
 
 
 def materials_of(card: Card) -> dict[int, int]:
-    """Field → id of the materials that a PSHELL names, without those that are blank or 0."""
+    """Field → id of the materials of a PSHELL, without blank and zero fields."""
     return {i: card.integer(i, f"the material {what}") for i, what in _PLACES.items() if not card.is_blank(i)}
 
 
 def is_general(card: Card, known: Mapping[int, Sequence[Card]]) -> bool:
-    """Whether a PSHELL is neither of one MAT1, as `ShellSection` is, nor of one MAT8 as a laminate of one ply."""
+    """Whether a PSHELL has neither one MAT1, as in `ShellSection`, nor one MAT8, as in a laminate of one ply."""
     named = materials_of(card)
     if 1 not in named or named.get(3) == -1:
-        return False  # `shell_section` refuses it
-    first = {own.name for own in known.get(named[1], [])}
+        return False  # `shell_section` raises the error
+    first = {card_names.name for card_names in known.get(named[1], [])}
     if 10 in named or len(set(named.values())) > 1:
         return True
     if "MAT8" in first:
@@ -220,30 +221,34 @@ def is_general(card: Card, known: Mapping[int, Sequence[Card]]) -> bool:
 
 
 def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str]) -> GeneralShell:
-    """M = G₁, C = −G₄, D = (12 I/T³) G₂ and S = (T_s/T) G₃ of `GeneralShell`, G of the materials MID1, MID4, MID2, MID3.
+    """M = G₁, C = −G₄, D = (12 I/T³) G₂ and S = (T_s/T) G₃ of `GeneralShell`, G of the materials MID1, MID4, MID2,
+    MID3.
 
-    The curvature χ of Nastran is −κ, strain ε − zχ, so that G₄ = ∫ −z G dz/T² of plies. Without MID2 it does not bend, without
-    MID3 not shear. The density is that of MID1.
-    Raises DeckError for a material that is not there or none of a shell, MID3 without MID2, MID4 without both, and a stiffness
-    that is not positive definite.
+    The curvature χ of Nastran is −κ, strain ε − zχ, so that G₄ = ∫ −z G dz/T² of plies. Without MID2 the shell has
+    no bending stiffness, without MID3 it is rigid in shear. The density is that of MID1. Raises DeckError for a
+    missing or unsupported material, MID3 without MID2, MID4 without both, and a stiffness that is not positive
+    definite.
     """
     _, plain = shell_section(card)
     named = materials_of(card)
-    own = {i: _card(card, what, named[i], known) for i, what in _PLACES.items() if i in named}
-    if (5 in own and 3 not in own) or (10 in own and not {3, 5} <= set(own)):
+    material_cards = {i: _card(card, what, named[i], known) for i, what in _PLACES.items() if i in named}
+    if (5 in material_cards and 3 not in material_cards) or (
+        10 in material_cards and not {3, 5} <= set(material_cards)
+    ):
         raise card.error(
-            "MID3 stands without MID2" if 3 not in own else "MID4 stands without MID3", "give them, or leave both blank"
+            "MID3 requires MID2" if 3 not in material_cards else "MID4 requires MID3",
+            "specify both, or leave both blank",
         )
-    said: list[str] = []
-    membrane, zero = _plane(own[1], said), np.zeros((3, 3))
-    bending = plain.bending * _plane(own[3], said) if 3 in own else zero
-    coupling = -_plane(own[10], said) if 10 in own else zero
-    shear = np.diag([np.inf, np.inf] if 3 in own else [0.0, 0.0])
-    if 5 in own:
-        shear = plain.shear * _across(own[5], said)
-    note_damping(own.values(), said)
-    notes += [note for note in dict.fromkeys(said) if note not in notes]
-    density = own[1].not_negative(4 if own[1].name == "MAT1" else 7, "the density", 0.0)
+    new_notes: list[str] = []
+    membrane, zero = _plane(material_cards[1], new_notes), np.zeros((3, 3))
+    bending = plain.bending * _plane(material_cards[3], new_notes) if 3 in material_cards else zero
+    coupling = -_plane(material_cards[10], new_notes) if 10 in material_cards else zero
+    shear = np.diag([np.inf, np.inf] if 3 in material_cards else [0.0, 0.0])
+    if 5 in material_cards:
+        shear = plain.shear * _across(material_cards[5], new_notes)
+    note_damping(material_cards.values(), new_notes)
+    notes += [note for note in dict.fromkeys(new_notes) if note not in notes]
+    density = material_cards[1].not_negative(4 if material_cards[1].name == "MAT1" else 7, "the density", 0.0)
     uniform = 10 not in named and named.get(3, named[1]) == named[1]
     shell = GeneralShell(plain.thickness, membrane, coupling, bending, shear, density, uniform, plain.nonstructural)
     if fault := general_fault(shell):
@@ -252,16 +257,16 @@ def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[s
 
 
 def _card(card: Card, what: str, number: int, known: Mapping[int, Sequence[Card]]) -> Card:
-    found = known.get(number, [])
-    if not found:
+    cards = known.get(number, [])
+    if not cards:
         raise card.error(
-            f"material {number} of {what} is no MAT1, MAT2 or MAT8 of the deck", f"add the card, with id {number}"
+            f"material {number} of {what} is not a MAT1, MAT2 or MAT8 of the deck", f"add a card with id {number}"
         )
-    if len(found) > 1:
-        raise found[1].error(
-            f"material id {number} stands twice (first at {found[0].where})", "give every material its own id"
+    if len(cards) > 1:
+        raise cards[1].error(
+            f"material id {number} is used twice (first at {cards[0].where})", "number all materials uniquely"
         )
-    return found[0]
+    return cards[0]
 
 
 def _plane(card: Card, notes: list[str]) -> FloatArray:
@@ -283,7 +288,7 @@ def _plane(card: Card, notes: list[str]) -> FloatArray:
 
 
 def _across(card: Card, notes: list[str]) -> FloatArray:
-    """G (2, 2) of shear across, xz yz: G11, G12 and G22 of a MAT2, G1Z and G2Z of a MAT8, G of a MAT1."""
+    """Transverse shear G (2, 2), xz yz: G11, G12 and G22 of a MAT2, G1Z and G2Z of a MAT8, G of a MAT1."""
     if card.name == "MAT2":
         a, b, c = (card.real(i, name, 0.0) for i, name in ((1, "G11"), (2, "G12"), (4, "G22")))
         return np.array([[a, b], [b, c]])

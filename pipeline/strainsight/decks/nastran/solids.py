@@ -1,4 +1,4 @@
-"""Solid elements of a Nastran deck, those with layers (PCOMPS), and those that lack mid-side nodes."""
+"""Solid elements of a Nastran deck, including layered solids (PCOMPS) and solids without some mid-side nodes."""
 
 from __future__ import annotations
 
@@ -34,13 +34,14 @@ def read_solids(
 ) -> tuple[tuple[CellBlock, ...], Elements]:
     """One block a kind, elements in the order of the deck, and their cards; position (n, 3) of the nodes.
 
-    An element that is left-handed at all its corners is turned round, as MSC Nastran does, with a note.
-    Raises DeckError for other solids, an id that stands twice, a missing or repeated node, and two elements on the same nodes.
+    The node order of an element that is left-handed at all corners is mirrored, as in MSC Nastran, with a note.
+    Raises DeckError for unsupported solids, a duplicate id, a missing or repeated node, and two elements with the same
+    nodes.
     """
-    for name, found in cards.items():
+    for name, cards_of_name in cards.items():
         if name.startswith(OTHER_SOLIDS) and name not in SOLIDS:
-            raise found[0].error(
-                f"{name} solids are not supported ({len(found)} in the deck)",
+            raise cards_of_name[0].error(
+                f"{name} solids are not supported ({len(cards_of_name)} in the deck)",
                 f"mesh with {FAMILIES} ({', '.join(SOLIDS)})",
             )
     elements = sorted(cards.of(*SOLIDS), key=lambda card: (card.file, card.line))
@@ -57,17 +58,17 @@ def read_solids(
         if kind not in gathered:
             continue
         rows, connectivity = (list(part) for part in zip(*gathered[kind], strict=True))
-        own = [elements[i] for i in rows]
-        index = nodes.rows_of_cards(np.array(connectivity, dtype=np.int64), own)
+        cards_of_kind = [elements[i] for i in rows]
+        index = nodes.rows_of_cards(np.array(connectivity, dtype=np.int64), cards_of_kind)
         nodes_ = in_order(index, kind.nastran_order)
         left = left_handed(kind, nodes_, position)
         nodes_[left] = in_order(nodes_[left], kind.mirrored)
-        turned += [own[i] for i in np.flatnonzero(left)]
+        turned += [cards_of_kind[i] for i in np.flatnonzero(left)]
         blocks.append(CellBlock(kind.name, ids[rows], nodes_, region[rows]))
     if turned:
         names = ", ".join(f"{card.name} {card.text(0)}" for card in turned[:3]) + (", …" if turned[3:] else "")
         notes.append(
-            f"{plural(len(turned), 'solid element')} of {len(elements)} numbered left-handed, and turned round: {names} "
+            f"left-handed node order corrected in {plural(len(turned), 'solid element')} of {len(elements)}: {names} "
             f"(first at {turned[0].where})"
         )
     by_id = dict(zip(ids.tolist(), elements, strict=True))
@@ -87,8 +88,8 @@ def _connectivity(card: Card) -> tuple[ElementKind, list[int]]:
     counts = SOLIDS[card.name]
     if len(tokens) not in counts:
         raise card.error(
-            f"{len(tokens)} nodes, where a {card.name} has {' or '.join(map(str, sorted(counts)))}",
-            "give the nodes of a whole element",
+            f"the element has {len(tokens)} nodes, but a {card.name} needs {' or '.join(map(str, sorted(counts)))}",
+            "specify all nodes of the element",
         )
     node_ids = [parse_integer(token) for token in tokens]
     for i, value in enumerate(node_ids):
@@ -99,7 +100,8 @@ def _connectivity(card: Card) -> tuple[ElementKind, list[int]]:
 
 DIRECTIONS = (12, 13, 21, 23, 31, 32)
 MOST, NOTED = 45.0, 5.0
-"""Degrees between the normal of the layers of an element and the axis that CORDM has for it: an error, and a note."""
+"""Largest angle [deg] between the normal of the layers of an element and its axis of CORDM: limit for an error and
+for a note."""
 
 
 def composite_solid(
@@ -110,51 +112,53 @@ def composite_solid(
     grids: Grids,
     notes: list[str],
 ) -> CompositeSolid:
-    """Layers from G1-G4 to G5-G8 of hexahedra, from triangle to triangle of wedges. PSDIR p s: THETA turns axis 1 of a material
-    from axis p of CORDM about axis s, which is its axis 3, and lies across the layers.
+    """Layers from G1-G4 to G5-G8 of hexahedra, from triangle to triangle of wedges. PSDIR p s: THETA rotates
+    material axis 1 from axis p of CORDM about axis s, which is material axis 3 and normal to the layers.
 
-    anisotropic: ids of such materials, the only ones that CORDM matters to. Raises DeckError for a
-    CORDM that is blank or −1, a PSDIR that is none, elements that have no layers, and those whose layers lie across another axis.
+    anisotropic: ids of anisotropic materials, for which CORDM matters. Raises DeckError for a blank or −1 CORDM, an
+    invalid PSDIR, elements that cannot have layers, and elements whose layers are not normal to the axis.
     """
     pid = card.integer(0, "the property id")
-    own = [(block, block.nodes[block.region == pid], block.ids[block.region == pid]) for block in blocks]
-    for block, nodes, ids in own:
+    elements_by_block = [(block, block.nodes[block.region == pid], block.ids[block.region == pid]) for block in blocks]
+    for block, nodes, ids in elements_by_block:
         if len(nodes) and block.kind not in STACKED:
             raise card.error(
-                f"{block.kind} element {ids[0]} can have no layers",
-                "give layers to CHEXA and CPENTA, and others a PSOLID",
+                f"{block.kind} element {ids[0]} cannot have layers",
+                "use PCOMPS only for CHEXA and CPENTA, and PSOLID for other elements",
             )
     if not any(ply.material in anisotropic for ply in plies):
         return CompositeSolid(tuple(Layer(p.material, p.thickness, Orientation(BASIC, np.eye(3))) for p in plies))
     if card.text(1) in ("", "-1"):
         raise card.error(
-            f"CORDM is {card.text(1) or 'blank'}, and its plies are anisotropic: codes read that as other axes",
-            "name a coordinate system (CORD2R, CORD2C, CORD2S) with an axis across the layers, or 0 for the basic one",
+            f"CORDM is {card.text(1) or 'blank'}, but the plies are anisotropic: programs interpret this differently",
+            "set CORDM to a coordinate system (CORD2R, CORD2C, CORD2S) with an axis normal to the layers, or 0 "
+            "for the basic system",
         )
     directions = card.integer(2, "the directions PSDIR", 13)
     if directions not in DIRECTIONS:
         raise card.error(
-            f"PSDIR is {directions}",
-            "give the axis of CORDM along plies at 0° and the one across them, 12, 13, 21, 23, 31 or 32",
+            f"PSDIR is {directions}, which is not supported",
+            "set PSDIR to the axis of CORDM along 0° plies and the axis normal to the plies: 12, 13, 21, 23, 31 or 32",
         )
     along, across = directions // 10 - 1, directions % 10 - 1
     axes = np.eye(3)[:, [along, along, across]]
     axes[:, 1] = np.cross(axes[:, 2], axes[:, 0])
     orientation = Orientation(resolved_system(card, 1, grids.systems), axes)
     layers = [(ply.material, ply.thickness, ply.angle) for ply in plies]
-    for block, nodes, ids in own:
+    for block, nodes, ids in elements_by_block:
         off = _off_normal(kind_of(block.kind), grids.position[nodes], orientation, layers == layers[::-1])
         angle, worst = off.max(initial=0.0), int(np.argmax(np.append(off, 0.0)))
         if angle > MOST:
             raise card.error(
-                f"layers of {block.kind} element {ids[worst]} lie from its first facet (G1, G2, …) to the opposite one, "
-                f"{angle:.3g}° off the axis of CORDM that PSDIR puts across them",
-                "number the nodes of the element so that its first facet is below the plies, or correct CORDM or PSDIR",
+                f"the layers of {block.kind} element {ids[worst]} are stacked from its first facet (G1, G2, …) "
+                f"to the opposite one, {angle:.3g}° off the CORDM axis that PSDIR defines as their normal",
+                "renumber the nodes of the element so that its first facet is the bottom of the layup, or "
+                "correct CORDM or PSDIR",
             )
         if angle > NOTED:
             notes.append(
-                f"PCOMPS {card.text(0)}: the axis of CORDM across the plies is up to {angle:.3g}° off the normal of elements "
-                f"({ids[worst]}); axes of plies are those of CORDM, not projected on the element"
+                f"PCOMPS {card.text(0)}: the CORDM axis normal to the plies is up to {angle:.3g}° off the "
+                f"element normal ({ids[worst]}); ply axes are those of CORDM, without projection"
             )
     return CompositeSolid(
         tuple(
@@ -166,34 +170,34 @@ def composite_solid(
     )
 
 
-def _off_normal(kind: ElementKind, x: FloatArray, orientation: Orientation, alike: bool) -> FloatArray:
-    """Degrees (e,) between axis 3 of elements x (e, k, 3) at their centres and the normal of the layers there, ∂x/∂ξ × ∂x/∂η, or
-    its line where the layers are `alike` from both sides."""
+def _off_normal(kind: ElementKind, x: FloatArray, orientation: Orientation, symmetric: bool) -> FloatArray:
+    """Angle [deg] (e,) between axis 3 of elements x (e, k, 3) at their centres and the layer normal ∂x/∂ξ × ∂x/∂η,
+    ignoring its sign for a symmetric layup."""
     r, s = np.einsum("kd,ekc->dec", kind.gradient(kind.centre)[0], x)[:2]
     normal = np.cross(r, s)
     centre = np.einsum("k,ekc->ec", kind.shape(kind.centre)[0], x)
     cosine = np.einsum("ec,ec->e", normal, orientation.axes_at(centre)[:, :, 2]) / np.linalg.norm(normal, axis=1)
-    return np.asarray(np.degrees(np.arccos(np.clip(abs(cosine) if alike else cosine, -1.0, 1.0))))
+    return np.asarray(np.degrees(np.arccos(np.clip(abs(cosine) if symmetric else cosine, -1.0, 1.0))))
 
 
 BLANK = ("", "0")
 DIGITS = 16
-"""Of a number in the large format."""
+"""Digits of a number in the large format."""
 
 
 @dataclass(frozen=True)
 class Middles:
-    """side (m, 2): rows of the corners between which each new node lies; cards (m,): the first element that lacks it."""
+    """side (m, 2): rows of the two corners of each new node; cards (m,): first element without this node."""
 
     side: IntArray
     cards: tuple[Card, ...]
 
 
 def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, Middles]:
-    """The nodes with those that elements lack, and in `cards` these elements with all of their nodes.
+    """Add the missing mid-side nodes of partially quadratic elements, to the grids and to their cards.
 
-    With u_m = ½(u_a + u_b) the side stays straight, and the shape functions are those of the element without that node:
-    N_a + ½ N_m, N_b + ½ N_m. Elements that lack the same side share its node. Raises DeckError for a corner that is missing.
+    With u_m = ½(u_a + u_b) the side stays straight, and the shape functions are those of the element without that
+    node: N_a + ½ N_m, N_b + ½ N_m. Elements with the same side share its node. Raises DeckError for a missing corner.
     Source: elements with a variable number of nodes, Bathe, Finite Element Procedures (1996), 5.3.
     """
     side: dict[tuple[int, int], int] = {}
@@ -204,28 +208,28 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
         kind = kinds[many]
         order = list(kind.nastran_order) or list(range(many))
         for i, card in enumerate(cards.of(name)):
-            given = card.tokens[2 : 2 + many] + [""] * (2 + many - len(card.tokens))
-            lacking = [place for place in range(few, many) if given[place] in BLANK]
+            node_tokens = card.tokens[2 : 2 + many] + [""] * (2 + many - len(card.tokens))
+            lacking = [place for place in range(few, many) if node_tokens[place] in BLANK]
             if few == many or not 0 < len(lacking) < many - few:
                 continue
             partial, last = partial + 1, last or _highest(cards, grids)
             for place in lacking:
-                # node a of ours is node order[a] of the card
+                # our node a is node order[a] of the card
                 ends = kind.edges[order.index(place) - few]
                 rows = sorted(grids.nodes.row(card.integer(2 + order[end], "a node id"), card) for end in ends)
                 key = (rows[0], rows[1])
                 if key not in side:
                     side[key] = last + 1 + len(side)
                     first.append(card)
-                given[place] = str(side[key])
-            cards[name][i] = card._replace(tokens=[*card.tokens[:2], *given, *card.tokens[2 + many :]])
+                node_tokens[place] = str(side[key])
+            cards[name][i] = card._replace(tokens=[*card.tokens[:2], *node_tokens, *card.tokens[2 + many :]])
     if not side:
         return grids, Middles(np.zeros((0, 2), dtype=np.int64), ())
     ends_of = np.array([*side], dtype=np.int64)
     notes.append(
-        f"{plural(partial, 'solid element')} without some mid-side nodes: {plural(len(side), 'side')} straight, a node in the "
-        f"middle of each follows its ends, ids {last + 1} to {last + len(side)} (first {first[0].name} "
-        f"{first[0].text(0)}, {first[0].where})"
+        f"{plural(partial, 'solid element')} without some mid-side nodes: {plural(len(side), 'side')} kept "
+        f"straight by a new mid-side node that follows the ends, ids {last + 1} to {last + len(side)} (first "
+        f"{first[0].name} {first[0].text(0)}, {first[0].where})"
     )
     ids = np.concatenate([grids.nodes.ids, np.arange(last + 1, last + 1 + len(side))])
     position = np.vstack([grids.position, grids.position[ends_of].mean(axis=1)])
@@ -234,26 +238,25 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
 
 
 def _highest(cards: Cards, grids: Grids) -> int:
-    """The highest number of any card, of as many digits as an id may have: a node that one names and the deck lacks stays
-    missing, and no range has a new one in it."""
-    texts = (text for found in cards.values() for card in found for text in card.tokens)
+    """Highest number on any card, up to the digits of an id, so that new ids neither match missing nodes nor ranges."""
+    texts = (text for cards_of_name in cards.values() for card in cards_of_name for text in card.tokens)
     named = (int(text) for text in texts if text.isdecimal() and len(text) <= DIGITS)
     return max(int(grids.nodes.ids.max()), *named)
 
 
 def straight_sides(middles: Middles, nodes: int, axes: dict[int, FloatArray], number: int) -> tuple[Relation, ...]:
-    """u_m = ½(u_a + u_b) of every new node, the last of so many; axes: row → (3, 3) of the nodes that have some; number: of
-    relations before these."""
-    found: list[Relation] = []
+    """Relation u_m = ½(u_a + u_b) for every new node (the last rows); axes: row → (3, 3) of nodes with nodal axes;
+    number: relations before these."""
+    relations: list[Relation] = []
     for m, ends in enumerate(middles.side.tolist(), start=nodes - len(middles.side)):
         for k in range(3):
             node, component, value = [m], [k], [1.0]
             for end in ends:
                 along = axes[end][k] if end in axes else np.eye(3)[k]
-                there = np.flatnonzero(along)
-                node += [end] * len(there)
-                component += there.tolist()
-                value += (-0.5 * along[there]).tolist()
+                nonzero = np.flatnonzero(along)
+                node += [end] * len(nonzero)
+                component += nonzero.tolist()
+                value += (-0.5 * along[nonzero]).tolist()
             terms = np.array(node), np.array(component), np.array(value)
-            found.append(Relation(number + len(found) + 1, *terms, STRAIGHT))
-    return tuple(found)
+            relations.append(Relation(number + len(relations) + 1, *terms, STRAIGHT))
+    return tuple(relations)

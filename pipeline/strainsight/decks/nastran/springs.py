@@ -21,21 +21,21 @@ from strainsight.mesh.model import FloatArray, IntArray
 T = TypeVar("T")
 SPRINGS = ("CELAS1", "CELAS2", "CBUSH", "PELAS", "PBUSH")
 PARTS = ("K", "B", "GE", "RCV", "M")
-"""What a line of a PBUSH states."""
+"""Quantities on a line of a PBUSH."""
 APART = 1e-9
-"""Length of a CBUSH over the extent of the model, below which its ends coincide."""
+"""Length of a CBUSH relative to the model extent below which its ends coincide."""
 
 
 def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]:
-    """The springs that resist  s = u_1 − u_2  of two components along the systems CD of their nodes (CELAS), or of two points
-    along the axes of the element (CBUSH):
+    """Springs with elongation  s = u_1 − u_2  of two components along the systems CD of their nodes (CELAS), or of
+    two points along the axes of the element (CBUSH):
 
         s_c = e_c·(u_B + θ_B × (x − x_B) − u_A − θ_A × (x − x_A)),     s_c = e_c·(θ_B − θ_A) of c = 4, 5, 6
 
     with x = (1 − S) x_A + S x_B.
 
-    A node or component left blank is the ground. Damping is a note. Raises DeckError for nodes, properties and systems that
-    are not there, a translation against a rotation, a CBUSH without axes, at another place (OCID), rigid or with mass.
+    A blank node or component is the ground. Damping becomes a note. Raises DeckError for missing nodes, properties
+    and systems, a spring between a translation and a rotation, and a CBUSH without axes, with OCID, rigid or with mass.
     """
     elements = cards.of("CELAS1", "CELAS2", "CBUSH")
     unique_ids(elements, "element")
@@ -44,25 +44,25 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
         number: (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping GE", 0.0))
         for number, card, at in _packed(cards, "PELAS", 4)
     }
-    found, damped = [], 0
+    elements_found, damped = [], 0
     for card in elements:
         if card.name == "CBUSH":
-            found.append(_bush(card, grids, bushes))
+            elements_found.append(_bush(card, grids, bushes))
             continue
-        own = card.name == "CELAS2"
-        if own:
+        has_stiffness = card.name == "CELAS2"
+        if has_stiffness:
             k, damping = card.real(1, "the stiffness"), card.real(6, "the damping GE", 0.0)
         else:
             k, damping = _property_of(card, scalar, "PELAS")
         damped += damping != 0
-        found.append(_elastic(card, grids, k))
+        elements_found.append(_elastic(card, grids, k))
     if damped:
-        notes.append(f"GE of {damped} CELAS is not imported: damping comes from the config")
-    return tuple(found)
+        notes.append(f"GE of {damped} CELAS is not imported: damping is set in the config")
+    return tuple(elements_found)
 
 
 def _packed(cards: Cards, name: str, size: int) -> Iterator[tuple[int, Card, int]]:
-    """Id, card and first field of the properties on the cards of a name, one in every `size` of eight fields."""
+    """Id, card and first field of the properties on cards with one property in every `size` of eight fields."""
     known: set[int] = set()
     for card in cards.of(name):
         for at in range(0, 8, size):
@@ -70,23 +70,23 @@ def _packed(cards: Cards, name: str, size: int) -> Iterator[tuple[int, Card, int
                 continue
             number = card.integer(at, "the property id")
             if number in known:
-                raise card.error(f"property id {number} stands twice", "give every property its own id")
+                raise card.error(f"property id {number} is used twice", "number all properties uniquely")
             known.add(number)
             yield number, card, at
 
 
 def _property_of(card: Card, properties: Mapping[int, T], name: str) -> T:
-    """What a property holds that an element refers to, by default that of its id."""
+    """Property of an element; its id defaults to that of the element."""
     number = card.integer(1, "the property id", card.integer(0, "the element id"))
     if number not in properties:
-        raise card.error(f"property {number} is no {name} of the deck", f"add a {name} card with id {number}")
+        raise card.error(f"property {number} is not a {name} of the deck", f"add a {name} card with id {number}")
     return properties[number]
 
 
 def _elastic(card: Card, grids: Grids, k: float) -> Springs:
     """A CELAS; its two ends begin at field 2."""
     if k < 0:
-        raise card.error(f"the stiffness is {k:g}, negative", "give a positive stiffness")
+        raise card.error(f"the stiffness is {k:g}, negative", "specify a positive stiffness")
     ends = []
     for at, sign in ((2, 1.0), (4, -1.0)):
         if card.is_blank(at) or card.integer(at + 1, "the component", 0) == 0:
@@ -96,15 +96,15 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
         axis = grids.axes.get(row, np.eye(3))[:, component % 3]
         ends.append((row, 3 * (component // 3), sign * axis))
     if not ends:
-        raise card.error("has no end on a node", "give a node and its component")
+        raise card.error("the spring is not connected to a node", "specify a node and its component")
     if len({first for _, first, _ in ends}) > 1:
-        raise card.error("one end is a translation, the other a rotation", "let both be of one kind")
+        raise card.error("the spring connects a translation with a rotation", "use two translations or two rotations")
     return spring_between(f"{card.name} {card.text(0)}", k, ends)
 
 
 def _bush_properties(cards: Cards, notes: list[str]) -> dict[int, FloatArray]:
     """PBUSH id → K (6,)."""
-    found: dict[int, FloatArray] = {}
+    stiffness_by_id: dict[int, FloatArray] = {}
     damped = 0
     for card, number in zip(cards.of("PBUSH"), unique_ids(cards.of("PBUSH"), "property"), strict=True):
         k = np.zeros(6)
@@ -112,29 +112,37 @@ def _bush_properties(cards: Cards, notes: list[str]) -> dict[int, FloatArray]:
             part = card.text(at + 1).upper()
             values = [card.text(at + 2 + i) for i in range(6)]
             if part and part not in PARTS:
-                raise card.error(f"{part!r} is none of {', '.join(PARTS)}", "give K and the six stiffnesses")
+                raise card.error(f"{part!r} is not one of {', '.join(PARTS)}", "specify K and the six stiffnesses")
             if part == "K":
                 if "RIGID" in (value.upper() for value in values):
-                    raise card.error("a stiffness is RIGID", "tie the nodes with an RBE2, or give a number")
+                    raise card.error(
+                        "rigid stiffness (RIGID) is not supported",
+                        "connect the nodes with an RBE2, or specify a number",
+                    )
                 k = np.array([card.real(at + 2 + i, f"the stiffness K{i + 1}", 0.0) for i in range(6)])
             elif part == "M" and any(values):
-                raise card.error("has a mass M", "give it as a CONM2")
+                raise card.error("mass (M) is not supported", "use a CONM2 for the mass")
             damped += part in ("B", "GE") and any(values)
         if np.any(k < 0):
-            raise card.error(f"the stiffness is {k.min():g}, negative", "give positive stiffnesses")
-        found[int(number)] = k
+            raise card.error(f"the stiffness is {k.min():g}, negative", "specify stiffnesses of at least 0")
+        stiffness_by_id[int(number)] = k
     if damped:
-        notes.append("B and GE of PBUSH are not imported: damping comes from the config")
-    return found
+        notes.append("B and GE of PBUSH are not imported: damping is set in the config")
+    return stiffness_by_id
 
 
 def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Springs:
-    """A CBUSH: six springs along its axes, those without stiffness left out."""
+    """A CBUSH: springs along its axes, without those of zero stiffness."""
     k = _property_of(card, properties, "PBUSH")
-    if card.text(9) not in ("", "-1"):  # else S1 to S3 say nothing
-        raise card.error("OCID puts the spring beside the line of its nodes", "put its nodes where it acts")
+    if card.text(9) not in ("", "-1"):  # otherwise S1 to S3 have no effect
+        raise card.error(
+            "OCID is not supported: it moves the spring away from the line between its nodes",
+            "define nodes at the position of the spring",
+        )
     if not 0 <= (S := card.real(8, "the place S", 0.5)) <= 1:
-        raise card.error(f"S is {card.text(8)}, beyond its nodes", "give 0 (at GA) to 1 (at GB)")
+        raise card.error(
+            f"S is {card.text(8)}, but must be between 0 and 1", "specify a value from 0 (at GA) to 1 (at GB)"
+        )
     A = grids.nodes.row(card.integer(2, "the node GA"), card)
     B = grids.nodes.row(card.integer(3, "the node GB"), card) if not card.is_blank(3) else None
     axes = _axes(card, grids, A, B, k)
@@ -148,11 +156,11 @@ def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Spring
             reach = np.linalg.norm(x - grids.position[row])
             turn = np.where(np.abs(turn) > APART * reach, turn, 0.0) if c < 3 else turn
             part = np.concatenate([e, turn]) if c < 3 else np.concatenate([np.zeros(3), e])
-            kept = np.flatnonzero(part)
-            spring += [i] * len(kept)
-            node += [row] * len(kept)
-            component += kept.tolist()
-            value += (sign * part[kept]).tolist()
+            nonzero = np.flatnonzero(part)
+            spring += [i] * len(nonzero)
+            node += [row] * len(nonzero)
+            component += nonzero.tolist()
+            value += (sign * part[nonzero]).tolist()
     return Springs(
         f"CBUSH {card.text(0)}",
         k[stiff],
@@ -164,7 +172,8 @@ def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Spring
 
 
 def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> FloatArray:
-    """x, y, z of the element, one in a column: those of CID at GA, or x from GA to GB and y towards GO or the vector X."""
+    """x, y, z of the element, one in a column: those of CID at GA, or x from GA to GB and y towards GO or the vector
+    X."""
     if card.text(7):
         return np.asarray(local_axes(grids.position[A][None], resolved_system(card, 7, grids.systems))[0][0])
     extent = float(np.ptp(grids.position, axis=0).max())
@@ -172,23 +181,24 @@ def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> Flo
     length = float(np.linalg.norm(along))
     if length <= APART * extent:
         raise card.error(
-            "its ends coincide, or one is the ground: it has no axes of its own", "give CID, 0 the basic one"
+            "the ends coincide or one end is grounded, so the element axes are undefined",
+            "specify CID, 0 for the basic system",
         )
     x = along / length
-    if not k[[1, 2, 4, 5]].any():  # along and about x alone: y and z do not matter
+    if not k[[1, 2, 4, 5]].any():  # with stiffness only along and about x, y and z have no effect
         first = np.eye(3)[int(np.argmin(np.abs(x)))]
     elif (first := grids.direction(card, A)) is None:
-        raise card.error("neither CID, GO nor X1 to X3 give its axes across", "give one of them")
+        raise card.error("the transverse axes are undefined: CID, GO and X1 to X3 are blank", "specify one of them")
     z = np.cross(x, first)
     if not np.linalg.norm(z) > APART * np.linalg.norm(first):
-        raise card.error("GO or X1 to X3 lie on its axis", "give a point or vector off it")
+        raise card.error("GO or X1 to X3 is on the element axis", "specify a point or vector that is not on the axis")
     z = z / np.linalg.norm(z)
     return np.column_stack([x, np.cross(z, x), z])
 
 
 MASSES = ("CONM1", "CONM2", "CMASS1", "CMASS2")
 INDEFINITE = 1e-6
-"""Least principal moment over the largest, below zero, that the digits of a card do not explain."""
+"""Ratio of the smallest negative to the largest principal moment that is attributed to rounding."""
 
 
 def point_masses(
@@ -196,17 +206,17 @@ def point_masses(
 ) -> tuple[PointMass, ...]:
     """CONM2 with offset and inertia along the basic axes; masses and inertia times `scale` (PARAM WTMASS).
 
-        J = [I11, −I21, −I31; −I21, I22, −I32; −I31, −I32, I33] about the centre, the card holds positive products
+        J = [I11, −I21, −I31; −I21, I22, −I32; −I31, −I32, I33] about the centre; the card has positive products
 
-    CONM1 as a matrix (6, 6) along the axes of CID, CMASS as one of its one entry along the axes of its node.
-    turning: rows of the nodes with rotations; at the others only the mass counts, which becomes a note.
-    Raises DeckError for a negative mass, an inertia or a matrix that is not positive semidefinite, a node, system or property
-    that is not there, and a CMASS between two motions.
+    CONM1 as a matrix (6, 6) along the axes of CID, CMASS as a matrix with one entry along the axes of its node.
+    turning: rows of the nodes with rotations; at other nodes only the mass is used, with a note. Raises DeckError for
+    a negative mass, an inertia or matrix that is not positive semidefinite, a missing node, system or property, and a
+    CMASS between two motions.
     """
-    found = cards.of(*MASSES)
+    mass_cards = cards.of(*MASSES)
     properties = {number: card.real(at + 1, "the mass", 0.0) for number, card, at in _packed(cards, "PMASS", 2)}
     masses = []
-    for number, card in zip(unique_ids(found, "point mass").tolist(), found, strict=True):
+    for number, card in zip(unique_ids(mass_cards, "point mass").tolist(), mass_cards, strict=True):
         if card.name != "CONM2":
             masses.append(_of_matrix(card, grids, properties, scale, turning, notes))
             continue
@@ -218,8 +228,8 @@ def point_masses(
         inertia = axes @ _inertia(card) @ axes.T
         if (offset.any() or inertia.any()) and row not in turning:
             notes.append(
-                f"CONM2 {number}: node {grids.nodes.ids[row]} has no rotations (no RBE2 or RBE3 gives it any), so "
-                "its mass acts at the node itself, its offset and inertia have no effect"
+                f"CONM2 {number}: node {grids.nodes.ids[row]} has no rotations (not in an RBE2 or RBE3), so "
+                "offset and inertia have no effect"
             )
         masses.append(PointMass(number, row, scale * mass, offset, scale * inertia))
     return tuple(masses)
@@ -231,8 +241,8 @@ def _inertia(card: Card) -> FloatArray:
     principal = np.linalg.eigvalsh(J)
     if principal[0] < -INDEFINITE * max(principal[-1], 0.0) or principal[-1] < 0:
         raise card.error(
-            f"the inertia has the principal moments {principal[0]:.4g}, {principal[1]:.4g}, {principal[2]:.4g}",
-            "none may be negative; I21, I31 and I32 are the products themselves, without a minus sign",
+            f"the principal moments of inertia are {principal[0]:.4g}, {principal[1]:.4g}, {principal[2]:.4g}",
+            "correct the inertia so that no moment is negative; specify I21, I31 and I32 without a minus sign",
         )
     return J
 
@@ -240,17 +250,17 @@ def _inertia(card: Card) -> FloatArray:
 def _of_matrix(
     card: Card, grids: Grids, properties: dict[int, float], scale: float, turning: Collection[int], notes: list[str]
 ) -> PointMass:
-    """A CONM1 or a CMASS."""
+    """Point mass of a CONM1 or CMASS."""
     row, M = _conm1(card, grids) if card.name == "CONM1" else _cmass(card, grids, properties)
     size = np.sqrt(np.maximum(M.diagonal(), 0.0))
     size[size == 0] = 1.0
     least = float(np.linalg.eigvalsh(M / np.outer(size, size))[0])
     if M.diagonal().min() < 0 or least < -INDEFINITE:
-        raise card.error("the mass along some motion is negative", "correct its entries, of which none may be so large")
+        raise card.error("the mass matrix is not positive semidefinite", "reduce its off-diagonal entries")
     if M[3:].any() and row not in turning:
         notes.append(
-            f"{card.name} {card.text(0)}: node {grids.nodes.ids[row]} has no rotations (no RBE2 or RBE3 gives it any), so that "
-            "its entries of rotations have no effect"
+            f"{card.name} {card.text(0)}: node {grids.nodes.ids[row]} has no rotations (not in an RBE2 or "
+            "RBE3), so the rotational entries have no effect"
         )
     mean = float(np.trace(M[:3, :3])) / 3
     return PointMass(card.integer(0, "the element id"), row, scale * mean, matrix=scale * M)
@@ -273,8 +283,8 @@ def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int,
     ends = [i for i in (2, 4) if not card.is_blank(i) and not card.is_blank(i + 1)]
     if len(ends) != 1:
         raise card.error(
-            f"{len(ends)} ends on nodes: only a mass between a motion and the ground is supported",
-            "leave it out (mesh.ignore), or give the mass as CONM2",
+            f"the mass has {len(ends)} ends on nodes: only a mass between one component and the ground is supported",
+            "define the mass as CONM2, or leave it out (mesh.ignore)",
         )
     component = card.component(ends[0] + 1)
     row = grids.nodes.row(card.integer(ends[0], "the node id"), card)
@@ -287,7 +297,10 @@ def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int,
 def components(text: str, card: Card) -> tuple[int, ...]:
     """Digits 1-6 as components 0-5."""
     if not text or any(digit not in "123456" for digit in text) or len(set(text)) < len(text):
-        raise card.error(f"components {text!r} are not made of the digits 1 to 6", "write for example 123")
+        raise card.error(
+            f"components {text!r} must contain only digits 1 to 6, each once",
+            "write the components as, for example, 123",
+        )
     return tuple(sorted(int(digit) - 1 for digit in text))
 
 
@@ -300,13 +313,13 @@ def fixed_components(
     chosen: int | None = None,
     free: bool = False,
 ) -> IntArray:
-    """(f, 2) pairs (row, component) that SPC, SPC1 and the GRID cards hold, each once, sorted. A displacement that is enforced is
-    held at zero, or free, and counted.
+    """(f, 2) unique sorted pairs (row, component) that SPC, SPC1 and the GRID cards fix. Prescribed displacements
+    are fixed at zero, or left free, and counted.
 
-    free: what is not held at zero is not held; chosen: the set that counts. Otherwise the case control selects it; without a
-    selection the only set counts. `ignored` has the cards that the reader was asked to leave out; notes: that a set counts
-    which nothing selects.
-    Raises ChoiceError for several selections, and for several sets without one, DeckError for sets and nodes that are not there.
+    free: leave prescribed displacements free; chosen: the support set. Otherwise the case control selects it;
+    without a selection the only set is used. `ignored` contains cards to leave out; notes: set that is used without a
+    selection. Raises ChoiceError for several selections, and for several sets without one, DeckError for missing sets
+    and nodes.
     """
     pairs: list[tuple[int, int]] = []
     for card, row, text in permanent:
@@ -325,11 +338,11 @@ def _supports(card: Card, nodes: NodeTable, ignored: Counter[str], free: bool) -
     if card.name == "SPC1":
         ids, _ = expand(card.tokens[2:], nodes.sorted, card.where)
         if not ids.size:
-            raise card.error("holds no node of the deck", "correct the ids, or remove the card")
+            raise card.error("the card contains no node of the deck", "correct the ids, or remove the card")
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
         wanted = components(card.text(1), card)
         return [(int(row), wanted) for row in rows]
-    found = []
+    supports = []
     for i in (1, 4):
         if not card.text(i):
             continue
@@ -338,23 +351,23 @@ def _supports(card: Card, nodes: NodeTable, ignored: Counter[str], free: bool) -
         if moves:
             ignored[ENFORCED if free else HELD] += 1
         if not (moves and free):
-            found.append((row, wanted))
-    return found
+            supports.append((row, wanted))
+    return supports
 
 
 def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out: bool) -> set[int]:
-    """Ids of the SPC and SPC1 sets that count; left_out: some of those cards were, so that none need be there."""
+    """Ids of the SPC and SPC1 sets to use; left_out: some of these cards are ignored, so sets may be missing."""
     sets = card_sets(deck, "SPC", ("SPC", "SPC1"), left_out=left_out)
     if wanted is not None:
         if wanted not in sets.ids:
-            raise DeckError(f"set {wanted} of supports (mesh.spc) is not in the deck", remedy=sets.choices())
+            raise DeckError(f"support set {wanted} (mesh.spc) is not in the deck", remedy=sets.choices())
         return sets.parts(wanted)
     selected = tuple(sorted({parse_integer(text) or 0 for text in sets.chosen} & sets.ids))
     if len(sets.chosen) > 1 and selected:
         raise ChoiceError(
             f"the subcases select different supports ({', '.join(sets.chosen)})",
             where=[*sets.chosen.values()][1].where,
-            remedy=f"say which hold: mesh.spc: {selected[0]}",
+            remedy=f"select the support set: mesh.spc: {selected[0]}",
             choices=selected,
             key="spc",
         )
@@ -362,9 +375,10 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
         return sets.parts(sets.select(", here or with mesh.spc"))
     if len(sets.top) > 1:
         raise ChoiceError(
-            f"{len(sets.top)} sets of supports ({', '.join(map(str, sorted(sets.top)))}) and no selection",
+            f"the deck has {len(sets.top)} support sets ({', '.join(map(str, sorted(sets.top)))}), and the case "
+            "control selects none",
             where=sets.card(max(sets.top)).where,
-            remedy=f"say which hold: mesh.spc: {min(sets.top)}",
+            remedy=f"select the support set: mesh.spc: {min(sets.top)}",
             choices=tuple(sorted(sets.top)),
             key="spc",
         )
@@ -372,8 +386,8 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
     if sets.top and deck.case_control:
         notes.append(
             Doubt(
-                f"the case control selects no supports, so that Nastran has none: the only set of the deck, {number}, holds "
-                "here; leave it out with mesh.ignore: [SPC, SPC1], or name it with mesh.spc"
+                "the case control selects no supports, so Nastran uses none; here the only support set "
+                f"{number} is used. Ignore it with mesh.ignore: [SPC, SPC1], or confirm it with mesh.spc"
             )
         )
     return sets.parts(number)

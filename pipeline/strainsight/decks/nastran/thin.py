@@ -1,4 +1,4 @@
-"""Shells, beams and rods of a Nastran deck with their properties, each a region of its own."""
+"""Shells, beams and rods of a Nastran deck with their properties, one region each."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
     **dict.fromkeys(("PROD", "CONROD"), lambda card, _: rod_section(card)),
     "PTUBE": lambda card, _: tube_section(card),
 }
-"""Card → its material, 0 where its plies have theirs, and its section; a CONROD has its own."""
+"""Card → its material (0 for laminates) and section; a CONROD defines its section itself."""
 PROPERTIES = tuple(name for name in SECTIONS if name[0] == "P")
 OF = {
     **dict.fromkeys(SHELLS, ("PSHELL", *COMPOSITES)),
@@ -59,9 +59,9 @@ OF = {
     "CROD": ("PROD",),
     "CTUBE": ("PTUBE",),
 }
-"""Card of an element → those of its properties."""
+"""Card of an element → cards of its properties."""
 ELEMENTS = (*SHELLS, *BEAMS, *RODS)
-TAKEN = (*ELEMENTS, *DEFAULTS.values(), *PROPERTIES)
+IMPORTED = (*ELEMENTS, *DEFAULTS.values(), *PROPERTIES)
 _PROPERTY = re.compile(
     r"P(SHELL|COMP|SHEAR|PLANE|SOLID|LSOLID|BAR|BEAM|BEND|BCOMP|BMSECT|BRSECT|ROD|TUBE|BUSH|ELAS|DAMP)"
 )
@@ -69,8 +69,7 @@ _PROPERTY = re.compile(
 
 @dataclass(frozen=True)
 class Thin:
-    """Shells, beams and what they refer to: region → its property; their cards; how many of each card are left
-    out."""
+    """Shells, beams and their data: region → property; cards; number of ignored cards by name."""
 
     shells: tuple[ShellBlock, ...]
     beams: tuple[BeamBlock, ...]
@@ -80,13 +79,13 @@ class Thin:
 
     @property
     def only_beams(self) -> set[int]:
-        """Ids of the materials that no shell is of."""
+        """Ids of the materials that only beams use."""
         of_beams, of_shells = (
             {
                 mid
-                for own in self.properties.values()
-                if isinstance(own.section, BeamSection) == beams
-                for mid in own.mids
+                for thin_property in self.properties.values()
+                if isinstance(thin_property.section, BeamSection) == beams
+                for mid in thin_property.mids
             }
             for beams in (True, False)
         )
@@ -96,22 +95,22 @@ class Thin:
 def read_thin(
     cards: Cards, grids: Grids, blocks: Sequence[CellBlock], solids: Elements, required: bool, notes: list[str]
 ) -> Thin:
-    """Shells, beams and rods. Each CONROD of other values is a region.
+    """Shells, beams and rods. Each CONROD with different values is a region.
 
-    required: their properties have to be there and supported; otherwise those of others are left out. Raises DeckError for
-    that, an id that stands twice, and what `read_shells` and `read_beams` refuse.
+    required: require supported properties; otherwise elements without one are left out. Raises DeckError for a
+    missing property, a duplicate id, and errors of `read_shells` and `read_beams`.
     """
     bars = with_defaults(cards)
-    own = sorted(
+    elements_in_order = sorted(
         (card for name in ELEMENTS for card in bars.get(name, cards.of(name))), key=lambda card: (card.file, card.line)
     )
-    ids = unique_ids(own, "element")
+    ids = unique_ids(elements_in_order, "element")
     if (clash := np.isin(ids, solids.ids)).any():
-        card = own[int(np.argmax(clash))]
-        raise card.error(f"element id {card.text(0)} stands twice, a solid has it too", "give every element its own id")
+        card = elements_in_order[int(np.argmax(clash))]
+        raise card.error(f"element id {card.text(0)} is used twice, also by a solid", "number all elements uniquely")
     numbers = [card.integer(0, "the property id") for card in cards.of("PSOLID")]
-    taken = np.concatenate([[0], numbers, ids, *(np.unique(block.region) for block in blocks)]).astype(np.int64)
-    region, of_region = _regions(own, ids, cards, taken, required)
+    used_ids = np.concatenate([[0], numbers, ids, *(np.unique(block.region) for block in blocks)]).astype(np.int64)
+    region, of_region = _regions(elements_in_order, ids, cards, used_ids, required)
     properties: dict[int, ThinProperty] = {}
     known = shell_materials(cards)
     for number, card in of_region.items():
@@ -121,10 +120,16 @@ def read_thin(
         except DeckError:
             if required:
                 raise
-    kept = np.isin(region, list(properties))
-    left_out = Counter(card.name for card, there in zip(own, kept, strict=True) if not there)
+    has_property = np.isin(region, list(properties))
+    left_out = Counter(
+        card.name for card, imported in zip(elements_in_order, has_property, strict=True) if not imported
+    )
     left_out.update(_unused(cards, properties))
-    elements = Elements([card for card, there in zip(own, kept, strict=True) if there], ids[kept], region[kept])
+    elements = Elements(
+        [card for card, imported in zip(elements_in_order, has_property, strict=True) if imported],
+        ids[has_property],
+        region[has_property],
+    )
     shells = read_shells(elements.of(SHELLS), grids, properties, notes)
     beams = read_beams(elements.of((*BEAMS, *RODS)), grids)
     called = {int(card.text(0)): f"{card.name} {card.text(0)}" for card in elements.cards}
@@ -135,11 +140,13 @@ def read_thin(
 
 
 def _property(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str]) -> ThinProperty:
-    """What a card says; known: MAT1, MAT2 and MAT8 by their ids."""
+    """Property of a card; known: MAT1, MAT2 and MAT8 by id."""
     if card.name == "PSHELL" and is_general(card, known):
         return ThinProperty(card, general_shell(card, known, notes), 0, tuple(materials_of(card).values()))
     material, section = SECTIONS[card.name](card, notes)
-    if isinstance(section, ShellSection) and any(own.name == "MAT8" for own in known.get(material, ())):
+    if isinstance(section, ShellSection) and any(
+        material_card.name == "MAT8" for material_card in known.get(material, ())
+    ):
         ply = Laminate((Ply(material, section.thickness),), section.nonstructural)
         return ThinProperty(card, ply, 0, (material,))
     if isinstance(section, Laminate):
@@ -150,57 +157,59 @@ def _property(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str])
 
 
 def _regions(
-    own: Sequence[Card], ids: IntArray, cards: Cards, taken: IntArray, required: bool
+    elements: Sequence[Card], ids: IntArray, cards: Cards, used_ids: IntArray, required: bool
 ) -> tuple[IntArray, dict[int, Card]]:
-    """Region (n,) of each element, 0 where its property is not there, and the cards of the regions; taken: other ids."""
-    given: dict[tuple[str, int], Card] = {}
+    """Region (n,) of each element, 0 if its property is missing, and the cards of the regions; used_ids: other ids."""
+    property_cards: dict[tuple[str, int], Card] = {}
     for card in cards.of(*PROPERTIES):
-        given.setdefault((card.name, card.integer(0, "the property id")), card)
-    region = np.zeros(len(own), dtype=np.int64)
+        property_cards.setdefault((card.name, card.integer(0, "the property id")), card)
+    region = np.zeros(len(elements), dtype=np.int64)
     properties: dict[int, Card] = {}
     alone = []
-    for i, card in enumerate(own):
+    for i, card in enumerate(elements):
         if card.name == "CONROD":
             alone.append(i)
             continue
         number = card.integer(1, "the property id", int(ids[i]))
-        found = next((given[name, number] for name in OF[card.name] if (name, number) in given), None)
-        if found is None:
+        property_card = next(
+            (property_cards[name, number] for name in OF[card.name] if (name, number) in property_cards), None
+        )
+        if property_card is None:
             if required:
                 raise _no_property(card, number, cards)
             continue
-        other = properties.setdefault(number, found)
-        if other is found:
+        other = properties.setdefault(number, property_card)
+        if other is property_card:
             region[i] = number
         elif required:
-            raise found.error(
-                f"property id {number} stands twice (first at {other.where})", "give every property its own id"
+            raise property_card.error(
+                f"property id {number} is used twice (first at {other.where})", "number all properties uniquely"
             )
-    free = max([*taken.tolist(), *(number for _, number in given)]) + 1
+    free = max([*used_ids.tolist(), *(number for _, number in property_cards)]) + 1
     like: dict[tuple[str, ...], int] = {}
     for i in alone:
-        values = tuple(own[i].text(field) for field in range(3, 8))
+        values = tuple(elements[i].text(field) for field in range(3, 8))
         if values not in like:
             like[values] = free + len(like)
-            properties[like[values]] = own[i]
+            properties[like[values]] = elements[i]
         region[i] = like[values]
     return region, properties
 
 
 def _no_property(card: Card, number: int, cards: Cards) -> DeckError:
     wanted = " or ".join(OF[card.name])
-    there = next(
+    other_card = next(
         (name for name in cards if _PROPERTY.match(name) and any(c.text(0) == str(number) for c in cards[name])), None
     )
-    what = f"is a {there}, not a {wanted}" if there else f"is not in the deck ({wanted})"
-    remedy = "give these elements" if there else f"add, with id {number},"
+    what = f"is a {other_card}, but must be a {wanted}" if other_card else f"is not in the deck ({wanted})"
+    remedy = "assign to these elements" if other_card else f"add, with id {number},"
     return card.error(
         f"property {number} {what}", f"{remedy} a {wanted}, or leave them out (mesh.ignore: [{card.name}])"
     )
 
 
 def _unused(cards: Cards, properties: Mapping[int, ThinProperty]) -> dict[str, int]:
-    """Cards of properties that make no region, with how many there are."""
-    used = Counter(own.card.name for own in properties.values())
+    """Cards of unused properties with their number."""
+    used = Counter(thin_property.card.name for thin_property in properties.values())
     counts = {name: len(cards.of(name)) - used[name] for name in PROPERTIES}
     return {f"{name} that no element refers to": count for name, count in counts.items() if count}

@@ -1,6 +1,7 @@
-"""Reading with meshio so that whatever it meets comes back as a message: it prints, exits and drops cells on its own.
+"""Read a mesh with meshio and report its output as messages; meshio prints, exits the process and drops cells.
 
-In a child process, see `child_reader`: meshio makes room for what a file claims, and does not return from some damaged ones.
+It runs in a child process, see `child_reader`, because damaged files can make meshio allocate any size or run
+forever.
 """
 
 from __future__ import annotations
@@ -23,26 +24,26 @@ from strainsight.errors import DeckError
 from strainsight.processes import limit_memory, python
 
 NOT_HERE = ("nastran", "abaqus", "gmsh", "mdpa")
-"""Formats with a reader of their own, because meshio loses too much; and one in which it takes numbers for positions."""
-INSTEAD = "write the mesh as gmsh .msh 4.1, Abaqus .inp or VTU (zlib or text)"
+"""Formats with a separate reader, because meshio loses data; and one in which meshio takes numbers for positions."""
+INSTEAD = "export the mesh as gmsh .msh 4.1, Abaqus .inp or VTU (zlib or text)"
 HDF5 = ("med", "h5m", "hmf", "cgns")
 
-# meshio knows these cells by name and fails on them because it does not list their dimension.
+# meshio knows these cells by name, but fails because it has no dimension for them.
 _UNLISTED = {"wedge15": 3, "pyramid13": 3, "wedge12": 3, "hexahedron24": 3, "penta_prism": 3, "hexa_prism": 3}
 _UNLISTED |= {"triangle7": 2, "quad6": 2, "pixel": 2, "voxel": 3}
 _VOXEL = 11
-"""VTK's number of an axis-aligned hexahedron, which meshio does not know and `ImageData` is made of."""
+"""VTK number of the axis-aligned hexahedron of `ImageData`, which meshio does not know."""
 _DROPPED = re.compile(r"cannot handle \(type (\d+)\)")
 _FLAT = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23, 28, 30, 34, 35)
 _INTEGERS = {"char": 8, "signed_char": 8, "short": 16, "int": 32, "long": 64} | {
     f"vtktypeint{size}": size for size in (8, 16, 32, 64)
 }
-"""VTK's names of integers and their bits, of which each of meshio's two readers of VTK knows some."""
+"""VTK integer types and their bits; each of meshio's two VTK readers knows only some."""
 _COUNTS = re.compile(rb"^(?:POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKUP_TABLE \S+|FIELD \S+) +(.*)", re.M)
 
 
 class Loaded(NamedTuple):
-    """What meshio read: its mesh, its name of the format, what it printed meanwhile, and files that belong to this one."""
+    """Result of meshio: mesh, format name, printed output, and additional files."""
 
     mesh: Any
     format: str
@@ -51,15 +52,15 @@ class Loaded(NamedTuple):
 
 
 def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded:
-    """Read a mesh with meshio. Raises DeckError for whatever it cannot read or would drop.
+    """Read a mesh with meshio. Raises DeckError for data that it cannot read or would drop.
 
-    weigh: called before reading with the bytes of the file and of those that it includes.
+    weigh: called before reading with the bytes of the file and of the files that it includes.
     """
     formats = _formats(path)
     if not path.is_file():
-        raise error_at(path, "no such file", "check the name and the folder")
+        raise error_at(path, "no such file", "correct the file name or the folder")
     if path.stat().st_size == 0:
-        raise error_at(path, "the file is empty", "write the mesh again")
+        raise error_at(path, "the file is empty", "export the mesh again")
     name = formats[0]
     weigh(path.stat().st_size)
     included = _checked(path, name)
@@ -85,9 +86,7 @@ def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded
     notes = " ".join(f"{out.getvalue()} {err.getvalue()}".split())
     lost = [int(number) for number in _DROPPED.findall(notes) if int(number) not in _FLAT]
     if lost:
-        raise error_at(
-            path, f"cells of VTK's type {lost[0]} are not supported", "mesh with tetrahedra, hexahedra or wedges"
-        )
+        raise error_at(path, f"cells of VTK type {lost[0]} are not supported", "use tetrahedra, hexahedra or wedges")
     return Loaded(mesh, name, notes, included)
 
 
@@ -97,12 +96,16 @@ def _formats(path: Path) -> list[str]:
     suffixes = [suffix.lower() for suffix in path.suffixes]
     endings = ["".join(suffixes[i:]) for i in range(len(suffixes))]
     known = meshio.extension_to_filetypes
-    found = [name for ending in endings for name in known.get(ending, []) if name not in NOT_HERE]
-    if not found and endings[-1:] == [".gz"]:
-        raise error_at(path, "a packed mesh of this format is not supported", "unpack it (gunzip) and give the mesh")
-    if not found:
-        raise error_at(path, f"no mesh format that is known by its ending {path.suffix or '(none)'}", INSTEAD)
-    return found
+    formats = [name for ending in endings for name in known.get(ending, []) if name not in NOT_HERE]
+    if not formats and endings[-1:] == [".gz"]:
+        raise error_at(
+            path,
+            "compressed meshes of this format are not supported",
+            "unpack the mesh (gunzip) and specify the unpacked file",
+        )
+    if not formats:
+        raise error_at(path, f"{path.suffix or '(none)'} is not a known mesh file ending", INSTEAD)
+    return formats
 
 
 def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckError:
@@ -110,19 +113,24 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
         return error_at(
             path,
             f"{error.args[0]} cells are not supported",
-            "mesh with tetrahedra, hexahedra or wedges of first or second order",
+            "use tetrahedra, hexahedra or wedges of first or second order",
         )
     if isinstance(error, ModuleNotFoundError):
-        return error_at(path, f"reading {name} needs the package {error.name}", f"install it, or {INSTEAD}")
+        return error_at(path, f"reading {name} requires the package {error.name}", f"install it, or {INSTEAD}")
     if isinstance(error, MemoryError):
-        return error_at(path, f"{path.stat().st_size} bytes claim a mesh that takes more than a GiB to read", INSTEAD)
+        return error_at(
+            path,
+            f"reading the mesh requires more than 1 GiB, although the file has only {path.stat().st_size} bytes",
+            INSTEAD,
+        )
     reason = " ".join((printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}").split())
-    reason = re.sub(r" ?Error: Couldn't read file .*", "", reason) or "its content is not that format's, or damaged"
+    reason = re.sub(r" ?Error: Couldn't read file .*", "", reason) or "the content has another format or is damaged"
     return error_at(path, f"cannot be read as {name}: {reason[:300]}", INSTEAD)
 
 
 def _checked(path: Path, name: str) -> tuple[str, ...]:
-    """Refuse what meshio would get wrong or should not follow; returns the files that the mesh takes in."""
+    """Raise DeckError for data that meshio reads incorrectly or should not follow; returns additional files of the
+    mesh."""
     try:
         if name == "vtk":
             _check_vtk(path)
@@ -130,8 +138,8 @@ def _checked(path: Path, name: str) -> tuple[str, ...]:
             if (pieces := path.read_bytes().count(b"<Piece")) > 1:
                 raise error_at(
                     path,
-                    f"the file is in {pieces} pieces, of which only one would be read",
-                    "merge the pieces and save them as one",
+                    f"the file has {pieces} pieces, but only one would be read",
+                    "merge the pieces into one",
                 )
         elif name == "xdmf":
             return _check_xdmf(path)
@@ -153,81 +161,85 @@ def _check_vtk(path: Path) -> None:
     content = path.read_bytes()
     dataset = re.search(rb"^\s*DATASET\s+(\w+)", content[:5000], re.M | re.I)
     if dataset and dataset[1].upper() != b"UNSTRUCTURED_GRID":
-        raise error_at(path, f"a {dataset[1].decode()} is no mesh of elements", "convert it to an unstructured grid")
+        raise error_at(
+            path, f"the data set {dataset[1].decode()} is not a mesh of elements", "convert it to an unstructured grid"
+        )
     for match in _COUNTS.finditer(content):
         for word in match[1].split():
             if word.isdigit() and int(word) > len(content):
                 line = content.count(b"\n", 0, match.start()) + 1
                 raise error_at(
                     f"{path}:{line}",
-                    f"{int(word)} entries are claimed in a file of {len(content)} bytes",
-                    "write the mesh again: the file is damaged",
+                    f"{int(word)} entries are declared, but the file has only {len(content)} bytes",
+                    "the file is damaged: export the mesh again",
                 )
 
 
 def _check_xdmf(path: Path) -> tuple[str, ...]:
-    """The data files of an XDMF file lie in or below its folder."""
-    folder, found = path.resolve().parent, dict[str, None]()
+    """Check that the data files of an XDMF file are in or below its folder."""
+    folder, data_files = path.resolve().parent, dict[str, None]()
     for item in ElementTree.parse(path).iter("DataItem"):
         form, text = item.get("Format"), (item.text or "").strip()
         if form == "Binary":
-            raise error_at(path, "raw binary data are not supported", "write the data as HDF or XML")
+            raise error_at(path, "raw binary data are not supported", "export the data as HDF or XML")
         if form == "HDF":
             target = folder / text.rpartition(":")[0]
             if not target.resolve().is_relative_to(folder):
                 raise _elsewhere(text, path)
-            found[str(target)] = None
-    for name in found:
+            data_files[str(target)] = None
+    for name in data_files:
         check_hdf5(Path(name))
-    return tuple(found)
+    return tuple(data_files)
 
 
 def _elsewhere(name: str, path: Path) -> DeckError:
     return error_at(
-        path, f"the data file {name!r} leaves the folder of the mesh", "move the data file beside or below the mesh"
+        path,
+        f"the data file {name!r} is outside the folder of the mesh",
+        "move the data file into the folder of the mesh or below it",
     )
 
 
 def check_hdf5(path: Path) -> None:
-    """Raise DeckError for an HDF5 file that takes data from other files or claims more than 4 GiB in one array."""
+    """Raise DeckError for an HDF5 file that refers to other files or has an array of more than 4 GiB."""
     import h5py
 
-    found: list[str] = []
+    problems: list[str] = []
 
     def look(name: str, link: Any) -> None:
         if isinstance(link, h5py.ExternalLink):
-            found.append(f"{name} is a link to another file ({link.filename})")
+            problems.append(f"{name} is a link to another file ({link.filename})")
 
     def weigh(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
             if item.external or item.is_virtual:
-                found.append(f"{name} takes its data from another file")
+                problems.append(f"{name} refers to data in another file")
             elif item.nbytes > LARGEST:
-                found.append(f"{name} claims {item.nbytes / 1024**3:.1f} GiB")
+                problems.append(f"{name} has {item.nbytes / 1024**3:.1f} GiB")
 
     try:
         with h5py.File(path, "r") as file:
             file.visititems_links(look)
             file.visititems(weigh)
-    except Exception as error:  # the library has no class of its own for damaged files
+    except Exception as error:  # h5py has no exception class for damaged files
         reason = f"cannot be read as HDF5: {' '.join(str(error).split())[:300]}"
         raise error_at(path, reason, INSTEAD) from None
-    if found:
-        raise error_at(path, found[0], "write the data into the file itself, without links")
+    if problems:
+        raise error_at(path, problems[0], "write the data into the file itself, without links")
 
 
 TIME_LIMIT = 7.0
-"""[s] to read, and one more for every 100 kB of the file."""
+"""Time limit [s] for reading, plus one second for every 100 kB of the file."""
 MEMORY_LIMIT = 1 << 30
-"""[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file and of those that it takes in."""
+"""Memory limit [bytes] for reading, plus MEMORY_A_BYTE for every byte of the file and its additional files."""
 MEMORY_A_BYTE = 200
 COMMAND = python("strainsight.decks.other.load")
 
 
 def load_sandboxed(path: Path) -> Loaded:
-    """`load`, in a child process. Raises DeckError as that does, and where the process fails."""
+    """`load` in a child process. Raises the same DeckError, and one if the process fails."""
     limit = TIME_LIMIT + path.stat().st_size / 1e5 if path.is_file() else TIME_LIMIT
-    failure = error_at(path, "reading it crashed, or did not come to an end", f"the file is damaged: {INSTEAD}")
+    failure = error_at(path, "reading the file crashed or took too long", f"the file is damaged: {INSTEAD}")
     with child_reader(COMMAND, str(path), failure) as receive:
         record, arrays = receive(limit)
 
@@ -245,7 +257,7 @@ def load_sandboxed(path: Path) -> Loaded:
 
 
 def messages(path: Path) -> Iterator[Message]:
-    """In the child process: all that `read_meshio` asks of a mesh, with numbers for its arrays."""
+    """In the child process: the mesh data that `read_meshio` needs, with numbers for the arrays."""
     loaded = load(path, lambda size: limit_memory(MEMORY_LIMIT + MEMORY_A_BYTE * size))
     arrays: list[np.ndarray] = []
 
@@ -254,7 +266,7 @@ def messages(path: Path) -> Iterator[Message]:
             return None
         try:
             array = np.asarray(values)
-        except ValueError:  # cells with different numbers of nodes: only their count is asked for
+        except ValueError:  # cells with different numbers of nodes, of which only the count is needed
             array = np.zeros((len(values), 0))
         arrays.append(array.astype(str) if array.dtype.hasobject else array)
         return len(arrays) - 1
@@ -283,4 +295,4 @@ def messages(path: Path) -> Iterator[Message]:
 
 
 if __name__ == "__main__":
-    answer(lambda asked: messages(Path(asked)), ("h5py", "meshio"))
+    answer(lambda path: messages(Path(path)), ("h5py", "meshio"))

@@ -34,18 +34,18 @@ REGIONS = (
     *("avsucd:material", "su2:tag", "ugrid:ref", "MaterialIds", "MaterialID", "MaterialId", "material_id"),
     *("material", "PartId", "part_id", "PropertyId", "property_id", "ElementBlockIds", "ObjectId"),
 )
-"""Names under which programs write the region of a cell, the first that is there counts."""
+"""Cell data names that programs use for regions; the first existing one is used."""
 
 
 class Labels(NamedTuple):
-    """Cell data taken as regions: its name, values (cells,)."""
+    """Cell data used as regions: name, values (cells,)."""
 
     name: str
     values: IntArray
 
 
 def whole(values: Any) -> IntArray | None:
-    """One whole number a row, (n,); None for anything else."""
+    """Values (n,) as integers, one a row; None for other data."""
     array = np.asarray(values)
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
@@ -57,7 +57,7 @@ def whole(values: Any) -> IntArray | None:
 
 
 def switches(values: Any) -> np.ndarray | None:
-    """Which rows are on, for data that are 0 or 1 everywhere and 1 somewhere; None for other data."""
+    """Rows with value 1, for data that contain only 0 and 1 and at least one 1; None for other data."""
     numbers = whole(values)
     if numbers is None or not numbers.any() or not np.all((numbers == 0) | (numbers == 1)):
         return None
@@ -67,48 +67,48 @@ def switches(values: Any) -> np.ndarray | None:
 def numbers_of(
     data: Mapping[str, Any], names: tuple[str, ...], count: int, what: str, notes: list[str]
 ) -> tuple[IntArray, str]:
-    """Numbers of the nodes or elements (count,), and the data they come from, "" where they just count from 1."""
+    """Node or element numbers (count,), and the data they come from, "" if the numbers count from 1."""
     for name in (name for name in names if name in data):
         numbers = whole(data[name])
         right = numbers is not None and len(numbers) == count and numbers.min(initial=1) > 0
         if numbers is not None and right and len(np.unique(numbers)) == count:
             return numbers, name
-        notes.append(f"{what} data {name} are not positive and unique: they are no numbers of {what}s")
-    notes.append(f"the file does not number its {what}s: they count from 1 in its order")
+        notes.append(f"{what} data {name} are not positive and unique, so they are not used as {what} numbers")
+    notes.append(f"{what}s have no numbers in the file, so they are numbered from 1 in file order")
     return np.arange(1, count + 1), ""
 
 
 def labels(data: Mapping[str, Any], name: str | None, count: int, path: str, notes: list[str]) -> Labels | None:
-    """The cell data that say the regions: those of this name, or the first usual ones; None where there are none.
+    """Cell data that define the regions: those of this name, or the first usual ones; None if there are no such data.
 
-    Raises DeckError for a name that is not there or no whole numbers.
+    Raises DeckError for a missing name or data that are not integers.
     """
-    there = {
+    candidates = {
         key: numbers for key, values in data.items() if (numbers := whole(values)) is not None and len(numbers) == count
     }
     if name is not None:
-        if name not in there:
-            known = ", ".join(there) or "none"
+        if name not in candidates:
+            known = ", ".join(candidates) or "none"
             raise error_at(
                 path,
-                f"cell data {name!r} are not whole numbers" if name in data else f"there are no cell data {name!r}",
-                f"cell data that can be regions: {known}",
+                f"cell data {name!r} are not integers" if name in data else f"cell data {name!r} not found",
+                f"choose cell data that can define regions: {known}",
             )
-        return Labels(name, there[name])
+        return Labels(name, candidates[name])
     for usual in REGIONS:
-        if usual in there:
-            notes.append(f"regions are the cell data {usual}")
-            return Labels(usual, there[usual])
-    others = ", ".join(there)
+        if usual in candidates:
+            notes.append(f"regions are defined by the cell data {usual}")
+            return Labels(usual, candidates[usual])
+    others = ", ".join(candidates)
     notes.append(
-        "no cell data say the regions: all elements are region 1 (solids)"
-        + (f"; whole numbers are in {others}, to be named as region_data" if others else "")
+        "no cell data define regions, so all elements are in region 1 (solids)"
+        + (f"; region_data can be set to {others}" if others else "")
     )
     return None
 
 
 THIN = {"quad": "quad4", "triangle": "tri3", "quad8": "quad8", "triangle6": "tri6", "line": LINE, "line3": LINE3}
-"""Types of cells that may have a section."""
+"""Cell types that may have a section."""
 
 
 KINDS = {cell: kind for kind in ELEMENTS for cell in kind.meshio}
@@ -116,13 +116,13 @@ WIDTH = {"quad": 4, "triangle": 3, "quad8": 8, "triangle6": 6, "line": 2, "line3
 NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPointIds", "PointIds", "ids")
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
 TURNED = "med"
-"""MED counts every solid the other way round ("Connectivity conventions of nodes of elements", Salome SMESH)."""
+"""MED uses the opposite node orientation in every solid ("Connectivity conventions of nodes of elements", Salome
+SMESH)."""
 
 
 class Cells:
-    """Cells of some blocks of what meshio read, one after the other: rows[b] are those of block b; data by name; ids (cells,);
-    tags: what says their regions, None where nothing does; names: dimension → region → its names; taken: the data that ids and
-    regions are from."""
+    """Cells of some blocks of the meshio mesh: rows[b] are those of block b; data by name; ids (cells,); tags:
+    region data, or None; names: dimension → region → names; used_data: data of ids and regions."""
 
     def __init__(self, raw: Any, blocks: list[int], region_data: str | None, path: str, notes: list[str]):
         self.raw, self.path = raw, path
@@ -136,26 +136,28 @@ class Cells:
         self.ids, numbers = numbers_of(self.data, ELEMENT_IDS, total, "element", notes)
         self.tags = labels(self.data, region_data, total, path, notes)
         self.names = {dimension: tag_names(raw, dimension) for dimension in range(4)}
-        self.taken = {numbers, self.tags.name if self.tags else ""}
+        self.used_data = {numbers, self.tags.name if self.tags else ""}
 
     def region_name(self, dimension: int, tag: int) -> str:
-        """The name of a region."""
+        """Name of a region."""
         return ", ".join(self.names[dimension].get(tag, ())) or f"region {tag}"
 
     def groups(self) -> Groups:
-        """Regions of the cells by their dimension."""
+        """Regions of the cells by dimension."""
         groups: dict[int, dict[int | None, str]] = {}
         for b, rows in self.rows.items():
             dimension = self.raw.cells[b].dim
-            own = groups.setdefault(dimension, {})
+            groups_of_dimension = groups.setdefault(dimension, {})
             if self.tags is None:
-                own[None] = {1: "beams", 2: "shells", 3: "solids"}[dimension]
+                groups_of_dimension[None] = {1: "beams", 2: "shells", 3: "solids"}[dimension]
             else:
-                own |= {tag: self.region_name(dimension, tag) for tag in np.unique(self.tags.values[rows]).tolist()}
+                groups_of_dimension |= {
+                    tag: self.region_name(dimension, tag) for tag in np.unique(self.tags.values[rows]).tolist()
+                }
         return groups
 
     def solids(self, of: list[int], form: str, position: FloatArray, notes: list[str]) -> tuple[CellBlock, ...]:
-        """Cells of the blocks `of`, which are solids, by their kinds; form: meshio's name of the format."""
+        """Solid cells of the blocks `of` by kind; form: format name of meshio."""
         region = self.tags.values if self.tags else np.ones(len(self.ids), dtype=np.int64)
         parts: dict[str, list[CellBlock]] = {kind.name: [] for kind in ELEMENTS}
         for b in of:
@@ -163,27 +165,27 @@ class Cells:
             nodes = in_order(np.asarray(block.data, np.int64), kind.meshio[block.type])
             nodes = in_our_order(kind, nodes, form, position, notes)
             parts[kind.name].append(CellBlock(kind.name, self.ids[rows], nodes, region[rows]))
-        return tuple(CellBlock.joined(own) for own in parts.values() if own)
+        return tuple(CellBlock.joined(blocks) for blocks in parts.values() if blocks)
 
     def thin(self, of: list[int], chosen: Chosen) -> Iterator[CellBlock]:
-        """Cells of the blocks `of` whose regions have a section. Raises DeckError for others."""
+        """Cells of the blocks `of` whose regions have a section. Raises DeckError for unsupported cell types."""
         cells, known = self.raw.cells, list(THIN)
         for b in sorted(of, key=lambda b: known.index(cells[b].type) if cells[b].type in THIN else -1):
             block, rows = cells[b], self.rows[b]
             region = np.full(len(block.data), -1)
             inside = np.zeros(len(block.data), dtype=bool)
-            for (dimension, tag), (own, _) in chosen.items():
+            for (dimension, tag), (region_, _) in chosen.items():
                 if dimension == block.dim:
                     tags = None if tag is None else self.tags
                     here = np.ones(len(region), dtype=bool) if tags is None else tags.values[rows] == tag
-                    region[here], inside = own.id, inside | here
+                    region[here], inside = region_.id, inside | here
             if not inside.any():
                 continue
             if block.type not in THIN:
                 raise error_at(
                     self.path,
                     f"{plural(int(inside.sum()), block.type + ' cell')} in regions with a section are not supported",
-                    f"mesh with {', '.join(THIN)}",
+                    f"use {', '.join(THIN)}",
                 )
             nodes = np.asarray(block.data, np.int64)[inside]
             yield CellBlock(THIN[block.type], self.ids[rows][inside], nodes, region[inside].astype(np.int64))
@@ -191,9 +193,9 @@ class Cells:
     def sets(
         self, elements: np.ndarray, node_ids: IntArray, ignored: Counter[str]
     ) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
-        """Sets of nodes and of elements; elements (cells,): which of the cells are some. The others give sets of nodes where they
-        have a name."""
-        raw, taken = self.raw, set(self.taken)
+        """Node sets and element sets; elements (cells,): cells used as elements. Other cells define node sets if
+        they have a name."""
+        raw, used_data = self.raw, set(self.used_data)
         points: defaultdict[str, list[IntArray]] = defaultdict(list)
         members: defaultdict[str, list[IntArray]] = defaultdict(list)
         for name, rows in (raw.point_sets or {}).items():
@@ -201,22 +203,22 @@ class Cells:
         for tag, family in (getattr(raw, "point_tags", None) or {}).items():
             for name in family:
                 points[name].append(np.flatnonzero(np.asarray(raw.point_data["point_tags"]) == tag))
-                taken.add("point_tags")
+                used_data.add("point_tags")
         for b, block in enumerate(raw.cells):
-            own, named = self.rows.get(b), list(self._named(b))
+            cell_rows, named = self.rows.get(b), list(self._named(b))
             for name, rows in named:
                 points[name].append(np.unique(np.asarray(block.data)[rows]))
-                if own is not None:
-                    members[name].append(self.ids[own][rows[elements[own][rows]]])
-            left = len(block.data) - (0 if own is None else int(np.count_nonzero(elements[own])))
+                if cell_rows is not None:
+                    members[name].append(self.ids[cell_rows][rows[elements[cell_rows][rows]]])
+            left = len(block.data) - (0 if cell_rows is None else int(np.count_nonzero(elements[cell_rows])))
             if left and not named:
                 ignored[f"{block.type} cells"] += left
         for name, values in raw.point_data.items():
-            if name not in taken and (on := switches(values)) is not None:
+            if name not in used_data and (on := switches(values)) is not None:
                 points[name].append(np.flatnonzero(on))
-            elif name not in taken:
+            elif name not in used_data:
                 ignored[f"point data {name}"] += 1
-        for name in (name for name in raw.cell_data if name not in taken):
+        for name in (name for name in raw.cell_data if name not in used_data):
             if name in self.data and (on := switches(self.data[name])) is not None:
                 members[name].append(self.ids[on & elements])
             else:
@@ -227,7 +229,7 @@ class Cells:
         )
 
     def _named(self, b: int) -> Iterator[tuple[str, IntArray]]:
-        """Name → rows of block b that belong to it: sets of cells, and tags with names."""
+        """Name → rows of block b that belong to it, from cell sets and named tags."""
         for name, per_block in (self.raw.cell_sets or {}).items():
             if b < len(per_block) and per_block[b] is not None and len(per_block[b]):
                 yield name, np.asarray(per_block[b], dtype=np.int64)
@@ -243,35 +245,40 @@ def read_meshio(
     region_data: str | None = None,
     *,
     required: bool = True,
-    given: Mapping[str, GivenSection] | None = None,
+    sections: Mapping[str, GivenSection] | None = None,
     sandboxed: bool = True,
 ) -> Mesh:
-    """A mesh of a format that meshio reads, in its own units; such files know no materials and no supports.
+    """Read a mesh of a meshio format in its own units; such files have no materials and no supports.
 
-    Node and element numbers come from point and cell data (node_id, GlobalNodeId, … element_id, …) where they are
-    positive and unique, else they count from 1. Regions are the cell data `region_data`, or the first usual one there is
-    (region, gmsh:physical, MaterialIds, …). Sets are those of the file, and data that are 0 or 1 everywhere.
-    required: there have to be solids, where no sections are given; given: key of the config → section of regions of triangles,
-    quadrangles and lines, in the units of the file; sandboxed: meshio runs in a child process. Raises DeckError for what cannot
-    be read or imported as it stands, and UserError for a region of a section that is not there.
+    Node and element numbers come from point and cell data (node_id, GlobalNodeId, … element_id, …) if these are
+    positive and unique, else they count from 1. Regions are the cell data `region_data`, or the first usual ones
+    (region, gmsh:physical, MaterialIds, …). Sets are those of the file, and data that contain only 0 and 1. required:
+    require solids if there are no sections; sections: config key → section of regions of triangles, quadrilaterals and
+    lines, in the units of the file; sandboxed: run meshio in a child process. Raises DeckError for files that cannot
+    be read or imported, and UserError for a missing region of a section.
     """
-    path, given = Path(path), given or {}
+    path, sections = Path(path), sections or {}
     loaded = load_sandboxed(path) if sandboxed else load(path)
     raw = loaded.mesh
     ignored: Counter[str] = Counter()
-    notes = [f"meshio says: {loaded.notes[:500]}"] if loaded.notes else []
-    solids, wanted = _solids(raw, str(path), required and not given), {own.dimension for own in given.values()}
+    notes = [f"meshio reports: {loaded.notes[:500]}"] if loaded.notes else []
+    solids, wanted = (
+        _solids(raw, str(path), required and not sections),
+        {section.dimension for section in sections.values()},
+    )
     thin = [b for b, block in enumerate(raw.cells) if block.dim in wanted and len(block.data)]
     position = _position(raw, str(path), notes)
     _check_cells(raw, [*solids, *(b for b in thin if raw.cells[b].type in THIN)], len(position), str(path))
     node_ids, numbers = numbers_of(raw.point_data, NODE_IDS, len(position), "node", notes)
     check_nodes(node_ids, position, lambda *_: str(path))
     cells = Cells(raw, sorted([*solids, *thin]), region_data, str(path), notes)
-    cells.taken.add(numbers)
+    cells.used_data.add(numbers)
     blocks = cells.solids(solids, loaded.format, position, notes)
-    tags = np.unique(concatenate(block.region for block in blocks)).tolist() if blocks or cells.tags or given else [1]
+    tags = (
+        np.unique(concatenate(block.region for block in blocks)).tolist() if blocks or cells.tags or sections else [1]
+    )
     regions = {tag: Region(tag, cells.region_name(3, tag) if cells.tags else "solids", 0) for tag in tags}
-    chosen = regions_with_sections(cells.groups(), given, regions, notes)
+    chosen = regions_with_sections(cells.groups(), sections, regions, notes)
     shells = list(cells.thin(thin, chosen))
     check_elements([*blocks, *shells], lambda *_: str(path))
     used = np.isin(cells.ids, concatenate(block.ids for block in (*blocks, *shells)))
@@ -280,7 +287,7 @@ def read_meshio(
         node_ids=node_ids,
         position=position,
         blocks=blocks,
-        regions=regions | {own.id: own for own, _ in chosen.values()},
+        regions=regions | {region_.id: region_ for region_, _ in chosen.values()},
         node_sets=node_sets,
         element_sets=element_sets,
         ignored=dict(sorted(ignored.items())),
@@ -296,35 +303,35 @@ def _position(raw: Any, path: str, notes: list[str]) -> FloatArray:
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise error_at(
             path,
-            f"the points have {points.shape[-1] if points.ndim else 0} coordinates, not 3",
-            "solids need a mesh in three dimensions",
+            f"the points have {points.shape[-1] if points.ndim else 0} coordinates, but need 3",
+            "use a three-dimensional mesh for solids",
         )
     if points.dtype == np.float32:
-        notes.append("coordinates are in single precision, good to 7 digits")
+        notes.append("coordinates have single precision (7 digits)")
     return np.ascontiguousarray(points, dtype=np.float64)
 
 
 def _solids(raw: Any, path: str, required: bool) -> list[int]:
-    """Which blocks of cells are solids that are supported."""
-    found = []
+    """Indices of cell blocks with supported solids."""
+    supported = []
     for i, block in enumerate(raw.cells):
         if block.dim == 3 and block.type not in KINDS and len(block.data):
             raise error_at(
                 path,
-                f"{plural(len(block.data), block.type + ' cell')}: not supported",
-                f"mesh with {FAMILIES} ({', '.join(KINDS)})",
+                f"{plural(len(block.data), block.type + ' cell')} are not supported",
+                f"use {FAMILIES} ({', '.join(KINDS)})",
             )
         if block.type in KINDS and len(block.data):
-            found.append(i)
-    if not found and required:
+            supported.append(i)
+    if not supported and required:
         shown = ", ".join(plural(len(block.data), block.type + " cell") for block in raw.cells) or "no cells"
-        what = f"the mesh holds no solid element ({shown})"
+        what = f"the mesh contains no solid elements ({shown})"
         raise error_at(path, what, f"mesh in three dimensions; {SHELLS}")
-    return found
+    return supported
 
 
 def _check_cells(raw: Any, blocks: list[int], points: int, path: str) -> None:
-    remedy = "write the mesh again: the file is damaged"
+    remedy = "the file is damaged: export the mesh again"
     for b in blocks:
         kind, nodes = raw.cells[b].type, np.asarray(raw.cells[b].data)
         width = len(KINDS[kind].nodes) if kind in KINDS else WIDTH[kind]
@@ -332,27 +339,27 @@ def _check_cells(raw: Any, blocks: list[int], points: int, path: str) -> None:
             raise error_at(path, f"the {kind} cells do not have {width} nodes each", remedy)
         wrong = nodes[(nodes < 0) | (nodes >= points)]
         if wrong.size:
-            what = f"a {kind} refers to point {wrong[0]} (counted from 0), but there are {points} points"
+            what = f"a {kind} refers to point {wrong[0]} (counted from 0), but the mesh has only {points} points"
             raise error_at(path, what, remedy)
 
 
 def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatArray, notes: list[str]) -> IntArray:
-    """Cells (n, k) as meshio gives them for a format → our order.
+    """Convert cells (n, k) from the order of meshio for a format to our order.
 
-    Where every corner of every cell is then inverted, and cells of this kind are known to be written either
-    way (wedges; anything in MED), they are turned back, with a note.
+    If all cells are then inverted, and both orientations are in use for this kind (wedges; all cells in MED), their
+    order is mirrored, with a note.
     """
     nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
     if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
         nodes = in_order(nodes, kind.mirrored)
         notes.append(
-            f"{plural(len(nodes), kind.name + ' element')} numbered against the convention of {form}: turned round"
+            f"node order against the convention of {form} corrected in {plural(len(nodes), kind.name + ' element')}"
         )
     return nodes
 
 
 def tag_names(raw: Any, dimension: int) -> dict[int, list[str]]:
-    """Tag → names of it on cells of this dimension: field data name → (tag, dimension), and the families of MED."""
+    """Tag → names on cells of this dimension, from field data (name → (tag, dimension)) and MED families."""
     names: dict[int, list[str]] = {}
     for name, value in (raw.field_data or {}).items():
         pair = np.asarray(value).ravel() if not isinstance(value, list) else np.zeros(0)

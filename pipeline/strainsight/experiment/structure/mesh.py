@@ -139,7 +139,7 @@ def mesh_of(
             ignore=config.ignore,
             spc=config.spc,
             step=config.step,
-            given=given_sections(config, key),
+            sections=given_sections(config, key),
             include=include,
             contact=config.contact or ("open" if config.matrices or config.results else None),
         )

@@ -1,4 +1,4 @@
-"""Matrices and tables that another program wrote: OP4, Matrix Market, NumPy and SciPy archives, CalculiX, CSV beside them."""
+"""Matrices and tables of other programs: OP4, Matrix Market, NumPy and SciPy archives, CalculiX, and CSV files."""
 
 from __future__ import annotations
 
@@ -34,47 +34,51 @@ from strainsight.text import plain_cell
 
 SUFFIXES = ".op4, .mtx, .mtx.gz, .npz, .sti, .mas"
 SYMMETRIC = 1e-8
-"""Largest |X − Xᵀ| over the largest |X| that is rounding of the file."""
+"""Largest |X − Xᵀ| over the largest |X| that counts as rounding error."""
 NOTED = 1e-12
-"""An asymmetry below this is rounding of the sums in memory: nobody need read of it."""
+"""Asymmetry below which no note is given."""
 DAMAGE = (
     *(OSError, EOFError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, NotImplementedError),
     *(BadZipFile, zlib.error, struct.error),
 )
-"""What the readers of NumPy and SciPy raise on altered bytes."""
+"""Errors of NumPy and SciPy for damaged bytes."""
 AT_ONCE = 2
-"""Times what is unpacked that reading holds at once: the arrays, and the matrix that is made of them."""
+"""Memory for reading, in units of the unpacked size: the arrays and the matrix."""
 ENDING = ".npy"
 HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-"""Of arrays whose type has no names of columns; matrices have none."""
+"""Readers of headers without column names, which matrices do not have."""
 
 
 def read_op4(path: Path, name: str | None = None) -> sparse.csr_array:
-    """The matrix of that name (case does not count), or the only one.
+    """The matrix of that name (in any case), or the only matrix.
 
-    Raises DeckError for a name that is not there, a choice that is left open, complex numbers, a damaged file.
+    Raises DeckError for a missing or ambiguous name, complex numbers and a damaged file.
     """
     with path.open("rb") as file:
         binary = MARKERS.get(file.read(4))
     matrices = binary_matrices(path, *binary) if binary else text_matrices(path)
-    found = None
+    matrix = None
     names: list[str] = []
     for header, columns in matrices:
         wanted = header.name.lower() == name.lower() if name else not names
         names.append(header.name)
-        if wanted and found is not None:
-            raise error_at(path, f"it holds the matrix {header.name} twice", "write every matrix under its own name")
+        if wanted and matrix is not None:
+            raise error_at(
+                path, f"the file contains the matrix {header.name} twice", "write every matrix with a unique name"
+            )
         if wanted:
-            found = _collected(header.shape, columns)
+            matrix = _collected(header.shape, columns)
         else:
             for _ in columns:
                 pass
     if name is None and len(names) > 1:
-        raise error_at(path, f"it holds {len(names)} matrices: {', '.join(names)}", "give the name of one")
-    if found is None:
-        what = f"it holds no matrix {name!r}" if name else "it holds no matrix"
-        raise error_at(path, what, f"it has {', '.join(names) or 'none'}")
-    return found
+        raise error_at(
+            path, f"the file contains {len(names)} matrices: {', '.join(names)}", "specify the name of one of them"
+        )
+    if matrix is None:
+        what = f"the file contains no matrix {name!r}" if name else "the file contains no matrix"
+        raise error_at(path, what, f"the file contains: {', '.join(names) or 'none'}")
+    return matrix
 
 
 def _collected(shape: tuple[int, int], columns: Iterator[Column]) -> sparse.csr_array:
@@ -94,76 +98,78 @@ def _collected(shape: tuple[int, int], columns: Iterator[Column]) -> sparse.csr_
 
 
 def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
-    """A real matrix from a file; `name` which of several (OP4, .npz), None the only one.
+    """A real matrix from a file; `name` selects one of several (OP4, .npz), None the only one.
 
-    Raises DeckError for a file that is missing, damaged, of another kind, or holds complex numbers, NaN or text, and for
-    a name that is not there or is needed. Raises UserError for an archive that memory does not hold unpacked.
+    Raises DeckError for a file that is missing, damaged or unsupported, for complex numbers, NaN or text, and for a
+    missing or required name. Raises UserError for an archive that does not fit into memory.
     """
     ending = "".join(path.suffixes[-2:]).lower()
     reader = next((r for suffix, r in _READERS.items() if ending.endswith(suffix)), None)
     if reader is None:
-        raise error_at(path, f"no matrix file by its name: {path.name}", f"known: {SUFFIXES}")
+        raise error_at(path, f"{path.name} is not a known matrix file", f"use one of these file endings: {SUFFIXES}")
     try:
         matrix = reader(path, name)
     except FileNotFoundError:
-        raise error_at(path, "no such file", "check the name and the folder") from None
+        raise error_at(path, "no such file", "correct the file name or the folder") from None
     except DeckError as error:
         error.where = error.where or str(path)
         raise
     except DAMAGE as error:
-        said = " ".join(str(error).split())[:200]
-        raise error_at(path, f"cannot be read: {said}", "write the matrix again") from None
+        message = " ".join(str(error).split())[:200]
+        raise error_at(path, f"cannot be read: {message}", "export the matrix again") from None
     except MemoryError:
-        raise error_at(path, "the matrix does not fit into memory", "write it sparse, or check the file") from None
+        raise error_at(
+            path, "the matrix does not fit into memory", "write the matrix in sparse form, or check the file"
+        ) from None
     if not np.isfinite(matrix.data).all():
         entry = matrix.tocoo()
         first = int(np.argmin(np.isfinite(entry.data)))
         raise error_at(
             path,
             f"entry ({entry.row[first] + 1}, {entry.col[first] + 1}) is {entry.data[first]}",
-            "write finite numbers",
+            "write only finite numbers",
         )
     return matrix
 
 
 def symmetric(X: sparse.csr_array, path: Path) -> tuple[sparse.csr_array, float]:
-    """½(X + Xᵀ) and how far X was from it, max|X − Xᵀ| / max|X|.
+    """½(X + Xᵀ), and the asymmetry max|X − Xᵀ| / max|X| of X.
 
-    Raises DeckError for a matrix that is not square, of which only one triangle is there, or that is off by more than 1e-8.
+    Raises DeckError for a matrix that is not square, has only one triangle, or has an asymmetry above 1e-8.
     """
     if X.shape[0] != X.shape[1]:
-        raise error_at(path, f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns", "give a square one")
-    apart = abs(X - X.T)
-    off = float(apart.max() / (abs(X).max() or 1.0)) if X.nnz else 0.0
+        raise error_at(path, f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns", "specify a square matrix")
+    difference = abs(X - X.T)
+    off = float(difference.max() / (abs(X).max() or 1.0)) if X.nnz else 0.0
     if off == 0.0:
         return X, off
     if off > SYMMETRIC:
         below, above = sparse.tril(X, -1), sparse.triu(X, 1)
-        for there, other in ((below, above), (above, below)):
-            if abs(there).sum() == 0 and abs(other).sum() > 0:
+        for triangle, other in ((below, above), (above, below)):
+            if abs(triangle).sum() == 0 and abs(other).sum() > 0:
                 which = "lower" if other is below else "upper"
                 raise error_at(
                     path,
-                    f"only the {which} triangle of the matrix is in the file",
-                    "write both triangles, or declare the file symmetric (Matrix Market header)",
+                    f"the file contains only the {which} triangle of the matrix",
+                    "write both triangles, or declare the matrix symmetric (Matrix Market header)",
                 )
-        worst = apart.tocoo()
+        worst = difference.tocoo()
         at = int(np.argmax(worst.data))
         raise error_at(
             path,
-            f"the matrix is not symmetric: entries ({worst.row[at] + 1}, {worst.col[at] + 1}) and transposed differ by "
-            f"{off:.1e} of the largest entry",
-            "a stiffness or mass without gyroscopic, follower or control terms is symmetric",
+            f"the matrix is not symmetric: entry ({worst.row[at] + 1}, {worst.col[at] + 1}) and its transpose "
+            f"differ by {off:.1e} of the largest entry",
+            "remove gyroscopic, follower and control terms; stiffness and mass must be symmetric",
         )
     return sparse.csr_array(0.5 * (X + X.T)), off
 
 
 def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """What each row of the matrices is: node id (r,) and component 0-5 (r,), of the lines of a CSV below its header, or of a .dof
-    of CalculiX.
+    """Node id (r,) and component 0-5 (r,) of each matrix row, from the lines of a CSV below its header, or a .dof of
+    CalculiX.
 
-    Raises DeckError with file:line for anything but "node,component" or "node.component" lines, a scalar point (component 0),
-    and a pair that occurs twice.
+    Raises DeckError with file:line for lines other than "node,component" or "node.component", a scalar point
+    (component 0) and a duplicate pair.
     """
     rows, lines = [], []
     calculix = path.suffix.lower() == ".dof"
@@ -172,20 +178,20 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
         if component == 0:
             raise error_at(
                 f"{path}:{number}",
-                f"row {node} is a scalar point (component 0), which has no place in space",
-                "condense it into the nodes, or number it as a component of a node of its own",
+                f"row {node} is a scalar point (component 0), which has no position",
+                "condense it out, or number it as a component of a separate node",
             )
         if not (1 <= component <= 6 and node >= 1):
             raise error_at(
                 f"{path}:{number}",
-                f"node {node}, component {component}",
-                "components are 1-3 for translations x, y, z and 4-6 for rotations",
+                f"node {node}, component {component} is not a valid row",
+                "use components 1-3 for translations x, y, z and 4-6 for rotations",
             )
         rows.append((node, component - 1))
         lines.append(number)
     pairs = np.array(rows, dtype=np.int64).reshape(-1, 2)
     if len(pairs) == 0:
-        raise error_at(path, "no row is numbered", "one line a row: node,component")
+        raise error_at(path, "the file contains no numbering of rows", "write one line node,component for each row")
     _, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(first[inverse.ravel()] != np.arange(len(pairs)))
     if again.size:
@@ -193,89 +199,101 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise error_at(
             f"{path}:{lines[row]}",
             f"node {pairs[row, 0]}, component {pairs[row, 1] + 1} is numbered twice",
-            f"line {lines[int(first[inverse.ravel()[row]])]} has it too: every row has its own",
+            f"correct this line or line {lines[int(first[inverse.ravel()[row]])]}, so that every row is unique",
         )
     return pairs[:, 0], pairs[:, 1]
 
 
 def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of every line below the header, which must say `header` (in any case).
+    """Line number and cells of every line below the header, which must equal `header` (in any case).
 
-    Raises DeckError with file:line for another header and for lines with more or fewer cells.
+    Raises DeckError with file:line for another header and for lines with a wrong number of cells.
     """
     rows = _csv_rows(path)
     while len(rows) > 1 and not any(rows[-1][1]):
         rows.pop()
     wanted, (_, first) = ",".join(header), rows[0]
     if [cell.lower() for cell in first] != list(header):
-        raise error_at(f"{path}:1", f"the first line is {','.join(first)[:60]!r}", f"write {wanted!r} there")
+        raise error_at(f"{path}:1", f"the first line is {','.join(first)[:60]!r}", f"replace it by {wanted!r}")
     for number, cells in rows[1:]:
         if len(cells) != len(header):
-            raise error_at(f"{path}:{number}", f"{','.join(cells)[:60]!r} has {len(cells)} cells", f"give {wanted}")
+            raise error_at(f"{path}:{number}", f"{','.join(cells)[:60]!r} has {len(cells)} cells", f"write {wanted}")
         yield number, cells
 
 
 def csv_columns(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line number and cells by column of every line below the header that is not blank; other columns are taken along.
+    """Line number and cells by column of every non-blank line below the header, including additional columns.
 
-    Raises DeckError with file:line for a column of `needed` that is missing, and for lines with more or fewer cells.
+    Raises DeckError with file:line for a missing column of `needed`, and for lines with a wrong number of cells.
     """
     rows = _csv_rows(path)
     header = [cell.lower() for cell in rows[0][1]]
     if missing := [column for column in needed if column not in header]:
-        raise error_at(f"{path}:1", f"no column {', '.join(missing)}", f"the first line names them: {','.join(needed)}")
+        raise error_at(
+            f"{path}:1",
+            f"column missing: {', '.join(missing)}",
+            f"add the column names to the first line: {','.join(needed)}",
+        )
     for number, cells in rows[1:]:
         if not any(cells):
             continue
         if len(cells) != len(header):
             raise error_at(
-                f"{path}:{number}", f"{len(cells)} cells under a header of {len(header)}", "give one a column"
+                f"{path}:{number}",
+                f"the line has {len(cells)} cells, but the header has {len(header)}",
+                "write one cell for each column",
             )
         yield number, dict(zip(header, cells, strict=True))
 
 
 def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Number of the line where each row begins and its cells, which may hold line breaks in quotes; at least one row."""
-    found, line = [], 1
+    """First line number and cells of each row, which may contain line breaks in quotes; at least one row."""
+    rows, line = [], 1
     reader = csv.reader(io.StringIO(read_text(path), newline=""))
     try:
         for cells in reader:
-            found.append((line, [plain_cell(cell.strip()) for cell in cells or [""]]))
+            rows.append((line, [plain_cell(cell.strip()) for cell in cells or [""]]))
             line = reader.line_num + 1
     except csv.Error as error:
-        raise error_at(f"{path}:{line}", f"is no line of a table: {error}", "check its quotes") from None
-    return found or [(1, [""])]
+        raise error_at(
+            f"{path}:{line}", f"the line is not a valid table row: {error}", "check the quotation marks"
+        ) from None
+    return rows or [(1, [""])]
 
 
 def _integer(cell: str, path: Path, number: int) -> int:
     value = parse_integer(cell)
     if value is None:
-        remedy = "give node ids and components"
+        remedy = "write node ids and components"
         raise error_at(f"{path}:{number}", f"an entry {no_integer(cell[:40])}", remedy)
     return value
 
 
 def _from_matrix_market(path: Path, name: str | None) -> sparse.csr_array:
     if name is not None:
-        raise DeckError(f"a Matrix Market file has no matrix names, such as {name!r}", remedy="remove the name")
+        raise DeckError(f"a Matrix Market file has no matrix names such as {name!r}", remedy="remove the name")
     return _csr(read_market(path))
 
 
 def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
     with path.open("rb") as file:
         if file.read(2) != b"PK":
-            raise error_at(path, "it is no .npz archive", "write it by scipy.sparse.save_npz or numpy.savez")
+            raise error_at(
+                path, "the file is not an .npz archive", "write it with scipy.sparse.save_npz or numpy.savez"
+            )
     with np.load(path, allow_pickle=False) as archive:
         names = list(archive.files)
         if "format" in names:
             if name is not None:
-                raise DeckError(f"a SciPy archive has no matrix names, such as {name!r}", remedy="remove the name")
+                raise DeckError(f"a SciPy archive has no matrix names such as {name!r}", remedy="remove the name")
             require_room(path, names)
             return _csr(sparse.load_npz(path))
         if name is None and len(names) != 1:
-            raise error_at(path, f"it holds {len(names)} arrays: {', '.join(names)}", "give the name of one")
+            raise error_at(
+                path, f"the file contains {len(names)} arrays: {', '.join(names)}", "specify the name of one of them"
+            )
         if name is not None and name not in names:
-            raise error_at(path, f"it holds no array {name!r}", f"it has {', '.join(names)}")
+            raise error_at(path, f"the file contains no array {name!r}", f"the file contains: {', '.join(names)}")
         require_room(path, [name or names[0]])
         return _csr(archive[name or names[0]])
 
@@ -283,17 +301,20 @@ def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
 def _csr(matrix: Any) -> sparse.csr_array:
     if matrix.ndim != 2 or matrix.dtype.kind not in "fiub":
         raise DeckError(
-            f"an array of {matrix.ndim} dimensions of {matrix.dtype}", remedy="give a matrix of real numbers"
+            f"the array has {matrix.ndim} dimensions and type {matrix.dtype}", remedy="specify a matrix of real numbers"
         )
     if max(matrix.shape) > LARGEST or min(matrix.shape) == 0:
-        raise DeckError(f"a matrix of {matrix.shape[0]} × {matrix.shape[1]}", remedy="check how it was written")
+        raise DeckError(
+            f"the matrix size {matrix.shape[0]} × {matrix.shape[1]} is not valid",
+            remedy="check the export of the matrix",
+        )
     if hasattr(matrix, "check_format"):
-        # without the full check indices beyond the matrix would be followed into foreign memory
+        # without the full check, invalid indices would access memory outside the matrix
         matrix.check_format(full_check=True)
-    found = sparse.csr_array(matrix).astype(float)
-    found.sum_duplicates()
-    found.eliminate_zeros()
-    return found
+    csr = sparse.csr_array(matrix).astype(float)
+    csr.sum_duplicates()
+    csr.eliminate_zeros()
+    return csr
 
 
 _READERS = {
@@ -307,30 +328,30 @@ _READERS = {
 
 
 def require_room(path: Path, names: Iterable[str]) -> None:
-    """Raise UserError where memory does not hold these arrays of an archive; DeckError where the two headers of one, that of the
-    archive and its own, do not agree in its size."""
+    """Raise UserError if these arrays of an archive do not fit into memory; DeckError if the two headers of an array
+    disagree on its size."""
     with ZipFile(path) as archive:
         wanted = [info for info in archive.infolist() if info.filename.removesuffix(ENDING) in set(names)]
         unpacked = sum(_size(archive, info, path) for info in wanted)
     require_memory(
         AT_ONCE * unpacked,
         f"{path} ({path.stat().st_size / 1e6:.3g} MB) unpacks to {unpacked / 1e6:.4g} MB",
-        "write it sparse",
+        "write the matrix in sparse form",
     )
 
 
 def _size(archive: ZipFile, info: ZipInfo, path: Path) -> int:
-    """Bytes that an array unpacks to. Only its header is read, to which numpy sets a limit."""
+    """Unpacked size of an array [bytes], from its header only."""
     with archive.open(info) as stream:
         version = npy.read_magic(stream)
         if version not in HEADERS:
-            raise error_at(path, f"{info.filename} is of the version {version} of .npy", "write plain numbers")
+            raise error_at(path, f"{info.filename} has the unsupported .npy version {version}", "write plain numbers")
         shape, _, dtype = HEADERS[version](stream)
-        stated = stream.tell() + math.prod(shape) * dtype.itemsize
-    if stated != info.file_size and not dtype.hasobject:
+        header_size = stream.tell() + math.prod(shape) * dtype.itemsize
+    if header_size != info.file_size and not dtype.hasobject:
         raise error_at(
             path,
-            f"{info.filename} is {info.file_size} bytes by the archive and {stated} by its own header",
-            "write the matrix again: the file is damaged, or was made to fill memory",
+            f"{info.filename} has {info.file_size} bytes in the archive, but {header_size} according to its header",
+            "the file is damaged or manipulated: export the matrix again",
         )
-    return max(stated, info.file_size)
+    return max(header_size, info.file_size)

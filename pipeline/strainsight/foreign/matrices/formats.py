@@ -1,6 +1,6 @@
-"""What text and binary OUTPUT4 files have in common.
+"""Readers of OUTPUT4 (text and binary), Matrix Market and CalculiX matrices.
 
-SciPy's reader ends the process with a segmentation fault where a line in the middle is none (seen with SciPy 1.17).
+SciPy's Matrix Market reader crashes with a segmentation fault at an invalid line (seen with SciPy 1.17).
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from strainsight.decks.text import (
 from strainsight.errors import DeckError
 
 LARGEST = 50_000_000
-"""Rows or columns; a claim beyond it is damage."""
+"""Largest number of rows or columns; a larger number means damage."""
 BIGMAT = 65_536
-"""From this many rows on the strings of a sparse matrix have two words in front of them, not one."""
+"""Number of rows from which the strings of a sparse matrix have two words in front of them, not one."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """name; shape (rows, columns); wide: two words in front of every string; words a number takes."""
+    """name; shape (rows, columns); wide: two words in front of every string; words of a number."""
 
     name: str
     shape: tuple[int, int]
@@ -48,25 +48,28 @@ class Header:
 
 
 Column = tuple[int, list[int], list[int], Any]
-"""Number from 1, first row from 1 and length of every string of numbers in it, and the numbers of all strings."""
+"""Column number from 1, first row from 1 and length of every string of numbers, and the numbers of all strings."""
 
 
 def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where: str) -> Header:
-    said = name.replace(b"\0", b" ").decode("ascii", "replace").strip()
+    matrix_name = name.replace(b"\0", b" ").decode("ascii", "replace").strip()
     if kind in (3, 4):
-        raise error_at(where, f"the matrix {said} is complex", "give real stiffness and mass matrices")
+        raise error_at(where, f"the matrix {matrix_name} is complex", "use real stiffness and mass matrices")
     if kind not in (1, 2) or not (0 < columns <= LARGEST and 0 < abs(rows) <= LARGEST):
         raise error_at(
-            where, f"no header of a matrix: {abs(rows)} × {columns}, type {kind}", "the file is no OP4 file, or damaged"
+            where,
+            f"this is not a matrix header: {abs(rows)} × {columns}, type {kind}",
+            "check that the file is an OP4 file and not damaged",
         )
-    return Header(said, (abs(rows), columns), rows < 0 or rows >= BIGMAT, 1 if kind == 1 else words)
+    return Header(matrix_name, (abs(rows), columns), rows < 0 or rows >= BIGMAT, 1 if kind == 1 else words)
 
 
 def checked(header: Header, column: int, rows: list[int], lengths: list[int], numbers: Any, where: str) -> Column:
     for row, length in zip(rows, lengths, strict=True):
         if not (row >= 1 and 1 <= length <= header.shape[0] - row + 1):
             raise damaged(
-                f"column {column} of {header.name} has {length} numbers from row {row} of {header.shape[0]} on", where
+                f"column {column} of {header.name} has {length} numbers starting at row {row} of {header.shape[0]}",
+                where,
             )
     return column, rows, lengths, numbers
 
@@ -87,7 +90,7 @@ def binary_matrices(path: Path, order: str, long: bool) -> Iterator[tuple[Header
     integer = 8 if long else 4
     for at, size in records:
         if size != 6 * integer:
-            raise damaged(f"no header of a matrix at byte {at}", str(path))
+            raise damaged(f"no matrix header at byte {at}", str(path))
         columns, rows, _, kind = struct.unpack_from(order + ("4q" if long else "4i"), data, at)
         name = data[at + 4 * integer : at + size]
         header = header_of(name, columns, rows, kind, 1 if long else 2, f"{path}, byte {at}")
@@ -95,13 +98,13 @@ def binary_matrices(path: Path, order: str, long: bool) -> Iterator[tuple[Header
 
 
 def _records(data: bytes, order: str, path: Path) -> Iterator[tuple[int, int]]:
-    """Begin and size of every record, which its length in bytes encloses."""
+    """Start and size of every record, which is enclosed by its length in bytes."""
     at = 0
     while at < len(data):
         size = struct.unpack_from(order + "i", data, at)[0] if at + 8 <= len(data) else -1
         end = at + 4 + size
         if size < 0 or data[at : at + 4] != data[end : end + 4]:
-            raise damaged(f"the record at byte {at} is not complete", str(path))
+            raise damaged(f"the record at byte {at} is incomplete", str(path))
         yield at + 4, size
         at = end + 4
 
@@ -115,14 +118,14 @@ def _binary_columns(
     for at, size in records:
         where = f"{path}, byte {at}"
         if size < 3 * integer:
-            raise damaged("a record too short for a column", where)
+            raise damaged("the record is too short for a column", where)
         column, row, count = np.frombuffer(data, word, 3, at).tolist()
         last = in_order(column, last, header, where)
         if column > header.shape[1]:
             return
         begin = at + 3 * integer
         if count < 0 or begin + count * integer > at + size:
-            raise damaged(f"a column of {count} words in a record of {size} bytes", where)
+            raise damaged(f"a column of {count} words is in a record of only {size} bytes", where)
         if row > 0:
             length = count // header.words
             numbers = np.frombuffer(data, real, length, begin).astype(float)
@@ -134,11 +137,11 @@ def _binary_columns(
         for shift in range(heads):
             keep[np.array(places, dtype=np.int64) + shift] = False
         yield checked(header, column, rows, lengths, body[keep].view(real).astype(float), where)
-    raise damaged(f"the file ends within {header.name}", str(path))
+    raise damaged(f"the file ends inside matrix {header.name}", str(path))
 
 
 def _strings_of(words: list[int], header: Header, column: int, where: str) -> tuple[list[int], list[int], list[int]]:
-    """First row, count of numbers, and place of the head of every string in a sparse column."""
+    """First row, count of numbers, and position of the head of every string in a sparse column."""
     rows, lengths, places = [], [], []
     at = 0
     while at < len(words):
@@ -151,7 +154,7 @@ def _strings_of(words: list[int], header: Header, column: int, where: str) -> tu
             at += 1
         at += size
         if size <= 0 or size % header.words or at > len(words):
-            raise damaged(f"a string of {size} words in column {column}", where)
+            raise damaged(f"a string in column {column} has the invalid length of {size} words", where)
         rows.append(row)
         lengths.append(size // header.words)
     return rows, lengths, places
@@ -163,7 +166,7 @@ _NO_LETTER = re.compile(rb"\s*([-+]?\d*\.?\d*)([-+]\d+)\s*")
 
 @dataclass
 class _Lines:
-    """Lines of a text file, and where the last one stands."""
+    """Lines of a text file, and the number of the last one."""
 
     path: Path
     lines: Iterator[bytes]
@@ -177,7 +180,7 @@ class _Lines:
         self.number += 1
         line = next(self.lines, None)
         if line is None:
-            raise damaged("the file ends within a matrix", self.where)
+            raise damaged("the file ends inside a matrix", self.where)
         return line.rstrip(b"\r\n")
 
     def integers(self, line: bytes, *widths: int) -> tuple[int, ...]:
@@ -185,11 +188,11 @@ class _Lines:
         try:
             return tuple(int(line[end - width : end]) for end, width in zip(ends, widths, strict=True))
         except ValueError:
-            said = line[:40].decode("ascii", "replace")
+            text = line[:40].decode("ascii", "replace")
             raise DeckError(
-                f"{said!r} is no line of an OP4 file here",
+                f"{text!r} is not a valid line of an OP4 file here",
                 where=self.where,
-                remedy="the file is no OP4 file, or damaged",
+                remedy="check that the file is an OP4 file and not damaged",
             ) from None
 
 
@@ -206,10 +209,10 @@ def text_matrices(path: Path) -> Iterator[tuple[Header, Iterator[Column]]]:
             columns, rows, _, kind = lines.integers(line, *widths)
             at = sum(widths)
             header = header_of(line[at : at + 8], columns, rows, kind, 2, lines.where)
-            stated = _FORMAT.search(line[at + 8 :].decode("ascii", "replace").upper())
-            a_line, width = (int(stated[1]), int(stated[2])) if stated else (5, 16)
+            number_format = _FORMAT.search(line[at + 8 :].decode("ascii", "replace").upper())
+            a_line, width = (int(number_format[1]), int(number_format[2])) if number_format else (5, 16)
             if not (0 < a_line <= 100 and 0 < width <= 100):
-                raise damaged(f"no format of numbers: {a_line}E{width}", lines.where)
+                raise damaged(f"the number format {a_line}E{width} is not valid", lines.where)
             yield header, _text_columns(lines, header, a_line, width)
 
 
@@ -222,10 +225,10 @@ def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Ite
         if column > header.shape[1]:
             lines.next()
             return
-        found = array("d")
+        numbers = array("d")
         if row > 0:
-            _read_numbers(found, lines, left, a_line, width)
-            yield checked(header, column, [row], [left], found, where)
+            _read_numbers(numbers, lines, left, a_line, width)
+            yield checked(header, column, [row], [left], numbers, where)
             continue
         rows, lengths = [], []
         while left > 0:
@@ -238,18 +241,18 @@ def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Ite
                 size, row = (head >> 16) - 1, head & 0xFFFF
             left -= 1 + size
             if size <= 0 or left < 0:
-                raise damaged(f"a string of {size} words in column {column}", lines.where)
+                raise damaged(f"a string in column {column} has the invalid length of {size} words", lines.where)
             rows.append(row)
             lengths.append(size // header.words)
-            _read_numbers(found, lines, lengths[-1], a_line, width)
-        yield checked(header, column, rows, lengths, found, where)
+            _read_numbers(numbers, lines, lengths[-1], a_line, width)
+        yield checked(header, column, rows, lengths, numbers, where)
 
 
-def _read_numbers(found: array[float], lines: _Lines, count: int, a_line: int, width: int) -> None:
+def _read_numbers(numbers: array[float], lines: _Lines, count: int, a_line: int, width: int) -> None:
     while count > 0:
         line = lines.next().replace(b"D", b"E")
         many = min(a_line, count)
-        found.extend([_number(line[at : at + width], lines) for at in range(0, width * many, width)])
+        numbers.extend([_number(line[at : at + width], lines) for at in range(0, width * many, width)])
         count -= many
 
 
@@ -258,7 +261,7 @@ def _number(text: bytes, lines: _Lines) -> float:
         return float(text)
     except ValueError:
         pass
-    # Fortran drops the letter where the exponent has three digits: 1.5-105
+    # Fortran omits the letter of three-digit exponents: 1.5-105
     if split := _NO_LETTER.fullmatch(text):
         return float(split[1] + b"E" + split[2])
     raise damaged(f"{text.decode('ascii', 'replace')!r} is not a number", lines.where)
@@ -266,32 +269,36 @@ def _number(text: bytes, lines: _Lines) -> float:
 
 REAL = ("real", "integer", "double", "unsigned-integer")
 LONGEST = 10_000
-"""Signs of a line above the entries."""
+"""Longest line above the entries [characters]."""
 
 
 def read_market(path: Path) -> sparse.coo_array | np.ndarray:
-    """The matrix, with both triangles where the file says that it is symmetric.
+    """The matrix, with both triangles if the file declares it symmetric.
 
-    Raises DeckError for complex, pattern and skew ones and for lines that are no entry; OSError, EOFError and zlib.error as
-    reading does.
+    Raises DeckError for complex, pattern and skew matrices and for invalid lines; OSError, EOFError and zlib.error
+    from reading.
     """
     with opened(path) as raw, TextIOWrapper(raw, "ascii", "replace") as file:
         words = file.readline(LONGEST).lower().split()
         if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("array", "coordinate"):
-            raise damaged("no Matrix Market file by its first line", f"{path}:1")
+            raise damaged("the first line is not that of a Matrix Market file", f"{path}:1")
         layout, field, kind = words[2:]
         if field not in REAL or kind not in ("general", "symmetric"):
-            raise error_at(f"{path}:1", f"a {kind} {field} matrix", "write it real, and general or symmetric")
+            raise error_at(
+                f"{path}:1",
+                f"{kind} {field} matrices are not supported",
+                "write the matrix as real, and general or symmetric",
+            )
         rows, columns, entries, line = _sizes(file, path, layout, kind)
         size = path.stat().st_size
-        # a line of one entry has two bytes at least, of its place and its value six
+        # a line of one entry has at least two bytes, with its indices six
         if (2 if layout == "array" else 6) * entries > (
             max(SMALL, PACKING * size) if path.suffix.lower() == ".gz" else size
         ):
             raise error_at(
                 path,
-                f"it claims {rows} × {columns} with {entries} entries, more than it can hold",
-                "write the matrix again",
+                f"the file declares {rows} × {columns} with {entries} entries, more than its size allows",
+                "export the matrix again",
             )
         table = _table(file, path, entries, 1 if layout == "array" else 3, line)
     return (
@@ -302,16 +309,16 @@ def read_market(path: Path) -> sparse.coo_array | np.ndarray:
 
 
 def _sizes(file: TextIO, path: Path, layout: str, kind: str) -> tuple[int, int, int, int]:
-    """Rows, columns, entries in the file, and the number of the line that says so."""
+    """Rows, columns, entries in the file, and the line number of these sizes."""
     number, text = 1, "%"
     while text.startswith("%") or (text and not text.strip()):
         text, number = file.readline(LONGEST), number + 1
     sizes = [parse_integer(word) for word in text.split()]
     rows, columns, *more = [size or 0 for size in sizes] if len(sizes) >= 2 else [0, 0]
     if None in sizes or len(more) != (layout == "coordinate") or not (0 < rows <= LARGEST and 0 < columns <= LARGEST):
-        raise damaged(f"{text.strip()[:60]!r} are no sizes of a matrix", f"{path}:{number}")
+        raise damaged(f"{text.strip()[:60]!r} is not a valid matrix size", f"{path}:{number}")
     if kind == "symmetric" and rows != columns:
-        raise damaged(f"a symmetric matrix of {rows} × {columns}", f"{path}:{number}")
+        raise damaged(f"a symmetric matrix must be square, but the size is {rows} × {columns}", f"{path}:{number}")
     dense = columns * (columns + 1) // 2 if kind == "symmetric" else rows * columns
     return rows, columns, more[0] if more else dense, number
 
@@ -323,21 +330,21 @@ def _table(file: TextIO, path: Path, entries: int, width: int, line: int) -> np.
     try:
         table = np.loadtxt(file, comments=None, ndmin=2, max_rows=entries)
     except ValueError as error:
-        said = str(error).partition(";")[0][:200]
-        raise damaged(f"a line below the sizes is no entry: {said}", f"{path}:{line + 1}") from None
+        message = str(error).partition(";")[0][:200]
+        raise damaged(f"a line below the sizes is not a valid entry: {message}", f"{path}:{line + 1}") from None
     if table.shape != (entries, width) or any(rest.strip() for rest in iter(lambda: file.readline(LONGEST), "")):
-        there = f"{len(table)} entries" if len(table) < entries else f"more than {entries} entries"
-        said = there if table.shape[1:] == (width,) else f"lines of {table.shape[1]} numbers"
-        raise damaged(f"{said} where {entries} are claimed", f"{path}:{line}")
+        count = f"{len(table)} entries" if len(table) < entries else f"more than {entries} entries"
+        message = count if table.shape[1:] == (width,) else f"lines with {table.shape[1]} numbers"
+        raise damaged(f"the file has {message}, but {entries} entries are declared", f"{path}:{line}")
     return table
 
 
 def _dense(values: np.ndarray, rows: int, columns: int, kind: str) -> np.ndarray:
-    """Entries column by column; of a symmetric matrix those on the diagonal and below."""
+    """Entries column by column; for a symmetric matrix those on the diagonal and below."""
     if kind == "general":
         return values.reshape(columns, rows).T
     X = np.zeros((columns, columns))
-    upper = np.triu_indices(columns)  # row by row as the lower ones column by column
+    upper = np.triu_indices(columns)  # the upper entries by rows are the lower ones by columns
     X[upper] = values
     X.T[upper] = values
     return X
@@ -348,7 +355,7 @@ def _sparse(table: np.ndarray, rows: int, columns: int, kind: str, path: Path, l
     outside = ~((place >= 1) & (place <= [rows, columns]) & (place == np.floor(place))).all(axis=1)
     if outside.any():
         i, j = place[np.argmax(outside)]
-        what = f"entry {int(np.argmax(outside)) + 1} stands at ({i:g}, {j:g}) of a {rows} × {columns} matrix"
+        what = f"entry {int(np.argmax(outside)) + 1} is at ({i:g}, {j:g}), outside a {rows} × {columns} matrix"
         raise damaged(what, f"{path}:{line}")
     row, column = (place[:, k].astype(np.int64) - 1 for k in (0, 1))
     value = table[:, 2]
@@ -359,31 +366,35 @@ def _sparse(table: np.ndarray, rows: int, columns: int, kind: str, path: Path, l
     return sparse.coo_array((value, (row, column)), shape=(rows, columns))
 
 
-WRITE_AGAIN = "write it again, with SOLVER=MATRIXSTORAGE"
+WRITE_AGAIN = "export it again with SOLVER=MATRIXSTORAGE"
 
 
 def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
-    """A symmetric matrix: lines "row column value", each pair below or above the diagonal once.
+    """A symmetric matrix: lines "row column value", each off-diagonal pair once.
 
-    Raises DeckError for a name, numbers of rows that are none, and a pair that stands on both sides.
+    Raises DeckError for a name, invalid row numbers, and a pair that occurs twice.
     """
     if name is not None:
-        raise DeckError(f"a matrix of CalculiX has no name, such as {name!r}", remedy="remove the name")
+        raise DeckError(f"a CalculiX matrix has no name such as {name!r}", remedy="remove the name")
     entries = _entries(path)
     if entries.shape[1] != 3:
-        raise DeckError(f"its lines have {entries.shape[1]} numbers, not row, column and value", remedy=WRITE_AGAIN)
+        raise DeckError(
+            f"the lines have {entries.shape[1]} numbers instead of row, column and value", remedy=WRITE_AGAIN
+        )
     whole = ((entries[:, :2] == np.floor(entries[:, :2])) & (entries[:, :2] >= 1) & (entries[:, :2] <= LARGEST)).all(
         axis=1
     )
     if not whole.all():
         i = int(np.argmin(whole))
-        said = f"row {entries[i, 0]:g} and column {entries[i, 1]:g} of entry {i + 1} are not whole numbers from 1"
-        raise DeckError(said, remedy=WRITE_AGAIN)
+        message = f"row {entries[i, 0]:g} and column {entries[i, 1]:g} of entry {i + 1} must be integers from 1"
+        raise DeckError(message, remedy=WRITE_AGAIN)
     at = entries[:, :2].astype(np.int64)
     n = int(at.max())
     low, high = at.min(axis=1) - 1, at.max(axis=1) - 1
     if len(np.unique(low * n + high)) < len(at):
-        raise DeckError("it holds both triangles, or an entry twice", remedy="write it again, or as Matrix Market")
+        raise DeckError(
+            "the file contains both triangles, or an entry twice", remedy="export it again, or use Matrix Market"
+        )
     half = sparse.csr_array((entries[:, 2], (low, high)), shape=(n, n))
     full = sparse.csr_array(half + half.T - sparse.diags_array(half.diagonal()))
     full.eliminate_zeros()
@@ -391,32 +402,32 @@ def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
 
 
 def _entries(path: Path) -> np.ndarray:
-    """(entries, 3) as numpy reads them; by our own reader, which is slower, where it cannot: exponents with D, or a fault in some
-    line. Raises DeckError for a file without entries, with file:line for what is none."""
+    """(entries, 3) read by NumPy, or by our slower reader for exponents with D and for error messages. Raises
+    DeckError for a file without entries, with file:line for an invalid line."""
     check_plain(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of a file without lines, which text_lines refuses
+        warnings.simplefilter("ignore", UserWarning)  # an empty file, for which text_lines raises the error
         try:
-            found = np.loadtxt(path, comments=None, ndmin=2)
+            entries = np.loadtxt(path, comments=None, ndmin=2)
         except ValueError:
-            found = np.zeros((0, 3))
-    if found.size:
-        return found
+            entries = np.zeros((0, 3))
+    if entries.size:
+        return entries
     rows = []
     for number, line in enumerate(text_lines(path), start=1):
         values = [parse_real(word) for word in line.split()]
         if len(values) not in (0, 3) or None in values:
-            said = f"{line.strip()[:60]!r} is not row, column and value"
-            raise error_at(f"{path}:{number}", said, WRITE_AGAIN)
+            message = f"{line.strip()[:60]!r} does not consist of row, column and value"
+            raise error_at(f"{path}:{number}", message, WRITE_AGAIN)
         rows += [values] if values else []
     return np.array(rows, dtype=float)
 
 
 def read_dofs(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number, and node and component of every row: lines "17.3". Raises DeckError for others."""
+    """Line number, and node and component of every row "17.3". Raises DeckError for other lines."""
     for number, line in enumerate(text_lines(path), start=1):
         if text := line.strip():
             node, dot, component = text.partition(".")
             if not dot:
-                raise error_at(f"{path}:{number}", f"{text[:40]!r} is no node.component", "write it again")
+                raise error_at(f"{path}:{number}", f"{text[:40]!r} is not node.component", "export the file again")
             yield number, [node, component]

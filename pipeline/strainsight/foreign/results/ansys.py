@@ -1,4 +1,4 @@
-"""Modes and static displacements of an Ansys result file (.rst), by ansys-mapdl-reader in a child process."""
+"""Modes and static displacements of an Ansys result file (.rst), read by ansys-mapdl-reader in a child process."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from strainsight.foreign.results.response import Response, unsupported
 from strainsight.processes import python
 
 TIME_LIMIT = 20.0
-"""[s] for every response, and one more for every 5 MB of the file."""
+"""Time limit [s] for every response, plus one second for every 5 MB of the file."""
 MEMORY_LIMIT = 1 << 30
-"""[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file."""
+"""Memory limit [bytes] for reading, plus MEMORY_A_BYTE for every byte of the file."""
 MEMORY_A_BYTE = 20
 _PLAIN = [field.name for field in fields(Response) if field.name not in ("node_ids", "motion", "position")]
-"""What of a response is no array."""
+"""Fields of a response that are not arrays."""
 
 
-def responses_apart(path: Path) -> Iterator[Response]:
-    """What `responses` reads in a child process, one at a time, from a copy: the library opens it for writing, too.
+def responses_in_child_process(path: Path) -> Iterator[Response]:
+    """Read `responses` in a child process, one at a time, from a copy, because the library opens the file for
+    writing.
 
-    Raises DeckError as it does, and where the process fails.
+    Raises the same DeckError, and one if the process fails.
     """
     limit = TIME_LIMIT + path.stat().st_size / 5e6
-    failure = damaged(f"{PACKAGE} crashed, or did not come to an end", str(path))
+    failure = damaged(f"{PACKAGE} crashed or took too long", str(path))
     with TemporaryDirectory() as folder:
         try:
             copy = copyfile(path, Path(folder) / path.name)
         except OSError as error:
             what = f"cannot be copied to the temporary folder {folder}: {error.strerror or error}"
-            raise error_at(path, what, "free some space there, or set TMPDIR to another folder") from None
+            raise error_at(path, what, "free some space in this folder, or set TMPDIR to another folder") from None
         with child_reader(COMMAND, [str(path), str(copy)], failure) as receive:
             while (message := receive(limit))[0]:
                 plain, (ids, motion) = message
@@ -47,17 +48,17 @@ def responses_apart(path: Path) -> Iterator[Response]:
 
 
 def messages(path: Path, copy: Path) -> Iterator[Message]:
-    """In the child process: `responses`, and an empty message behind the last one."""
+    """In the child process: `responses`, and an empty message after the last one."""
     try:
         for response in responses(path, copy):
             yield {name: getattr(response, name) for name in _PLAIN}, [response.node_ids, response.motion]
     except DeckError:
         raise
     except MemoryError:
-        what = f"reading it with {PACKAGE} takes more memory than a file of its size may"
+        what = f"reading the file with {PACKAGE} requires too much memory for its size"
         raise damaged(what, str(path)) from None
     except Exception as error:
-        raise damaged(f"cannot be read by {PACKAGE}: {reason(error)}", str(path)) from None
+        raise damaged(f"{PACKAGE} cannot read the file: {reason(error)}", str(path)) from None
     yield {}, []
 
 
@@ -69,24 +70,24 @@ _STATIC, _MODAL = 0, 2
 _OTHERS = {1: "a buckling analysis", 3: "a harmonic analysis", 4: "a transient analysis"}
 _TRANSLATIONS, _ROTATIONS = ["UX", "UY", "UZ"], ["ROTX", "ROTY", "ROTZ"]
 _DOUBLE = 2e-16
-"""Relative rounding of a displacement, which the file holds in double precision."""
+"""Relative rounding error of a displacement, which the file stores in double precision."""
 
 
 def ansys_responses(path: Path) -> Iterator[Response]:
     """Modes or static displacements of the file, along the global Cartesian axes.
 
-    The step is the load step; a mode's number, and that of a static result, is its substep.
-    Raises DeckError where the library is not installed, for other analyses, cyclic and complex results, and a damaged file.
+    The step is the load step; the number of a mode or static result is its substep. Raises DeckError if the library
+    is not installed, for other analyses, cyclic and complex results, and a damaged file.
     """
     with path.open("rb"):
         pass
     if not _installed():
         raise error_at(
             path,
-            f"an Ansys result file is read by {PACKAGE}, which is not installed",
+            f"Ansys result files require {PACKAGE}, which is not installed",
             f'install it: pip install "strainsight[{EXTRA}]"',
         )
-    yield from responses_apart(path)
+    yield from responses_in_child_process(path)
 
 
 def _installed() -> bool:
@@ -97,7 +98,7 @@ def _installed() -> bool:
 
 
 def responses(path: Path, copy: Path) -> Iterator[Response]:
-    """The same in this process, from a copy of the file; the library raises whatever it likes."""
+    """Read the responses in this process, from a copy of the file; the library may raise any exception."""
     from ansys.mapdl.reader import read_binary
 
     result = read_binary(copy)
@@ -116,9 +117,7 @@ def _response(result: Any, row: int, is_mode: bool, step: int, substep: int, pat
     where = f"{path}, load step {step}, substep {substep}"
     names = list(result.result_dof(row))
     if missing := [name for name in _TRANSLATIONS if name not in names]:
-        raise error_at(
-            where, f"a result without {', '.join(missing)}", "give results of a structure in three dimensions"
-        )
+        raise error_at(where, f"the result lacks {', '.join(missing)}", "use results of a three-dimensional structure")
     rotations = _ROTATIONS if all(name in names for name in _ROTATIONS) else []
     ids, values = result.nodal_solution(row)
     motion = np.asarray(values, dtype=float)[:, [names.index(name) for name in (*_TRANSLATIONS, *rotations)]]
@@ -138,8 +137,8 @@ def _response(result: Any, row: int, is_mode: bool, step: int, substep: int, pat
 
 if __name__ == "__main__":
     answer(
-        lambda asked: messages(*map(Path, asked)),
+        lambda arguments: messages(*map(Path, arguments)),
         [MODULE],
-        lambda asked: MEMORY_LIMIT + MEMORY_A_BYTE * Path(asked[0]).stat().st_size,
-        lambda asked: str(Path(asked[1]).parent),
+        lambda arguments: MEMORY_LIMIT + MEMORY_A_BYTE * Path(arguments[0]).stat().st_size,
+        lambda arguments: str(Path(arguments[1]).parent),
     )

@@ -1,13 +1,15 @@
 """Modes and static displacements of a Nastran OUTPUT2 file (.op2) and punch file (.pch).
 
-OUTPUT2: a chain of Fortran records (length, content, length). One of a single word is a key: n > 0, the next record holds n
-words; n < 0, the logical record is complete; 0, the data block is. A data block is its name (two words), its trailer, and then
-records with a word in front that says what they are: 0 for a table, 1 and more for a column of a matrix. A table of displacements
-is pairs of records: 146 words that say what it is, then the rows: ten times the id of a point and its device, its type, six
-components. Source: DMAP Programmer's Guide, data blocks OUG (displacements) and LAMA (eigenvalues).
+OUTPUT2: a chain of Fortran records (length, content, length). A record of a single word is a key: n > 0, the next
+record has n words; n < 0, the logical record is complete; 0, the data block is complete. A data block is its name (two
+words), its trailer, and records with a type word in front. The type is 0 for a table, 1 and more for a column of a
+matrix. A displacement table consists of pairs of records: 146 words of header, then the rows. A row is ten times the
+point id plus the device code, the point type, and six components. Source: DMAP Programmer's Guide, data blocks OUG
+(displacements) and LAMA (eigenvalues).
 
-Punch: lines of 80 columns, of which the last 8 are their number. A block is comments that say what it holds, then two lines a
-point: id in ten columns, type in eight, three components in eighteen each; -CONT- in their place and the three rotations.
+Punch: lines of 80 columns, with the line number in the last 8. A block is header comments, then two lines a point.
+The first has id (ten columns), type (eight), three components (eighteen each), the second -CONT- and the three
+rotations.
 """
 
 from __future__ import annotations
@@ -38,11 +40,11 @@ _WIDTHS = {struct.pack(order + "i", width): (order, width) for order in "<>" for
 _NAME = 2
 """Words of the name of a data block."""
 _AT_ONCE = 1 << 24
-"""[bytes]"""
+"""Largest number of bytes read at once."""
 
 
 class Record(NamedTuple):
-    """A record of a table: name of the table, number from 0 of the record, content, and file with byte."""
+    """A record of a table: table name, record number from 0, content, and file with byte."""
 
     table: str
     number: int
@@ -51,18 +53,18 @@ class Record(NamedTuple):
 
 
 class Op2File:
-    """An open file: its records, and how words are to be read in them. width [bytes] of a word."""
+    """An open file: its records and number types. width [bytes] of a word."""
 
     def __init__(self, file: BinaryIO, path: Path):
-        """Raises DeckError where it is no binary OUTPUT2 file."""
+        """Raise DeckError if it is not a binary OUTPUT2 file."""
         self._file, self._path = file, path
         self._length = file.read(4)
-        """Of the next record, as it stands there; b"" at the end of the file."""
+        """Length field of the next record; b"" at the end of the file."""
         if self._length not in _WIDTHS:
             raise error_at(
                 path,
-                "no binary OUTPUT2 file" if self._length else "the file is empty",
-                "have Nastran write it by PARAM,POST,-1, unformatted",
+                "the file is not a binary OUTPUT2 file" if self._length else "the file is empty",
+                "write the file in Nastran with PARAM,POST,-1, unformatted",
             )
         order, self.width = _WIDTHS[self._length]
         self.integer = np.dtype(f"{order}i{self.width}")
@@ -70,36 +72,36 @@ class Op2File:
         self._int32 = struct.Struct(order + "i")
 
     def records(self, wanted: Callable[[str], bool]) -> Iterator[Record]:
-        """The records of every table whose name is wanted, one in memory at a time; the rest is passed over.
+        """The records of every table whose name is wanted, one in memory at a time; others are skipped.
 
-        Raises DeckError with the byte where the file is damaged, or ends within a data block.
+        Raises DeckError with the byte position if the file is damaged, or ends inside a data block.
         """
         while self._length:
             name = self._logical(keep=True)
             if name is None:
-                continue  # the end of the file, or of one of several that were put one behind the other
-            # what has no name of two words in front is the head of the file
+                continue  # end of the file, or of one of several concatenated files
+            # the file header has no two-word name in front
             table = self.text(name[0]) if name and len(name[0]) == _NAME * self.width else ""
             keep = bool(table) and wanted(table)
-            number, where = -1, self._place()  # the trailer is no record
+            number, where = -1, self._place()  # the trailer is not a record
             while (parts := self._logical(keep)) is not None:
                 if keep and number >= 0 and len(parts) > 1 and not any(parts[0]):
                     yield Record(table, number, b"".join(parts[1:]), where)
                 number, where = number + 1, self._place()
 
     def text(self, content: bytes) -> str:
-        """Four characters a word, without the blanks around them."""
+        """Four characters a word, without surrounding blanks."""
         words = np.frombuffer(content[: len(content) // self.width * self.width], np.uint8)
         return words.reshape(-1, self.width)[:, :4].tobytes().decode("latin-1").strip(" \0")
 
     def _logical(self, keep: bool) -> list[bytes] | None:
-        """The parts of a logical record, none where they are not to be kept; None at the end of the data block."""
+        """Parts of a logical record, empty if they are not kept; None at the end of the data block."""
         parts = []
         while (key := self._key()) > 0:
             at = self._place()
             content = self._record(keep)
             if keep and len(content) != key * self.width:
-                raise damaged(f"{key} words are announced, and {len(content)} bytes follow", at)
+                raise damaged(f"{key} words are announced, but {len(content)} bytes follow", at)
             if keep:
                 parts.append(content)
         return parts if key < 0 else None
@@ -108,28 +110,28 @@ class Op2File:
         at = self._place()
         content = self._record(keep=True, most=self.width)
         if len(content) != self.width:
-            raise damaged(f"no key, but a record of {len(content)} bytes", at)
+            raise damaged(f"expected a key, but found a record of {len(content)} bytes", at)
         return int(np.frombuffer(content, self.integer)[0])
 
     def _record(self, keep: bool, most: int | None = None) -> bytes:
-        """The content of the next Fortran record, of at most so many bytes; b"" where it is passed over."""
+        """Content of the next Fortran record, of at most `most` bytes; b"" if it is skipped."""
         at, length = self._place(), self._length
         if len(length) < 4:
-            raise damaged("the file ends within a data block", at)
+            raise damaged("the file ends inside a data block", at)
         size = self._int32.unpack(length)[0]
         if size < 0 or (most is not None and size > most):
-            raise damaged(f"no record of {size} bytes can be here", at)
+            raise damaged(f"a record of {size} bytes is not valid here", at)
         content = []
         left = size
         if not keep:
             self._file.seek(size, os.SEEK_CUR)
-        # what a damaged length claims is not set aside before it is there
+        # read in pieces, so that a damaged length does not allocate memory
         while keep and left and (part := self._file.read(min(left, _AT_ONCE))):
             content.append(part)
             left -= len(part)
         rest = self._file.read(8)
         if rest[:4] != length:
-            raise damaged(f"a record of {size} bytes begins here, and does not end as it should", at)
+            raise damaged(f"a record of {size} bytes begins here, but does not end correctly", at)
         self._length = rest[4:]
         return b"".join(content)
 
@@ -138,33 +140,34 @@ class Op2File:
 
 
 _DISPLACEMENTS = re.compile(r"(B?)O(?:UGV?|PHIG)[12]?(PAT)?")
-"""Names of the tables. With B or PAT they are along the basic axes, otherwise along those of each node."""
+"""Names of displacement tables. With B or PAT they are along the basic axes, otherwise along nodal axes."""
 _EIGENVALUES = "LAMA"
 _DISPLACEMENT, _EIGENVECTOR = 1, 7
-"""Codes of a table; 10 and 11 are velocities and accelerations."""
+"""Table codes; 10 and 11 are velocities and accelerations."""
 _MODE = 2
 _STATIC = (1, 7, 10, 11, 12)
-"""Codes of an analysis: linear, before buckling, nonlinear (three)."""
+"""Analysis codes: linear, before buckling, nonlinear (three)."""
 _OTHERS = {5: "a frequency response", 6: "a transient response", 8: "a buckling shape", 9: "a complex mode"}
 _COMPLEX, _BY_NODE, _RANDOM = 1, 2, 4
-"""Bits of a table code, in thousands: complex numbers; all steps of a node together (SORT2); statistics of a random response."""
+"""Bits of a table code, in thousands: complex numbers; all steps of a node together (SORT2); random response
+statistics."""
 _NODE = 1
-"""Type of a point; others are scalar, extra, modal and fluid points."""
+"""Point type of nodes; others are scalar, extra, modal and fluid points."""
 _HEAD, _ROW, _EIGENVALUE_ROW = 146, 8, 7
-"""Words."""
+"""Words of header and rows."""
 _ROUNDING = {4: 6e-8, 8: 2e-16}
-"""Of a number by the bytes of a word."""
+"""Bytes of a word → relative rounding error."""
 _TITLES = ((114, 146), (82, 114), (50, 82))
-"""Words of label, subtitle and title: the first that is there is the label of a response."""
+"""Words of label, subtitle and title; the first non-blank one is the label of a response."""
 
 
 def op2_responses(path: Path) -> Iterator[Response]:
-    """Modes and static displacements of the file in its order; other tables, velocities and temperatures are passed over.
+    """Modes and static displacements in file order; other tables, velocities and temperatures are skipped.
 
-    The step is the subcase; where there are two tables of it, along the axes of each node and the basic ones, the first counts.
-    A mode's frequency comes from its eigenvalue λ = ω², its modal mass from a table LAMA before it. Load steps of a nonlinear
-    subcase count from 1.
-    Raises DeckError for a damaged file, other kinds of displacements, and those written node by node (SORT2).
+    The step is the subcase; if it has tables in nodal and in basic axes, the first is used. The frequency of a mode
+    comes from its eigenvalue λ = ω², its modal mass from a preceding table LAMA. Load steps of a nonlinear subcase are
+    numbered from 1. Raises DeckError for a damaged file, other kinds of displacements, and displacements written node
+    by node (SORT2).
     """
     with opened(path) as file:
         op2 = Op2File(file, path)
@@ -181,15 +184,15 @@ def op2_responses(path: Path) -> Iterator[Response]:
             elif record.table == _EIGENVALUES:
                 masses |= _modal_masses(op2, record)
             elif head.is_displacement:
-                own = _is_basic(record.table)
-                if basic.setdefault((head.analysis, head.subcase), own) == own:
+                is_basic = _is_basic(record.table)
+                if basic.setdefault((head.analysis, head.subcase), is_basic) == is_basic:
                     counts[head.subcase] += head.analysis != _MODE
                     yield _response(op2, record, head, masses, counts[head.subcase])
             head = None
 
 
 class _Head(NamedTuple):
-    """What a table holds: analysis and table by their codes, sort as bits, subcase, mode and its eigenvalue, words of a row."""
+    """Header of a table: codes of analysis and table, sort as bits, subcase, mode and its eigenvalue, words of a row."""
 
     analysis: int
     table: int
@@ -209,7 +212,9 @@ class _Head(NamedTuple):
 def _head(op2: Op2File, record: Record) -> _Head:
     words = np.frombuffer(record.content, op2.integer)
     if len(words) != _HEAD:
-        raise damaged(f"record {record.number} of {record.table} has {len(words)} words, not {_HEAD}", record.where)
+        raise damaged(
+            f"record {record.number} of {record.table} has {len(words)} words instead of {_HEAD}", record.where
+        )
     sort, table = divmod(int(words[1]), 1000)
     titles = (op2.text(record.content[first * op2.width : last * op2.width]) for first, last in _TITLES)
     return _Head(
@@ -226,7 +231,7 @@ def _head(op2: Op2File, record: Record) -> _Head:
 
 
 def _is_basic(table: str) -> bool:
-    """Are the motions of a table along the basic axes, and not along those of each node?"""
+    """Whether the motions of a table are along the basic axes instead of nodal axes."""
     name = _DISPLACEMENTS.fullmatch(table)
     return name is not None and any(name.groups())
 
@@ -234,16 +239,17 @@ def _is_basic(table: str) -> bool:
 def _response(
     op2: Op2File, record: Record, head: _Head, masses: dict[tuple[int, float], float], count: int
 ) -> Response:
-    """count: of the static responses of its subcase, with this one."""
+    """count: number of static responses of the subcase so far, including this one."""
     is_mode = head.analysis == _MODE
     where = f"{record.where}, {record.table} of subcase {head.subcase}" + (f", mode {head.mode}" if is_mode else "")
     if head.analysis in _OTHERS or head.sort & _COMPLEX:
         raise unsupported(_OTHERS.get(head.analysis, "complex displacements"), where)
     if head.sort & _BY_NODE:
-        raise error_at(where, "the displacements are written node by node (SORT2)", "ask for DISPLACEMENT(SORT1)")
+        raise error_at(where, "the displacements are written node by node (SORT2)", "request DISPLACEMENT(SORT1)")
     if head.row != _ROW or (not is_mode and head.analysis not in _STATIC) or len(record.content) % (_ROW * op2.width):
         raise damaged(
-            f"{len(record.content)} bytes of rows of {head.row} words, of an analysis of code {head.analysis}", where
+            f"the table has {len(record.content)} bytes in rows of {head.row} words and analysis code {head.analysis}",
+            where,
         )
     row = np.dtype([("point", op2.integer), ("type", op2.integer), ("motion", op2.real, (6,))])
     rows = np.frombuffer(record.content, row)
@@ -268,8 +274,8 @@ def _response(
 
 
 def _modal_masses(op2: Op2File, record: Record) -> dict[tuple[int, float], float]:
-    """Mode and λ → ΦᵀMΦ of a table LAMA, whose rows are mode, order, λ, ω, f, ΦᵀMΦ and ΦᵀKΦ. λ tells whether it is that of the
-    shape: a run may solve for eigenvalues twice."""
+    """Mode and λ → ΦᵀMΦ of a table LAMA, whose rows are mode, order, λ, ω, f, ΦᵀMΦ and ΦᵀKΦ. λ identifies the
+    solution, because a run may solve for eigenvalues twice."""
     count = len(record.content) // (_EIGENVALUE_ROW * op2.width)
     row = np.dtype([("mode", op2.integer), ("order", op2.integer), ("values", op2.real, (5,))])
     rows = np.frombuffer(record.content, row, count)
@@ -278,30 +284,29 @@ def _modal_masses(op2: Op2File, record: Record) -> dict[tuple[int, float], float
 
 
 _WIDTH, _ID, _FIRST, _NUMBER = 72, 10, 18, 18
-"""Columns of a line, of an id, in front of the first component, and of each."""
+"""Columns of a line, of an id, before the first component, and of each component."""
 _PUNCH_ROUNDING = 5e-7
-"""Of a number with seven digits."""
+"""Relative rounding error of a number with seven digits."""
 _WORDS = {"EIGENVECTOR", "DISPLACEMENTS"}
 _EIGENVALUE = re.compile(r"(\S+)\s+MODE\s*=\s*(\d+)")
 _OVER = {"FREQUENCY": "a frequency response", "TIME": "a transient response"}
 
 
 class _Block(NamedTuple):
-    """What the comments say, keyword → its value ("" for a word alone), the lines behind them, each of _WIDTH columns, and the
-    number of the first."""
+    """Header comments, keyword → value ("" for a single word), data lines of _WIDTH columns each, and the number of
+    the first line."""
 
-    says: dict[str, str]
+    header: dict[str, str]
     lines: bytearray
     number: int
 
 
 def punch_responses(path: Path) -> Iterator[Response]:
-    """Eigenvectors and displacements of the file in its order; other blocks, and cards, are passed over.
+    """Eigenvectors and displacements in file order; other blocks and cards are skipped.
 
-    The step is the subcase; a mode's frequency comes from its eigenvalue λ = ω². Displacements of one subcase count from 1.
-    The format does not say whether an eigenvector is one of vibration or of buckling.
-    Raises DeckError with the line for numbers that cannot be read, complex results, those over time or frequency, and those
-    written point by point (SORT2).
+    The step is the subcase; the frequency of a mode comes from its eigenvalue λ = ω². Displacements of one subcase
+    are numbered from 1. The format does not distinguish vibration and buckling modes. Raises DeckError with the line
+    for unreadable numbers, complex results, results over time or frequency, and results written point by point (SORT2).
     """
     counts: Counter[int] = Counter()
     for block in _blocks(path):
@@ -309,10 +314,10 @@ def punch_responses(path: Path) -> Iterator[Response]:
 
 
 def _blocks(path: Path) -> Iterator[_Block]:
-    """The blocks of eigenvectors and displacements, one in memory at a time."""
+    """Blocks of eigenvectors and displacements, one in memory at a time."""
     block = _Block({}, bytearray(), 0)
     in_comments = False
-    for number, line in result_lines(path, "a punch file", "give the .pch file that Nastran wrote"):
+    for number, line in result_lines(path, "a punch file", "specify the .pch file of Nastran"):
         is_comment = line.startswith(b"$")
         if is_comment and not in_comments:
             if block.lines:
@@ -320,8 +325,8 @@ def _blocks(path: Path) -> Iterator[_Block]:
             block = _Block({}, bytearray(), 0)
         if is_comment:
             key, _, value = line[1:_WIDTH].decode("latin-1").partition("=")
-            block.says[" ".join(key.split())] = " ".join(value.split())
-        elif _WORDS & block.says.keys():
+            block.header[" ".join(key.split())] = " ".join(value.split())
+        elif _WORDS & block.header.keys():
             block = block if block.lines else block._replace(number=number)
             block.lines.extend(padded(line, _WIDTH))
         in_comments = is_comment
@@ -330,22 +335,22 @@ def _blocks(path: Path) -> Iterator[_Block]:
 
 
 def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response:
-    says, where = block.says, f"{path}:{block.number}"
-    subcase = parse_integer(says.get("SUBCASE ID", ""))
+    header, where = block.header, f"{path}:{block.number}"
+    subcase = parse_integer(header.get("SUBCASE ID", ""))
     if subcase is None:
-        raise damaged("the comments before this line name no SUBCASE ID", where)
-    if other := next((what for word, what in _OVER.items() for said in says if said.startswith(word)), None):
+        raise damaged("the comments before this line have no SUBCASE ID", where)
+    if other := next((what for word, what in _OVER.items() for key in header if key.startswith(word)), None):
         raise unsupported(other, where)
-    if "REAL OUTPUT" not in says:
+    if "REAL OUTPUT" not in header:
         raise unsupported("complex displacements", where)
-    if "POINT ID" in says:
+    if "POINT ID" in header:
         raise error_at(
-            where, "the displacements are written point by point (SORT2)", "ask for DISPLACEMENT(SORT1,PUNCH)"
+            where, "the displacements are written point by point (SORT2)", "request DISPLACEMENT(SORT1,PUNCH)"
         )
-    mode = _EIGENVALUE.fullmatch(says.get("EIGENVALUE", "")) if "EIGENVECTOR" in says else None
+    mode = _EIGENVALUE.fullmatch(header.get("EIGENVALUE", "")) if "EIGENVECTOR" in header else None
     eigenvalue = parse_real(mode[1]) if mode else 0.0
-    if ("EIGENVECTOR" in says and mode is None) or eigenvalue is None:
-        raise damaged("the comments before this line state no EIGENVALUE and MODE", where)
+    if ("EIGENVECTOR" in header and mode is None) or eigenvalue is None:
+        raise damaged("the comments before this line have no EIGENVALUE and MODE", where)
     if mode is None:
         counts[subcase] += 1
     number = int(mode[2]) if mode else counts[subcase]
@@ -357,7 +362,7 @@ def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response
         ids,
         motion,
         natural_frequency(eigenvalue) if mode else 0.0,
-        next((says[word] for word in ("LABEL", "SUBTITLE", "TITLE") if says.get(word)), ""),
+        next((header[word] for word in ("LABEL", "SUBTITLE", "TITLE") if header.get(word)), ""),
         along_node_axes=True,
         rounding=_PUNCH_ROUNDING,
         scalar_points=scalar_points,
@@ -366,16 +371,16 @@ def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response
 
 
 def _rows(block: _Block, path: Path) -> tuple[np.ndarray, np.ndarray, int]:
-    """Ids (n,) of the nodes, motion (n, 6), and how many other points there are."""
+    """Node ids (n,), motion (n, 6), and the number of other points."""
     text = np.frombuffer(block.lines, np.uint8).reshape(-1, _WIDTH)
     goes_on = text[:, 0] == ord("-")
     is_node = ~goes_on & (text[:, _FIRST - 1] == ord("G"))
     first = np.flatnonzero(is_node)
-    # behind the line of a node its second, and then that of another point
+    # first line of a node, its second line, and then another point
     second = np.append(goes_on, [False, False])
     wrong = first[~second[first + 1] | second[first + 2]]
     if wrong.size:
-        raise damaged("a node without its two lines", f"{path}:{block.number + int(wrong[0])}")
+        raise damaged("a node does not have two lines", f"{path}:{block.number + int(wrong[0])}")
 
     def place(row: int) -> str:
         return f"{path}:{block.number + int(first[row])}"

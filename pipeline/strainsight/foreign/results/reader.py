@@ -1,7 +1,8 @@
-"""Any file of results in, its modes and static responses out, one after the other; .frd, universal and VTU files by itself.
+"""Read modes and static responses from any result file, one after the other; with readers of .frd, universal and VTU
+files.
 
-A universal file: lines of -1 stand around every dataset; a header is followed by two lines a node: its number, and its values in
-columns of 13. Source: the UFF pages of the University of Cincinnati (SDRL).
+A universal file has lines of -1 around every dataset; after its header, each node has two lines: its number, and its
+values in columns of 13. Source: the UFF pages of the University of Cincinnati (SDRL).
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ from strainsight.measurements.uff58_file import is_mark
 from strainsight.mesh.model import IdTable
 
 ROUNDING = {0: 5e-6, 1: 5e-6, 2: 6e-8, 3: 2e-16}
-"""Largest relative error of a number by the format of its block: text has six digits."""
+"""Format of a block → largest relative error of a number: text has six digits."""
 
 
 def frd_responses(path: Path) -> Iterator[Response]:
-    """Every block DISP of the static and frequency steps of the file, in its order.
+    """Every block DISP of the static and frequency steps of the file, in order.
 
-    Raises DeckError for a file that is cut off or damaged, for numbers that are not finite, and for other kinds of steps that
-    have displacements (dynamic, buckling, complex frequencies).
+    Raises DeckError for a file that is truncated or damaged, for numbers that are not finite, and for displacements
+    of other steps (dynamic, buckling, complex frequencies).
     """
     try:
         yield from _responses(path)
@@ -67,12 +68,12 @@ def _responses(path: Path) -> Iterator[Response]:
 
 
 def _positions(nodes: list[NodeTable], ids: np.ndarray) -> np.ndarray | None:
-    """Positions (n, 3) of these nodes; NaN of a node, and None where the file has none."""
+    """Positions (n, 3) of these nodes; NaN for missing nodes, None if the file has no positions."""
     if not nodes:
         return None
-    table = IdTable(np.concatenate([own.ids for own in nodes]))
+    table = IdTable(np.concatenate([node_table.ids for node_table in nodes]))
     rows, missing = table.rows(ids)
-    return np.where(missing[:, None], np.nan, np.concatenate([own.position for own in nodes])[rows])
+    return np.where(missing[:, None], np.nan, np.concatenate([node_table.position for node_table in nodes])[rows])
 
 
 def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str, position: np.ndarray | None) -> Response:
@@ -80,8 +81,8 @@ def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str, pos
     if motion.shape[1] < 3 or not np.isfinite(motion).all():
         raise error_at(
             where,
-            f"the displacements of step {step} are no three finite numbers at every node",
-            "look at the output of the run, and write the results again (*NODE FILE, U)",
+            f"the displacements of step {step} do not have three finite numbers at every node",
+            "check the output of the run, and write the results again (*NODE FILE, U)",
         )
     if block.analysis == STATIC:
         increment, where = int(block.parameters[b"STEP"][1]), f"{where}, step {step}"
@@ -92,7 +93,7 @@ def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str, pos
         raise error_at(
             where,
             f"step {step} is neither static nor a frequency step",
-            "write results of *STATIC and *FREQUENCY steps alone",
+            "write only results of *STATIC and *FREQUENCY steps",
         )
     mode = int(block.parameters[b"MODE"][0])
     mass = block.parameters.get(b"GM")
@@ -114,11 +115,11 @@ def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str, pos
 
 
 _LONGEST = 4096
-"""[bytes] read as one line: those of a text have 80."""
+"""Longest line [bytes]; text lines have 80."""
 _WIDTH, _ID, _NUMBER = 78, 10, 13
-"""Columns of a line of values, of the number of a node, and of a value."""
+"""Columns of a line of values, of a node number, and of a value."""
 _UNIVERSAL_ROUNDING = 5e-6
-"""Of a number with six digits."""
+"""Relative rounding error of a number with six digits."""
 _OTHERS = {
     3: "complex modes",
     4: "a transient response",
@@ -129,19 +130,19 @@ _OTHERS = {
 _UNIVERSAL_STATIC, _UNIVERSAL_MODE, _NONLINEAR = 1, 2, 9
 _REAL = (2, 4)
 _VECTORS = {2: 3, 3: 6}
-"""Data characteristic → values a node: translations, and rotations with them."""
+"""Data characteristic → values per node: translations, or with rotations."""
 _AT_NODES = 1
 _DISPLACEMENT = 8
 _SHAPED = (2, 3, 7)
-"""Kinds of analysis whose vectors are shapes, real or complex."""
+"""Analysis types with real or complex shapes."""
 _SHAPES = (0, 1, _DISPLACEMENT, 11, 12, 95, 96)
-"""Types of data that a mode shape may have: unknown, general, displacement, velocity, acceleration."""
+"""Data types of a mode shape: unknown, general, displacement, velocity, acceleration."""
 _NONE = ("", "NONE")
 
 
 class _Layout(NamedTuple):
-    """Lines of a header; those of its titles, parameters, integers, reals and location (from 0; None: always nodes); the fields
-    of load case and mode among the integers, of frequency and modal mass among the reals."""
+    """Lines of a header; positions of its titles, parameters, integers, reals and location (from 0; None: always
+    nodes); fields of load case and mode among the integers, of frequency and modal mass among the reals."""
 
     lines: int
     titles: slice
@@ -160,11 +161,11 @@ _LAYOUTS = {
     "2414": _Layout(13, slice(3, 8), 8, 9, 11, 2, 4, 5, 1, 3),
 }
 
-"""Number of a dataset → where its header has what."""
+"""Dataset number → header layout."""
 
 
 class _Dataset(NamedTuple):
-    """A dataset: its lines, each of _WIDTH columns, and the number of the first of them in the file."""
+    """A dataset: its lines of _WIDTH columns each, and the number of the first line in the file."""
 
     layout: _Layout
     lines: bytearray
@@ -172,22 +173,21 @@ class _Dataset(NamedTuple):
 
 
 def universal_responses(path: Path) -> Iterator[Response]:
-    """Mode shapes and static displacements at nodes, in the order of the file; other datasets are passed over.
+    """Mode shapes and static displacements at nodes, in file order; other datasets are skipped.
 
-    The step is the load case (dataset 55) or the load set (2414), 1 where it is 0; static responses of one count from 1. They are
-    along the basic axes, as the format has it.
-    Raises DeckError with file:line where datasets do not close or numbers cannot be read, and for complex, transient, frequency
-    and buckling results.
+    The step is the load case (dataset 55) or the load set (2414), 1 if it is 0; static responses of a step are
+    numbered from 1. They are along the basic axes, as the format requires. Raises DeckError with file:line for
+    datasets without end, unreadable numbers, and for complex, transient, frequency and buckling results.
     """
     counts: Counter[int] = Counter()
     for dataset in _datasets(path):
-        found = _universal_response(dataset, counts, path)
-        if found is not None:
-            yield found
+        response = _universal_response(dataset, counts, path)
+        if response is not None:
+            yield response
 
 
 def _datasets(path: Path) -> Iterator[_Dataset]:
-    """The datasets 55 and 2414, one in memory at a time."""
+    """Datasets 55 and 2414, one in memory at a time."""
     number = 0
     with opened(path) as file:
         while line := file.readline(_LONGEST):
@@ -197,8 +197,8 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
             if not is_mark(line):
                 raise error_at(
                     f"{path}:{number}",
-                    "no start of a dataset",
-                    "a universal file has lines of -1 around every dataset: give such a file, or export it again",
+                    "expected the start of a dataset",
+                    "use a universal file, which has lines of -1 around every dataset, or export it again",
                 )
             kind = file.readline(_LONGEST)[:6].strip().decode("latin-1")
             number += 1
@@ -206,7 +206,7 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
             while not is_mark(line := file.readline(_LONGEST)):
                 number += 1
                 if not line:
-                    raise damaged(f"the file ends within dataset {kind}", f"{path}:{number}")
+                    raise damaged(f"the file ends inside dataset {kind}", f"{path}:{number}")
                 if layout is not None:
                     lines.extend(padded(line, _WIDTH))
             number += 1
@@ -215,10 +215,10 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
 
 
 def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> Response | None:
-    """None where it holds something else than a vector of displacements at nodes."""
+    """The response of a dataset; None unless it contains displacement vectors at nodes."""
     layout, lines, where = dataset.layout, dataset.lines, f"{path}:{dataset.number}"
-    if (there := len(lines) // _WIDTH) < layout.lines:
-        raise damaged(f"a header of {there} lines, not {layout.lines}", where)
+    if (line_count := len(lines) // _WIDTH) < layout.lines:
+        raise damaged(f"the header has {line_count} lines instead of {layout.lines}", where)
     head = [lines[row * _WIDTH : (row + 1) * _WIDTH].decode("latin-1") for row in range(layout.lines)]
     _, analysis, characteristic, kind, data, count = _integers(head[layout.parameters], 6, where)
     if layout.location is not None and _integers(head[layout.location], 1, where)[0] != _AT_NODES:
@@ -230,7 +230,7 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
             _OTHERS.get(analysis, "complex values" if data > 4 else f"an analysis of type {analysis}"), where
         )
     if count != _VECTORS[characteristic]:
-        raise damaged(f"a vector of {count} values, not {_VECTORS[characteristic]}", where)
+        raise damaged(f"the vectors have {count} values instead of {_VECTORS[characteristic]}", where)
     integers_, reals_ = _integers(head[layout.integers], 8, where), _reals(head[layout.reals], where)
     step = integers_[layout.load_case] or 1
     is_mode = analysis == _UNIVERSAL_MODE
@@ -252,19 +252,19 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
 
 
 def _integers(line: str, count: int, where: str) -> list[int]:
-    """So many integers of a line of a header, 0 where it is shorter."""
+    """The first `count` integers of a header line, 0 if it is shorter."""
     values = [parse_integer(word) for word in line.split()[:count]]
     if None in values:
-        raise damaged(f"{line.strip()!r} are no integers of a header", where)
+        raise damaged(f"{line.strip()!r} contains invalid integers of a header", where)
     return [value for value in values if value is not None] + [0] * (count - len(values))
 
 
 def _reals(line: str, where: str) -> list[float]:
-    """Six numbers of a line of a header, 0 where it is shorter."""
+    """Six numbers of a header line, 0 if it is shorter."""
     words = [line[at : at + _NUMBER].strip() for at in range(0, _WIDTH, _NUMBER)]
     values = [parse_real(word or "0") for word in words]
     if None in values:
-        raise damaged(f"{line.strip()!r} are no numbers of a header", where)
+        raise damaged(f"{line.strip()!r} contains invalid numbers of a header", where)
     return [value for value in values if value is not None]
 
 
@@ -274,7 +274,7 @@ def _rows(dataset: _Dataset, count: int, path: Path) -> tuple[np.ndarray, np.nda
     number = dataset.number + first
     text = np.frombuffer(dataset.lines, np.uint8).reshape(-1, _WIDTH)[first:]
     if len(text) % 2:
-        raise damaged("a node without its values", f"{path}:{number + len(text)}")
+        raise damaged("a node has no values", f"{path}:{number + len(text)}")
     return (
         integers(text[::2, :_ID], lambda row: f"{path}:{number + 2 * row}"),
         reals(text[1::2, : count * _NUMBER], _NUMBER, lambda row: f"{path}:{number + 2 * row + 1}"),
@@ -292,16 +292,16 @@ _STATIC = re.compile(r"(?:u|disp|displacements?|static)[ _-]*(?P<number>\d*)", r
 _FREQUENCIES = ("frequencies", "frequency", "eigenfrequencies", "natural_frequencies")
 """Names of field data with the frequencies [Hz] of all modes, in any case."""
 _ROUNDING = {4: 6e-8, 8: 2e-16}
-"""By the bytes of a number."""
+"""Bytes of a number → relative rounding error."""
 
 
 def vtu_responses(path: Path) -> Iterator[Response]:
-    """Point data of three or six components that are named as modes or displacements, in the order of the file.
+    """Point data of three or six components with names of modes or displacements, in file order.
 
-    "mode_1" is mode 1 of step 1, and its frequency stands in its name, "mode_1 12.5 Hz", or as entry 1 of the field data
-    "frequencies" [Hz]; "displacement" and "displacement_2" are static steps 1 and 2. Other data are passed over. Nodes have the
-    numbers of a mesh file of these formats. The whole file is in memory.
-    Raises DeckError for a file that cannot be read, and a mode without its frequency.
+    "mode_1" is mode 1 of step 1; its frequency is part of the name, "mode_1 12.5 Hz", or entry 1 of the field data
+    "frequencies" [Hz]; "displacement" and "displacement_2" are static steps 1 and 2. Other data are skipped. Node
+    numbers are those of a mesh file of these formats. The whole file is read into memory. Raises DeckError for a file
+    that cannot be read, and a mode without frequency.
     """
     with path.open("rb"):
         pass
@@ -310,12 +310,12 @@ def vtu_responses(path: Path) -> Iterator[Response]:
     ids, _ = numbers_of(raw.point_data, NODE_IDS, points, "node", [])
     for name, values in raw.point_data.items():
         mode = _MODE.fullmatch(name)
-        said = mode or _STATIC.fullmatch(name)
+        match = mode or _STATIC.fullmatch(name)
         motion = np.asarray(values)
-        if said is None or motion.ndim != 2 or motion.shape[1] not in (3, 6) or motion.dtype.kind != "f":
+        if match is None or motion.ndim != 2 or motion.shape[1] not in (3, 6) or motion.dtype.kind != "f":
             continue
         where = f"{path}, {name}"
-        number = int(said["number"] or 1)
+        number = int(match["number"] or 1)
         frequency = _frequency(mode, number, raw.field_data, where) if mode else 0.0
         yield Response(
             "mode" if mode else "static",
@@ -332,7 +332,7 @@ def vtu_responses(path: Path) -> Iterator[Response]:
 
 
 def _frequency(mode: re.Match[str], number: int, field_data: dict[str, Any], where: str) -> float:
-    """Of a mode, by its name, or by the field data."""
+    """Frequency of a mode from its name or from the field data."""
     if mode["hertz"]:
         return float(mode["hertz"])
     known = [np.ravel(values) for key, values in field_data.items() if key.lower() in _FREQUENCIES]
@@ -361,26 +361,31 @@ READERS: dict[str, Reader] = {
 
 
 def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Iterator[Response]:
-    """The modes and static responses of a file in its order; one at a time is in memory, so that a file may be larger than that.
+    """The modes and static responses of a file in order; only one is in memory, so the file may be larger than the
+    memory.
 
-    The ending of the name chooses the reader; .gz before it is passed over. Raises DeckError for an ending that no reader has, a
-    file that is missing, damaged or no plain one, and what its reader refuses.
+    The ending of the name, without .gz, selects the reader. Raises DeckError for an unknown ending, a file that is
+    missing, damaged or not a plain file, and errors of the reader.
     """
     path = Path(path)
     reader = readers.get(ending_of(path))
     if reader is None:
-        raise error_at(path, f"no file of results by its name: {path.name}", f"known: {', '.join(readers)}")
+        raise error_at(
+            path, f"{path.name} is not a known result file", f"use one of these file endings: {', '.join(readers)}"
+        )
     try:
         check_plain(path)
         yield from reader(path)
     except FileNotFoundError:
-        raise error_at(path, "no such file", "check the name and the folder") from None
+        raise error_at(path, "no such file", "correct the file name or the folder") from None
     except UNPACKING as error:
-        raise error_at(path, f"cannot be unpacked: {error}", "pack the file again") from None
+        raise error_at(path, f"cannot be unpacked: {error}", "compress the file again") from None
     except OSError as error:
-        raise error_at(path, f"cannot be read: {error.strerror}", "check that it is a readable file") from None
+        raise error_at(
+            path, f"cannot be read: {error.strerror}", "check that the file exists and is readable"
+        ) from None
 
 
 def ending_of(path: Path) -> str:
-    """The last ending of a name but .gz, in lower case; "" where it has none."""
+    """The last ending of a name except .gz, in lower case; "" if there is no ending."""
     return next((ending.lower() for ending in reversed(path.suffixes) if ending.lower() != ".gz"), "")

@@ -1,7 +1,7 @@
-"""One result of another program: a mode shape, or the response to a static load; and natural frequencies in printed output.
+"""Mode shapes and static responses of other programs, and natural frequencies in printed output.
 
-Source: Nastran Quick Reference Guide, "R E A L   E I G E N V A L U E S" and "R E A L   E I G E N V E C T O R   N O ."; CalculiX
-manual, *FREQUENCY, "E I G E N V A L U E   O U T P U T".
+Source: Nastran Quick Reference Guide, tables of real eigenvalues and real eigenvectors. CalculiX manual, *FREQUENCY,
+eigenvalue output.
 """
 
 from __future__ import annotations
@@ -23,18 +23,17 @@ from strainsight.mesh.thin import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Response:
-    """The motion of nodes in a mode or under a static load, in the units of its file.
+    """Motion of nodes in a mode or under a static load, in the units of its file.
 
-    kind; step: number of the step, subcase or data set by which a config asks for it, from 1; number: of the mode within its
-    step, from 1, and 1 of a static response; node_ids (n,) of the file, each once, in any order; motion (n, 3) translations
-    [length of the file], or (n, 6) with rotations [rad] behind them; frequency [Hz] of a mode, −√|ω²|/2π where ω² < 0, and 0 of a
-    static response; label: title of the step or subcase in the words of the file, "" where it has none; modal_mass: ΦᵀMΦ [mass
-    of the file, times length² where the shape is a length] where the file states it; along_node_axes: the motion is along the
-    displacement axes of each node (CD of a GRID), which the deck states, and not along the basic axes; rounding: largest relative
-    error of a number of the file, 5e-6 of 1.23457E+00, 6e-8 in single precision, 1e-16 in double; scalar_points: how many
-    points that are no nodes (scalar, fluid) stand among these in the file and are left out; where: file and step, or line, for a
-    message; position (n, 3) of the nodes along the basic axes, where the file has them and its reader reads them.
-    Raises DeckError for a node that is there twice, and for motions and frequencies that are not finite.
+    kind; step: number of the step, subcase or data set in the config, from 1; number: of the mode within its step,
+    from 1, and 1 for a static response; node_ids (n,) of the file, unique, in any order; motion (n, 3) translations
+    [length of the file], or (n, 6) with rotations [rad]; frequency [Hz] of a mode, −√|ω²|/2π if ω² < 0, 0 for a static
+    response; label: title of the step or subcase, "" if missing; modal_mass: ΦᵀMΦ [mass of the file, times length² if
+    the shape is a length], if the file defines it; along_node_axes: the motion is along the displacement axes of each
+    node (CD of a GRID) instead of the basic axes; rounding: largest relative error of a number, 5e-6 for 1.23457E+00,
+    6e-8 in single precision, 1e-16 in double; scalar_points: number of scalar and fluid points that are left out;
+    where: file and step, or line, for messages; position (n, 3) of the nodes along the basic axes, if available.
+    Raises DeckError for a repeated node, and for motions and frequencies that are not finite.
     """
 
     kind: Literal["mode", "static"]
@@ -53,30 +52,31 @@ class Response:
 
     def __post_init__(self) -> None:
         if (pair := repeated(self.node_ids)) is not None:
-            raise damaged(f"node {self.node_ids[pair[1]]} stands twice", self.where)
+            raise damaged(f"node {self.node_ids[pair[1]]} occurs twice", self.where)
         finite = np.isfinite(self.motion).all(axis=1)
         if not finite.all():
             row = int(np.argmin(finite))
             raise DeckError(
-                f"node {self.node_ids[row]} moves by {', '.join(f'{value:g}' for value in self.motion[row])}",
+                f"the motion of node {self.node_ids[row]} is not finite: "
+                f"{', '.join(f'{value:g}' for value in self.motion[row])}",
                 where=self.where,
-                remedy="look for errors in the output of that program, and write the file again",
+                remedy="check the output of the other program for errors, and export the file again",
             )
         if not math.isfinite(self.frequency):
             raise damaged(f"the frequency of the mode is {self.frequency:g}", self.where)
 
 
 def natural_frequency(eigenvalue: float) -> float:
-    """f = √λ/2π [Hz] of an eigenvalue λ = ω² [1/s²]; −√|λ|/2π where it is negative."""
+    """f = √λ/2π [Hz] of an eigenvalue λ = ω² [1/s²]; −√|λ|/2π if it is negative."""
     return math.copysign(math.sqrt(abs(eigenvalue)) / math.tau, eigenvalue)
 
 
 def unsupported(what: str, where: str) -> DeckError:
-    """A kind of result that is none of the two that are read."""
+    """Error for an unsupported kind of result."""
     return error_at(
         where,
-        f"{what}, no real mode or static response",
-        "write real normal modes or static displacements, in a file of their own",
+        f"{what} is neither a real mode nor a static response",
+        "write real normal modes or static displacements to a separate file",
     )
 
 
@@ -84,29 +84,31 @@ T = TypeVar("T")
 
 
 LONGEST = 4096
-"""[bytes] read as one line."""
+"""Longest line [bytes]."""
 
 
 def result_lines(path: Path, what: str, remedy: str) -> Iterator[tuple[int, bytes]]:
-    """Number and content of every line of a text file. Raises DeckError where one is no line of text, in the words of `what`."""
+    """Number and content of every line of a text file. Raises DeckError for a line that is not text; `what`
+    describes the file."""
     with opened(path) as file:
         number = 0
         while line := file.readline(LONGEST):
             number += 1
             if b"\0" in line or len(line) == LONGEST:
-                raise error_at(f"{path}:{number}", f"no line of {what}", remedy)
+                raise error_at(f"{path}:{number}", f"the line is not a line of {what}", remedy)
             yield number, line
 
 
 def padded(line: bytes, width: int) -> bytes:
-    """A line without its end, cut or filled with blanks to so many columns."""
+    """A line without its end, cut or padded with blanks to `width` columns."""
     return line.rstrip(b"\r\n")[:width].ljust(width)
 
 
 def reals(text: np.ndarray, width: int, place: Callable[[int], str]) -> FloatArray:
-    """(n, k) numbers, also in Fortran's short form 1.0-100, of the characters (n, k width) of n rows; place: row → its place.
+    """(n, k) numbers, also in Fortran's short form 1.0-100, of the characters (n, k width) of n rows; place: row →
+    its place.
 
-    Raises DeckError where there is none.
+    Raises DeckError for a word that is not a number.
     """
     words = np.ascontiguousarray(text).view(f"S{width}")
     try:
@@ -130,13 +132,13 @@ def integers(text: np.ndarray, place: Callable[[int], str]) -> IntArray:
 def _checked(parse: Callable[[str], T | None], word: bytes, place: Callable[[int], str], row: int) -> T:
     value = parse(word.decode("latin-1").strip())
     if value is None:
-        said = " ".join(word.decode("latin-1").split())
-        raise damaged(f"{said!r} is no finite number", place(row))
+        text = " ".join(word.decode("latin-1").split())
+        raise damaged(f"{text!r} is not a finite number", place(row))
     return value
 
 
 ROUNDING = 5e-7
-"""Of a number with seven digits."""
+"""Relative rounding error of a number with seven digits."""
 _VECTOR = re.compile(r"R E A L\s+E I G E N V E C T O R\s+N O ?\.\s*(\d+)")
 _TABLE = re.compile(r"R E A L\s+E I G E N V A L U E S")
 _SUBCASE = re.compile(r"\bSUBCASE\s+(\d+)")
@@ -144,8 +146,8 @@ _OTHER = {
     "complex eigenvalues": re.compile(r"C O M P L E X\s+E I G E N V"),
     "buckling loads": re.compile(r"B U C K L I N G\s|^[\s0]*SOL\s+(105|SEBUCKL)\s*$"),
 }
-"""Titles of tables have spaces between their letters, unlike the same words in a title of the user or in a comment; the line of
-the executive control tells of buckling where its table is titled as one of vibration."""
+"""Unsupported results. Titles of tables have spaces between their letters, unlike titles of the user or comments.
+The executive control line detects buckling if its table has a vibration title."""
 
 
 @dataclass
@@ -160,46 +162,47 @@ class _Step:
 def printed_modes(path: Path) -> Iterator[Response]:
     """Every mode of the file, step by step; without shapes it has no nodes.
 
-    The step is the subcase of Nastran, or counts the frequency steps of CalculiX. Shapes of an .f06 are along the axes of each
-    node (CD); scalar points are left out. Raises DeckError with the line for what cannot be read, and for a file without modes.
+    The step is the subcase of Nastran, or the number of the frequency step of CalculiX. Shapes of an .f06 are along
+    nodal axes (CD); scalar points are left out. Raises DeckError with the line for unreadable data, and for a file
+    without modes.
     """
     is_f06 = ".f06" in (ending.lower() for ending in path.suffixes)
     steps = _of_nastran(path) if is_f06 else _of_calculix(path)
-    found = [step for step in steps if step.eigenvalue]
-    if not found:
+    steps_with_modes = [step for step in steps if step.eigenvalue]
+    if not steps_with_modes:
         what = "R E A L   E I G E N V A L U E S" if is_f06 else "E I G E N V A L U E   O U T P U T"
         raise error_at(
             path,
             f"the file has no table {what}",
-            "give the .f06 of a SOL 103 run, or the .dat of a *FREQUENCY step of CalculiX",
+            "specify the .f06 of a SOL 103 run, or the .dat of a *FREQUENCY step of CalculiX",
         )
-    for step in found:
+    for step in steps_with_modes:
         for mode, (eigenvalue, line) in sorted(step.eigenvalue.items()):
             rows = step.motion.get(mode, {})
             ids = np.array(list(rows), dtype=np.int64)
             motion = np.array(list(rows.values())).reshape(-1, 6)
             where = f"{path}:{line}, step {step.number}, mode {mode}"
             frequency = natural_frequency(eigenvalue)
-            kept = {"along_node_axes": is_f06, "rounding": ROUNDING, "where": where}
-            yield Response("mode", step.number, mode, ids, motion, frequency, **kept)  # type: ignore[arg-type]
+            options = {"along_node_axes": is_f06, "rounding": ROUNDING, "where": where}
+            yield Response("mode", step.number, mode, ids, motion, frequency, **options)  # type: ignore[arg-type]
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Number and text of every line."""
-    for number, line in result_lines(path, "printed output", "give the text file"):
+    for number, line in result_lines(path, "printed output", "specify the text file"):
         yield number, line.decode("latin-1")
 
 
 def _of_nastran(path: Path) -> list[_Step]:
-    """Tables go on over pages, each with its title again; a title of other kind ends one."""
+    """Read tables that continue over pages, each with its title; a title of another kind ends a table."""
     steps: dict[int, _Step] = {}
     step, vector, table = _Step(1), 0, False
     for number, text in _lines(path):
         if match := _SUBCASE.search(text):
             step = steps.setdefault(int(match[1]), _Step(int(match[1])))
-        if text.startswith("1"):  # a new page, with the title that the user gave
+        if text.startswith("1"):  # a new page, with the title of the user
             vector, table = 0, False
-        elif "$" in text:  # a comment of the deck, in its echo
+        elif "$" in text:  # a comment of the echoed deck
             continue
         elif match := _VECTOR.search(text):
             vector, table = int(match[1]), False
@@ -209,11 +212,11 @@ def _of_nastran(path: Path) -> list[_Step]:
             raise unsupported(other, f"{path}:{number}")
         words = text.split()
         if table and len(words) == 7 and words[0].isdigit() and words[1].isdigit():
-            own = steps.setdefault(step.number, step)
-            own.eigenvalue.setdefault(int(words[0]), (_real(words[2], path, number), number))
+            current = steps.setdefault(step.number, step)
+            current.eigenvalue.setdefault(int(words[0]), (_real(words[2], path, number), number))
         elif vector and len(words) == 8 and words[0].isdigit() and words[1] == "G":
-            own = steps.setdefault(step.number, step)
-            own.motion.setdefault(vector, {})[int(words[0])] = [_real(word, path, number) for word in words[2:]]
+            current = steps.setdefault(step.number, step)
+            current.motion.setdefault(vector, {})[int(words[0])] = [_real(word, path, number) for word in words[2:]]
     return list(steps.values())
 
 
@@ -226,7 +229,7 @@ def _of_calculix(path: Path) -> list[_Step]:
             steps.append(_Step(len(steps) + 1))
             table = True
         elif packed.startswith(("PARTICIPATION", "EFFECTIVE", "TOTAL", "EIGENVALUENUMBER")):
-            table = False  # what *NODE PRINT and *EL PRINT print of a mode has its number as title
+            table = False  # *NODE PRINT and *EL PRINT print the mode number as title
         words = text.split()
         if table and len(words) == 5 and words[0].isdigit():
             if _real(words[4], path, number) != 0 and _real(words[1], path, number) >= 0:
@@ -238,5 +241,5 @@ def _of_calculix(path: Path) -> list[_Step]:
 def _real(word: str, path: Path, line: int) -> float:
     value = parse_real(word)
     if value is None:
-        raise damaged(f"{word!r} is no finite number", f"{path}:{line}")
+        raise damaged(f"{word!r} is not a finite number", f"{path}:{line}")
     return value
