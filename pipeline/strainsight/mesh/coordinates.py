@@ -33,11 +33,11 @@ BASIC = CoordinateSystem("rectangular", np.zeros(3), np.eye(3))
 
 
 def local_axes(position: FloatArray, system: CoordinateSystem) -> tuple[FloatArray, np.ndarray]:
-    """The directions 1, 2, 3 of a system at points: x, y, z, or e_r, e_θ, e_z, or e_r, e_θ, e_φ.
+    """The unit vectors 1, 2, 3 of a system at points: x, y, z, or e_r, e_θ, e_z, or e_r, e_θ, e_φ.
 
-    position (n, 3) basic. Returns axes (n, 3, 3), one in a column, in the basic system, and (n,) where a point lies on the
-    axis: there e_r and e_θ of a cylinder have no direction, nor have e_θ and e_φ of a sphere (at its centre e_r neither),
-    and the axes are those that define the system (as in Nastran).
+    position (n, 3) basic. Returns axes (n, 3, 3), one in a column, in the basic system, and (n,) whether a point lies on the
+    axis. There e_r and e_θ of a cylinder, and e_θ and e_φ of a sphere (at its centre also e_r), are undefined, and the axes
+    are those of the system (as in Nastran).
     """
     n = len(position)
     if system.kind == "rectangular":

@@ -1,4 +1,4 @@
-"""Shells, beams and rods of a mesh: elements on a surface or a line, with the sections that make them solid."""
+"""Shells, beams and rods of a mesh with their sections."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from strainsight.columns import Column
 
 @dataclass(frozen=True)
 class Lamina:
-    """Linear orthotropic in plane stress; axis 1 along its fibres, nu12 = −ε₂/ε₁ under σ₁."""
+    """Linear orthotropic material in plane stress; axis 1 along the fibres, nu12 = −ε₂/ε₁ under σ₁."""
 
     id: Annotated[int, Column("1", "", "id of every orthotropic material")]
     e1: Annotated[float, Column("Pa", "", "modulus along its axis 1")]
@@ -32,7 +32,7 @@ class Lamina:
 
 @dataclass(frozen=True)
 class Ply:
-    """Of a lamina, or of an isotropic material; its angle is one about the normal of the shell."""
+    """Ply of a lamina or an isotropic material; its angle is about the normal of the shell."""
 
     material: Annotated[int, Column("1", "", "id of its material, from the lower face up")]
     thickness: Annotated[float, Column("m", "", "thickness")]
@@ -41,15 +41,14 @@ class Ply:
 
 @dataclass(frozen=True)
 class Laminate:
-    """Section of a shell of plies, the one at the lower face first; its x is that of the material of the shell,
-    `ShellBlock.axis`."""
+    """Section of a laminated shell, from the lower face up; its x is that of the material of the shell, `ShellBlock.axis`."""
 
     plies: Annotated[tuple[Ply, ...], Column("", "ply", "plies")]
     nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its plies")] = 0.0
 
     @property
     def thickness(self) -> float:
-        """Of all plies together [m]."""
+        """Total thickness of all plies [m]."""
         return sum(ply.thickness for ply in self.plies)
 
 
@@ -60,14 +59,14 @@ ZERO: Pair = (0.0, 0.0)
 
 
 def concatenate(parts: Iterable[IntArray]) -> IntArray:
-    """All of them one after the other, along their first axis; empty (0,) where there are none."""
-    found = list(parts)
-    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+    """Concatenation along the first axis; empty (0,) without parts."""
+    arrays = list(parts)
+    return np.concatenate(arrays) if arrays else np.zeros(0, dtype=np.int64)
 
 
 SHELL_KINDS = ("quad4", "tri3", "quad8", "tri6")
 CORNERS = {3: 3, 4: 4, 6: 3, 8: 4}
-"""Nodes of a shell → how many are at its corners, the first ones; the others lie on its sides, the first between 1 and 2."""
+"""Number of nodes of a shell → number of its corner nodes, which come first; mid-side nodes follow, first between 1 and 2."""
 BEAM_KINDS = ("beam", "rod", "beam3")
 
 
@@ -83,11 +82,13 @@ class ShellSection:
 
 @dataclass(frozen=True)
 class GeneralShell:
-    """Section of a shell whose membrane, bending and shear are of different or anisotropic materials, along x and y of these:
+    """Section of a shell with different or anisotropic materials for membrane, bending and shear, along their x and y.
 
-        N = t M ε + t² C κ,   M = t² C ε + t³/12 D κ,   Q = t S γ,     strain ε + z κ in the order xx, yy, xy, γ_xy = 2 ε_xy
+        N = t M ε + t² C κ,   M = t² C ε + t³/12 D κ,   Q = t S γ
 
-    M of a uniform shell gives the stress of the strain on its faces.
+    Strain ε + z κ is in the order xx, yy, xy, γ_xy = 2 ε_xy.
+
+    M of a uniform shell relates stress to strain on its faces.
     """
 
     thickness: Annotated[float, Column("m", "", "thickness t")]
@@ -111,11 +112,11 @@ class GeneralShell:
 
 @dataclass(frozen=True)
 class BeamSection:
-    """Section of a beam at its end A, and at B where it is another, linear in between; axes y and z across the beam.
+    """Section of a beam at its end A, and at B if different, linear in between; axes y and z across the beam.
 
-    yy of second is I1 of a PBAR, shear K1, K2; neutral (N1, N2 of a PBEAM) is where its own mass is, beside (M1, M2) the other.
-    sides: on which of the sides +y, +z, −y and −z of the box about its points it has material in the middle, so that a gauge can
-    sit there. The axis of the element goes through the shear centres.
+    yy of second is I1 of a PBAR, shear K1, K2; neutral is the position of the structural mass (N1, N2 of a PBEAM), the last
+    field that of the nonstructural mass (M1, M2). sides: whether there is material in the middle of the sides +y, +z, −y and
+    −z of the box about its points, for a gauge. The axis of the element goes through the shear centres.
     """
 
     area: Annotated[float, Column("m^2", "", "area")]
@@ -134,7 +135,7 @@ class BeamSection:
     beside: Annotated[Pair, Column("m", "2", "y and z of that mass from the shear centre")] = ZERO
 
     def with_shear(self, ratio: float) -> BeamSection:
-        """The section with the shear modulus of its material times `ratio`, which is taken into J and the shear factors."""
+        """The section for a shear modulus multiplied by `ratio`, which is included in J and the shear factors."""
         shear = (ratio * self.shear[0], ratio * self.shear[1])
         return replace(self, torsion=ratio * self.torsion, shear=shear, at_b=self.at_b and self.at_b.with_shear(ratio))
 
@@ -144,7 +145,7 @@ Section = ShellSection | GeneralShell | Laminate | BeamSection
 
 @dataclass(frozen=True)
 class ShellBlock:
-    """Shells of one kind of `SHELL_KINDS`, their nodes at the corners before those between."""
+    """Shells of one kind of `SHELL_KINDS`, corner nodes before mid-side nodes."""
 
     kind: str
     ids: Annotated[IntArray, Column("1", "shell", "id of every shell of that kind in the deck", name="id")]
@@ -171,8 +172,8 @@ class ShellBlock:
 
 @dataclass(frozen=True)
 class BeamBlock:
-    """Elements of one kind, straight "beam" or "rod" (which has neither bending nor shear), or "beam3" with a node between its
-    ends, which may be curved and has no pin flags. x is from A to B where the offsets, along the basic axes, have moved them."""
+    """Elements of one kind: straight "beam" or "rod" (without bending and shear), or "beam3" with a middle node, which may be
+    curved and has no pin flags. x is from A to B, both moved by the offsets along the basic axes."""
 
     kind: str
     ids: Annotated[IntArray, Column("1", "beam", "id of every beam or rod in the deck", name="id")]
@@ -194,12 +195,12 @@ class BeamBlock:
 
 def nodes_that_turn(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:
     """Indices, ascending, of the nodes whose rotations shells and beams resist; rods and solids resist none."""
-    own = [*(block.nodes for block in shells), *(block.nodes for block in beams if block.kind != "rod")]
-    return np.unique(concatenate(nodes.ravel() for nodes in own))
+    blocks_of_nodes = [*(block.nodes for block in shells), *(block.nodes for block in beams if block.kind != "rod")]
+    return np.unique(concatenate(nodes.ravel() for nodes in blocks_of_nodes))
 
 
 def nodes_along_beams(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:
-    """Indices, ascending, of both nodes of every beam that runs along a side of a shell, or along half of one; no rods."""
+    """Indices, ascending, of both nodes of every beam along a side of a shell, or along half of one; without rods."""
     none = [np.zeros((0, 2), dtype=np.int64)]
     lines = [block.nodes[:, pair] for block in beams for pair in _SPANS[block.kind]]
     ends = np.sort(np.concatenate(none + lines), axis=1)
@@ -207,8 +208,8 @@ def nodes_along_beams(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) 
         return ends.ravel()
     size = int(max(ends.max(), *(block.nodes.max(initial=0) for block in shells), 0)) + 1
     sides = np.sort(np.concatenate(none + [_sides(block) for block in shells]), axis=1)
-    there = np.isin(ends @ [size, 1], sides @ [size, 1])
-    return np.unique(ends[there])
+    on_side = np.isin(ends @ [size, 1], sides @ [size, 1])
+    return np.unique(ends[on_side])
 
 
 _SPANS = {"beam": ((0, 1),), "rod": (), "beam3": ((0, 2), (2, 1))}
@@ -216,7 +217,7 @@ _SPANS = {"beam": ((0, 1),), "rod": (), "beam3": ((0, 2), (2, 1))}
 
 
 def _sides(block: ShellBlock) -> IntArray:
-    """Pairs (s, 2) of neighbours around shells; of those with nodes on their sides, of corners too."""
+    """Pairs (s, 2) of neighbouring nodes around shells; for second-order shells also pairs of corners."""
     count = CORNERS[block.nodes.shape[1]]
     rings = [block.corners]
     if block.nodes.shape[1] > count:

@@ -247,9 +247,9 @@ def test_nodes_of_the_axis_are_one_in_all_copies_as_a_deck_has_them_rounded(read
 
 
 test_sectors_that_are_no_ring_are_refused = refusal_table(lambda more: wheel(1, more=more), [
-    (SECTOR.replace("N=5", "N=7"), "do not meet where one is turned by 360°/7"),
+    (SECTOR.replace("N=5", "N=7"), "do not match after a rotation by 360°/7"),
     (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "sectors of another number or axis"),
     (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "sectors of another number or axis"),
     # nodes 2 and 6 of the first cut face
-    (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* is one with a node of the opposite cut face"),
+    (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* coincides with a node of the opposite cut face"),
 ], placed=False)

@@ -212,8 +212,8 @@ test_what_is_wrong_is_named_with_file_and_line = refusal_table(lambda card, pbar
     ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.03", "the wall is 0.03, of a tube 0.04 thick", 6),
     ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.01,,.05", "OD2 makes it conical", 6),
     (BEAM, ENDS + ",NO,.5,.02\n,NO,1.,.02", "A is 0.02 at X/XB = 0.5, on the line between its ends 0.015", 6),
-    (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section BOXES is not known", 6),
-    (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "cannot have the dimensions 1, -1", 6),
+    (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section shape BOXES is unknown", 6),
+    (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "has impossible dimensions 1, -1", 6),
     (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "the shear centre of this T is not its centroid", 6),
     (BEAM, LBEAM + ",NO,.5,.03,.02\n,NO,1.,.05,.02", "A is 0.00157.* at X/XB = 0.5", 6),
 ])

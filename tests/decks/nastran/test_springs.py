@@ -135,7 +135,7 @@ def test_a_bush_that_turns_freely_about_its_middle_is_named(read, tetrahedron):
 
 def test_a_spring_on_a_rotation_that_an_element_lacks_is_named_unless_it_is_held(read, tetrahedron):
     card = "CELAS2,99,7.,4,5\nSPC1,1,12,4\n"
-    with pytest.raises(DeckError, match="CELAS2 99 acts on rotations of node 4, which has none"):
+    with pytest.raises(DeckError, match="CELAS2 99 acts on rotations of node 4, which has no rotations"):
         build_model(read(f"{tetrahedron}{card}ENDDATA\n"))
     held = build_model(read(f"{tetrahedron}{card}SPC1,1,456,4\nENDDATA\n"))
     without = build_model(read(f"{tetrahedron}SPC1,1,12,4\nENDDATA\n"))
