@@ -39,7 +39,7 @@ class Observability:
     condition: Annotated[float, Column("1", "", "condition of the scaled PBH matrix at λ = 0")]
     sigma_min: Annotated[float, Column("1", "", "its smallest singular value")]
     condition_raw: Annotated[
-        float, Column("1", "", "the same without scales, as the thesis prints it, which orders cases by their units")
+        float, Column("1", "", "the same without scales, as printed in the thesis; depends on units")
     ]
     null_direction: str = ""
 

@@ -22,10 +22,10 @@ class Anisotropic:
 
     id: Annotated[int, Column("1", "", "id of every anisotropic material")]
     stiffness: Annotated[
-        FloatArray, Column("Pa", "6 × 6", "from strain to stress along its axes: 11 22 33 12 23 31, γ = 2ε")
+        FloatArray, Column("Pa", "6 × 6", "stiffness along its axes, strain → stress: 11 22 33 12 23 31, γ = 2ε")
     ]
     density: Annotated[float, Column("kg/m^3", "", "density of every anisotropic material")]
-    name: Annotated[str, Column("1", "", "name in the words of the file or config")] = ""
+    name: Annotated[str, Column("1", "", "name in the file or config")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -148,7 +148,7 @@ class Layer:
     """Layer of an isotropic material, or of an anisotropic one with the orientation of its axes."""
 
     material: Annotated[int, Column("1", "", "id of its material, from ξ = −1 on")]
-    thickness: Annotated[float, Column("1", "", "relative to the others")]
+    thickness: Annotated[float, Column("1", "", "relative thickness")]
     orientation: Orientation
 
 
@@ -158,9 +158,7 @@ class CompositeSolid:
     proportion to their thickness, the first at ξ = −1."""
 
     layers: Annotated[tuple[Layer, ...], Column("", "layer", "layers")]
-    direction: Annotated[
-        int, Column("1", "", "along which of its reference directions the layers of an element lie: 0, 1 or 2")
-    ] = 2
+    direction: Annotated[int, Column("1", "", "stacking direction of the layers: reference direction 0, 1 or 2")] = 2
 
     @property
     def shares(self) -> FloatArray:

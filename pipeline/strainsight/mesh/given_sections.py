@@ -41,7 +41,7 @@ class GivenSection:
 
     regions: tuple[int | str, ...] | None
     section: ShellSection | BeamSection
-    offset: Annotated[float, Column("m", "", "of the middle of shells from their nodes")] = 0.0
+    offset: Annotated[float, Column("m", "", "offset of the middle of shells from their nodes")] = 0.0
     direction: tuple[float, float, float] | None = None
 
     @property

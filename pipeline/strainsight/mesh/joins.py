@@ -28,7 +28,7 @@ class RigidElement:
     reference: Annotated[int, Column("1", "", "reference node index of every rigid element")]
     nodes: Annotated[IntArray, Column("1", "dependent node", "dependent node indices")]
     components: Annotated[tuple[int, ...], Column("1", "", "components 1-6 of its dependent nodes")]
-    name: Annotated[str, Column("1", "", "its name in the words of the file")] = ""
+    name: Annotated[str, Column("1", "", "its name in the file")] = ""
 
     def __str__(self) -> str:
         return self.name or f"rigid element {self.id}"
@@ -54,10 +54,10 @@ class AveragingElement:
         Column(
             "1",
             "component × 2",
-            "[node index, component] that the relations are solved for (UM); none: the reference's own",
+            "[node index, component] that the relations are solved for (UM); none: those of the reference",
         ),
     ] = None
-    name: Annotated[str, Column("1", "", "its name in the words of the file")] = ""
+    name: Annotated[str, Column("1", "", "its name in the file")] = ""
     rotations: Annotated[
         NDArray[np.bool_] | None,
         Column("1", "averaged node × 3", "1 where a rotation of a node counts", offset="directions_offset"),
@@ -116,9 +116,9 @@ class Relation:
         ),
     ]
     value: Annotated[
-        FloatArray, Column("SI", "term", "what multiplies that motion; of a rotation in m", offset="term_offset")
+        FloatArray, Column("SI", "term", "coefficient of that motion; for a rotation in m", offset="term_offset")
     ]
-    name: Annotated[str, Column("1", "", "its name in the words of the file")] = ""
+    name: Annotated[str, Column("1", "", "its name in the file")] = ""
     yields: bool = False
 
     def __str__(self) -> str:
@@ -148,7 +148,7 @@ class PointMass:
     id: Annotated[int, Column("1", "", "id of every point mass")]
     node: Annotated[int, Column("1", "", "node index of every point mass")]
     mass: Annotated[float, Column("kg", "", "mass of every point mass")]
-    offset: Annotated[FloatArray, Column("m", "3", "its centre from the node")] = field(
+    offset: Annotated[FloatArray, Column("m", "3", "position of its centre relative to the node")] = field(
         default_factory=lambda: np.zeros(3)
     )
     inertia: Annotated[FloatArray, Column("kg m^2", "3 × 3", "its inertia about the centre of mass")] = field(
@@ -156,7 +156,7 @@ class PointMass:
     )
     matrix: Annotated[
         FloatArray | None,
-        Column("SI", "6 × 6", "of one that is another mass along another axis (CONM1, CMASS), else 0"),
+        Column("SI", "6 × 6", "matrix of a mass that differs between axes (CONM1, CMASS), else 0"),
     ] = None
 
     @property
@@ -173,10 +173,10 @@ class Springs:
     Components are along the basic axes; r is in m for the rotations of an axial spring.
     """
 
-    name: Annotated[str, Column("1", "", "element or support in the words of the file or config")]
-    stiffness: Annotated[FloatArray, Column("SI", "spring", "N/m, of torsion springs N m/rad")]
+    name: Annotated[str, Column("1", "", "name of the element or support in the file or config")]
+    stiffness: Annotated[FloatArray, Column("SI", "spring", "stiffness: N/m, for torsion springs N m/rad")]
     spring: Annotated[
-        IntArray, Column("1", "part", "which spring of its list a motion is a part of", offset="part_offset")
+        IntArray, Column("1", "part", "spring of its list that a motion belongs to", offset="part_offset")
     ]
     node: Annotated[IntArray, Column("1", "part", "node index of that motion", offset="part_offset")]
     component: Annotated[
@@ -240,5 +240,5 @@ class NodalForces:
     ] = None
     body: tuple[BodyForce, ...] = ()
     regions: Annotated[
-        tuple[int, ...], Column("1", "region", "ids of regions whose mass makes some of the forces")
+        tuple[int, ...], Column("1", "region", "ids of regions whose mass contributes to the forces")
     ] = ()

@@ -54,7 +54,7 @@ class Material:
     youngs_modulus: Annotated[float, Column("Pa", "", "Young's modulus of every material")]
     poisson_ratio: Annotated[float, Column("1", "", "Poisson's ratio of every material")]
     density: Annotated[float, Column("kg/m^3", "", "density of every material")]
-    name: Annotated[str, Column("1", "", "name of every material, in the words of the file or config")] = ""
+    name: Annotated[str, Column("1", "", "name of every material in the file or config")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"

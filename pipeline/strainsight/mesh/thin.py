@@ -19,12 +19,12 @@ class Lamina:
     id: Annotated[int, Column("1", "", "id of every orthotropic material")]
     e1: Annotated[float, Column("Pa", "", "modulus along its axis 1")]
     e2: Annotated[float, Column("Pa", "", "modulus along its axis 2")]
-    nu12: Annotated[float, Column("1", "", "contraction along 2 of a stress along 1")]
+    nu12: Annotated[float, Column("1", "", "Poisson's ratio, contraction along 2 under stress along 1")]
     g12: Annotated[float, Column("Pa", "", "shear modulus in its plane")]
-    g1z: Annotated[float, Column("Pa", "", "shear modulus across, of axis 1; infinite: no shear")]
-    g2z: Annotated[float, Column("Pa", "", "shear modulus across, of axis 2; infinite: no shear")]
+    g1z: Annotated[float, Column("Pa", "", "transverse shear modulus of axis 1; infinite: rigid")]
+    g2z: Annotated[float, Column("Pa", "", "transverse shear modulus of axis 2; infinite: rigid")]
     density: Annotated[float, Column("kg/m^3", "", "density of every orthotropic material")]
-    name: Annotated[str, Column("1", "", "name in the words of the file")] = ""
+    name: Annotated[str, Column("1", "", "name in the file")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -44,7 +44,7 @@ class Laminate:
     """Section of a laminated shell, from the lower face up; its x is that of the material of the shell, `ShellBlock.axis`."""
 
     plies: Annotated[tuple[Ply, ...], Column("", "ply", "plies")]
-    nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its plies")] = 0.0
+    nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
     @property
     def thickness(self) -> float:
@@ -75,9 +75,9 @@ class ShellSection:
     """Section of a homogeneous shell; bending is 12 I/t³ of a PSHELL, shear t_s/t of G t."""
 
     thickness: Annotated[float, Column("m", "", "thickness t")]
-    bending: Annotated[float, Column("1", "", "stiffness in bending over that of t³/12; 0: membrane")] = 1.0
-    shear: Annotated[float, Column("1", "", "thickness in shear over t; infinite: no shear")] = 5 / 6
-    nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its material")] = 0.0
+    bending: Annotated[float, Column("1", "", "bending stiffness over that of t³/12; 0: membrane")] = 1.0
+    shear: Annotated[float, Column("1", "", "shear thickness over t; infinite: rigid in shear")] = 5 / 6
+    nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
 
 @dataclass(frozen=True)
@@ -97,12 +97,10 @@ class GeneralShell:
     ]
     coupling: Annotated[FloatArray, Column("Pa", "3 × 3", "C of forces t² C κ and moments t² C ε")]
     bending: Annotated[FloatArray, Column("Pa", "3 × 3", "D of moments t³/12 D κ; 0: membrane")]
-    shear: Annotated[FloatArray, Column("Pa", "2 × 2", "S of forces across t S γ: xz yz; infinite: no shear")]
+    shear: Annotated[FloatArray, Column("Pa", "2 × 2", "S of transverse forces t S γ: xz yz; infinite: rigid")]
     density: Annotated[float, Column("kg/m^3", "", "density")]
-    uniform: Annotated[
-        bool, Column("1", "", "1 where membrane and bending are of one material, and nothing couples them")
-    ]
-    nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its material")] = 0.0
+    uniform: Annotated[bool, Column("1", "", "1 if membrane and bending have one material and no coupling")]
+    nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
     @property
     def modulus(self) -> float:
@@ -124,15 +122,15 @@ class BeamSection:
         default_factory=lambda: np.zeros((2, 2))
     )
     torsion: Annotated[float, Column("m^4", "", "torsion constant J")] = 0.0
-    shear: Annotated[Pair, Column("1", "2", "areas in shear along y and z over the area; 0: no shear")] = ZERO
-    points: Annotated[FloatArray, Column("m", "point × 2", "y and z where its strain is asked for")] = field(
+    shear: Annotated[Pair, Column("1", "2", "shear areas along y and z over the area; 0: rigid in shear")] = ZERO
+    points: Annotated[FloatArray, Column("m", "point × 2", "y and z of its stress recovery points")] = field(
         default_factory=lambda: np.zeros((0, 2))
     )
-    nonstructural: Annotated[float, Column("kg/m", "", "mass that is not of its material")] = 0.0
+    nonstructural: Annotated[float, Column("kg/m", "", "nonstructural mass")] = 0.0
     at_b: BeamSection | None = None
     sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
     neutral: Annotated[Pair, Column("m", "2", "y and z of the neutral axis from the shear centre")] = ZERO
-    beside: Annotated[Pair, Column("m", "2", "y and z of that mass from the shear centre")] = ZERO
+    beside: Annotated[Pair, Column("m", "2", "y and z of the nonstructural mass from the shear centre")] = ZERO
 
     def with_shear(self, ratio: float) -> BeamSection:
         """The section for a shear modulus multiplied by `ratio`, which is included in J and the shear factors."""
@@ -151,10 +149,12 @@ class ShellBlock:
     ids: Annotated[IntArray, Column("1", "shell", "id of every shell of that kind in the deck", name="id")]
     nodes: Annotated[IntArray, Column("1", "shell × node", "node indices in order around the shell")]
     region: Annotated[IntArray, Column("1", "shell", "region id of every shell")]
-    offset: Annotated[FloatArray, Column("m", "shell", "its middle from its nodes, along the normal by their order")]
+    offset: Annotated[
+        FloatArray, Column("m", "shell", "offset of its middle from its nodes, along the normal of the node order")
+    ]
     axis: Annotated[
         FloatArray,
-        Column("1", "shell × 3", "vector whose projection is x of its material; NaN: the side from its first node"),
+        Column("1", "shell × 3", "vector whose projection is x of its material; NaN: its first side"),
     ]
     on_faces: Annotated[
         IntArray,
@@ -177,13 +177,13 @@ class BeamBlock:
 
     kind: str
     ids: Annotated[IntArray, Column("1", "beam", "id of every beam or rod in the deck", name="id")]
-    nodes: Annotated[IntArray, Column("1", "beam × node", "node indices of its ends A and B, and of one between")]
+    nodes: Annotated[IntArray, Column("1", "beam × node", "node indices of its ends A and B, and of its middle node")]
     region: Annotated[IntArray, Column("1", "beam", "region id of every beam or rod")]
     axes: Annotated[FloatArray, Column("1", "beam × 3 × 3", "its axes x, y, z, one in a column; x from end A to B")]
-    offset: Annotated[FloatArray, Column("m", "beam × node × 3", "its axis from its nodes")]
+    offset: Annotated[FloatArray, Column("m", "beam × node × 3", "offset of its axis from its nodes")]
     released: Annotated[
         NDArray[np.bool_],
-        Column("1", "beam × 2 × 6", "1 where an end does not hand on a motion along those axes (pin flags)"),
+        Column("1", "beam × 2 × 6", "1 where an end releases a motion along those axes (pin flags)"),
     ]
     on_sides: Annotated[
         IntArray,

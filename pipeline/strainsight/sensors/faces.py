@@ -58,9 +58,9 @@ class Faces:
 
     area: Annotated[np.ndarray, Column("m^2", "face", "area, the largest first")]
     centre: Annotated[np.ndarray, Column("m", "face × 3", "centre, weighted by area")]
-    normal: Annotated[np.ndarray, Column("1", "face × 3", "outward normal of a flat face, zero where it is bent")]
-    radius: Annotated[np.ndarray, Column("m", "face", "radius of a cylinder, zero of others")]
-    axis: Annotated[np.ndarray, Column("1", "face × 3", "axis of a cylinder, zero of others")]
+    normal: Annotated[np.ndarray, Column("1", "face × 3", "outward normal of a flat face, zero if curved")]
+    radius: Annotated[np.ndarray, Column("m", "face", "radius of a cylinder, zero for other faces")]
+    axis: Annotated[np.ndarray, Column("1", "face × 3", "axis of a cylinder, zero for other faces")]
     hollow: Annotated[np.ndarray, Column("1", "face", "whether a cylinder is a bore")]
     point: Annotated[np.ndarray, Column("m", "face × 3", "a point of each face")]
     of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -77,7 +77,7 @@ class Faces:
             what = "bore" if self.hollow[face] else "cylinder"
             axis = "({:.3g}, {:.3g}, {:.3g})".format(*(self.axis[face].round(6) + 0.0))
             return f"{what}, radius {self.radius[face]:.4g} m, axis {axis}"
-        return "bent"
+        return "curved"
 
 
 def faces_of(position: np.ndarray, facets: Facets) -> Faces:
