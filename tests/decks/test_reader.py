@@ -65,9 +65,9 @@ def test_pound_units_follow_from_the_international_pound_and_standard_gravity():
 @pytest.mark.parametrize(
     ("function", "unit", "key", "hint"),
     [
-        (length_factor, "mmm", "mesh.length_unit", "did you mean 'mm'"),
+        (length_factor, "mmm", "mesh.length_unit", "Did you mean 'mm'"),
         (length_factor, "parsec", "mesh.length_unit", "known units: m, "),
-        (mass_factor, "kgs", "mesh.mass_unit", "did you mean 'kg'"),
+        (mass_factor, "kgs", "mesh.mass_unit", "Did you mean 'kg'"),
     ],
 )
 def test_unknown_unit_lists_known_units(function, unit, key, hint):
@@ -300,6 +300,6 @@ def test_wrong_mid_side_order_is_refused(tmp_path, cell):
 
     assert len(read(np.stack([order, order + len(x)])).elements) == 1
     rolled = np.r_[order[:corners], np.roll(order[corners:], 1)]
-    with pytest.raises(DeckError, match=r"in all 2 .* the order of the nodes is another one") as caught:
+    with pytest.raises(DeckError, match=r"in all 2 .* The node order differs") as caught:
         read(np.stack([rolled, rolled + len(x)]))
     assert "merge" not in caught.value.remedy

@@ -7,7 +7,7 @@ import numpy as np
 from strainsight.fem.beam_matrices import _arms, _lengths
 from strainsight.fem.beam_properties import BeamProperties, bending_axes, end_stiffness
 from strainsight.fem.shells.curved import TIES, curved_strains, rows_to_nodes, surface_of
-from strainsight.fem.shells.matrices import GAUSS, MOST_DRILLING, _integral, _with_held, quad_strains
+from strainsight.fem.shells.matrices import GAUSS, MOST_DRILLING, _integral, _with_stabilisation, quad_strains
 from strainsight.fem.shells.tria import plane_of, rows_to_basic, tria_strains
 
 
@@ -85,8 +85,8 @@ def _curved_rows(
     # inner motions follow as in a shell that is a tenth as thick as it is wide
     C[:, 3:6, 3:6] = C[:, :3, :3] * (det @ ties.rule[1])[:, None, None] / 1200
     C[:, [6, 7], [6, 7]] = 5 / 6 * C[:, 2, 2, None]
-    if ties.held:
-        C = _with_held(C, np.full(len(C), MOST_DRILLING))
+    if ties.stabilised:
+        C = _with_stabilisation(C, np.full(len(C), MOST_DRILLING))
     K = _integral(G, C, det * ties.rule[1])
     inner = -np.linalg.solve(K[:, kept:, kept:], K[:, kept:, :kept])
     if not (at == at[0]).all():

@@ -198,8 +198,8 @@ WRONG = {
     "J -1": replace(GOOD, torsion=-GOOD.torsion),
     "shear factor -0.5": replace(GOOD, shear=np.array([[0.0, -0.5]])),
     "I12²": properties(1, 1.0, [[1.0, 1.1], [1.1, 1.0]], 1.0),
-    "at one of its ends": properties(1, 1.0, np.eye(2), [1.0, 0.0]),
-    "has .* one of its ends": properties(1, 1.0, [[[1.0, 0], [0, 1.0]], [[1.0, 0], [0, 0.0]]], 1.0),
+    "at one end only": properties(1, 1.0, np.eye(2), [1.0, 0.0]),
+    "has .* one end only": properties(1, 1.0, [[[1.0, 0], [0, 1.0]], [[1.0, 0], [0, 0.0]]], 1.0),
 }
 
 

@@ -151,10 +151,10 @@ CONTRADICTIONS = [
     ),
     (
         ("tie", 2),
-        "circle through nodes 912, 913",
+        "cycle through nodes 912, 913",
         {"rigid": (RigidElement(1, A, np.array([B]), ALL_SIX), RigidElement(2, B, np.array([A]), ALL_SIX))},
     ),
-    (("tie", 1), "depends on its own reference", {"rigid": (RigidElement(1, A, np.array([A]), (0,)),)}),
+    (("tie", 1), "depends on its reference", {"rigid": (RigidElement(1, A, np.array([A]), (0,)),)}),
     (("tie", 1), "rigid element 1 has no dependent nodes", {"rigid": (RigidElement(1, A, np.zeros(0, dtype=int), (0,)),)}),
     (
         ("tie", 3),
@@ -163,15 +163,15 @@ CONTRADICTIONS = [
     ),
     (
         ("tie", 3),
-        "do not hold rotation z of its reference",
+        "do not determine rotation z of its reference",
         {"averaging": (AveragingElement(3, A, TIP_NODES[:1], np.ones(1), (5,)),)},
     ),
     (
         ("tie", 3),
-        "averaging element 3 averages node 913, which no element holds",
+        "averaging element 3 averages node 913, which is connected to no element",
         {"averaging": (AveragingElement(3, A, np.append(TIP_NODES, B), np.ones(5), (0, 1, 2)),)},
     ),
-    (("node", 912), "point mass 4 sits on node 912", {"point_masses": (PointMass(4, A, 1.0),)}),
+    (("node", 912), "point mass 4 is on node 912", {"point_masses": (PointMass(4, A, 1.0),)}),
 ]
 
 
@@ -255,12 +255,13 @@ def test_free_rows_are_motions_along_the_axes_of_the_node(box):
     mesh = replace(mesh, fixed=np.vstack([mesh.fixed, [held, 1]]), axes={held: TURN})
     constraint = constraint_transform(mesh)
     z = constraint.transform.toarray()
-    own = constraint.along_own_axes(constraint.transform).toarray()
+    own = constraint.along_local_axes(constraint.transform).toarray()
     np.testing.assert_allclose(own[constraint.free_rows], np.eye(z.shape[1]), atol=1e-15)
     assert 3 * held + 1 not in constraint.free_rows
     np.testing.assert_allclose(TURN[:, 1] @ z[3 * held : 3 * held + 3], 0, atol=1e-15)
     assert (
-        describe_row(mesh, constraint, 3 * held + 2) == f"node {mesh.node_ids[held]}, translation 3 along its own axes"
+        describe_row(mesh, constraint, 3 * held + 2)
+        == f"node {mesh.node_ids[held]}, translation 3 in its local coordinate system"
     )
     other = (held + 1) % len(mesh.position)
     assert describe_row(mesh, constraint, 3 * other).endswith(", translation x")

@@ -75,7 +75,7 @@ def test_factors_do_not_disturb_each_other():
 
 def test_without_pardiso_a_warning_and_beyond_the_limit_an_error(monkeypatch):
     monkeypatch.setitem(sys.modules, "pypardiso", None)
-    with pytest.warns(UserWarning, match="SuperLU factorises"):
+    with pytest.warns(UserWarning, match="SuperLU is used instead"):
         factorise(spd())
     monkeypatch.setattr(factorisation, "SUPERLU_LIMIT", 100)
     with pytest.raises(UserError, match="400 unknowns"):

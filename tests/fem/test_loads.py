@@ -105,7 +105,7 @@ def test_a_factor_keeps_the_numbers_of_the_deck_and_the_resultant_does_not(clamp
     mesh = replace(clamped, loads={"LOAD-1": pair, "LOAD-2": replace(pair, force=np.array([[0, 3.0, 0], [0, -3.0, 0]]))})
     one, times = (nodal_forces(mesh, PointLoad("F", deck_load="LOAD-1", factor=f)).force for f in (False, True))
     np.testing.assert_allclose(7 * one, times)
-    with pytest.raises(UserError, match="add up to nothing") as caught:
+    with pytest.raises(UserError, match="have no resultant") as caught:
         nodal_forces(mesh, PointLoad("F", deck_load="LOAD-2"))
     assert "factor: true" in caught.value.remedy
     assert input_shape(build_model(mesh), [PointLoad("F", deck_load="LOAD-2", factor=True)]).any()
@@ -293,16 +293,16 @@ def test_constrained_mass_keeps_the_point_mass_and_the_body(beam):
 @pytest.mark.parametrize(
     ("load", "message"),
     [
-        (PointLoad("F", (0, 0, 1), node_id=77777), "node 77777, which is not there"),
-        (PointLoad("F", (0, 0, 1), node_set="tips"), "node set 'tips', which is not there"),
+        (PointLoad("F", (0, 0, 1), node_id=77777), "node 77777, which does not exist"),
+        (PointLoad("F", (0, 0, 1), node_set="tips"), "node set 'tips', which does not exist"),
         (PointLoad("F", (0, 0, 1), node_set="nothing"), "empty node set"),
         (PointLoad("F", (0, 0, 0), node_id=1000), "direction"),
         (PointLoad("F", (0, 0, 1), node_id=1), "node 1, which cannot move in its direction"),
-        (PointLoad("F", (0, 0, 1)), "needs a node or a node set"),
-        (PointLoad("F", node_id=1, deck_load="FORCE-1"), "needs a node or a node set, or a load of the deck"),
+        (PointLoad("F", (0, 0, 1)), "needs a node, a node set"),
+        (PointLoad("F", node_id=1, deck_load="FORCE-1"), "needs a node, a node set or a load of the deck"),
         (PointLoad("F", (0, 0, 1), deck_load="FORCE-1"), "direction"),
-        (PointLoad("F", deck_load="FORCE-9"), "'FORCE-9' of the deck, which is not there"),
-        (PointLoad("F", deck_load="FORCE-2"), "add up to nothing"),
+        (PointLoad("F", deck_load="FORCE-9"), "'FORCE-9' of the deck, which does not exist"),
+        (PointLoad("F", deck_load="FORCE-2"), "have no resultant"),
         (PointLoad("F", deck_load="FORCE-3"), "cannot move"),
     ],
 )

@@ -16,7 +16,7 @@ from strainsight.fem import modes as own
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import REPEATED, largest, modes, turned
-from strainsight.fem.modes import _krylov_beside as beside
+from strainsight.fem.modes import _orthonormalise as orthonormalise
 
 
 def chain(n, stiffness=1.0, mass=1.0):
@@ -52,7 +52,7 @@ def test_unknowns_without_mass_are_condensed(n):
     diagonal = np.tile([0.0, 1.0], n // 2)
     frequency, _ = modes(K, sparse.csr_array(sparse.diags_array(diagonal)), 4)
     assert np.allclose(frequency, chain(n // 2)[2][:4], rtol=1e-9)
-    with pytest.raises(UserError, match=f"{n // 2 + 1} modes of a model with {n // 2} unknowns"):
+    with pytest.raises(UserError, match=f"{n // 2 + 1} modes requested of a model with {n // 2} massive unknowns"):
         modes(K, sparse.csr_array(sparse.diags_array(diagonal)), n // 2 + 1)
 
 
@@ -184,15 +184,15 @@ def test_a_copy_that_the_iterations_have_passed_over_is_found_beside_them(monkey
     K, M = sparse.csr_array(sparse.kron(sparse.eye_array(8), K)), sparse.csr_array(sparse.eye_array(400))
     own = np.linalg.eigh(chain(50)[0].toarray())
     module = sys.modules[modes.__module__]
-    beside = module._beside
+    complement = module._complement_modes
 
     def first(A, M, count, factor, shapes, tolerance=0.0):
         if shapes.shape[1]:
-            return beside(A, M, count, factor, shapes, tolerance)
+            return complement(A, M, count, factor, shapes, tolerance)
         found = [np.kron(np.eye(8)[chain], own.eigenvectors[:, mode]) for mode, chain in ((0, 1), (0, 4), (0, 5), (1, 2))]
         return 1.0 / own.eigenvalues[[0, 0, 0, 1]], np.array(found).T
 
-    monkeypatch.setattr(module, "_beside", first)
+    monkeypatch.setattr(module, "_complement_modes", first)
     inverse, _ = module._lanczos(K, M, 4, 4, factorise(K))
     np.testing.assert_allclose(np.sqrt(1 / inverse) / (2 * np.pi), np.repeat(exact[0], 4), rtol=1e-9)
 
@@ -293,7 +293,7 @@ def test_block_iterations_find_what_the_dense_solution_has(massive, most):
     M = V @ np.diag(m) @ V.T
     inverse = np.linalg.inv(A)
     start = inverse @ (M @ rng.standard_normal((n, 4)))
-    mu, phi, left = largest(lambda X: inverse @ X, sparse.csr_array(M), count, start, most, 1e-11, beside=1)
+    mu, phi, left = largest(lambda X: inverse @ X, sparse.csr_array(M), count, start, most, 1e-11, extra=1)
     exact = eigh(M, A, eigvals_only=True)[::-1][: count + 1]
     assert np.allclose(mu[:count], exact[:count], rtol=1e-12, atol=0)
     assert np.abs(mu[count] - exact[count]) <= left[count] + 1e-12
@@ -313,7 +313,7 @@ def test_what_is_left_beside_a_span_is_found_under_a_hundred_times_as_much_withi
     Q = np.linalg.qr(rng.standard_normal((50, 6)))[0]
     W = rng.standard_normal((50, 3)) + 100 * Q @ rng.standard_normal((6, 3))
     M = sparse.eye_array(50, format="csr")
-    q, Mq, R = beside(Q, M, W, W)
+    q, Mq, R = orthonormalise(Q, M, W, W)
     assert q.shape == (50, 3)
     assert np.allclose(q.T @ Mq, np.eye(3), atol=1e-12)
     assert np.allclose(Q.T @ Mq, 0, atol=1e-12)

@@ -287,9 +287,9 @@ def test_a_refined_part_holds_what_the_part_holds():
     _, _, own = part(mesh, moved(mesh, force), node, [node])
     finer, _ = refined_submodel(own)
     x = finer.mesh.position
-    assert finer.held[x[:, 2] == 0, 2].all()
-    assert finer.held[x[:, 0] == 0].all()
+    assert finer.prescribed[x[:, 2] == 0, 2].all()
+    assert finer.prescribed[x[:, 0] == 0].all()
     inside = (x[:, 0] > 0) & (x[:, 0] < 2.9) & (x[:, 2] > 0) & (x[:, 2] < 1.9) & (x[:, 1] > 0.1) & (x[:, 1] < 3.9)
-    assert not finer.held[inside].any()
+    assert not finer.prescribed[inside].any()
     np.testing.assert_allclose(finer.force.reshape(-1, 3).sum(axis=0), [0, 1000, 0], atol=1e-6)
     assert np.count_nonzero(np.abs(finer.force) > 1e-6) == 1

@@ -124,7 +124,7 @@ def test_motions_of_a_relation_that_move_nothing_are_named(box):
     [
         ([[(7, 0, 1), (6, 0, -1)], [(7, 0, 1), (5, 0, 1)]], "node 8 is dependent in MPC 1 and in MPC 2", 2),
         ([[(0, 2, 1), (6, 0, -1)]], "node 1 is clamped in component 3 and dependent in MPC 1", 1),
-        ([[(7, 0, 1), (6, 1, -1)], [(6, 1, 1), (7, 0, 1)]], "ties follow each other in a circle through nodes 7, 8", 1),
+        ([[(7, 0, 1), (6, 1, -1)], [(6, 1, 1), (7, 0, 1)]], "ties form a cycle through nodes 7, 8", 1),
         ([[(7, 0, 0), (6, 0, -1)]], "MPC 1 has the coefficient 0 at node 8 component 1", 1),
         ([[(7, 0, 1), (6, 0, 1), (7, 0, -1)]], "MPC 1 has the coefficient 0 at node 8 component 1", 1),
     ],
@@ -270,10 +270,10 @@ def refused(mesh, what, **change):
 def test_um_sets_that_do_not_determine_the_equations_are_refused(box):
     mesh = box("hex8", (1, 1, 1))
     mesh = with_nodes(mesh, [0.5, 0.5, 0.5], ids=[900])
-    named = "averaging element 3 cannot be solved for the motions that it states as dependent"
+    named = "averaging element 3 cannot be solved for its dependent motions"
     refused(mesh, f"{named} .node 1 component 2, 2 component 2, 3 component 2", dependent=[(0, 1), (1, 1), (2, 1)])
     refused(mesh, named, dependent=[(0, 0), (0, 0), (0, 1)])
     refused(mesh, named, dependent=[(0, 0), (7, 1), (0, 2)])
     refused(mesh, named, dependent=[(0, 0), (0, 1)])
     only_x = np.array([[True, False, False]] * 4)
-    refused(mesh, "do not hold translation y", directions=only_x)
+    refused(mesh, "do not determine translation y", directions=only_x)

@@ -284,7 +284,7 @@ def test_what_springs_leave_free_is_named():
 def test_a_spring_on_a_rotation_that_is_not_there_is_named():
     mesh = rigid()
     one = Springs("CELAS2 9", np.ones(1), np.zeros(1, int), np.zeros(1, int), np.array([4]), np.ones(1))
-    with pytest.raises(DeckError, match="CELAS2 9 acts on rotations of node 1, which has none"):
+    with pytest.raises(DeckError, match="CELAS2 9 acts on rotations of node 1, which has no rotations"):
         build_model(replace(mesh, springs=(node_springs("s", np.arange(8), [1.0] * 3 + [0] * 3), one)))
 
 
@@ -369,8 +369,8 @@ def face_springs_on_two_ends():
     ("first", "second", "what", "remedy"),
     [
         (("foundations",), ("left",), "no spring 'foundations'", "did you mean foundation?"),
-        (("foundation",), ("f*", "right"), "parameters a and b are both the stiffness of the spring foundation", "keep one"),
-        (("idle",), ("left",), "the springs of parameter a have no stiffness", "name others"),
+        (("foundation",), ("f*", "right"), "parameters a and b are both the stiffness of the spring foundation", "Remove one"),
+        (("idle",), ("left",), "the springs of parameter a have no stiffness", "name other springs"),
     ],
 )  # fmt: skip
 def test_springs_of_parameters_are_there_and_of_one_parameter_each(first, second, what, remedy):

@@ -79,8 +79,8 @@ def test_a_pin_without_clearance_touches_its_bush_and_a_thicker_one_overlaps_it(
     meets = [np.allclose(radius[own[own >= 0]], 0.05) for own in facets.nodes]
     assert covered(mesh, facets).tolist() == meets
     (said,) = connectivity_warnings(mesh)
-    assert "lie on elements that are not theirs" in said
-    assert any("volumes that overlap" in said for said in connectivity_warnings(pin_and_bush(-3e-3)))
+    assert "lie on elements that do not contain them" in said
+    assert any("overlapping volumes" in said for said in connectivity_warnings(pin_and_bush(-3e-3)))
 
 
 def test_facets_of_a_slit_are_covered_up_to_its_end():
@@ -94,7 +94,7 @@ def test_facets_of_a_slit_are_covered_up_to_its_end():
 def test_coincident_nodes_that_nothing_joins_are_counted_with_the_distance_that_merges_them():
     (said,) = connectivity_warnings(TWO)
     first, second = TWO.node_ids[FACE[:, 0]]
-    assert said.startswith("18 nodes lie in the place of another")
+    assert said.startswith("18 nodes coincide with another")
     assert "mesh.merge: 1e-06" in said
     assert f"as {first} and {second} at (1, " in said
     apart = replace(TWO, position=TWO.position + np.where(np.arange(54) > 26, 4e-5, 0)[:, None] * [1, 0, 0])
@@ -128,7 +128,7 @@ def test_nodes_in_one_place_that_are_joined_otherwise_are_meant_and_stay_two(way
     assert connectivity_warnings(mesh) == ()
     kept = merged(mesh, 1e-6)
     assert len(kept.position) == len(mesh.position)
-    assert "joined otherwise" in kept.notes[-1]
+    assert "connected otherwise" in kept.notes[-1]
 
 
 def test_an_average_over_both_sides_does_not_join_them():
@@ -164,17 +164,17 @@ def test_what_names_a_node_that_is_gone_names_the_one_that_stays():
     assert own.node_ids[own.rigid[0].reference] == mesh.node_ids[far]
     np.testing.assert_allclose(np.unique(own.position[own.fixed[:, 0], 0]), [1.0])
     assert own.node_ids[own.rigid[0].nodes].tolist() == sorted(mesh.node_ids[a[:2]].tolist())
-    assert "9 nodes became others within 1e-06 m" in own.notes[-1]
+    assert "9 nodes were merged into others within 1e-06 m" in own.notes[-1]
 
 
 def test_a_distance_that_collapses_an_element_is_refused_with_the_one_that_does_not():
-    with pytest.raises(UserError, match=r"would lose a node: two of its own are 0\.5 m apart"):
+    with pytest.raises(UserError, match=r"would lose a node: two of its nodes are 0\.5 m apart"):
         merged(TWO, 0.6)
 
 
 def test_nodes_of_different_systems_are_not_made_one():
     turned = replace(TWO, axes={int(FACE[1, 3]): np.eye(3)[:, [1, 2, 0]]})
-    with pytest.raises(DeckError, match="different displacement systems"):
+    with pytest.raises(DeckError, match="different local coordinate systems"):
         merged(turned, 1e-6)
 
 
@@ -182,7 +182,7 @@ def test_nodes_of_different_systems_are_not_made_one():
 def test_the_same_mesh_twice_in_one_place_is_an_error(kind):
     own = box(kind)
     with pytest.raises(
-        DeckError, match=rf"elements 1 and {len(own.blocks[0].ids) + 1} \({kind}\) lie in one place"
+        DeckError, match=rf"elements 1 and {len(own.blocks[0].ids) + 1} \({kind}\) coincide"
     ) as caught:
         check_doubled(both(own, own))
     assert "remove one" in caught.value.remedy
@@ -204,8 +204,8 @@ def test_shells_in_one_place_that_are_fastened_at_their_corners_are_a_warning_an
     fasteners = tuple(RigidElement(i, k, np.array([k + 25]), tuple(range(6))) for i, k in enumerate((0, 4, 20, 24)))
     check_doubled(replace(mesh, rigid=fasteners))
     said = connectivity_warnings(replace(mesh, rigid=fasteners))
-    assert "11 more pairs lie in one place, with nodes of their own, and are joined elsewhere only" in said[1]
-    with pytest.raises(DeckError, match="lie in one place"):
+    assert "11 more pairs coincide with separate nodes, and are connected elsewhere only" in said[1]
+    with pytest.raises(DeckError, match="coincide"):
         check_doubled(held(mesh, mesh.position[:, 0] == 0))
 
 
@@ -230,7 +230,7 @@ def test_a_node_on_the_edge_of_a_shell_and_a_beam_between_its_ends_hang():
     two = plates(((1, 1), (1.0, 1.0), (0, 0, 0)), ((2, 2), (1.0, 1.0), (1, 0, 0)))
     unmerged, hanging = connectivity_warnings(two)
     assert unmerged.startswith("4 nodes")
-    assert hanging.startswith("a node lies on an element not its own")
+    assert hanging.startswith("a node lies on an element that does not contain it")
     assert "on element 1 at (1, 0.5, 0)" in hanging
     (left,) = connectivity_warnings(merged(two, 1e-6))
     assert left.startswith("a node lies")
@@ -250,12 +250,12 @@ def test_volumes_that_overlap_are_seen_whatever_nodes_they_have(kind):
         box("tet10", (1, 1, 1), (0.4, 0.4, 0.4), (0.27, 0.31, 0.33)),
     ):
         (said,) = connectivity_warnings(both(box(kind, (2, 2, 2)), other))
-        assert "volumes that overlap count stiffness and mass twice" in said
+        assert "stiffness and mass of overlapping volumes count twice" in said
 
 
 def test_a_cross_of_two_bars_overlaps_without_a_node_of_one_in_the_other():
     mesh = both(box(counts=(3, 1, 1), size=(3, 1, 1)), box(counts=(1, 3, 1), size=(0.6, 3, 0.6), at=(1.2, -1, 0.2)))
-    assert any("volumes that overlap" in said for said in connectivity_warnings(mesh))
+    assert any("overlapping volumes" in said for said in connectivity_warnings(mesh))
 
 
 def test_facets_in_a_joint_that_is_not_merged_or_does_not_fit_carry_no_gauge():

@@ -79,13 +79,13 @@ def test_what_is_not_used_and_what_may_be_missing_are_warnings():
     assert list(mesh.node_ids[unused_nodes(mesh)]) == [9]
     assert empty_regions(mesh) == (2,)
     assert sanity_warnings(mesh) == (
-        "3 × shells ignored: the stiffness, mass or tie it may add is missing",
-        "1 node belongs to nothing and is left out of the model: 9",
+        "3 × shells ignored: the stiffness, mass or tie that it may add is missing",
+        "1 node has no connection and is left out of the model: 9",
         "region 2 (lid) has no elements",
     )
 
 
-@pytest.mark.parametrize(("nu", "says"), [(0.4999999, "0.4999999: elements of displ"), (-0.5, "-0.5: it widens")])
+@pytest.mark.parametrize(("nu", "says"), [(0.4999999, "0.4999999. Displacement elements"), (-0.5, "-0.5: it widens")])
 def test_a_ratio_that_locks_and_one_of_a_wrong_shear_modulus_are_named(nu, says):
     (said,) = sanity_warnings(with_material(tetrahedron(), None, 2.1e11, nu, 7850.0, "steel"))
     assert said.startswith(f"steel: Poisson's ratio is {says}")
@@ -94,7 +94,7 @@ def test_a_ratio_that_locks_and_one_of_a_wrong_shear_modulus_are_named(nu, says)
 
 
 def test_a_structure_without_supports_is_a_warning():
-    said = "nothing is fixed: hold it, let it be free (mesh.free), or hang it on soft springs (mesh.supports, stiffness)"
+    said = "nothing is fixed. Add supports, set mesh.free for a free structure, or use soft springs (mesh.supports, stiffness)."
     for fixed in (np.zeros((0, 2), dtype=np.int64), np.array([[0, 3], [1, 5]])):
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed)) == (said,)
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed), free=True) == ()
@@ -120,7 +120,7 @@ MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning n
     "g, mm, ms and N": (2.1e5, 7.85e-3, ("mm", "g"), "2.1e+05 looks like MPa with time in ms"),
     "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 looks like g/mm³ (steel): in mm, t and s it is 7.85e-09"),
     "t, mm and kN": (210.0, 7.85e-9, MM_T, "210 looks like GPa"),
-    "pounds without 386": (3e7, 0.283, IN_LB, "or give the density as 0.000733 with mesh.mass_unit lbf*s2/in"),
+    "pounds without 386": (3e7, 0.283, IN_LB, "Otherwise set mesh.mass_unit lbf*s2/in with the density 0.000733"),
     "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "0.283 looks like lb/in³ (steel): in in, lbf*s2/in and s it is 0.000733"),
     "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "in in, lbf*s2/in and s it is 3e+07"),
     "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "2.1e+07 looks like N/cm² (steel, 2.1e+11 Pa): in cm, kg and s it is 2.1e+09"),

@@ -152,7 +152,7 @@ def test_the_nearest_point_of_a_curved_facet_is_the_foot_of_its_normal(code):
     n /= np.linalg.norm(n, axis=1)[:, None]
     feet = nearest(code, np.repeat(nodes, 3, axis=0), on + [[0.0], [1e-3], [-1e-2]] * n)
     np.testing.assert_allclose(feet.x, on, atol=1e-12)
-    np.testing.assert_allclose(feet.apart, [0.0, 1e-3, 1e-2], atol=1e-12)
+    np.testing.assert_allclose(feet.distance, [0.0, 1e-3, 1e-2], atol=1e-12)
 
 
 def test_a_node_beside_the_surface_is_refused():

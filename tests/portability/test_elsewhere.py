@@ -56,8 +56,8 @@ def test_an_import_works_and_the_log_says_what_is_not_known(system, project):
 def test_without_pardiso_a_warning_says_what_that_costs():
     done = call("windows", "factorise")
     assert done.stdout == f"SuperLU {[float(x) for x in range(1, 10)]}\n"
-    assert done.stderr.startswith("warning: PARDISO is not available: SuperLU factorises")
-    assert "more than 100 000 unknowns are refused" in done.stderr
+    assert done.stderr.startswith("warning: PARDISO is not available; SuperLU is used instead")
+    assert "limited to 100 000 unknowns" in done.stderr
 
 
 @pytest.mark.slow

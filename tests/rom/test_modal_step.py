@@ -401,6 +401,6 @@ def test_an_undamped_mode_at_the_frequency_of_a_load_is_refused_and_a_load_that_
         {},
         Damping(),
     )
-    with pytest.raises(InfeasibleError, match=r"15\.91.* Hz at the undamped mode 1"):
+    with pytest.raises(InfeasibleError, match=r"15\.91.* Hz excites the undamped mode 1"):
         steady_start(model, {}, 1e-3, np.array([100.0]), np.ones((1, 1)))
     assert np.isfinite(steady_start(model, {}, 1e-3, np.array([200.0]), np.ones((1, 1)))).all()

@@ -96,7 +96,7 @@ def test_a_surface_is_an_element_set_or_a_node_set(beam):
 
 def test_a_set_that_is_not_there_is_refused_and_the_others_named(beam):
     for name, said in (("topp", "did you mean top?"), ("lid", "first, top")):
-        with expect_refusal(UserError, f"'{name}' is not in the mesh", remedy=said):
+        with expect_refusal(UserError, f"'{name}' does not exist in the mesh", remedy=said):
             candidates(*beam, (1, 0, 0), surface=name)
 
 

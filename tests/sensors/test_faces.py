@@ -93,7 +93,7 @@ def test_of_two_faces_as_near_the_normal_says_which(strip, sense):
     _, mesh, facets, faces = strip
     up = tuple(TURNED @ [0.0, 0.0, float(sense)])
     middle = tuple(TURNED @ [1.0, -0.5, 0.55] + SHIFT)
-    with pytest.raises(UserError, match="as near to one face"):
+    with pytest.raises(UserError, match="equally near to two faces"):
         picked(Pick(near=(middle,)), faces, mesh.position, facets)
     chosen = picked(Pick(near=(middle,), normal=up, angle=1), faces, mesh.position, facets)
     (face,) = set(faces.of[chosen].tolist())
@@ -105,9 +105,9 @@ def test_of_two_faces_as_near_the_normal_says_which(strip, sense):
     ("pick", "what"),
     [
         (Pick(near=((3000.0, 0.0, 0.0),)), "away from a part that is"),
-        (Pick(near=(tuple(TURNED @ [0.0, 0.0, 0.55] + SHIFT),)), "as near to one face"),
+        (Pick(near=(tuple(TURNED @ [0.0, 0.0, 0.55] + SHIFT),)), "equally near to two faces"),
         (Pick(radius=0.3), "no face has a radius of 0.3 m"),
-        (Pick(normal=(0, 0, 1), box=((50, 50, 50), (51, 51, 51))), "no facet of the surface is meant"),
+        (Pick(normal=(0, 0, 1), box=((50, 50, 50), (51, 51, 51))), "no facet of the surface is selected"),
     ],
 )
 def test_what_means_no_face_or_two_is_refused(strip, pick, what):

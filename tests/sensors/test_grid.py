@@ -82,7 +82,7 @@ def test_a_grid_fits_where_its_ends_are_on_the_plate(kind):
     assert 0 < np.count_nonzero(on) < len(on)
     np.testing.assert_array_equal(fits(position, gauges, facets), on)
     with pytest.raises(
-        InfeasibleError, match=rf"{np.count_nonzero(~on)} of {len(on)} channels runs over a sharp edge"
+        InfeasibleError, match=rf"{np.count_nonzero(~on)} of {len(on)} channels crosses a sharp edge"
     ) as e:
         channel_rows(position, gauges, np.zeros((3 * len(position), 1)), facets=facets)
     assert "near_edges: 0.85" in e.value.remedy
@@ -248,7 +248,7 @@ GOOD = BondedEntry((0.45, 0.12, 0.2), (1, 0, 0))
     ("entry", "says"),
     [
         (replace(GOOD, position=(0.45, 0.12, 0.206)), "bonded gauge 2 is 0.006 m from the surface .*, beyond 0.005 m"),
-        (replace(GOOD, direction=(0.1, 0, 1)), "bonded gauge 2 has a direction at 5.71° to the normal"),
+        (replace(GOOD, direction=(0.1, 0, 1)), "bonded gauge 2 has a direction at 5.71° to the surface normal"),
         (replace(GOOD, direction=(0, 0, 0)), "bonded gauge 2 has the direction"),
         (replace(GOOD, position=(0.45, np.nan, 0.2)), "bonded gauge 2 has the position"),
         (
@@ -257,7 +257,7 @@ GOOD = BondedEntry((0.45, 0.12, 0.2), (1, 0, 0))
         ),
         (
             replace(GOOD, position=(0.45, 0.12, 0.201), direction=(-2, 0, 0)),
-            "gauge 2 is in the place and direction of gauge 1",
+            "gauge 2 has the position and direction of gauge 1",
         ),
     ],
 )

@@ -141,14 +141,14 @@ NOWHERE, EVERYWHERE = Box((5, 5, 5), (6, 6, 6)), Box((-1, -1, -1), (2, 2, 2))
 @pytest.mark.parametrize(
     ("arguments", "key", "count"),
     [
-        ({"surface": "lonely"}, "gauges.surface", "takes the last 112: 112 exterior, 0 on the surface 'lonely'"),
-        ({"include": (NOWHERE, NOWHERE)}, "gauges.include", "takes the last 80"),
+        ({"surface": "lonely"}, "gauges.surface", "excludes the last 112: 112 exterior, 0 on the surface 'lonely'"),
+        ({"include": (NOWHERE, NOWHERE)}, "gauges.include", "excludes the last 80"),
         ({"exclude": (NOWHERE, EVERYWHERE)}, "gauges.exclude.1", "80 outside exclude.0, 0 outside exclude.1"),
         ({"include": (EVERYWHERE,), "exclude": (EVERYWHERE,)}, "gauges.exclude.0", "80 in zones to include"),
     ],
 )
 def test_the_step_that_leaves_no_facet_is_named(arguments, key, count, box_mesh):
-    with expect_refusal(InfeasibleError, "no facet is left", key=key) as caught:
+    with expect_refusal(InfeasibleError, "no admissible facet remains", key=key) as caught:
         candidates(box_mesh, exterior_facets(box_mesh), (1, 0, 0), **arguments)
     assert count in caught.value.what
 

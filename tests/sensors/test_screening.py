@@ -66,7 +66,7 @@ def test_noise_must_be_positive_and_responses_finite(last, noise, says):
 
 
 def test_more_bonded_than_kept_is_refused_with_the_number():
-    with expect_refusal(InfeasibleError, "1 of 3 candidates to keep, 2 are already bonded", remedy="at least 2"):
+    with expect_refusal(InfeasibleError, "only 1 of 3 candidates may be selected, but 2 are already bonded", remedy="at least 2"):
         screen(np.ones(3), 1.0, on_a_line(np.arange(3)), 1, 0.0, bonded=np.array([True, True, False]))
 
 
@@ -84,7 +84,7 @@ def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_bonded(
         limit=np.array([10.0, 10.0, 10.0, 10.0, np.inf, 10.0]),
     )
     np.testing.assert_array_equal(result.reason, ["range", "", "spacing", ""])
-    with expect_refusal(InfeasibleError, "all 4 candidates read more than their range", key="gauges.range"):
+    with expect_refusal(InfeasibleError, "the readings of all 4 candidates exceed their measuring range", key="gauges.range"):
         screen(np.ones(4), 1.0, on_a_line(np.arange(4)), 3, 0.0, largest=np.array([2, 2, 3, 4]), limit=np.ones(4))
 
 

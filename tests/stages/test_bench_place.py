@@ -224,7 +224,7 @@ GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
         ({BEAM[BEAM.index("place:\n  body") : BEAM.index("field:")]: ""}, "sensors.gauges.layout", "no section place"),
         ({"field: {body: beam, instants: 3}": "field: {body: beam, instants: 3, every: 2}"}, "field.every", "both"),
         ({"keep: 3": "keep: 1"}, "place.keep", "1 gauges cannot observe 2 unknowns"),
-        ({"exclude: [": "include: [{box: [[5, 5, 5], [6, 6, 6]]}]\n  exclude: ["}, "place.include", "no facet is left"),
+        ({"exclude: [": "include: [{box: [[5, 5, 5], [6, 6, 6]]}]\n  exclude: ["}, "place.include", "no admissible facet"),
         # two loads that are one and the same
         ({"direction: [0, 1, 0], signal": "direction: [0, 0, 2], signal"}, "place.keep", "together"),
     ],

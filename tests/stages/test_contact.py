@@ -51,7 +51,7 @@ def warned(*changes):
 @pytest.mark.slow
 def test_the_import_says_what_leaves_the_underside_out_and_then_no_more():
     (said,) = warned()
-    assert said.startswith("the flat face of 0.023 m² about (0, 0, 0) m is held by 4 bores")
+    assert said.startswith("the flat face of 0.023 m² about (0, 0, 0) m is supported at 4 bores")
     lines = dict(part.split(": ", 1) for part in said.split("leave it out with ")[1].split(" and "))
     assert not warned(*(f"{key}={value}" for key, value in lines.items()))
     (named,) = warned(SEAT)
@@ -67,7 +67,7 @@ def test_each_gauge_on_that_face_says_what_holds_it(seat):
     below = pool.normal[:, 2] < -0.99
     below &= pool.position[:, 2] < 1e-9
     said = held_below(mesh, facets, pool)
-    want = "the face about (0, 0, 0) m is held by 4 bores" if seat else ""
+    want = "the face about (0, 0, 0) m is supported at 4 bores" if seat else ""
     assert below.any()
     assert {text for text, own in zip(said, below == seat, strict=True) if own} == {want}
 
@@ -76,9 +76,9 @@ def test_each_gauge_on_that_face_says_what_holds_it(seat):
 def test_init_leaves_it_out_as_the_warning_says_and_the_example_does():
     found = suggestion(DECK)
     (own,) = [place for place in found.places if place.lies_on]
-    assert own.lies_on == "held by 4 bores"
+    assert own.lies_on == "supported at 4 bores"
     text = template("lug.bdf.gz", found)
-    assert "held by 4 bores: contact face?" in text
+    assert "supported at 4 bores: contact face?" in text
     written = yaml.safe_load(text)
     (said,) = warned()
     assert said.endswith(f"mesh.faces: {{seat: {{near: {own.name}}}}} and gauges.exclude: [seat]")
@@ -171,8 +171,8 @@ TIED = (
 @pytest.mark.parametrize(
     ("cells", "mesh", "says", "gone"),
     [
-        ((4, 1, 1), ", merge: 1.0e-6", "4 nodes became others within 1e-06 m, as 101 which is 5 now", "nodes lie in the place"),
-        ((4, 2, 2), TIED, "mesh.ties.0", "not theirs"),
+        ((4, 1, 1), ", merge: 1.0e-6", "4 nodes were merged into others within 1e-06 m", "nodes coincide with"),
+        ((4, 2, 2), TIED, "mesh.ties.0", "do not contain them"),
     ],
     ids=["merged", "tied"],
 )

@@ -144,7 +144,7 @@ NOTED = AtGauges(
     in_place=np.array([0.01, 0.081, 0.02, np.nan]),
     over_grid=np.array([0.02, 0.25, 0.03, np.nan]),
     room=np.array([np.inf, np.inf, 0.012, 0.06]),
-    lies_on=("", "", "", "the face about (0, 0, 0) m is held by 4 bores"),
+    lies_on=("", "", "", "the face about (0, 0, 0) m is supported at 4 bores"),
     in_place_limit=IN_PLACE,
     over_grid_limit=OVER_GRID,
     room_limit=HAND,
@@ -157,7 +157,7 @@ def test_each_note_has_its_number_and_its_limit():
     for number in ("8.1 % over one σ of position (limit 5 %)", "25 % along its grid (limit 20 %)"):
         assert number in steep_one
     assert tight_one == "check access: 12 mm of room over it (limit 60 mm)"
-    assert sensor == "check access: 60 mm of room over it (limit 60 mm), and the face about (0, 0, 0) m is held by 4 bores"
+    assert sensor == "check access: 60 mm of room over it (limit 60 mm), and the face about (0, 0, 0) m is supported at 4 bores"
     assert notes_at_gauges(replace(NOTED, room=np.full(4, np.inf)), 4)[2] == ""
 
 

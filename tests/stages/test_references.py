@@ -26,12 +26,12 @@ MODULUS = {"property": "youngs_modulus", "region": 1, "guess": 210000.0, "range"
 @pytest.mark.parametrize(
     ("changes", "key", "what"),
     [
-        ({"loads.tip.node": 99999}, "loads.tip", "node 99999, which is not there"),
-        ({"loads.tip.node": None, "loads.tip.set": "tipp"}, "loads.tip", "node set 'tipp', which is not there"),
+        ({"loads.tip.node": 99999}, "loads.tip", "node 99999, which does not exist"),
+        ({"loads.tip.node": None, "loads.tip.set": "tipp"}, "loads.tip", "node set 'tipp', which does not exist"),
         ({"parameters.E.guess": {"from": "other"}, "parameters.E.region": 7}, "parameters.E.region", "no region 7"),
         ({"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}}, "parameters.E.guess", "210000 MPa are 2.1e"),
         ({"gauges": GAUGES | {"exclude": [{"near_set": {"set": "rim", "distance": 0.1}}]}}, "gauges.exclude.0", "'rim'"),
-        ({"motion_sensors": {"laser": SENSOR}}, "motion_sensors.laser.surface", "the set 'lid' is not in the mesh"),
+        ({"motion_sensors": {"laser": SENSOR}}, "motion_sensors.laser.surface", "the set 'lid' does not exist in the mesh"),
     ],
 )
 def test_what_is_not_in_the_mesh_is_named_at_once(tmp_path, changes, key, what):

@@ -36,7 +36,7 @@ def test_a_face_or_a_set_shares_the_stiffness_and_rotations_are_those_of_a_node_
     assert springs(set="root", stiffness=K).stiffness.sum() == pytest.approx(3 * K)
     assert springs(node=TIP, stiffness=(K, 2 * K, K)).stiffness.tolist() == [K, 2 * K, K]
     assert springs(node=TIP, components=(5,)).torsion.tolist() == [True]
-    with pytest.raises(DeckError, match=r"mesh.supports.0 acts on rotations of node 3, which has none"):
+    with pytest.raises(DeckError, match=r"mesh.supports.0 acts on rotations of node 3, which has no rotations"):
         springs(node=3, components=(5,))
 
 

@@ -35,7 +35,7 @@ def pair(at: tuple[float, float, float], cells: tuple[int, int, int] = (4, 1, 1)
 
 
 UNITS = {
-    "mm and MPa read as m and Pa": (mm("2.1+5", "7.85-9"), {}, "check mesh.length_unit"),
+    "mm and MPa read as m and Pa": (mm("2.1+5", "7.85-9"), {}, "Check mesh.length_unit"),
     "Pa in a deck in mm and t": (mm("2.1+11", "7.85-9"), IN_MM, "the deck has 2.1e+17"),
     "kg/m3 in a deck in mm and t": (mm("2.1+5", "7850."), IN_MM, "density is 7.85e+15 kg/m³, outside"),
     "MPa in a deck in m": (bar(**steel(E="2.1+5")), {}, "the deck has 2.1e+05"),
@@ -43,7 +43,7 @@ UNITS = {
     "a weight per volume": (
         bar(**steel(rho="77000.")),
         {},
-        "a weight per volume over g would be 7852 kg/m³ (PARAM,WTMASS)",
+        "the density would be 7852 kg/m³ (PARAM,WTMASS)",
     ),
     "WTMASS of pounds in SI": (bar("PARAM,WTMASS,.00259"), {}, "the speed of sound √(E/ρ) is 1.02e+05 m/s"),
     "WTMASS twice": (
@@ -56,34 +56,34 @@ UNITS = {
     "m/s2 in a deck in mm": (
         mm("2.1+5", "7.85-9", "GRAV,7,,9.81,0.,0.,-1."),
         {**IN_MM, "load": "deck_load: LOAD-7, factor: true"},
-        "load LOAD-7 pulls with 0.00981 m/s²",
+        "load LOAD-7 has an acceleration of 0.00981 m/s²",
     ),
     "kg of a point mass in t": (
         mm("2.1+5", "7.85-9", "CONM2,50,5,,5."),
         IN_MM,
         "outweigh the elements, 31.4 kg, 159 times",
     ),
-    "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "normal and box hold together nowhere"),
-    "t/mm3 beside a mesh of gmsh": (msh(), of_gmsh(rho="7.85e-9"), "values of the config are in Pa and kg/m³"),
-    "a thickness in mm": (plate(section="PSHELL,1,1,2.,1,,1"), ON_PLATE, "is 2 m thick and 0.447 m long"),
+    "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "No facet meets all of normal and box"),
+    "t/mm3 beside a mesh of gmsh": (msh(), of_gmsh(rho="7.85e-9"), "Values of the config are in Pa and kg/m³."),
+    "a thickness in mm": (plate(section="PSHELL,1,1,2.,1,,1"), ON_PLATE, "is 2 m thick, but 0.447 m long"),
     "a thickness in km": (plate(section="PSHELL,1,1,2.-6,1,,1"), ON_PLATE, "thinner than 5e-05 m"),
-    "an area in mm2": (frame(section="PBAR,1,1,400.,2.-8,1.-8,2.-8"), {}, "less than a circle of its area has"),
+    "an area in mm2": (frame(section="PBAR,1,1,400.,2.-8,1.-8,2.-8"), {}, "below the minimum for its area"),
     "moments of area in mm4": (
         frame(section="PBAR,1,1,4.-4,2.+4,1.+4,2.+4"),
         {},
         "radius of gyration √((I1 + I2)/A) is 8.66e+03 m",
     ),
-    "an offset of a shell in mm": (plate(rest=",,.2"), ON_PLATE, "lies up to 0.2 m off its nodes (offset)"),
-    "an offset of a beam in mm": (frame(rest="\n,,,0.,0.,5.,0.,0.,5."), {}, "lies 5 m off its nodes (offset)"),
+    "an offset of a shell in mm": (plate(rest=",,.2"), ON_PLATE, "has an offset of up to 0.2 m from its nodes"),
+    "an offset of a beam in mm": (frame(rest="\n,,,0.,0.,5.,0.,0.,5."), {}, "has an offset of 5 m from its nodes"),
     "a reference node in mm": (
         bar("GRID,99,,500.,0.,0.", "RBE2,98,99,123456,5,10,15,20"),
         {},
-        "node 99 of RBE2 98 lies 500 m from its nodes",
+        "node 99 of RBE2 98 is 500 m away from its nodes",
     ),
     "a point of the config in mm": (
         bar(),
         {"mesh": ", faces: {f: {near: [400, 50, 50]}}", "load": "set: f, direction: [1, 0, 0]"},
-        "405.8 m away from a part that is 0.4243 m long",
+        "405.8 m away from a part that is only 0.4243 m long",
     ),
     "damping in per cent": (bar(), {"ratio": "2.0"}, "damping.ratio: is 2.0, but has to be below 1"),
 }
@@ -95,7 +95,7 @@ MATERIALS = {
     "angles of plies in radians": (
         plies(".785", "-.785", "0.", "1.571"),
         OF_PLIES,
-        "angles are in degrees, not in radians",
+        "Angles are in degrees, not in radians.",
     ),
     "a range without the deck's value": (
         bar(),
@@ -104,23 +104,23 @@ MATERIALS = {
     ),
 }
 SECTIONS = {
-    "a shell without stiffness in bending": (plate(section="PSHELL,1,1,.002"), ON_PLATE, "has no stiffness in bending"),
+    "a shell without stiffness in bending": (plate(section="PSHELL,1,1,.002"), ON_PLATE, "has no bending stiffness"),
     "area and moment of area swapped": (
         frame(section="PBAR,1,1,2.-8,4.-4,1.-8,2.-8"),
         {},
-        "area and moments of area swapped",
+        "area and moments of area are swapped",
     ),
     "a torsion constant in other units": (
         frame(section="PBAR,1,1,4.-4,2.-8,1.-8,2.-4"),
         {},
-        "J = 0.0002 m⁴ is more than I1 + I2",
+        "J = 0.0002 m⁴ exceeds I1 + I2",
     ),
     "no torsion constant": (frame(section="PBAR,1,1,4.-4,2.-8,1.-8"), {}, "does not resist torsion"),
     "a beam that is not oriented": (frame(way=""), {}, "the orientation is missing: G0, X1 to X3"),
     "normals that change sides": (
         plate(turned=(3,)),
         ON_PLATE,
-        "normals of shells change sides at 3 of their common sides",
+        "normals of neighbouring shells point to opposite sides at 3 common sides",
     ),
     "a section of shells on solids": (
         inp(section="*SHELL SECTION, ELSET=EALL, MATERIAL=STEEL\n0.01"),
@@ -130,11 +130,11 @@ SECTIONS = {
     "a spring that is a clamp": (bar("CELAS2,60,1.+30,5,1"), {}, "1.1e+19 times E L of the structure"),
 }
 CONNECTIONS = {
-    "parts that are not merged": (pair((0.4, 0.0, 0.0)), {}, "8 nodes lie in the place of another"),
+    "parts that are not merged": (pair((0.4, 0.0, 0.0)), {}, "8 nodes coincide with another"),
     "a fine mesh on a coarse one": (
         pair((0.4, 0.0, 0.0), (4, 2, 2)),
         {},
-        "5 nodes lie on elements that are not theirs",
+        "5 nodes lie on elements that do not contain them",
     ),
     "a beam twice": (frame("CBAR,9,1,1,2,0.,0.,1."), {}, "CBAR 9 has the same nodes as CBAR 1"),
     "an element twice": (bar("CHEXA,9,1,1,2,7,6,11,12,\n,17,16"), {}, "CHEXA 9: the same nodes as CHEXA 1"),
@@ -164,12 +164,12 @@ LOADS = {
     "a preload": (
         inp(more="*STEP, NLGEOM\n*STATIC\n*CLOAD\n5, 3, 1.\n*END STEP"),
         ABAQUS,
-        "not that under the preload",
+        "without the preload of this step",
     ),
     "stress at the start": (
         inp(more="*INITIAL CONDITIONS, TYPE=STRESS\nEALL, 1e8, 0, 0, 0, 0, 0"),
         ABAQUS,
-        "1 × *INITIAL CONDITIONS, TYPE=STRESS ignored: the stiffness is that of the part without load",
+        "1 × *INITIAL CONDITIONS, TYPE=STRESS ignored: the stiffness is that of the unloaded structure",
     ),
     "a preload of another subcase": (
         bar(case="SPC = 1\nSUBCASE 1\nLOAD = 2\nSUBCASE 2\nSTATSUB(PRELOAD) = 1\nMETHOD = 3"),
@@ -194,6 +194,6 @@ AT_IMPORT = {**UNITS, **MATERIALS, **SECTIONS, **CONNECTIONS, **SUPPORTS, **LOAD
 FIXED = ", fixed: [{{name: A, position: [{}], direction: [{}]}}]"
 LATER = {
     "hinges at both ends": ("modes", frame(rest="\n,456,456"), {}, "the structure has a mechanism"),
-    "a gauge in mm": ("train", bar(), {"gauges": FIXED.format("200, 50, 100", "1, 0, 0")}, "positions are in metres"),
+    "a gauge in mm": ("train", bar(), {"gauges": FIXED.format("200, 50, 100", "1, 0, 0")}, "Correct its position (in metres)"),
 }
 """Name → the stage that says it, and the same."""

@@ -13,12 +13,12 @@ from scipy import sparse
 
 @dataclass(frozen=True)
 class Parameter:
-    """A property of some regions that stays free: name, what it is, where, and its reference value [SI]: youngs_modulus, density,
-    stiffness_factor, e1, e2, g12, g1z, g2z, area_factor, bending_factor, torsion_factor or thickness. A stiffness_factor [-]
-    multiplies their stiffness as it is, whatever their materials and sections, or that of the springs of these names; e1 to g2z
-    are moduli of plies, material the id or name of theirs; factors of a section are those of beams, thickness is that of
-    shells. range: from which value to which it is to be free; those that the stiffness is not proportional to stay at their
-    references without one."""
+    """A free property of regions or springs: name, property, regions (or names of springs) and its reference value [SI].
+
+    property: youngs_modulus, density, stiffness_factor, e1, e2, g12, g1z, g2z, area_factor, bending_factor, torsion_factor,
+    thickness. A stiffness_factor [-] multiplies the stiffness, whatever the materials and sections; e1 to g2z are moduli of
+    plies, material is their id or name; section factors apply to beams, thickness to shells. range: interval of the values;
+    without one, a property that the stiffness is not proportional to stays at its reference."""
 
     name: str
     property: str
@@ -34,7 +34,7 @@ DAMPING: Final = "damping_factor"
 
 
 def at_their_references(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-    """For K and M at the references alone: what they are not proportional to is not free, and nothing is interpolated."""
+    """Parameters for K and M at the references only: no range, so that nothing is interpolated."""
     return tuple(replace(parameter, range=None) for parameter in parameters)
 
 
@@ -52,8 +52,8 @@ def scales_stiffness(property: str) -> bool:
 class Newton:
     """N_k(θ) = Π_{l<k} (x − r_l)/s, k = 0 … m, of one positive parameter: m roots r and scale s; x = θ [SI] or its logarithm.
 
-    Beyond an end b of `within`, θ is b + w tanh((θ − b)/w), w = b · beyond: N_k levels off, smoothly, as a polynomial that is
-    made for that interval could do anything further off. With roots of zero these are the powers of θ.
+    Beyond an end b of `within`, θ is b + w tanh((θ − b)/w), w = b · beyond: N_k levels off smoothly, because a polynomial
+    that fits the interval can take any value outside it. With roots of zero these are the powers of θ.
     """
 
     parameter: str
@@ -95,7 +95,7 @@ class Coefficient:
         return _summed(self.weights[None], [basis.at(theta)[basis.parameter == name] for basis in self.bases])[0]
 
     def times(self, name: str) -> Coefficient:
-        """θ_name c(θ), name none of its own parameters."""
+        """θ_name c(θ), where c does not depend on θ_name."""
         return Coefficient((Newton(name), *self.bases), np.stack([0 * self.weights, self.weights]))
 
 
@@ -103,10 +103,12 @@ def _summed(weights: np.ndarray, tables: Sequence[np.ndarray]) -> np.ndarray:
     """Σ_ν w_ν Π_j N_{ν_j} (K, ...) of weights (K, m₁, m₂, …) and tables (m_j, ...)."""
     shape = np.broadcast_shapes(*(table.shape[1:] for table in tables))
     flat = []
-    for own in tables:
-        ahead = (1,) * (len(shape) + 1 - own.ndim)
+    for table in tables:
+        ahead = (1,) * (len(shape) + 1 - table.ndim)
         flat.append(
-            np.broadcast_to(own.reshape(len(own), *ahead, *own.shape[1:]), (len(own), *shape)).reshape(len(own), -1)
+            np.broadcast_to(table.reshape(len(table), *ahead, *table.shape[1:]), (len(table), *shape)).reshape(
+                len(table), -1
+            )
         )
     total = weights @ flat[-1]
     for table in reversed(flat[:-1]):
@@ -119,7 +121,7 @@ class AffineOperator:
     """X(θ) = X₀ + Σ_k c_k(θ) X_k  (5.8), for dense or sparse X.
 
     constant is X₀; terms maps names to X_k. A term that coefficients does not name bears the name of a parameter, and c_k is
-    this parameter, [unit of X per unit of θ]; a parameter that no term has is without effect.
+    this parameter, [unit of X per unit of θ]; a parameter without a term has no effect.
     """
 
     constant: Any
@@ -129,53 +131,53 @@ class AffineOperator:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters that X depends on, in the order of the terms."""
-        found: dict[str, None] = {}
+        names: dict[str, None] = {}
         for label in self.terms:
-            own = self.coefficients.get(label)
-            found |= dict.fromkeys([label] if own is None else [each.parameter for each in own.bases])
-        return tuple(found)
+            coefficient = self.coefficients.get(label)
+            names |= dict.fromkeys([label] if coefficient is None else [each.parameter for each in coefficient.bases])
+        return tuple(names)
 
     def at(self, theta: Mapping[str, Any]) -> Any:
         """X(θ); a dense operator takes arrays of any common shape (...) as values and returns (..., n, n)."""
-        total, own = self.constant, False
+        total, is_copy = self.constant, False
         values = self._values(theta)
         for label, term in self.terms.items():
             value = values[label] if label in values else theta[label]
             both = isinstance(term, sparse.csr_array) and isinstance(total, sparse.csr_array)
             if both and same_places(total, term):
-                data = total.data if own else total.data.copy()
+                data = total.data if is_copy else total.data.copy()
                 data += value * term.data
                 total = sparse.csr_array((data, total.indices, total.indptr), shape=total.shape)
             else:
                 total = total + _times(term, value)
-            own = True
+            is_copy = True
         return total
 
     def derivative(self, name: str, theta: Mapping[str, Any]) -> Any:
         """∂X/∂θ_name at θ, with values as in `at`; where X is linear in it (n, n) whatever θ."""
-        found = [self.terms[name]] if name in self.terms and name not in self.coefficients else []
-        found += [_times(self.terms[label], slope) for label, slope in self._values(theta, name).items()]
-        return sum(found[1:], start=found[0]) if found else 0 * self.constant
+        terms = [self.terms[name]] if name in self.terms and name not in self.coefficients else []
+        terms += [_times(self.terms[label], slope) for label, slope in self._values(theta, name).items()]
+        return sum(terms[1:], start=terms[0]) if terms else 0 * self.constant
 
     @cached_property
-    def _alike(self) -> list[tuple[tuple[Newton, ...], list[str], np.ndarray]]:
+    def _coefficients_by_bases(self) -> list[tuple[tuple[Newton, ...], list[str], np.ndarray]]:
         """Coefficients of the same bases: their terms, and their weights (K, m₁, m₂, …)."""
-        found: dict[tuple[Newton, ...], list[str]] = {}
+        groups: dict[tuple[Newton, ...], list[str]] = {}
         for label, coefficient in self.coefficients.items():
-            found.setdefault(coefficient.bases, []).append(label)
+            groups.setdefault(coefficient.bases, []).append(label)
         return [
             (bases, labels, np.stack([self.coefficients[label].weights for label in labels]))
-            for bases, labels in found.items()
+            for bases, labels in groups.items()
         ]
 
     def _values(self, theta: Mapping[str, Any], name: str | None = None) -> dict[str, Any]:
         """c_k(θ) of the terms with a coefficient, or ∂c_k/∂θ_name of those that depend on it."""
-        found: dict[str, Any] = {}
-        for bases, labels, weights in self._alike:
+        values: dict[str, Any] = {}
+        for bases, labels, weights in self._coefficients_by_bases:
             if name is None or any(basis.parameter == name for basis in bases):
                 tables = [basis.at(theta)[name is not None and basis.parameter == name] for basis in bases]
-                found |= zip(labels, _summed(weights, tables), strict=True)
-        return found
+                values |= zip(labels, _summed(weights, tables), strict=True)
+        return values
 
     def of_all(self, change: Callable[[Any], Any]) -> AffineOperator:
         """X₀ and every X_k through a linear map: that of X(θ), term by term."""
@@ -218,51 +220,53 @@ def _symmetric(X: np.ndarray) -> np.ndarray:
 
 
 NO_CHANGE = AffineOperator(0.0, {})
-"""Zero at any θ: of what parameters do not change."""
+"""The zero operator: no parameter changes anything."""
 
 
 def same_places(X: sparse.csr_array, Y: sparse.csr_array) -> bool:
-    """Whether the entries of two CSR matrices stand in the same places."""
-    alike = X.shape == Y.shape and X.nnz == Y.nnz
-    return alike and np.array_equal(X.indptr, Y.indptr) and np.array_equal(X.indices, Y.indices)
+    """Whether two CSR matrices have the same sparsity pattern."""
+    same_size = X.shape == Y.shape and X.nnz == Y.nnz
+    return same_size and np.array_equal(X.indptr, Y.indptr) and np.array_equal(X.indices, Y.indices)
 
 
 def on_one(matrices: Sequence[sparse.csr_array]) -> list[sparse.csr_array]:
-    """The same matrices, CSR with sorted columns, on the places of all of them, zeros included, which they share in memory."""
-    whole = _ones(matrices[0])
-    for own in matrices[1:]:
-        if not same_places(whole, own):
-            whole = whole + _ones(own)
-    if max(whole.nnz, *whole.shape) < 2**31:  # half the memory, and quicker products
-        places = whole.indices.astype(np.int32), whole.indptr.astype(np.int32)
-        whole = sparse.csr_array((whole.data, *places), shape=whole.shape)
+    """The same matrices, CSR with sorted columns, on their common pattern, zeros included; they share the index arrays."""
+    pattern = _ones(matrices[0])
+    for matrix in matrices[1:]:
+        if not same_places(pattern, matrix):
+            pattern = pattern + _ones(matrix)
+    if max(pattern.nnz, *pattern.shape) < 2**31:  # half the memory, and quicker products
+        places = pattern.indices.astype(np.int32), pattern.indptr.astype(np.int32)
+        pattern = sparse.csr_array((pattern.data, *places), shape=pattern.shape)
 
-    def widened(own: sparse.csr_array) -> sparse.csr_array:
-        data = own.data
-        if not same_places(whole, own):
-            # a sum of positive numbers drops nothing: what is above the ones of the whole is which entry stands there
-            number = sparse.csr_array((np.arange(1.0, own.nnz + 1), own.indices, own.indptr), shape=own.shape)
-            place = np.rint((number + whole).data).astype(np.int64) - 1
+    def expand_to_pattern(matrix: sparse.csr_array) -> sparse.csr_array:
+        data = matrix.data
+        if not same_places(pattern, matrix):
+            # a sum of positive numbers drops no entry: what exceeds the ones of the pattern is the number of the entry
+            number = sparse.csr_array(
+                (np.arange(1.0, matrix.nnz + 1), matrix.indices, matrix.indptr), shape=matrix.shape
+            )
+            place = np.rint((number + pattern).data).astype(np.int64) - 1
             data = np.append(0.0, data)[place]
-        return sparse.csr_array((data, whole.indices, whole.indptr), shape=whole.shape)
+        return sparse.csr_array((data, pattern.indices, pattern.indptr), shape=pattern.shape)
 
-    whole.data[:] = 1.0
-    return [widened(matrix) for matrix in matrices]
+    pattern.data[:] = 1.0
+    return [expand_to_pattern(matrix) for matrix in matrices]
 
 
 def from_entries(parts: Iterable[tuple[np.ndarray, Any, Any]], shape: tuple[int, int]) -> sparse.csr_array:
     """Sum of entries: values, with their rows and columns, which broadcast to the shape of the values; zeros are left out."""
     entries = [(np.zeros(0), *np.zeros((2, 0), dtype=np.int64))]
     for value, *places in parts:
-        kept = value != 0
-        row, column = (np.broadcast_to(place, value.shape)[kept] for place in places)
-        entries.append((value[kept], row, column))
+        nonzero = value != 0
+        row, column = (np.broadcast_to(place, value.shape)[nonzero] for place in places)
+        entries.append((value[nonzero], row, column))
     value, row, column = (np.concatenate(part) for part in zip(*entries, strict=True))
     return sparse.csr_array((value, (row, column)), shape=shape)
 
 
 def added(X: Any, Y: Any) -> Any:
-    """X + Y, without a pass over one of two sparse matrices where the other is empty."""
+    """X + Y, without a pass over a sparse matrix if the other is empty."""
     if isinstance(X, sparse.csr_array) and isinstance(Y, sparse.csr_array) and not (X.nnz and Y.nnz):
         return X if X.nnz else Y
     return X + Y

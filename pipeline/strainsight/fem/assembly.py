@@ -26,13 +26,13 @@ from strainsight.mesh.model import CellBlock, Mesh
 
 CHUNK = 2048
 PAIR_BYTES = 9 * 8 + 8 + 1
-"""Of a node pair of an element while they are summed: its block, its place, and which way round it is."""
+"""Bytes of a node pair of an element during assembly: its block, its place, and its orientation."""
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """Node pairs (row ≤ column) that share an element, sorted; place: pair of an element → node pair; flipped: it has
-    row > column there."""
+    """Node pairs (row ≤ column) that share an element, sorted; place: pair of an element → node pair; flipped: the pair
+    has row > column in the element."""
 
     row: np.ndarray
     column: np.ndarray
@@ -45,15 +45,14 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
 
         K(θ) = Σ_regions E_r ∫ BᵀD(ν_r)B dV,     M(θ) = Σ_regions ρ_r ∫ NᵀN dV ⊗ I₃
 
-    D(ν) is isotropic elasticity with unit modulus; of an anisotropic material E D is C along the basic axes, at the points of
-    integration, of a composite solid that of the layer there, and so is ρ. The terms of a parameter have unit modulus [m] or unit
-    density [m³], and that of a factor of the stiffness is the stiffness itself [N/m]; everything else is in the constant part
-    [N/m, kg].
-    Moduli of isotropic layers of a composite solid are as those of plies in `thin_operators`; other properties of plies and
-    sections are none of solids.
+    D(ν) is isotropic elasticity with unit modulus. For an anisotropic material E D is C along the basic axes, for a
+    composite solid that of the layer at the point of integration; the same holds for ρ. The terms of a modulus or density
+    have unit modulus [m] or unit density [m³]; the term of a stiffness factor is the stiffness itself [N/m]. Everything
+    else is in the constant part [N/m, kg]. Moduli of isotropic layers of a composite solid are treated as those of plies
+    in `thin_operators`; other properties of plies and sections do not apply to solids.
     Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
     Raises DeckError for an inverted element (ids named), a region or material that is missing or not physical,
-    and UserError for parameters that overlap or name no region, or where the memory cannot be enough.
+    and UserError for parameters that overlap or name no region, or where the memory is insufficient.
     """
     check_mesh(mesh)
     pairs = sum(len(block.ids) * block.nodes.shape[1] * (block.nodes.shape[1] + 1) // 2 for block in mesh.blocks)
@@ -65,17 +64,17 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
         return _pattern(mesh, regions)
 
     def of(kind: str, sums: Callable[[Mesh, Mapping[int, float], Pattern], sparse.csr_array]) -> AffineOperator:
-        def summed(own: Mesh, some: Mapping[int, float]) -> sparse.csr_array:
+        def sum_regions(part_mesh: Mesh, some: Mapping[int, float]) -> sparse.csr_array:
             empty = sparse.csr_array((3 * len(mesh.position),) * 2)
-            return sums(own, some, pattern(frozenset(some))) if some else empty
+            return sums(part_mesh, some, pattern(frozenset(some))) if some else empty
 
-        found = region_operator(mesh, parameters, kind, mesh.blocks, summed)
-        # what depends on a modulus in another way does so on its own in shells, whose terms bear the same labels
-        label = {term: f"solids: {term}" if term in found.coefficients else term for term in found.terms}
+        operator = region_operator(mesh, parameters, kind, mesh.blocks, sum_regions)
+        # terms of shells have the same labels, with a dependence that differs where it is not proportional
+        label = {term: f"solids: {term}" if term in operator.coefficients else term for term in operator.terms}
         return AffineOperator(
-            found.constant,
-            {label[own]: term for own, term in found.terms.items()},
-            {label[own]: coefficient for own, coefficient in found.coefficients.items()},
+            operator.constant,
+            {label[term_label]: term for term_label, term in operator.terms.items()},
+            {label[term_label]: coefficient for term_label, coefficient in operator.coefficients.items()},
         )
 
     return of("stiffness", _stiffness), of("mass", _mass)
@@ -111,13 +110,13 @@ def _stiffness(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sp
     anisotropic = anisotropic_regions(mesh)
 
     def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
-        own = np.isin(part.region, anisotropic)
-        if not own.any():
+        is_anisotropic = np.isin(part.region, anisotropic)
+        if not is_anisotropic.any():
             return _isotropic(mesh, part, position)
         K = np.empty((len(part.ids), position.shape[1] * (position.shape[1] + 1) // 2, 9))
-        K[own] = _anisotropic(mesh, some_of(part, own), position[own])
-        if not own.all():
-            K[~own] = _isotropic(mesh, some_of(part, ~own), position[~own])
+        K[is_anisotropic] = _anisotropic(mesh, some_of(part, is_anisotropic), position[is_anisotropic])
+        if not is_anisotropic.all():
+            K[~is_anisotropic] = _isotropic(mesh, some_of(part, ~is_anisotropic), position[~is_anisotropic])
         return K
 
     indptr, columns, source, transposed = _full_pattern(len(mesh.position), pattern)
@@ -134,9 +133,9 @@ def _isotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
 def _anisotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
     kind = kind_of(part.kind)
     K = np.empty((len(part.ids), position.shape[1] * (position.shape[1] + 1) // 2, 9))
-    for own, rule in by_rule(mesh, kind, part.region):
-        C = elasticities(mesh, kind, position[own], part.region[own], rule[0])
-        K[own] = anisotropic_stiffnesses(kind, position[own], C, part.ids[own], rule)
+    for elements, rule in by_rule(mesh, kind, part.region):
+        C = elasticities(mesh, kind, position[elements], part.region[elements], rule[0])
+        K[elements] = anisotropic_stiffnesses(kind, position[elements], C, part.ids[elements], rule)
     return K
 
 

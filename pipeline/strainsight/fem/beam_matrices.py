@@ -1,7 +1,7 @@
 """Stiffness, mass and strain of many straight beams and rods at once, rows 6·node + component along the basic axes.
 
-The motions of an end are three translations and three rotations. x of a beam's axes runs from A to B through the shear
-centres; centroid and centre of mass are there too, or beside it (`BeamProperties.neutral`).
+The motions of an end are three translations and three rotations. x of the beam axes runs from A to B through the shear
+centres. Centroid and centre of mass lie on this axis or at an offset from it (`BeamProperties.neutral`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ def beam_stiffnesses(
         K = Tᵀ B F⁻¹ Bᵀ T,    F = ∫ b(x)ᵀ C(x) b(x) dx,
 
     C(x) = diag(1/A, 1/(G k A), 1/(G J), S⁻¹) of the section, b(x) its forces from those at B, B those at both ends, T the
-    rigid arms from the nodes. A taper is exact: A, S and J are linear in x. What a section does not resist (J = 0, I1 or I2 = 0)
-    has no stiffness. A motion that is released carries no force, K − K_r K_rr⁻¹ K_rᵀ; one that is left without stiffness so
-    has none. Warping is free (St Venant).
+    rigid arms from the nodes. A taper is exact: A, S and J are linear in x. A section without resistance (J = 0, I1 or I2 = 0)
+    has no stiffness. A released motion carries no force, K − K_r K_rr⁻¹ K_rᵀ; a motion without stiffness has none after it.
+    Warping is free (St Venant).
 
     position (e, 2, 3) of the nodes [m]; axes (e, 3, 3) x, y, z in columns; offset (e, 2, 3) [m] of the ends from the nodes,
     along the basic axes; released (e, 2, 6) of the ends, along the axes of the beam; ids (e,) for the error message.
@@ -36,7 +36,7 @@ def beam_stiffnesses(
     """
     length = _lengths(position, axes, offset, ids)
     check_properties(properties, ids)
-    return _seen_from_nodes(end_stiffness(length, properties, released), _arms(axes, offset))
+    return _transform_congruent(end_stiffness(length, properties, released), _arms(axes, offset))
 
 
 def beam_masses(
@@ -46,19 +46,18 @@ def beam_masses(
     offset: np.ndarray,
     ids: np.ndarray,
     rotary: np.ndarray | None = None,
-    beside: np.ndarray | None = None,
+    mass_offset: np.ndarray | None = None,
 ) -> np.ndarray:
     """Consistent mass of beams, from the kinetic energy
 
         ½ ∫ m |u̇|² + (−θ̇_z, θ̇_y) R (−θ̇_z, θ̇_y)ᵀ + tr(R) θ̇_x² dx
 
     with u linear along the beam and cubic across it (Hermite), and the rotations θ of the sections linear between the ends.
-    θ is not the slope of u, so that R of a beam that shears moves with its rotations alone. A released end is taken to move
-    with its node.
+    θ is not the slope of u, so that R moves only with the rotations if the beam shears. A released end moves with its node.
 
     per_length (e, 2) at A and B, linear in between [kg/m]; rotary R (e, 2, 2, 2) = ρ ∫ (y, z)ᵀ (y, z) dA at both ends [kg m],
-    left out by default, as CBAR does; beside (e, 2, 2) y and z [m] of the mass from the axis at both ends, linear in between:
-    there u is that of the mass. The rest as `beam_stiffnesses`. Returns (e, 12, 12) [kg, kg m, kg m²].
+    left out by default, as CBAR does; mass_offset (e, 2, 2) y and z [m] of the mass from the axis at both ends, linear in
+    between: u in the energy is that of the mass. The rest as `beam_stiffnesses`. Returns (e, 12, 12) [kg, kg m, kg m²].
     Raises DeckError for a beam without length or orientation.
     """
     length = _lengths(position, axes, offset, ids)
@@ -73,26 +72,26 @@ def beam_masses(
     _add(M, [0, 6], np.einsum("eq,aq,bq->eab", mass, N, N, optimize=True))
     bending = np.einsum("eq,eqa,eqb->eab", mass, across, across, optimize=True)
     _add(M, [1, 5, 7, 11], bending)
-    turned = np.array([1.0, -1.0, 1.0, -1.0])
-    _add(M, [2, 4, 8, 10], bending * np.outer(turned, turned))
+    signs = np.array([1.0, -1.0, 1.0, -1.0])
+    _add(M, [2, 4, 8, 10], bending * np.outer(signs, signs))
     T = _arms(axes, offset)
-    if beside is not None and beside.any():
-        M = _seen_from_nodes(M, _of_mass(length, beside))
+    if mass_offset is not None and mass_offset.any():
+        M = _transform_congruent(M, _offset_motions(length, mass_offset))
     if rotary is not None:
         R = np.einsum("eijk,iq,q,aq,bq->eabjk", rotary * length[:, None, None, None], N, w, N, N, optimize=True)
         _add(M, [3, 9], R[..., 0, 0] + R[..., 1, 1])
         turns = [5, 4, 11, 10]  # θ_z, θ_y at A and at B, the first with its sign changed
         sign = np.array([-1.0, 1.0, -1.0, 1.0])
         _add(M, turns, R.transpose(0, 1, 3, 2, 4).reshape(-1, 4, 4) * np.outer(sign, sign))
-    return _seen_from_nodes(M, T)
+    return _transform_congruent(M, T)
 
 
-def _of_mass(length: np.ndarray, beside: np.ndarray) -> np.ndarray:
+def _offset_motions(length: np.ndarray, mass_offset: np.ndarray) -> np.ndarray:
     """(e, 12, 12): motions of the ends → of a line at r = (0, y, z) from them, u + θ × r, with its slopes θ − r' θ_x."""
     T = np.tile(np.eye(12), (len(length), 1, 1))
-    slope = (beside[:, 1] - beside[:, 0]) / length[:, None]
+    slope = (mass_offset[:, 1] - mass_offset[:, 0]) / length[:, None]
     for node in range(2):
-        at, (y, z) = 6 * node, beside[:, node].T
+        at, (y, z) = 6 * node, mass_offset[:, node].T
         T[:, at, at + 4], T[:, at, at + 5] = z, -y
         T[:, at + 1, at + 3], T[:, at + 2, at + 3] = -z, y
         T[:, at + 4, at + 3], T[:, at + 5, at + 3] = -slope[:, 0], -slope[:, 1]
@@ -114,7 +113,7 @@ def rod_stiffnesses(
         torsion,
         ids,
         "has the torsion constant J {value:g} m⁴",
-        "give its property a torsion constant J ≥ 0",
+        "Specify a torsion constant J ≥ 0 in its property.",
     )
     along = np.stack([area / length, torsion / (2 * (1 + poisson_ratio) * length)], axis=1)
     pair = np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -147,7 +146,7 @@ def _arms(axes: np.ndarray, offset: np.ndarray) -> np.ndarray:
     return T
 
 
-def _seen_from_nodes(K: np.ndarray, T: np.ndarray) -> np.ndarray:
+def _transform_congruent(K: np.ndarray, T: np.ndarray) -> np.ndarray:
     """Tᵀ K T, symmetric to the last digit."""
     K = T.swapaxes(1, 2) @ K @ T
     return 0.5 * (K + K.swapaxes(1, 2))
@@ -162,8 +161,8 @@ def _directions(ends: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Unit vectors (e, 3) from A to B and lengths (e,) [m] of ends (e, 2, 3). Raises DeckError where a length is zero."""
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
-    what = "has the length {value:g} m from its end A to its end B"
-    remedy = "check its two nodes and its offsets, or let an RBE2 join nodes that lie in one place"
+    what = "has the length {value:g} m from end A to end B"
+    remedy = "Check its two nodes and its offsets. Connect coincident nodes with an RBE2."
     require(length > 1e-12 * np.abs(ends).max(axis=(1, 2)), length, ids, what, remedy)
     return along / length[:, None], length
 
@@ -171,8 +170,8 @@ def _directions(ends: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _lengths(position: np.ndarray, axes: np.ndarray, offset: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """Lengths (e,) [m] of beams. Raises DeckError where one is zero, and where the orientation left no axes (not a number)."""
     x, length = _directions(position + offset, ids)
-    what = "has its orientation along its own axis: its plane 1 is not defined"
-    remedy = "give it an orientation vector or node that is off the line from its end A to its end B"
+    what = "has an orientation vector parallel to its axis, so that its plane 1 is undefined"
+    remedy = "Specify an orientation vector or node that does not lie on the line from end A to end B."
     require(np.isfinite(axes).all(axis=(1, 2)), length, ids, what, remedy)
     assert np.allclose(axes.swapaxes(1, 2) @ axes, np.eye(3), atol=1e-9)
     assert np.allclose(axes[:, :, 0], x, atol=1e-6)
@@ -180,7 +179,7 @@ def _lengths(position: np.ndarray, axes: np.ndarray, offset: np.ndarray, ids: np
 
 
 RIGID_IN_SHEAR = 1000.0
-"""Of the area, what stands for that in shear where a beam does not shear: nothing locks."""
+"""Ratio of shear area to area of a beam without shear deformation: large enough to be rigid, without locking."""
 GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3)
 
 
@@ -213,9 +212,9 @@ def curved_beam_stiffnesses(
 
         K = ∫ A ε² + G k_y A γ_xy² + G k_z A γ_xz² + G J θ_x'² + (−θ_z', θ_y') S (−θ_z', θ_y')ᵀ dx
 
-    at two points of Gauss, where a curved beam that bends without stretch or shear has none: it does not lock, and under forces
-    and moments at its nodes a straight one is exact there. Curvature of the beam does not couple the resultants (its radius is
-    large against its height).
+    at two Gauss points, where bending without stretch or shear produces no strain in a curved beam, so it does not lock.
+    A straight beam with forces and moments at its nodes is exact there. The curvature of the beam does not couple the
+    resultants (its radius is large compared with its height).
 
     position (e, 3, 3) [m] of the nodes A, B and between; axes (e, 3, 3) x, y, z of the beam as a whole; properties linear from A
     to B; offset (e, 3, 3) [m]; ids (e,). Returns (e, 18, 18) [m, m², m³], to be multiplied with E. Raises DeckError for a beam
@@ -277,5 +276,5 @@ def _check_forward(position: np.ndarray, axes: np.ndarray, ids: np.ndarray) -> N
     """Raises DeckError where a beam turns back: the node between is too near an end."""
     _, slope = beam_shape(ALONG)
     forward = np.einsum("qk,ekc,ec->eq", slope, position, axes[:, :, 0]).min(axis=1)
-    what = "turns back along its line ({value:.3g} m a unit of its coordinate)"
-    require(forward > 0, forward, ids, what, "move the node between its ends to the middle")
+    what = "folds back along its line ({value:.3g} m per unit of its coordinate)"
+    require(forward > 0, forward, ids, what, "Move its mid-side node to the middle between its ends.")

@@ -1,4 +1,4 @@
-"""Operators of a mesh by its regions: which of them go with which parameter, and how they depend on it."""
+"""Operators of a mesh by its regions: the regions of each parameter, and how they depend on it."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from strainsight.mesh.properties import OF_MASS, PLY_MODULI, meant, shapes, with
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 TOLERANCE = 1e-8
-"""Of an operator: a change that is never more than this is left out."""
+"""Relative change of an operator that is neglected everywhere."""
 MOST = 24
-"""Greatest degree in all parameters together."""
+"""Largest total degree of all parameters."""
 BEYOND = 0.1
-"""How far beyond its range a parameter acts, as a share of its value there."""
+"""How far outside its range a parameter acts, as a share of its value there."""
 
 Operator = TypeVar("Operator", np.ndarray, sparse.csr_array)
 Block = TypeVar("Block", bound=CellBlock | ShellBlock | BeamBlock)
@@ -33,13 +33,13 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
 
         X(θ) = X(θ₀) + Σ_k c_k(θ) B_k,   c_k(θ) = Σ_ν w_kν Π_j N_{ν_j}(θ_j),   N_k(θ) = Π_{l<k} (x − z_l)/s
 
-    x = θ of factors of a section and ln θ of moduli, whose poles are at θ ≤ 0, if at all. z_0 is the reference, where X(θ) is
-    exact; the others are Leja points of the range and BEYOND. A ν is taken where each of its neighbours with one degree less
-    adds more than TOLERANCE somewhere in the ranges, and so as many as it takes. B_k are orthonormal, and span X − X(θ₀) at all
-    points to a tenth of TOLERANCE. An X that is a polynomial is exact to rounding.
+    x = θ of factors of a section and ln θ of moduli, whose poles, if any, are at θ ≤ 0. z_0 is the reference, where X(θ) is
+    exact; the others are Leja points of the range widened by BEYOND. An index ν is used if each of its neighbours with one
+    degree less adds more than TOLERANCE somewhere in the ranges. B_k are orthonormal, and span X − X(θ₀) at all points to a
+    tenth of TOLERANCE. An X that is a polynomial is exact to rounding.
 
     of: values [SI] → X, an array or a sparse matrix, of one pattern at all θ. A change is measured as max |ΔX_ij|/√(X_ii X_jj) of
-    a sparse matrix, so that no motion is too small to count, and over max |X| of an array.
+    a sparse matrix, so that small motions count as well, and relative to max |X| of an array.
     Raises UserError where degree MOST is not enough. Source: Chkifa, Cohen and Schwab, Found. Comput. Math. 14 (2014).
     """
     axes = [_Axis(parameter) for parameter in parameters]
@@ -47,31 +47,31 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
     first = of({parameter.name: parameter.reference for parameter in parameters})
     scale = _scales(first)
     span: list[np.ndarray] = []
-    found: dict[tuple[int, ...], np.ndarray] = {(0,) * len(parameters): np.zeros(0)}
-    kept = set(found)
+    coefficients: dict[tuple[int, ...], np.ndarray] = {(0,) * len(parameters): np.zeros(0)}
+    accepted = set(coefficients)
     for degree in count(1):
-        tried = [index for index in _of_degree(len(parameters), degree) if kept.issuperset(_below(index))]
-        if not tried:
+        candidates = [index for index in _of_degree(len(parameters), degree) if accepted.issuperset(_below(index))]
+        if not candidates:
             break
         if degree > MOST:
             raise UserError(
-                f"over the range of {' and '.join(names)} the stiffness is no polynomial of degree {MOST}",
-                remedy=f"narrow {' or '.join(f'parameters.{name}.range' for name in names)}",
+                f"over the range of {' and '.join(names)} the stiffness is not a polynomial of degree {MOST}",
+                remedy=f"Narrow {' or '.join(f'parameters.{name}.range' for name in names)}.",
             )
-        for index in tried:
+        for index in candidates:
             theta = {axis.name: axis.theta(k) for axis, k in zip(axes, index, strict=True)}
-            w = _seen_in((_data(of(theta)) - _data(first)) * scale, span)
-            for other, less in found.items():
+            w = _coordinates_in((_data(of(theta)) - _data(first)) * scale, span)
+            for other, lower in coefficients.items():
                 if all(a <= b for a, b in zip(other, index, strict=True)):
-                    w[: len(less)] -= _value_at(axes, other, index) * less
-            found[index] = w / _value_at(axes, index, index)
-            change = np.abs(sum((a * B for a, B in zip(found[index], span, strict=True)), np.zeros(1))).max()
+                    w[: len(lower)] -= _value_at(axes, other, index) * lower
+            coefficients[index] = w / _value_at(axes, index, index)
+            change = np.abs(sum((a * B for a, B in zip(coefficients[index], span, strict=True)), np.zeros(1))).max()
             if change * np.prod([axis.largest(k) for axis, k in zip(axes, index, strict=True)]) > TOLERANCE:
-                kept.add(index)
-    shape: list[int] = (np.max(list(kept), axis=0) + 1).tolist()
+                accepted.add(index)
+    shape: list[int] = (np.max(list(accepted), axis=0) + 1).tolist()
     weights = np.zeros((len(span), int(np.prod(shape))))
-    for degrees in kept:
-        weights[: len(found[degrees]), np.ravel_multi_index(degrees, shape)] = found[degrees]
+    for degrees in accepted:
+        weights[: len(coefficients[degrees]), np.ravel_multi_index(degrees, shape)] = coefficients[degrees]
     bases = tuple(axis.newton(m - 1) for axis, m in zip(axes, shape, strict=True))
     labels = [f"{' '.join(names)} ({k + 1})" for k in range(len(span))]
     return AffineOperator(
@@ -81,8 +81,8 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
     )
 
 
-def _seen_in(v: np.ndarray, span: list[np.ndarray]) -> np.ndarray:
-    """Coordinates of v in an orthonormal span, which grows by what is left of v. Gram-Schmidt, twice."""
+def _coordinates_in(v: np.ndarray, span: list[np.ndarray]) -> np.ndarray:
+    """Coordinates of v in an orthonormal span, which is extended by the remainder of v. Gram-Schmidt, twice."""
     w = np.zeros(len(span))
     for _ in range(2):
         share = np.array([B @ v for B in span])
@@ -106,7 +106,7 @@ def _like(X: Operator, data: np.ndarray) -> Operator:
 
 
 def _scales(X: Operator) -> np.ndarray:
-    """What a change of each entry is multiplied with."""
+    """Factor for the change of each entry."""
     if isinstance(X, np.ndarray):
         return np.full(X.size, 1 / np.abs(X).max())
     d = np.sqrt(np.maximum(X.diagonal(), 0.0))
@@ -117,7 +117,7 @@ def _scales(X: Operator) -> np.ndarray:
 def _value_at(axes: Sequence[_Axis], index: tuple[int, ...], at: tuple[int, ...]) -> float:
     """Π_j N_{index_j} at the points `at`."""
     each = zip(axes, index, at, strict=True)
-    return float(np.prod([(own.points[b] - own.points[i]) / own.scale for own, k, b in each for i in range(k)]))
+    return float(np.prod([(axis.points[b] - axis.points[i]) / axis.scale for axis, k, b in each for i in range(k)]))
 
 
 def _below(index: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
@@ -138,21 +138,25 @@ def _of_degree(dimensions: int, degree: int) -> Iterator[tuple[int, ...]]:
 
 
 class _Axis:
-    """A parameter as it is interpolated, in x = ln θ of a modulus, or else x = θ: its range, with the reference; ends of x, with
-    BEYOND; scale, a quarter between these, for which N_k neither grows nor vanishes with k; Leja points of x: the reference, and
-    each next one where the product of the distances to those before is greatest."""
+    """A parameter for interpolation in x = ln θ of a modulus, otherwise x = θ.
 
-    def __init__(self, own: Parameter):
-        assert own.range is not None, f"parameter {own.name} has no range"
-        self.name, self.reference = own.name, own.reference
-        self.logarithm = own.property in ("youngs_modulus", *PLY_MODULI)
-        low, high = self.range = min(own.range[0], own.reference), max(own.range[1], own.reference)
-        assert low < high, f"the range of parameter {own.name} is empty"
+    range includes the reference; ends of x include BEYOND; scale is a quarter of their distance, so that N_k neither grows nor
+    vanishes with k. points are Leja points: the reference, then each time the maximum of the product of distances."""
+
+    def __init__(self, parameter: Parameter):
+        assert parameter.range is not None, f"parameter {parameter.name} has no range"
+        self.name, self.reference = parameter.name, parameter.reference
+        self.logarithm = parameter.property in ("youngs_modulus", *PLY_MODULI)
+        low, high = self.range = (
+            min(parameter.range[0], parameter.reference),
+            max(parameter.range[1], parameter.reference),
+        )
+        assert low < high, f"the range of parameter {parameter.name} is empty"
         self.ends = self._x((1 - BEYOND) * low), self._x((1 + BEYOND) * high)
         low, high = self.ends
         self.scale = (high - low) / 4
         grid = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.linspace(0, np.pi, 401))
-        self.points = [self._x(own.reference)]
+        self.points = [self._x(parameter.reference)]
         distance = np.abs(grid - self.points[0]) / self.scale
         while len(self.points) <= MOST:
             self.points.append(float(grid[np.argmax(distance)]))
@@ -185,45 +189,46 @@ def region_operator(
     blocks: Sequence[CellBlock | ShellBlock | BeamBlock],
     summed: Callable[[Mesh, Mapping[int, float]], sparse.csr_array],
 ) -> AffineOperator:
-    """ "stiffness" or "mass" of the elements of some blocks, by the regions of each parameter and each set of parameters that
-    shape them; summed: that of a mesh and regions with factors, of one size for any of them."""
+    """ "stiffness" or "mass" of the elements of some blocks, split by the parameters that the regions depend on.
+
+    summed: the matrix of a mesh and of regions with factors, of the same size for any of them."""
     mine = set(regions_of(blocks))
     shaped = _shaped(mesh, parameters, kind)
     X: dict[str, sparse.csr_array] = {}
     parts = []
     for name, regions in targets(mesh, parameters, kind).items():
-        alike: dict[tuple[str, ...], dict[int, float]] = {}
+        groups: dict[tuple[str, ...], dict[int, float]] = {}
         for number, factor in ((each, factor) for each, factor in regions.items() if each in mine):
-            alike.setdefault(tuple(own.name for own in shaped.get(number, ())), {})[number] = factor
-        for names, some in alike.items():
+            groups.setdefault(tuple(K.name for K in shaped.get(number, ())), {})[number] = factor
+        for names, some in groups.items():
             if names:
                 part = _interpolated(
                     mesh, [parameter for parameter in parameters if parameter.name in names], some, summed
                 )
                 parts.append(_proportional(part, name) if name else part)
-            elif (own := summed(mesh, some)).nnz:
-                X[name] = own
+            elif (K := summed(mesh, some)).nnz:
+                X[name] = K
     constant = X.pop("") if "" in X else summed(mesh, {})
     return reduce(sum_of, parts, AffineOperator(constant, X))
 
 
 def _shaped(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[int, list[Parameter]]:
-    """Region → the parameters that its stiffness or mass is not proportional to. Raises UserError for two that are one property
-    of a region, and where a region has no such property."""
-    found: dict[int, list[Parameter]] = {}
-    taken: dict[tuple[int, str, int], Parameter] = {}
+    """Region → the parameters that its stiffness or mass is not proportional to. Raises UserError if two are the same
+    property of a region, and where a region has no such property."""
+    dependent: dict[int, list[Parameter]] = {}
+    owner: dict[tuple[int, str, int], Parameter] = {}
     for parameter in parameters:
         if kind == "mass" and parameter.property not in OF_MASS:
             continue
         for number in (each for each in parameter.regions if shapes(mesh, each, parameter.property)):
             which = (number, parameter.property, meant(mesh, number, parameter.property, parameter.material))
-            if (other := taken.setdefault(which, parameter)) is not parameter:
+            if (other := owner.setdefault(which, parameter)) is not parameter:
                 raise UserError(
                     f"parameters {other.name} and {parameter.name} are both the {parameter.property} of region {number}",
-                    remedy="keep one of them",
+                    remedy="Remove one of them.",
                 )
-            found.setdefault(number, []).append(parameter)
-    return found
+            dependent.setdefault(number, []).append(parameter)
+    return dependent
 
 
 def _interpolated(
@@ -257,64 +262,64 @@ def _proportional(X: AffineOperator, name: str) -> AffineOperator:
 
 
 def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str, dict[int, float]]:
-    """Which regions go where with what factor, E or ρ: "" is the constant part, a parameter's name its unit term.
+    """Factor (E or ρ) of each region by term: "" is the constant part, the name of a parameter its unit term.
 
-    kind: "stiffness" or "mass". The factor is 1 where a modulus or density is the parameter, E where a factor of the stiffness
-    is, and that of the stiffness of a region that has several moduli is 1. Parameters that only shape a region are not asked.
-    Raises UserError for parameters that overlap or name no region, and for the modulus of one that has several.
+    kind: "stiffness" or "mass". The factor is 1 where a modulus or density is the parameter, E where a stiffness factor is,
+    and 1 for the stiffness of a region with several moduli. Parameters that a region depends on otherwise are ignored.
+    Raises UserError for parameters that overlap or name no region, and for the modulus of a region with several.
     """
     present = regions_of(mesh.elements)
     owner: dict[int, Parameter] = {}
     names = [p.name for p in parameters]
     for p in parameters:
         if names.count(p.name) > 1 or not p.name:
-            raise UserError(f"{names.count(p.name)} parameters are called {p.name!r}", remedy="give each its own name")
+            raise UserError(f"{names.count(p.name)} parameters are called {p.name!r}", remedy="Use unique names.")
         for number in p.regions:
             if number not in present:
                 raise UserError(
                     f"parameter {p.name} refers to region {number}, which has no elements",
-                    remedy=f"the mesh has regions {', '.join(map(str, present))}",
+                    remedy=f"The mesh has regions {', '.join(map(str, present))}.",
                 )
             if shapes(mesh, number, p.property):
                 continue
             if p.property == "youngs_modulus" and (why := without_modulus(mesh, number)):
                 raise UserError(
                     f"parameter {p.name} is the youngs_modulus of region {number}, {why}, which has several moduli",
-                    remedy="estimate a factor of its stiffness: property stiffness_factor, guess 1.0",
+                    remedy="Estimate a factor of its stiffness instead: property stiffness_factor, guess 1.0.",
                 )
             if (
                 scales_stiffness(p.property) == (kind == "stiffness")
                 and (other := owner.setdefault(number, p)) is not p
             ):
-                alike = p.property == other.property
+                shared = p.property if p.property == other.property else kind
                 raise UserError(
-                    f"parameters {other.name} and {p.name} are both the {p.property if alike else kind} of region {number}",
-                    remedy="keep one of them",
+                    f"parameters {other.name} and {p.name} are both the {shared} of region {number}",
+                    remedy="Remove one of them.",
                 )
     targets: dict[str, dict[int, float]] = {}
     for number in present:
-        own = owner.get(number)
-        if own is not None and own.property != "stiffness_factor":
+        parameter = owner.get(number)
+        if parameter is not None and parameter.property != "stiffness_factor":
             factor = 1.0
         else:
             factor = density_of(mesh, number) if kind == "mass" else modulus_of(mesh, number)
-        targets.setdefault(own.name if own else "", {})[number] = factor
+        targets.setdefault(parameter.name if parameter else "", {})[number] = factor
     return targets
 
 
 def modulus_of(mesh: Mesh, region: int) -> float:
-    """Young's modulus [Pa] that the stiffness of a region is multiplied with; 1 where it has several, `without_modulus`."""
+    """Young's modulus [Pa] that multiplies the stiffness of a region; 1 where it has several, `without_modulus`."""
     return 1.0 if without_modulus(mesh, region) else mesh.materials[mesh.regions[region].material].youngs_modulus
 
 
 def some_of(block: Block, which: np.ndarray) -> Block:
     """Some elements of a block."""
-    columns = {name: own for name, own in vars(block).items() if isinstance(own, np.ndarray)}
+    columns = {name: column for name, column in vars(block).items() if isinstance(column, np.ndarray)}
     return replace(block, **{name: column[which] for name, column in columns.items() if len(column) == len(block.ids)})
 
 
 def cut(block: Block, regions: Collection[int], size: int | None = None) -> Iterator[Block]:
-    """The elements of a block in these regions, so many at a time, None: all of them."""
+    """The elements of a block in these regions, at most `size` at a time; None: all at once."""
     inside = np.flatnonzero(np.isin(block.region, list(regions)))
     size = size or len(inside) or 1
     for start in range(0, len(inside), size):
@@ -332,7 +337,7 @@ def poisson_ratios(mesh: Mesh, region: np.ndarray) -> np.ndarray:
 
 
 def density_of(mesh: Mesh, region: int) -> float:
-    """Density [kg/m³] of a region, of a laminate the mean over its thickness, of a mesh that `check_mesh` has accepted."""
+    """Density [kg/m³] of a region (for a laminate the mean over its thickness) of a mesh that `check_mesh` has accepted."""
     density = mesh.density_of(region)
     assert density is not None
     return density

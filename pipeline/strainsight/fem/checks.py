@@ -1,4 +1,4 @@
-"""What a mesh must be before it is assembled."""
+"""Checks of a mesh before assembly: geometry, regions, sections, materials and element quality."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from strainsight.mesh.thin import (
 # an arc of 120° on one side puts its middle 0.29 side lengths off, a quarter-point node 0.25
 MIDSIDE_LIMIT = 0.3
 MIDDLE_HALF = 0.25
-"""Of the side of a shell or beam, how far along it its node may lie off the middle: the strain at the nearer end has no bound
-there."""
+"""Largest distance of a mid-side node of a shell or beam from the middle, as a share of its side. At this distance the
+strain at the nearer end has no bound."""
 
 
 def check_mesh(mesh: Mesh) -> None:
@@ -39,13 +39,13 @@ def check_mesh(mesh: Mesh) -> None:
 
 
 def check_geometry(mesh: Mesh) -> None:
-    """Raise DeckError unless every element has a known kind and a region, shells and beams a section of theirs, and its nodes are
-    where they should be."""
+    """Raise DeckError unless every element has a known kind and a region, every shell and beam a section, and every node is at
+    an admissible position."""
     if not np.all(np.isfinite(mesh.position)):
         node = mesh.node_ids[np.argmin(np.isfinite(mesh.position).all(axis=1))]
         raise DeckError(
             f"node {node} has a position that is not finite",
-            remedy="correct its coordinates",
+            remedy="Correct its coordinates.",
             entity=("node", int(node)),
         )
     for block in mesh.blocks:
@@ -63,36 +63,36 @@ def _check_regions(mesh: Mesh, block: CellBlock | ShellBlock | BeamBlock) -> Non
         if int(number) not in mesh.regions:
             element = block.ids[np.argmax(block.region == number)]
             raise DeckError(
-                f"element {element} refers to region {number}, which is not there",
-                remedy="add its property",
+                f"element {element} refers to region {number}, which does not exist",
+                remedy="Add its property.",
                 entity=("element", int(element)),
             )
 
 
 def _check_sections(mesh: Mesh, block: ShellBlock | BeamBlock, kind: tuple[type[Section], ...]) -> None:
     for number in np.unique(block.region):
-        own = mesh.sections.get(int(number))
-        if not isinstance(own, kind):
+        section = mesh.sections.get(int(number))
+        if not isinstance(section, kind):
             element = block.ids[np.argmax(block.region == number)]
-            what = "has no section" if own is None else "has a section of another kind of element"
+            what = "has no section" if section is None else "has a section of another element type"
             raise DeckError(
                 f"{mesh.regions[int(number)]} of {block.kind} element {element} {what}",
-                remedy="give it a thickness, as the PSHELL of a deck, or the section of a beam, as a PBAR",
+                remedy="Specify a shell thickness (PSHELL) or a beam section (for example PBAR).",
                 entity=("element", int(element)),
             )
 
 
 def check_materials(mesh: Mesh) -> None:
-    """Raise DeckError unless every region with elements has a material that they can be made of."""
+    """Raise DeckError unless every region with elements has a suitable material."""
     present = {int(number) for block in mesh.elements for number in np.unique(block.region)}
     for region in (mesh.regions[number] for number in sorted(present)):
         if (laminate := mesh.laminate(region.id)) is not None:
-            remedy = "add it to the deck (MAT8, MAT1)"
+            remedy = "Add it to the deck (MAT8, MAT1)."
             _check_layers(mesh, f"a ply of {region}", " m", laminate.plies, mesh.ply_materials(region.id), remedy)
         elif (shell := mesh.general_shell(region.id)) is not None:
             _check_general(shell, region)
-        elif (own := mesh.anisotropic_of(region.id)) is not None:
-            _check_anisotropic(mesh, own, region)
+        elif (anisotropic := mesh.anisotropic_of(region.id)) is not None:
+            _check_anisotropic(mesh, anisotropic, region)
         elif region.id in mesh.composites:
             _check_composite(mesh, region)
         elif (material := mesh.materials.get(region.material)) is not None:
@@ -100,54 +100,58 @@ def check_materials(mesh: Mesh) -> None:
         else:
             number = region.material
             raise DeckError(
-                f"{region} {f'refers to material {number}, which is not there' if number else 'has no material'}",
+                f"{region} {f'refers to material {number}, which does not exist' if number else 'has no material'}",
                 where=mesh.source or None,
-                remedy=f"state it in the config: mesh.materials: {{NAME: {{regions: [{region.id}], youngs_modulus: …, "
-                "poisson_ratio: …, density: …}}",
+                remedy=f"Add it to the config: mesh.materials: {{NAME: {{regions: [{region.id}], youngs_modulus: …, "
+                "poisson_ratio: …, density: …}}.",
             )
 
 
-def _check_general(own: GeneralShell, region: Region) -> None:
-    if not (own.thickness > 0 and np.isfinite(own.thickness)):
-        raise DeckError(f"{region} is {own.thickness:g} m thick", remedy="give a positive thickness")
-    if fault := general_fault(own):
+def _check_general(shell: GeneralShell, region: Region) -> None:
+    if not (shell.thickness > 0 and np.isfinite(shell.thickness)):
+        raise DeckError(f"{region} is {shell.thickness:g} m thick", remedy="Specify a positive thickness.")
+    if fault := general_fault(shell):
         raise DeckError(f"{region}: {fault[0]}", remedy=fault[1])
-    _check_density(region, own.density)
+    _check_density(region, shell.density)
 
 
 def _check_composite(mesh: Mesh, region: Region) -> None:
-    own = mesh.composites[region.id]
+    composite = mesh.composites[region.id]
     for block in mesh.elements:
         here = block.region == region.id
-        if here.any() and own.direction not in STACKED.get(block.kind, ()):
+        if here.any() and composite.direction not in STACKED.get(block.kind, ()):
             element, lacks = int(block.ids[np.argmax(here)]), block.kind not in STACKED
             raise DeckError(
-                f"{region} has layers, and {block.kind} element {element} "
-                + ("cannot have any" if lacks else f"none along its direction {own.direction + 1}"),
-                remedy="give layers to hexahedra, or to wedges along direction 3, from triangle to triangle; give other elements "
-                "a section of one material",
+                f"{region} has layers, but {block.kind} element {element} "
+                + (
+                    "cannot have layers"
+                    if lacks
+                    else f"cannot have layers along its direction {composite.direction + 1}"
+                ),
+                remedy="Use layers in hexahedra, or in wedges along direction 3 (triangle to triangle). "
+                "Assign a section with a single material to other elements.",
                 entity=("element", element),
             )
-    if not own.layers:
-        raise DeckError(f"{region} is a composite solid without layers", remedy="give it a layer")
-    remedy = "add it to the deck, isotropic or anisotropic"
-    _check_layers(mesh, f"a layer of {region}", "", own.layers, mesh.layer_materials(region.id), remedy)
+    if not composite.layers:
+        raise DeckError(f"{region} is a composite solid without layers", remedy="Add a layer.")
+    remedy = "Add it to the deck, isotropic or anisotropic."
+    _check_layers(mesh, f"a layer of {region}", "", composite.layers, mesh.layer_materials(region.id), remedy)
 
 
-def _check_anisotropic(mesh: Mesh, own: Anisotropic, region: Region) -> None:
+def _check_anisotropic(mesh: Mesh, material: Anisotropic, region: Region) -> None:
     for block in mesh.thin:
         if (block.region == region.id).any():
             raise DeckError(
-                f"{region} of {block.kind} elements is of {own}, which is one of solids",
-                remedy="give shells a lamina or a laminate, and beams an isotropic material",
+                f"{region} of {block.kind} elements has {material}, which only solids support",
+                remedy="Assign a lamina or a laminate to shells, and an isotropic material to beams.",
             )
-    _check_stiffness(own)
+    _check_stiffness(material)
 
 
-def _check_stiffness(own: Anisotropic) -> None:
-    if fault := stiffness_fault(own.stiffness):
-        raise DeckError(f"{own}: {fault[0]}", remedy=fault[1])
-    _check_density(own, own.density)
+def _check_stiffness(material: Anisotropic) -> None:
+    if fault := stiffness_fault(material.stiffness):
+        raise DeckError(f"{material}: {fault[0]}", remedy=fault[1])
+    _check_density(material, material.density)
 
 
 def _check_layers(
@@ -161,10 +165,12 @@ def _check_layers(
     """Every layer has a thickness [unit] and a material; remedy: where its material is missing."""
     for layer, material in zip(layers, materials, strict=True):
         if not (layer.thickness > 0 and np.isfinite(layer.thickness)):
-            raise DeckError(f"{name} has the thickness {layer.thickness:g}{unit}", remedy="give a positive thickness")
+            raise DeckError(
+                f"{name} has the thickness {layer.thickness:g}{unit}", remedy="Specify a positive thickness."
+            )
         if material is None:
             raise DeckError(
-                f"{name} refers to material {layer.material}, which is not there",
+                f"{name} refers to material {layer.material}, which does not exist",
                 where=mesh.source or None,
                 remedy=remedy,
             )
@@ -176,37 +182,37 @@ def _check_layers(
             _check_material(material)
 
 
-def _check_lamina(own: Lamina) -> None:
+def _check_lamina(lamina: Lamina) -> None:
     for name in ("e1", "e2", "g12", "g1z", "g2z"):
-        modulus = getattr(own, name)
+        modulus = getattr(lamina, name)
         if not modulus > 0 or (np.isinf(modulus) and name in ("e1", "e2", "g12")):
-            raise DeckError(f"{own} has the modulus {name} {modulus:g} Pa", remedy="it must be positive")
-    if not own.nu12**2 < own.e1 / own.e2:
+            raise DeckError(f"{lamina} has the modulus {name} {modulus:g} Pa", remedy="Specify a positive modulus.")
+    if not lamina.nu12**2 < lamina.e1 / lamina.e2:
         raise DeckError(
-            f"{own} has nu12 {own.nu12:g}",
-            remedy=f"it must be smaller than the root of e1/e2, {np.sqrt(own.e1 / own.e2):g}",
+            f"{lamina} has nu12 {lamina.nu12:g}",
+            remedy=f"Specify a value below the square root of e1/e2, {np.sqrt(lamina.e1 / lamina.e2):g}.",
         )
-    _check_density(own, own.density)
+    _check_density(lamina, lamina.density)
 
 
 def _check_material(m: Material) -> None:
     if not (m.youngs_modulus > 0 and np.isfinite(m.youngs_modulus)):
-        raise DeckError(f"{m} has Young's modulus {m.youngs_modulus:g} Pa", remedy="it must be positive")
+        raise DeckError(f"{m} has Young's modulus {m.youngs_modulus:g} Pa", remedy="Specify a positive modulus.")
     if not -1 < m.poisson_ratio < 0.5:
         raise DeckError(
             f"{m} has Poisson's ratio {m.poisson_ratio:g}",
-            remedy="it must lie between -1 and 0.5, at most 0.49 in practice",
+            remedy="Specify a value between -1 and 0.5, in practice at most 0.49.",
         )
     _check_density(m, m.density)
 
 
 def _check_density(owner: object, density: float) -> None:
     if not (density >= 0 and np.isfinite(density)):
-        raise DeckError(f"{owner} has density {density:g} kg/m³", remedy="it must not be negative")
+        raise DeckError(f"{owner} has density {density:g} kg/m³", remedy="Specify a density ≥ 0.")
 
 
 def _check_midsides(mesh: Mesh, block: CellBlock) -> None:
-    """Mid-side nodes in another order than VTK's can leave |J| > 0 at every quadrature point: look at each."""
+    """Raise DeckError for mid-side nodes off the middle: in another order than VTK's, |J| can stay positive at all points."""
     kind = kind_of(block.kind)
     for node, ends in enumerate(kind.edges, start=kind.corners):
         a, b, m = (mesh.position[block.nodes[:, i]] for i in (*ends, node))
@@ -215,14 +221,14 @@ def _check_midsides(mesh: Mesh, block: CellBlock) -> None:
         if not off[worst] <= MIDSIDE_LIMIT:
             raise DeckError(
                 f"node {mesh.node_ids[block.nodes[worst, node]]} of {block.kind} element {block.ids[worst]} is "
-                f"{off[worst]:.2g} side lengths off the middle of its side",
-                remedy="the mid-side nodes of the file are missing or in another order",
+                f"{off[worst]:.2g} side lengths from the middle of its side",
+                remedy="Check the mid-side nodes in the file: they are missing or in another order.",
                 entity=("element", int(block.ids[worst])),
             )
 
 
 def _check_middle_half(mesh: Mesh, block: ShellBlock | BeamBlock) -> None:
-    """Nodes on the sides of second-order shells and beams lie in the middle half of these, and not far off the line."""
+    """Raise DeckError unless mid-side nodes of shells and beams lie in the middle half of their side and near its line."""
     edges, corners = _sides_of(block)
     for node, ends in enumerate(edges, start=corners):
         a, b, m = (mesh.position[block.nodes[:, i]] for i in (*ends, node))
@@ -234,19 +240,19 @@ def _check_middle_half(mesh: Mesh, block: ShellBlock | BeamBlock) -> None:
         if abs(along[worst]) < MIDDLE_HALF and across[worst] <= MIDSIDE_LIMIT:
             continue
         where = (
-            f"lies at {0.5 + along[worst]:.2g} of its side, outside of the middle half"
+            f"lies at {0.5 + along[worst]:.2g} of its side, outside the middle half"
             if abs(along[worst]) >= MIDDLE_HALF
-            else f"is {across[worst]:.2g} side lengths off its side"
+            else f"is {across[worst]:.2g} side lengths away from its side"
         )
         raise DeckError(
             f"node {mesh.node_ids[block.nodes[worst, node]]} of {block.kind} element {block.ids[worst]} {where}",
-            remedy="move it near the middle of its side, or check the order of the nodes of the element",
+            remedy="Move it near the middle of its side, or check the node order of the element.",
             entity=("element", int(block.ids[worst])),
         )
 
 
 def _sides_of(block: ShellBlock | BeamBlock) -> tuple[tuple[tuple[int, int], ...], int]:
-    """The two ends of every side with a node between, and how many nodes stand before those."""
+    """The two ends of every side with a mid-side node, and the number of corner nodes."""
     if isinstance(block, ShellBlock):
         kind = facet_of(block.kind)
         return kind.edges, kind.corners
@@ -255,13 +261,13 @@ def _sides_of(block: ShellBlock | BeamBlock) -> tuple[tuple[tuple[int, int], ...
 
 CHUNK = 8192
 POOR = 0.1
-"""Scaled Jacobian below which an element is worth a look."""
+"""Scaled Jacobian below which an element is reported."""
 
 
 @dataclass(frozen=True)
 class Quality:
-    """Of the elements of one kind: ids (e,), shape (e,) scaled Jacobian of the corners [-], curvature (e,) least over
-    greatest |J| among the quadrature points [-], 1 for an element with straight, parallel sides."""
+    """Quality of the elements of one kind: ids (e,), shape (e,) scaled Jacobian of the corners [-], curvature (e,) ratio of
+    least to greatest |J| at the quadrature points [-], 1 for an element with straight, parallel sides."""
 
     kind: str
     ids: np.ndarray
@@ -276,25 +282,25 @@ def element_quality(mesh: Mesh) -> tuple[Quality, ...]:
     the regular element: 1 there, 0 where an element is flat, negative where it is inverted.
     Source: Knupp et al., The Verdict geometric quality library, SAND2007-1751 (2006).
     """
-    return tuple(Quality(block.kind, block.ids, *_chunked(mesh, block)) for block in mesh.blocks)
+    return tuple(Quality(block.kind, block.ids, *_quality_of_block(mesh, block)) for block in mesh.blocks)
 
 
 def check_inverted(quality: Sequence[Quality]) -> None:
-    """Raise DeckError, with how many there are in the whole mesh, where elements have |J| ≤ 0 at points of their stiffness."""
-    found = {own.kind: own.ids[own.curvature <= 0] for own in quality if (own.curvature <= 0).any()}
-    if not found:
+    """Raise DeckError with the number of elements that have |J| ≤ 0 at a quadrature point of their stiffness."""
+    inverted = {block.kind: block.ids[block.curvature <= 0] for block in quality if (block.curvature <= 0).any()}
+    if not inverted:
         return
-    ids = np.concatenate([*found.values()])
-    kinds = " and ".join(f"{len(own)} {kind}" for kind, own in found.items())
+    ids = np.concatenate([*inverted.values()])
+    kinds = " and ".join(f"{len(numbers)} {kind}" for kind, numbers in inverted.items())
     names = ", ".join(str(number) for number in ids[:5]) + (", …" if len(ids) > 5 else "")
     raise DeckError(
-        f"of {sum(len(own.ids) for own in quality)} solid elements {kinds} are flat or inverted: {names}",
-        remedy="check the order of their nodes and how far their mid-side nodes are off the middle",
+        f"of {sum(len(block.ids) for block in quality)} solid elements {kinds} are flat or inverted: {names}",
+        remedy="Check their node order and the position of their mid-side nodes.",
         entity=("element", int(ids[0])),
     )
 
 
-def _chunked(mesh: Mesh, block: CellBlock) -> tuple[np.ndarray, np.ndarray]:
+def _quality_of_block(mesh: Mesh, block: CellBlock) -> tuple[np.ndarray, np.ndarray]:
     shape, curvature = np.empty(len(block.ids)), np.empty(len(block.ids))
     kind = kind_of(block.kind)
     slopes = kind.gradient(kind.stiffness[0])

@@ -23,7 +23,7 @@ from strainsight.mesh.thin import Lamina, ShellBlock
 
 SHEARS = ((0, 1), (1, 2), (2, 0))
 AT_ONCE = 256
-"""Elements whose strains at all points, 27 or fewer, are held at a time."""
+"""Elements whose strains at all points (at most 27) are in memory at a time."""
 
 
 def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray, ids: np.ndarray) -> np.ndarray:
@@ -32,8 +32,8 @@ def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray,
         K_ab = ∫ λ g_a g_bᵀ + μ g_b g_aᵀ + μ (g_a·g_b) I dV,    g_a = J⁻ᵀ ∂N_a/∂ξ,
         λ = ν/((1 + ν)(1 − 2ν)),   μ = 1/(2(1 + ν))
 
-    Incompatible modes P of a kind stand beside its nodes with the gradients of `bubble_gradients`, whose mean is zero so that
-    constant strain passes; they are condensed: K_uu − K_ua K_aa⁻¹ K_au.
+    Incompatible modes P of a kind follow its nodes with the gradients of `bubble_gradients`, whose mean is zero so that
+    the patch test is passed; they are condensed: K_uu − K_ua K_aa⁻¹ K_au.
 
     position (e, k, 3) [m]; nu (e,) [-]; ids (e,) for the error message. Returns (e, k(k+1)/2, 9) [m], the 3 × 3 blocks
     of the node pairs a ≤ b in the order of numpy.triu_indices. Raises DeckError where |J| ≤ 0, naming the elements.
@@ -49,7 +49,7 @@ def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray,
     lam, mu = (constant[:, None, None, None] for constant in lame(nu))
     if kind.bubble_gradient:
         K = _isotropic(outer.transpose(0, 1, 3, 2, 4), lam[..., None], mu[..., None])
-        K = _condensed(K, len(kind.nodes))
+        K = _condense(K, len(kind.nodes))
         a, b = np.triu_indices(len(kind.nodes))
         return K[:, a, b].reshape(len(position), -1, 9)
     a, b = np.triu_indices(size)
@@ -62,8 +62,8 @@ def anisotropic_stiffnesses(
 ) -> np.ndarray:
     """Stiffness of anisotropic elements, K = ∫ BᵀCB dV, with the strain B z in the order xx yy zz xy yz zx, γ = 2ε.
 
-    position (e, k, 3) [m]; C (e, q, 6, 6) [Pa] along the basic axes at the points of the rule, or (e, 1, 6, 6) where it is one in
-    all of an element; incompatible modes, ids and errors as in `element_stiffnesses`. Returns (e, k(k+1)/2, 9) [N/m].
+    position (e, k, 3) [m]; C (e, q, 6, 6) [Pa] along the basic axes at the points of the rule, or (e, 1, 6, 6) if constant in
+    an element; incompatible modes, ids and errors as in `element_stiffnesses`. Returns (e, k(k+1)/2, 9) [N/m].
     """
     xi, w = rule
     k = len(kind.nodes)
@@ -71,25 +71,25 @@ def anisotropic_stiffnesses(
     K = np.empty((len(position), len(a), 9))
     step = max(1, 27 * AT_ONCE // max(27, len(w)))
     for start in range(0, len(position), step):
-        own = slice(start, start + step)
-        g, det = gradients(kind, position[own], xi, ids[own])
+        elements = slice(start, start + step)
+        g, det = gradients(kind, position[elements], xi, ids[elements])
         if kind.bubble_gradient:
-            g = np.concatenate([g, bubble_gradients(kind, position[own], xi, det)], axis=2)
+            g = np.concatenate([g, bubble_gradients(kind, position[elements], xi, det)], axis=2)
         e, q, size = g.shape[:3]
         B = symmetric_gradient(g).reshape(e, q, 6, 3 * size)
-        stress = np.matmul(C[own] * (w * det)[:, :, None, None], B)
-        whole = np.matmul(B.reshape(e, 6 * q, -1).swapaxes(1, 2), stress.reshape(e, 6 * q, -1))
-        blocks = whole.reshape(e, size, 3, size, 3).swapaxes(2, 3)
+        stress = np.matmul(C[elements] * (w * det)[:, :, None, None], B)
+        dense = np.matmul(B.reshape(e, 6 * q, -1).swapaxes(1, 2), stress.reshape(e, 6 * q, -1))
+        blocks = dense.reshape(e, size, 3, size, 3).swapaxes(2, 3)
         if kind.bubble_gradient:
-            blocks = _condensed(blocks, k)
-        K[own] = blocks[:, a, b].reshape(e, -1, 9)
+            blocks = _condense(blocks, k)
+        K[elements] = blocks[:, a, b].reshape(e, -1, 9)
     return K
 
 
 def element_masses(kind: ElementKind, position: np.ndarray, ids: np.ndarray, rule: Rule | None = None) -> np.ndarray:
     """Consistent mass with unit density, m_ab = ∫ N_a N_b dV; the mass of the three components is m ⊗ I₃.
 
-    position (e, k, 3) [m]; ids (e,) for the error message; rule: one whose weights are times a density, None that of the kind.
+    position (e, k, 3) [m]; ids (e,) for the error message; rule: default that of the kind, weights may include a density.
     Returns (e, k(k+1)/2, 1) [m³] of the node pairs a ≤ b. Raises DeckError where |J| ≤ 0, naming the elements.
     """
     xi, w = kind.mass if rule is None else rule
@@ -116,7 +116,7 @@ def jacobians(
         raise DeckError(
             f"{bad.sum()} {kind.name} elements are flat or inverted: {names} "
             f"(least Jacobian {det[worst].min():.3g} m³ in element {ids[worst]})",
-            remedy="check the order of their nodes and how far their mid-side nodes are off the middle",
+            remedy="Check their node order and the position of their mid-side nodes.",
             entity=("element", int(ids[worst])),
         )
     return J, det
@@ -165,7 +165,7 @@ def _isotropic(outer: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray
     return lam * outer + mu * outer.swapaxes(-1, -2) + mu * trace * np.eye(3)
 
 
-def _condensed(K: np.ndarray, nodes: int) -> np.ndarray:
+def _condense(K: np.ndarray, nodes: int) -> np.ndarray:
     """K_uu − K_ua K_aa⁻¹ K_au of blocks (e, k, k, 3, 3) whose first `nodes` stay."""
     e, k = K.shape[:2]
     dense = K.transpose(0, 1, 3, 2, 4).reshape(e, 3 * k, 3 * k)
@@ -175,7 +175,7 @@ def _condensed(K: np.ndarray, nodes: int) -> np.ndarray:
 
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
-"""Components of a symmetric tensor in our order, that of VTK: xx yy zz xy yz zx."""
+"""Components of a symmetric tensor in the order of VTK: xx yy zz xy yz zx."""
 
 
 def pair(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -183,7 +183,7 @@ def pair(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.stack([0.5 * (a[:, i] * b[:, j] + a[:, j] * b[:, i]) for i, j in PAIRS], axis=1)
 
 
-def turned(C: np.ndarray, axes: np.ndarray) -> np.ndarray:
+def rotate_stiffness(C: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """C along the basic axes (m, 6, 6) of C (6, 6) or (m, 6, 6) along others, axes (m, 3, 3) one in a column:
 
         C' = R C Rᵀ,     σ' = R σ,   ε = Rᵀ ε',   γ = 2ε
@@ -195,11 +195,11 @@ def turned(C: np.ndarray, axes: np.ndarray) -> np.ndarray:
     return np.asarray(R @ C @ R.swapaxes(1, 2))
 
 
-def isotropic_stiffness(own: Material) -> np.ndarray:
+def isotropic_stiffness(material: Material) -> np.ndarray:
     """C (6, 6) [Pa] of E and ν, shears γ."""
-    shear = own.youngs_modulus / (2 * (1 + own.poisson_ratio))
+    shear = material.youngs_modulus / (2 * (1 + material.poisson_ratio))
     C = shear * np.diag([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])
-    C[:3, :3] += 2 * shear * own.poisson_ratio / (1 - 2 * own.poisson_ratio)
+    C[:3, :3] += 2 * shear * material.poisson_ratio / (1 - 2 * material.poisson_ratio)
     return C
 
 
@@ -209,19 +209,20 @@ def anisotropic_regions(mesh: Mesh) -> list[int]:
 
 
 def elasticities(mesh: Mesh, kind: ElementKind, position: np.ndarray, region: np.ndarray, xi: np.ndarray) -> np.ndarray:
-    """C [Pa] along the basic axes at points ξ (q, 3) of elements position (e, k, 3) [m] in regions (e,) of `anisotropic_regions`:
-    (e, q, 6, 6), of a composite solid that of the layer where ξ is; (e, 1, 6, 6) where it is one in all of an element."""
+    """C [Pa] along the basic axes at points ξ (q, 3) of elements position (e, k, 3) [m] in regions (e,) of `anisotropic_regions`.
+
+    Shape (e, q, 6, 6), of a composite solid that of the layer at ξ; (e, 1, 6, 6) if constant in every element."""
     numbers = np.unique(region).tolist()
     x = positions(kind, position, xi if any(_varies(mesh, number) for number in numbers) else xi[:1])
     C = np.empty((*x.shape[:2], 6, 6))
     for number in numbers:
-        own = region == number
-        C[own] = _in_region(mesh, number, x[own], xi)
+        in_region = region == number
+        C[in_region] = _in_region(mesh, number, x[in_region], xi)
     return C
 
 
 def _varies(mesh: Mesh, region: int) -> bool:
-    """Whether the material of a region, or how its axes lie, is another from point to point of an element."""
+    """Whether the material of a region, or its orientation, varies within an element."""
     orientation = mesh.orientations.get(region)
     return region in mesh.composites or (orientation is not None and orientation.varies)
 
@@ -235,22 +236,22 @@ def _in_region(mesh: Mesh, region: int, x: np.ndarray, xi: np.ndarray) -> np.nda
         assert material is not None
         if orientation is None:
             return np.broadcast_to(material.stiffness, (e, q, 6, 6))
-        return turned(material.stiffness, orientation.axes_at(x.reshape(-1, 3))).reshape(e, q, 6, 6)
+        return rotate_stiffness(material.stiffness, orientation.axes_at(x.reshape(-1, 3))).reshape(e, q, 6, 6)
     C, at = np.empty((e, q, 6, 6)), composite.layer_at(xi)
-    for i, own in enumerate(mesh.layer_materials(region)):
+    for i, layer in enumerate(mesh.layer_materials(region)):
         here = at == i
-        if isinstance(own, Anisotropic):
+        if isinstance(layer, Anisotropic):
             axes = composite.layers[i].orientation.axes_at(x[:, here].reshape(-1, 3))
-            C[:, here] = turned(own.stiffness, axes).reshape(e, -1, 6, 6)
+            C[:, here] = rotate_stiffness(layer.stiffness, axes).reshape(e, -1, 6, 6)
         else:
-            assert own is not None
-            C[:, here] = isotropic_stiffness(own)
+            assert layer is not None
+            C[:, here] = isotropic_stiffness(layer)
     return C
 
 
 def by_rule(mesh: Mesh, kind: ElementKind, region: np.ndarray) -> Iterator[tuple[np.ndarray, Rule]]:
-    """Elements (m,) of regions (e,) that `anisotropic_regions` names, and the rule of their stiffness: that of their kind, and of
-    composite solids one that sees every layer."""
+    """Elements (m,) of regions (e,) that `anisotropic_regions` names, and the rule of their stiffness: that of their kind, for
+    composite solids one with points in every layer."""
     layered = np.isin(region, list(mesh.composites))
     plain = np.flatnonzero(np.isin(region, anisotropic_regions(mesh)) & ~layered)
     if len(plain):
@@ -260,21 +261,21 @@ def by_rule(mesh: Mesh, kind: ElementKind, region: np.ndarray) -> Iterator[tuple
 
 
 def layered_rule(rule: Rule, composite: CompositeSolid) -> Rule:
-    """In every layer as many points along the layers as a rule has there, and its own points across: exact for the same
-    polynomials in each layer. The rule is a product of one along the direction of the layers and one across."""
+    """Rule with as many points along each layer as `rule` has, and its points across: exact for the same polynomials in each
+    layer. `rule` is a product of one along the direction of the layers and one across."""
     xi, w = rule
     points, weights = [], []
     for low, high in pairwise(composite.ends.tolist()):
-        own = xi.copy()
-        own[:, composite.direction] = 0.5 * (low + high) + 0.5 * (high - low) * xi[:, composite.direction]
-        points.append(own)
+        layer_points = xi.copy()
+        layer_points[:, composite.direction] = 0.5 * (low + high) + 0.5 * (high - low) * xi[:, composite.direction]
+        points.append(layer_points)
         weights.append(0.5 * (high - low) * w)
     return np.concatenate(points), np.concatenate(weights)
 
 
 def relative_masses(mesh: Mesh, part: CellBlock, kind: ElementKind) -> np.ndarray:
-    """∫ (ρ/ρ̄) N_a N_b dV [m³] (e, pairs) of elements and their node pairs a ≤ b, ρ̄ the density of their region: ρ is that of a
-    layer where there are some. Of a mesh whose mass is lumped, on the diagonal alone, see `lumped`."""
+    """∫ (ρ/ρ̄) N_a N_b dV [m³] (e, pairs) of elements and their node pairs a ≤ b, ρ the density of the layer, ρ̄ that of the
+    region. For a lumped mass, on the diagonal only, see `lumped`."""
     m = _consistent(mesh, part, kind)
     return lumped(m, part.nodes.shape[1]) if mesh.lumped else m
 
@@ -282,10 +283,10 @@ def relative_masses(mesh: Mesh, part: CellBlock, kind: ElementKind) -> np.ndarra
 def lumped(m: np.ndarray, k: int) -> np.ndarray:
     """Diagonal masses of elements from their consistent ones m (e, pairs) of the pairs a ≤ b of k nodes [m³ or kg],
 
-        m_a = m_aa Σ_bc m_bc / Σ_b m_bb,    0 beside the diagonal
+        m_a = m_aa Σ_bc m_bc / Σ_b m_bb,    0 off the diagonal
 
-    the diagonal scaled to the mass of the element, as in Hinton, Rock and Zienkiewicz (1976), so that all are positive, of
-    quadratic elements too.
+    the diagonal scaled to the mass of the element (Hinton, Rock and Zienkiewicz 1976), so that all are positive, also
+    for quadratic elements.
     """
     a, b = np.triu_indices(k)
     on = a == b
@@ -303,24 +304,24 @@ def _consistent(mesh: Mesh, part: CellBlock, kind: ElementKind) -> np.ndarray:
     if not layered.all():
         m[~layered] = element_masses(kind, position[~layered], part.ids[~layered])[:, :, 0]
     for number in np.unique(part.region[layered]).tolist():
-        own, composite, mean = part.region == number, mesh.composites[number], mesh.density_of(number)
+        in_region, composite, mean = part.region == number, mesh.composites[number], mesh.density_of(number)
         xi, w = layered_rule(kind.mass, composite)
         if mean:
             rho = np.array([0.0 if each is None else each.density for each in mesh.layer_materials(number)])
             w = w * rho[composite.layer_at(xi)] / mean
-        m[own] = element_masses(kind, position[own], part.ids[own], (xi, w))[:, :, 0]
+        m[in_region] = element_masses(kind, position[in_region], part.ids[in_region], (xi, w))[:, :, 0]
     return m
 
 
 @dataclass(frozen=True)
 class FacetLaws:
-    """facet (m,) those on laminates, anisotropic and composite solids, ascending; stiffness (m, 6, 6) [Pa] from strain to stress
-    there in the order of `facet_strain`, shears γ, of a laminate that of the ply at the face, in plane stress, in the free moduli
-    of plies, of a composite solid that of the layer at the centre of the facet; and on laminates contraction (m, 3, 3) c of
-    ε_nn = −c : ε across the face, at their references, 0 on solids, whose strain is known.
+    """Material laws at the facets (m,) on laminates, anisotropic and composite solids, ascending.
 
-    Of plies a deck says nothing of ν₁₃ and ν₂₃: ε_nn is that of ν₁₃ = ν₂₃ = ν₁₂. Strain along the face, which gauges read, and
-    stress do not depend on it.
+    stiffness (m, 6, 6) [Pa]: strain → stress in the order of `facet_strain`, shears γ; of a laminate that of the ply at the
+    face, in plane stress, affine in the free moduli of plies; of a composite solid that of the layer at the facet centre.
+    contraction (m, 3, 3): c of ε_nn = −c : ε across the face of a laminate, at the references; 0 on solids, whose strain is
+    known. A deck does not define ν₁₃ and ν₂₃ of plies: ε_nn assumes ν₁₃ = ν₂₃ = ν₁₂. Stress, and the strain along the face
+    that gauges measure, do not depend on it.
     """
 
     facet: np.ndarray
@@ -337,18 +338,18 @@ def facet_laws(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ())
         for parameter in parameters
         if parameter.property in ("youngs_modulus", *PLY_MODULI)
     ]
-    free = [own for own in free if own.regions]
+    free = [parameter for parameter in free if parameter.regions]
 
     def at(theta: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         other = mesh
-        for own in free:
-            other = with_value(other, own.property, own.regions, theta[own.name], own.material)
-        parts = [*(_of_block(other, block, facets) for block in other.shells), _of_solids(other, facets)]
+        for parameter in free:
+            other = with_value(other, parameter.property, parameter.regions, theta[parameter.name], parameter.material)
+        parts = [*(_laws_of_shells(other, block, facets) for block in other.shells), _laws_of_solids(other, facets)]
         facet, stiffness, contraction = (np.concatenate([part[i] for part in parts]) for i in range(3))
         order = np.argsort(facet)
         return facet[order], stiffness[order], contraction[order]
 
-    facet, stiffness, contraction = at({own.name: own.reference for own in free})
+    facet, stiffness, contraction = at({parameter.name: parameter.reference for parameter in free})
     if not len(facet):
         return None
     if not free:
@@ -358,21 +359,21 @@ def facet_laws(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ())
     return FacetLaws(facet, replace(C, constant=np.where(unknown, np.nan, C.constant)), contraction)
 
 
-def _of_solids(mesh: Mesh, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """At their centres; of composite solids the layer there."""
-    own = np.isin(facets.region, anisotropic_regions(mesh)) & ~facets.of(mesh.thin)
-    C = np.empty((len(own), 6, 6))
+def _laws_of_solids(mesh: Mesh, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Laws of solids at the facet centres; for composite solids of the layer there."""
+    anisotropic = np.isin(facets.region, anisotropic_regions(mesh)) & ~facets.of(mesh.thin)
+    C = np.empty((len(anisotropic), 6, 6))
     for block, local, which, row in on_solids(mesh, facets):
-        here, kind, facet = own[which], kind_of(block.kind), FACETS[facets.kind[which[0]]]
+        here, kind, facet = anisotropic[which], kind_of(block.kind), FACETS[facets.kind[which[0]]]
         if here.any():
             xi = facet.shape(facet.centre) @ kind.nodes[list(local)]
             element = row[here]
             position, region = mesh.position[block.nodes[element]], block.region[element]
             C[which[here]] = elasticities(mesh, kind, position, region, xi)[:, 0]
-    return np.flatnonzero(own), C[own], np.zeros((int(own.sum()), 3, 3))
+    return np.flatnonzero(anisotropic), C[anisotropic], np.zeros((int(anisotropic.sum()), 3, 3))
 
 
-def _of_block(mesh: Mesh, block: ShellBlock, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _laws_of_shells(mesh: Mesh, block: ShellBlock, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     numbers = [int(number) for number in np.unique(block.region)]
     laminates = [number for number in numbers if mesh.laminate(number) is not None]
     general = {number: shell for number in numbers if (shell := mesh.general_shell(number)) is not None}
@@ -383,41 +384,41 @@ def _of_block(mesh: Mesh, block: ShellBlock, facets: Facets) -> tuple[np.ndarray
     order = np.argsort(block.ids)
     row = order[np.searchsorted(block.ids, facets.element_id[which], sorter=order)]
     axes = shell_axes(mesh.position[block.nodes], block.ids)[row]
-    turned, upper = material_angle(mesh, block)[row], facets.facet[which] == UPPER
+    turn, upper = material_angle(mesh, block)[row], facets.facet[which] == UPPER
     for number in laminates:
         laminate, materials = mesh.laminate(number), plies_of(mesh, number)
         assert laminate is not None
         for here, end in ((upper, -1), (~upper, 0)):
-            own = np.flatnonzero((block.region[row] == number) & here)
-            angle = turned[own] + np.radians(laminate.plies[end].angle)
-            one, two = _turned(axes[own], angle)
+            on_end = np.flatnonzero((block.region[row] == number) & here)
+            angle = turn[on_end] + np.radians(laminate.plies[end].angle)
+            one, two = _rotate_axes(axes[on_end], angle)
             Q, ply = ply_stiffness(materials[end]), materials[end]
-            C[own] = _along(one, two, Q)
+            C[on_end] = _stiffness_along(one, two, Q)
             if isinstance(ply, Lamina):
                 share = ply.nu12 / ply.e1 * Q[0] + ply.nu12 / ply.e2 * Q[1]
             else:
                 share = ply.poisson_ratio / ply.youngs_modulus * (Q[0] + Q[1])
-            c[own] = share[0] * one[:, :, None] * one[:, None] + share[1] * two[:, :, None] * two[:, None]
+            c[on_end] = share[0] * one[:, :, None] * one[:, None] + share[1] * two[:, :, None] * two[:, None]
     for number, shell in general.items():
-        own = np.flatnonzero(block.region[row] == number)
-        one, two = _turned(axes[own], turned[own])
-        C[own] = _along(one, two, shell.membrane) if shell.uniform else np.nan
+        on_end = np.flatnonzero(block.region[row] == number)
+        one, two = _rotate_axes(axes[on_end], turn[on_end])
+        C[on_end] = _stiffness_along(one, two, shell.membrane) if shell.uniform else np.nan
         S = np.linalg.inv(shell.membrane)
         share = -(S[0, 1] * shell.membrane[0] + S[0, 1] * S[1, 1] / S[0, 0] * shell.membrane[1])
         tensor = np.array([[share[0], share[2]], [share[2], share[1]]])
         both = np.stack([one, two], axis=2)
-        c[own] = both @ tensor @ both.swapaxes(1, 2)
+        c[on_end] = both @ tensor @ both.swapaxes(1, 2)
     return which, C, c
 
 
-def _turned(axes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x and y (m, 3) of axes (m, 3, 3), turned by angles (m,) [rad] about their z."""
+def _rotate_axes(axes: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """x and y (m, 3) of axes (m, 3, 3), rotated by angles (m,) [rad] about their z."""
     x, y = axes[:, :, 0], axes[:, :, 1]
     one = np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * y
     return one, np.cos(angle)[:, None] * y - np.sin(angle)[:, None] * x
 
 
-def _along(one: np.ndarray, two: np.ndarray, Q: np.ndarray) -> np.ndarray:
+def _stiffness_along(one: np.ndarray, two: np.ndarray, Q: np.ndarray) -> np.ndarray:
     """Q (3, 3) of plane stress along directions (m, 3) as (m, 6, 6) along the basic axes."""
     R = np.stack([pair(one, one), pair(two, two), 2 * pair(one, two)], axis=2)
     return np.asarray(R @ Q @ R.swapaxes(1, 2))

@@ -1,4 +1,4 @@
-"""Motions of nodes as rows, and equations of those that follow others."""
+"""Row numbers of nodal motions, and equations of the dependent motions."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 from strainsight.mesh.model import Mesh
 
 ROUNDING = 1e-13
-"""Of the coefficients of an equation: one below it, over the largest, is rounding."""
+"""Share of the largest coefficient of an equation: a smaller coefficient is rounding."""
 
 Tie = RigidElement | AveragingElement | Relation
 
 
 def entity_of(e: Tie) -> tuple[str, int]:
-    """What an error about a tie names, for `Mesh.where`."""
+    """Kind and id of a tie for error messages, as `Mesh.where` expects them."""
     return ("relation" if isinstance(e, Relation) else "tie", e.id)
 
 
@@ -31,10 +31,10 @@ def translation_rows(nodes: np.ndarray | list[int]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class MotionRows:
-    """Where motions stand in z': 3·node + component, then three rotations of each node that has them.
+    """Row numbers of the motions in z': 3·node + component, then three rotations of each node with rotations.
 
-    nodes n; first: node → row of its first rotation; axes: node → (3, 3) axes of its components, one in a column, the
-    basic ones where it has none.
+    nodes n; first: node → row of its first rotation; axes: node → (3, 3) local axes of its components, one in a column;
+    nodes without an entry use the basic axes.
     """
 
     nodes: int
@@ -47,20 +47,22 @@ class MotionRows:
         return 3 * self.nodes + 3 * len(self.first)
 
     def of(self, nodes: np.ndarray, components: np.ndarray | int) -> np.ndarray:
-        """Rows of components 0-5 of nodes, which broadcast; −1 for a rotation of a node that has none."""
+        """Rows of components 0-5 of nodes, which broadcast; −1 for a rotation of a node without rotations."""
         nodes, components = np.broadcast_arrays(np.asarray(nodes, dtype=np.int64), components)
         rows = 3 * nodes + components
-        turning = components > 2
-        rows[turning] = [
+        is_rotation = components > 2
+        rows[is_rotation] = [
             self.first[node] + c - 3 if node in self.first else -1
-            for node, c in zip(nodes[turning].tolist(), components[turning].tolist(), strict=True)
+            for node, c in zip(nodes[is_rotation].tolist(), components[is_rotation].tolist(), strict=True)
         ]
         return rows
 
     def averaged(self, e: AveragingElement) -> np.ndarray:
-        """Rows of the motions that are in a mean: translations of all its nodes, then rotations of those that turn it."""
-        turned = np.repeat(e.turned, 3)
-        return np.concatenate([translation_rows(e.nodes), self.of(turned, np.arange(len(turned)) % 3 + 3)])
+        """Rows of the motions in a mean: translations of all nodes, then rotations of the nodes whose rotations count."""
+        rotation_nodes = np.repeat(e.turned, 3)
+        return np.concatenate(
+            [translation_rows(e.nodes), self.of(rotation_nodes, np.arange(len(rotation_nodes)) % 3 + 3)]
+        )
 
     def axes_of(self, nodes: np.ndarray) -> np.ndarray:
         """Axes (k, 3, 3) of nodes (k,)."""
@@ -77,15 +79,15 @@ class MotionRows:
         starts = [
             (row, axes) for node, axes in self.axes.items() for row in (3 * node, self.first.get(node, -1)) if row >= 0
         ]
-        own = np.array([row for row, _ in starts])[:, None] + np.arange(3)
-        same = np.setdiff1d(np.arange(self.size), own)
-        turned = np.array([axes for _, axes in starts]), own[:, :, None], own[:, None]
-        return from_entries([(np.ones(len(same)), same, same), turned], (self.size, self.size))
+        turned_rows = np.array([row for row, _ in starts])[:, None] + np.arange(3)
+        same = np.setdiff1d(np.arange(self.size), turned_rows)
+        blocks = np.array([axes for _, axes in starts]), turned_rows[:, :, None], turned_rows[:, None]
+        return from_entries([(np.ones(len(same)), same, same), blocks], (self.size, self.size))
 
 
 @dataclass
 class Equations:
-    """z'[row] = Σ value z'[column] for the dependent rows; entries: value, row, column; by: row → the element that says so."""
+    """z'[row] = Σ value z'[column] for the dependent rows; entries: value, row, column; by: row → the tie that prescribes it."""
 
     size: int
     entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
@@ -94,22 +96,22 @@ class Equations:
     def add(
         self, mesh: Mesh, e: Tie, nodes: np.ndarray, rows: np.ndarray, columns: np.ndarray, values: np.ndarray
     ) -> None:
-        """Let rows (m,), motions of nodes (m,), follow columns (c,) by values (m, c).
+        """Make rows (m,), motions of nodes (m,), depend on columns (c,) with values (m, c).
 
-        Raises DeckError for a row that follows already.
+        Raises DeckError for a row that is already dependent.
         """
         for row, node in zip(rows.tolist(), nodes.tolist(), strict=True):
             self.claim(mesh, e, node, row)
         self.entries.append((values, rows[:, None], columns))
 
     def claim(self, mesh: Mesh, e: Tie, node: int, row: int) -> None:
-        """Note that a tie says what a row, a motion of a node, does. Raises DeckError for a row that follows already."""
+        """Register a row, a motion of a node, as dependent in a tie. Raises DeckError for a row that is already dependent."""
         if row in self.by:
             first = self.by[row]
             at = mesh.where(*entity_of(first)) if str(first) == str(e) else None
             raise DeckError(
                 f"node {mesh.node_ids[node]} is dependent in {first}{f' ({at})' if at else ''} and in {e}",
-                remedy="let it follow one of them only",
+                remedy="Make it dependent in only one of them.",
                 entity=entity_of(e),
             )
         self.by[row] = e
@@ -120,7 +122,7 @@ class Equations:
 
 
 def relation_terms(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of all terms (t,) of the relations: number of the relation, node, component and value."""
+    """Number of the relation, node, component and value of all terms (t,) of the relations."""
     relation = np.repeat(np.arange(len(mesh.relations)), [len(tie.node) for tie in mesh.relations])
     none = np.zeros(0, dtype=np.int64)
     node = np.concatenate([none, *(tie.node for tie in mesh.relations)])
@@ -128,84 +130,84 @@ def relation_terms(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     return relation, node, component, np.concatenate([np.zeros(0), *(tie.value for tie in mesh.relations)])
 
 
-def add_relations(mesh: Mesh, rows: MotionRows, found: Equations) -> None:
+def add_relations(mesh: Mesh, rows: MotionRows, dependencies: Equations) -> None:
     """Add  z'_1 = −Σ_{k>1} c_k z'_k / c_1  of all relations to the equations.
 
-    Raises DeckError for a first term that is zero, and for a motion that follows already.
+    Raises DeckError for a first term that is zero, and for a motion that is already dependent.
     """
     relation, node, component, value = relation_terms(mesh)
-    at, kept = rows.of(node, component), value != 0
-    # a motion that stands twice in a relation has the sum of its coefficients
-    term, place = np.unique((relation * rows.size + at)[kept], return_inverse=True)
-    c, size = (np.bincount(place, own[kept], len(term)) for own in (value, np.abs(value)))
+    at, nonzero = rows.of(node, component), value != 0
+    # a motion that occurs twice in a relation has the sum of its coefficients
+    term, place = np.unique((relation * rows.size + at)[nonzero], return_inverse=True)
+    c, size = (np.bincount(place, part[nonzero], len(term)) for part in (value, np.abs(value)))
     c = np.where(np.abs(c) > ROUNDING * size, c, 0.0)
     of, column = np.divmod(term, rows.size)
     follower = at[np.searchsorted(relation, np.arange(len(mesh.relations)))]
     leading = column == follower[of]
     first = np.zeros(len(mesh.relations))
     first[of[leading]] = c[leading]
-    for e, row, own in zip(mesh.relations, follower.tolist(), first.tolist(), strict=True):
-        node_of_it, component_of_it = e.follower
-        if own == 0:
+    for e, row, coefficient in zip(mesh.relations, follower.tolist(), first.tolist(), strict=True):
+        dependent_node, dependent_component = e.follower
+        if coefficient == 0:
             raise DeckError(
-                f"{e} has the coefficient 0 at node {mesh.node_ids[node_of_it]} component {component_of_it + 1}, its first term, "
-                "which is to follow the others",
-                remedy="give a motion with a coefficient first",
+                f"{e} has the coefficient 0 in its first term, node {mesh.node_ids[dependent_node]} component "
+                f"{dependent_component + 1}, which must depend on the other terms",
+                remedy="Put a term with a nonzero coefficient first.",
                 entity=entity_of(e),
             )
-        found.claim(mesh, e, node_of_it, row)
+        dependencies.claim(mesh, e, dependent_node, row)
     others = ~leading & (c != 0)
-    found.entries.append((-c[others] / first[of[others]], follower[of[others]], column[others]))
+    dependencies.entries.append((-c[others] / first[of[others]], follower[of[others]], column[others]))
 
 
 def followers(mesh: Mesh) -> set[int]:
-    """Nodes (indices) that a RigidElement turns."""
+    """Nodes (indices) whose rotations depend on a RigidElement."""
     return {int(node) for e in mesh.rigid if max(e.components, default=0) > 2 for node in e.nodes}
 
 
 def joined(mesh: Mesh) -> set[int]:
-    """Nodes (indices) whose rotations ties, relations, shells or beams have."""
-    return references(mesh) | turned_by_name(mesh) | followers(mesh) | {*mesh.turning.tolist()}
+    """Nodes (indices) whose rotations belong to ties, relations, shells or beams."""
+    return references(mesh) | rotations_in_ties(mesh) | followers(mesh) | {*mesh.turning.tolist()}
 
 
 def turning_nodes(mesh: Mesh) -> list[int]:
-    """Nodes of shells and beams, points that springs turn, and those that a RigidElement turns where that matters: a mass or a
-    spring resists it, or a load of the file has a moment there."""
-    found = {point.node for point in mesh.point_masses if point.turns}
+    """Nodes of shells and beams, nodes with rotational springs, and nodes whose rotations depend on a RigidElement if a mass or
+    a spring acts on them, or a load of the file has a moment there."""
+    loaded = {point.node for point in mesh.point_masses if point.turns}
     for spring in mesh.springs:
-        found.update(spring.turned.tolist())
+        loaded.update(spring.turned.tolist())
     for load in mesh.loads.values():
         if load.moment is not None:
-            found.update(load.nodes[load.moment.any(axis=1)].tolist())
-    return sorted((found & followers(mesh)).union(mesh.turning.tolist(), mesh.turned_by_springs.tolist()))
+            loaded.update(load.nodes[load.moment.any(axis=1)].tolist())
+    return sorted((loaded & followers(mesh)).union(mesh.turning.tolist(), mesh.turned_by_springs.tolist()))
 
 
 MOTIONS = ("translation x", "translation y", "translation z", "rotation x", "rotation y", "rotation z")
-HELD = 1e-10
-"""Least over largest strength with which the nodes of an averaging element, or its dependent motions, hold a motion."""
+LEAST_STRENGTH = 1e-10
+"""Least ratio of the stiffness with which an averaging element, or its dependent motions, determine a motion."""
 
 
 def references(mesh: Mesh) -> set[int]:
-    """Nodes (indices) whose six motions lead or follow others."""
+    """Nodes (indices) whose six motions are the reference of a tie."""
     return {e.reference for e in mesh.rigid} | {e.reference for e in mesh.averaging}
 
 
-def turned_by_name(mesh: Mesh) -> set[int]:
-    """Nodes (indices) whose rotations a relation or the mean of an averaging element holds."""
+def rotations_in_ties(mesh: Mesh) -> set[int]:
+    """Nodes (indices) whose rotations are in a relation or in the mean of an averaging element."""
     _, node, component, value = relation_terms(mesh)
     of_relations = np.unique(node[(component > 2) & (value != 0)])
     return {int(node) for nodes in (of_relations, *(e.turned for e in mesh.averaging)) for node in nodes}
 
 
 def rotation_rows(mesh: Mesh, rotations: Sequence[int] | np.ndarray = ()) -> dict[int, int]:
-    """Node → row of z of its first rotation, behind the 3n translations: for reference nodes, those whose rotations are in a
+    """Node → row of z of its first rotation, after the 3n translations: for reference nodes, nodes whose rotations are in a
     relation or a mean, and the nodes `rotations`."""
-    nodes = sorted((references(mesh) | turned_by_name(mesh)).union(int(node) for node in rotations))
+    nodes = sorted((references(mesh) | rotations_in_ties(mesh)).union(int(node) for node in rotations))
     return {node: 3 * len(mesh.position) + 3 * i for i, node in enumerate(nodes)}
 
 
-def turned_nodes(mesh: Mesh) -> dict[int, np.ndarray]:
-    """Axes of the nodes whose components are held or in ties; for all others they do not matter."""
+def local_axes(mesh: Mesh) -> dict[int, np.ndarray]:
+    """Local axes of the nodes whose components are clamped or in ties; those of other nodes have no effect."""
     if not mesh.axes:
         return {}
     named: set[int] = set(mesh.fixed[:, 0].tolist())
@@ -220,25 +222,25 @@ def turned_nodes(mesh: Mesh) -> dict[int, np.ndarray]:
 
 
 def equations(mesh: Mesh, rows: MotionRows) -> Equations:
-    """What the rigid and averaging elements and the relations of a mesh say, with Q_i the axes of node i:
+    """Equations of the rigid and averaging elements and the relations of a mesh, with Q_i the axes of node i:
 
-        rigid       Q_iu'_i = u_r + θ_r × (x_i − x_r),   Q_iθ'_i = θ_r           in the stated components of u'_i, θ'_i
+        rigid       Q_iu'_i = u_r + θ_r × (x_i − x_r),   Q_iθ'_i = θ_r           in the components of u'_i, θ'_i that it names
         averaging   (u_r, θ_r) = (Σ w_i R_iᵀR_i)⁻¹ Σ w_i R_iᵀ u'_i,   R_i = Q_iᵀ[I, −(x_i − x_r)×], of the directions that count
         relation    z'_1 = −Σ_{k>1} c_k z'_k / c_1
 
     Rotations θ'_i that count in a mean have R_i = Q_iᵀ[0, I] and the weight w_i L², L the mean |x_i − x_r|, 1 m where that is
-    zero (RBE3 of Nastran, as `formrbe3` of pyyeti has it). An averaging element that states dependent motions is solved for
-    those. Raises DeckError, naming element and nodes, for a motion that two elements prescribe, for an averaging element whose
-    nodes do not hold its reference, for dependent motions that cannot be solved for, and a relation whose first term is zero.
+    zero (RBE3 of Nastran, as in `formrbe3` of pyyeti). If an averaging element names dependent motions, it is solved for
+    them. Raises DeckError that names element and nodes for a motion that two elements prescribe, an averaging element whose
+    nodes do not determine its reference, dependent motions without a solution, and a relation whose first term is zero.
     """
-    found = Equations(rows.size)
+    dependencies = Equations(rows.size)
     for rigid in mesh.rigid:
-        _add_rigid(mesh, rigid, rows, found)
+        _add_rigid(mesh, rigid, rows, dependencies)
     for averaging in mesh.averaging:
-        _add_averaging(mesh, averaging, rows, found)
+        _add_averaging(mesh, averaging, rows, dependencies)
     if mesh.relations:
-        add_relations(mesh, rows, found)
-    return found
+        add_relations(mesh, rows, dependencies)
+    return dependencies
 
 
 def rigid_rows(arm: np.ndarray) -> np.ndarray:
@@ -252,51 +254,52 @@ def rigid_rows(arm: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _both(axes: np.ndarray) -> np.ndarray:
-    """Axes (..., 3, 3) of translations and rotations alike (..., 6, 6)."""
+def _six_axes(axes: np.ndarray) -> np.ndarray:
+    """Axes (..., 3, 3) applied to translations and rotations (..., 6, 6)."""
     twice = np.zeros((*axes.shape[:-2], 6, 6))
     twice[..., :3, :3] = twice[..., 3:, 3:] = axes
     return twice
 
 
-def _cleared(values: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Values with those that are rounding beside `size` made zero, so that nothing seems to carry what nothing does."""
+def _clear_rounding(values: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Values with zeros in place of rounding (relative to `size`), so that no spurious coupling remains."""
     return np.where(np.abs(values) > ROUNDING * size, values, 0.0)
 
 
-def _add_rigid(mesh: Mesh, e: RigidElement, rows: MotionRows, found: Equations) -> None:
+def _add_rigid(mesh: Mesh, e: RigidElement, rows: MotionRows, dependencies: Equations) -> None:
     nodes = np.asarray(e.nodes, dtype=np.int64)
     if len(nodes) == 0 or e.reference in nodes:
-        own = f"depends on its own reference node {mesh.node_ids[e.reference]}"
-        fault = "has no dependent nodes" if len(nodes) == 0 else own
-        raise DeckError(f"{e} {fault}", remedy="correct its nodes", entity=("tie", e.id))
+        fault = "has no dependent nodes"
+        if len(nodes):
+            fault = f"depends on its reference node {mesh.node_ids[e.reference]}"
+        raise DeckError(f"{e} {fault}", remedy="Correct its nodes.", entity=("tie", e.id))
     arm = mesh.position[nodes] - mesh.position[e.reference]
     motion = np.zeros((len(nodes), 6, 6))
     motion[:, :3] = rigid_rows(arm)
     motion[:, 3:, 3:] = np.eye(3)
     if rows.axes:
-        reference = _both(rows.axes_of(np.array([e.reference])))[0]
-        motion = _both(rows.axes_of(nodes)).swapaxes(1, 2) @ motion @ reference
+        reference = _six_axes(rows.axes_of(np.array([e.reference])))[0]
+        motion = _six_axes(rows.axes_of(nodes)).swapaxes(1, 2) @ motion @ reference
     size = np.ones((len(nodes), 6, 6))
     size[:, :3, 3:] = np.linalg.norm(arm, axis=1)[:, None, None]
-    motion = _cleared(motion, size)
+    motion = _clear_rounding(motion, size)
     source = rows.of(np.full(6, e.reference), np.arange(6))
     for component in sorted(set(e.components)):
-        own_rows = rows.of(nodes, component)
-        existing = own_rows >= 0
-        found.add(mesh, e, nodes[existing], own_rows[existing], source, motion[existing, component])
+        dependent_rows = rows.of(nodes, component)
+        existing = dependent_rows >= 0
+        dependencies.add(mesh, e, nodes[existing], dependent_rows[existing], source, motion[existing, component])
 
 
-def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, found: Equations) -> None:
+def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, dependencies: Equations) -> None:
     wanted = sorted(set(e.components))
     mean, length = _mean_motion(mesh, e, rows, wanted)
-    own = rows.of(np.full(len(wanted), e.reference), np.array(wanted))
+    reference_rows = rows.of(np.full(len(wanted), e.reference), np.array(wanted))
     averaged = rows.averaged(e)
     if e.dependent is None:
-        found.add(mesh, e, np.full(len(wanted), e.reference), own, averaged, mean)
+        dependencies.add(mesh, e, np.full(len(wanted), e.reference), reference_rows, averaged, mean)
         return
-    # C z' = 0 on the reference's and the nodes' motions, rotations times a length so that all entries compare
-    columns, place = np.unique(np.concatenate([own, averaged]), return_inverse=True)
+    # C z' = 0 on the motions of the reference and the nodes, rotations times a length so that all entries are comparable
+    columns, place = np.unique(np.concatenate([reference_rows, averaged]), return_inverse=True)
     C = np.zeros((len(wanted), len(columns)))
     np.add.at(C.T, place, np.hstack([np.eye(len(wanted)), -mean]).T)
     scale = np.where(np.array(wanted) > 2, length, 1.0)
@@ -307,28 +310,28 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, found: Equ
     chosen = np.isin(columns, solved)
     A = C[:, np.searchsorted(columns, solved[np.isin(solved, columns)])]
     strength = np.linalg.svd(A, compute_uv=False) if A.shape == (len(wanted),) * 2 else np.zeros(1)
-    if not strength[-1] > HELD * np.linalg.norm(C, 2):
+    if not strength[-1] > LEAST_STRENGTH * np.linalg.norm(C, 2):
         named = ", ".join(f"{mesh.node_ids[node]} component {c + 1}" for node, c in dependent.tolist())
         raise DeckError(
-            f"{e} cannot be solved for the motions that it states as dependent (node {named})",
-            remedy="choose as many motions of its nodes as it has reference components, not all on a line",
+            f"{e} cannot be solved for its dependent motions (node {named})",
+            remedy="Select as many motions of its nodes as it has reference components, not all on one line.",
             entity=("tie", e.id),
         )
     values = -np.linalg.solve(A, C[:, ~chosen])
-    values = _cleared(values, np.abs(values).max(axis=1, keepdims=True))
+    values = _clear_rounding(values, np.abs(values).max(axis=1, keepdims=True))
     values *= unit[~chosen] / unit[np.searchsorted(columns, solved)][:, None]
-    found.add(mesh, e, dependent[:, 0], solved, columns[~chosen], values)
+    dependencies.add(mesh, e, dependent[:, 0], solved, columns[~chosen], values)
 
 
 def _mean_motion(
     mesh: Mesh, e: AveragingElement, rows: MotionRows, wanted: Collection[int]
 ) -> tuple[np.ndarray, float]:
-    """Wanted motions of the reference as means of the `MotionRows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
+    """Wanted motions of the reference as means of `MotionRows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
     nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
     if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
         raise DeckError(
-            f"{e} needs nodes other than its reference and weights that are not negative",
-            remedy="correct its nodes and weights",
+            f"{e} needs nodes other than its reference, and weights ≥ 0 that are not all zero",
+            remedy="Correct its nodes and weights.",
             entity=("tie", e.id),
         )
     arm = mesh.position[nodes] - mesh.position[e.reference]
@@ -341,24 +344,26 @@ def _mean_motion(
     if e.directions is not None:
         weight = weight * e.directions
     if e.rotations is not None:
-        turned = e.rotations.any(axis=1)
+        with_rotation = e.rotations.any(axis=1)
         mean_arm = float(np.linalg.norm(arm[np.unique(nodes, return_index=True)[1]], axis=1).mean()) or 1.0
-        turn = np.zeros((np.count_nonzero(turned), 3, 6))
-        turn[:, :, 3:] = rows.axes_of(nodes[turned]).swapaxes(1, 2) / length
+        turn = np.zeros((np.count_nonzero(with_rotation), 3, 6))
+        turn[:, :, 3:] = rows.axes_of(nodes[with_rotation]).swapaxes(1, 2) / length
         R = np.concatenate([R, turn])
-        weight = np.concatenate([weight, (mean_arm**2 * w[turned] / w.sum())[:, None] * e.rotations[turned]])
+        weight = np.concatenate(
+            [weight, (mean_arm**2 * w[with_rotation] / w.sum())[:, None] * e.rotations[with_rotation]]
+        )
     A = np.einsum("kc,kci,kcj->ij", weight, R, R)
     strength, V = np.linalg.eigh(A)
-    held = strength > HELD * strength[-1]
-    own = _both(rows.axes_of(np.array([e.reference])))[0].T
-    loose = np.abs((own @ V[:, ~held])[list(wanted)]) > 1e-6
+    determined = strength > LEAST_STRENGTH * strength[-1]
+    local = _six_axes(rows.axes_of(np.array([e.reference])))[0].T
+    loose = np.abs((local @ V[:, ~determined])[list(wanted)]) > 1e-6
     if loose.any():
         motion = MOTIONS[list(wanted)[int(np.argmax(loose.any(axis=1)))]]
         raise DeckError(
-            f"the {len(nodes)} nodes of {e} do not hold {motion} of its reference node {mesh.node_ids[e.reference]}",
-            remedy="they lie on a line or a point: add nodes off it, or drop rotations from its components",
+            f"the {len(nodes)} nodes of {e} do not determine {motion} of its reference node {mesh.node_ids[e.reference]}",
+            remedy="They lie on a line or at a point: add nodes off the line, or remove rotations from its components.",
             entity=("tie", e.id),
         )
-    inverse = (V[:, held] / strength[held]) @ V[:, held].T
-    mean = np.einsum("ij,kc,kcj->ikc", own @ (inverse / scale[:, None]), weight, R).reshape(6, -1)[list(wanted)]
-    return _cleared(mean, np.abs(mean).max(axis=1, keepdims=True)), length
+    inverse = (V[:, determined] / strength[determined]) @ V[:, determined].T
+    mean = np.einsum("ij,kc,kcj->ikc", local @ (inverse / scale[:, None]), weight, R).reshape(6, -1)[list(wanted)]
+    return _clear_rounding(mean, np.abs(mean).max(axis=1, keepdims=True)), length

@@ -1,4 +1,4 @@
-"""Sparse factors of symmetric matrices, real and complex, by PARDISO or SuperLU, and of free structures by inertia relief."""
+"""Sparse factors of symmetric matrices, real and complex, by PARDISO or SuperLU, and inertia relief of free structures."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from strainsight.errors import MachineWarning, NumericalError, UserError
 from strainsight.memory import require_memory
 
 NOT_DEFINITE = "the stiffness is not positive definite: a pivot is not positive"
-MECHANISM = "the structure has a mechanism or an element of no stiffness: check supports, connections and materials"
+MECHANISM = "The structure has a mechanism or an element without stiffness. Check supports, connections and materials."
 POSITIVE_DEFINITE = 2
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33
 OWN_VALUES, ORDERING, NUMERICAL_MEMORY, FROM_ZERO = 1, 2, 17, 35
-"""Places in iparm, counted from 1 as in its manual."""
+"""Indices of iparm, counted from 1 as in the manual of oneMKL."""
 NESTED_DISSECTION = 2
 _NOT_DEFINITE, _NO_MEMORY = -4, -2
 _MKL_CBWR_AUTO, _MKL_CBWR_AVX2 = 2, 10
@@ -35,22 +35,22 @@ _MKL_CBWR_AUTO, _MKL_CBWR_AVX2 = 2, 10
 def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     """Factorise A = LLᵀ and return B (n, r) → A⁻¹B.
 
-    upper (n, n) the upper triangle of A, CSR with sorted indices. The factor's memory goes with the last reference to the
-    result. Raises ImportError or OSError where PARDISO cannot be loaded, NumericalError where A is not positive definite,
-    UserError where the memory is not enough: the analysis tells it before the factorisation takes it.
+    upper (n, n) the upper triangle of A, CSR with sorted indices. The memory of the factor is freed with the last reference to
+    the result. Raises ImportError or OSError if PARDISO cannot be loaded, NumericalError if A is not positive definite, and
+    UserError if the memory estimated by the analysis is not available.
     """
-    return factorised(upper, POSITIVE_DEFINITE, f"the factor of {upper.shape[0]} unknowns")[0]
+    return factorise_with(upper, POSITIVE_DEFINITE, f"the factor of {upper.shape[0]} unknowns")[0]
 
 
-def factorised(
+def factorise_with(
     upper: sparse.csr_array, kind: int, what: str, options: Sequence[tuple[int, int]] = ()
 ) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:
-    """B (n, r) → A⁻¹B, and iparm as the factorisation has left it; kind of A, what it is in words, options of iparm.
+    """B (n, r) → A⁻¹B, and iparm after the factorisation; kind of A, what: its description, options of iparm.
 
     Otherwise as `pardiso`.
     """
     solver = solver_of(kind)
-    # Everything else stays zero. PARDISO's own defaults order with several threads, which differs between runs, and refine
+    # Everything else stays zero. With its defaults PARDISO orders with several threads, which differs between runs, and refines
     # every solution twice, which takes four times as long and which a positive definite matrix does not need.
     for place, value in ((OWN_VALUES, 1), (ORDERING, NESTED_DISSECTION), (FROM_ZERO, 1), *options):
         solver.iparm[place - 1] = value
@@ -72,8 +72,8 @@ def factorised(
 def interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray, np.ndarray], None]:
     """One phase: (phase, B, X) with B, X (n, r) in columns, X written. Raises the errors of `pardiso`.
 
-    pypardiso's own compares the matrix with its copy before each solve, or copies all its indices. Solutions are found by one
-    thread: of several columns their last bits depend on how many there are, and more were no faster.
+    The function of pypardiso compares the matrix with its copy before each solve, or copies all its indices. Solutions use one
+    thread: with several, the last bits depend on the number of columns, and the time was no shorter.
     """
     size = upper.shape[0]
     row, column = (np.ascontiguousarray(index, dtype=np.int32) for index in (upper.indptr, upper.indices))
@@ -116,26 +116,26 @@ def _failure(code: int, phase: int, size: int) -> NumericalError | UserError:
         return NumericalError(NOT_DEFINITE, remedy=MECHANISM)
     if code == _NO_MEMORY:
         return UserError(
-            f"there is not enough memory to factorise {size} unknowns",
-            remedy="take a coarser mesh or a larger machine, or end other programs",
+            f"the memory is not sufficient to factorise {size} unknowns",
+            remedy="Use a coarser mesh or a larger machine, or close other programs.",
         )
     return NumericalError(
         f"PARDISO stopped with code {code} in phase {phase} on {size} unknowns",
-        remedy="look the code up in the manual of oneMKL, under pardiso",
+        remedy="Look up the code in the manual of oneMKL, section pardiso.",
     )
 
 
 def solver_of(kind: int) -> Any:
-    """PARDISO for matrices of that kind, the same bits on every run whatever the alignment of the arrays.
+    """PARDISO for matrices of that kind, with bitwise equal results on every run for any alignment of the arrays.
 
-    MKL takes its branch before its first computation only, so that no other solver may be made. Raises ImportError or OSError
-    where PARDISO cannot be loaded.
+    MKL fixes its code branch before its first computation, so no other solver may exist. Raises ImportError or OSError if
+    PARDISO cannot be loaded.
     """
-    name_mkl()  # first: the import makes a solver, too
+    name_mkl()  # first, because the import creates a solver
     from pypardiso import PyPardisoSolver
 
     solver = PyPardisoSolver(mtype=kind)
-    if current_thread() is not main_thread():  # beside others, which share the cores
+    if current_thread() is not main_thread():  # other threads share the cores
         solver.libmkl.MKL_Set_Num_Threads_Local(1)
     if solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AVX2) != 0:
         solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AUTO)
@@ -143,12 +143,12 @@ def solver_of(kind: int) -> Any:
 
 
 def name_mkl() -> None:
-    """Name the MKL library where pip puts it: without that, pypardiso searches the whole environment for every factor (0.3 s).
-    Threads of MKL are to sleep between calls: they would spin for 0.2 s on cores that NumPy's threads need."""
+    """Set the path of the MKL library installed by pip; otherwise pypardiso searches the whole environment for every factor
+    (0.3 s). Threads of MKL sleep between calls; otherwise they spin for 0.2 s on cores that NumPy needs."""
     os.environ.setdefault("KMP_BLOCKTIME", "0")
-    found = sorted(Path(sys.prefix, "lib").glob("libmkl_rt.so*"))
-    if found:
-        os.environ.setdefault("PYPARDISO_MKL_RT", str(found[0]))
+    libraries = sorted(Path(sys.prefix, "lib").glob("libmkl_rt.so*"))
+    if libraries:
+        os.environ.setdefault("PYPARDISO_MKL_RT", str(libraries[0]))
 
 
 SUPERLU_LIMIT = 100_000
@@ -158,18 +158,18 @@ LEAST_BYTES = 32
 
 
 class Lowest(Protocol):
-    """lowest(M, count, basis, start, beside, tolerance): λ (count,) and φ (n, count) of A φ = λ M φ, the lowest in the complement
-    of `beside` (n, k), which are orthonormal in M; by iterations with so many basis vectors from `start` (n,)."""
+    """lowest(M, count, basis, start, known, tolerance): λ (count,) and φ (n, count) of A φ = λ M φ, the lowest modes M-orthogonal
+    to `known` (n, k), which are M-orthonormal; by iterations with `basis` vectors from `start` (n,)."""
 
     def __call__(
-        self, M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
+        self, M: sparse.csr_array, count: int, basis: int, start: np.ndarray, known: np.ndarray, tolerance: float
     ) -> tuple[np.ndarray, np.ndarray]: ...
 
 
 @dataclass(frozen=True)
 class Factor:
-    """A factorised symmetric positive definite matrix; its memory goes with the last reference to it. lowest: modes by whoever
-    holds the factor, None where they are iterated for here."""
+    """A factorised symmetric positive definite matrix; its memory is freed with the last reference to it. lowest: eigenvalue
+    iterations by the owner of the factor, None for those of this package."""
 
     size: int
     solver: str
@@ -189,16 +189,16 @@ class Factor:
 
 
 Factorise = Callable[[sparse.csr_array], Factor]
-"""Who factorises: `factorise`, or the processes of MPI (`fem.mpi.session`)."""
+"""A factorisation: `factorise`, or one distributed over MPI processes (`contrib.mpi.session`)."""
 
 
 def factorise(A: sparse.csr_array) -> Factor:
     """A = LLᵀ by PARDISO (mtype 2, upper triangle), or by SuperLU with a warning where PARDISO cannot be loaded.
 
-    A (n, n) symmetric positive definite CSR; only its upper triangle is read. The matrix is scaled to a unit diagonal
-    first, so that translations and rotations, or units far from SI, do not disturb the pivots.
-    Raises NumericalError where A is not positive definite, UserError where the memory is not enough for it (known after
-    PARDISO's analysis, before its factorisation) and beyond 100 000 unknowns without PARDISO.
+    A (n, n) symmetric positive definite CSR; only its upper triangle is used. The matrix is scaled to a unit diagonal
+    first, so that translations and rotations, or units far from SI, do not affect the pivots.
+    Raises NumericalError if A is not positive definite; UserError if the memory is not sufficient (known after the analysis
+    of PARDISO, before its factorisation), and above 100 000 unknowns without PARDISO.
     """
     scale, size = conditioned(A), A.shape[0]
     require_memory(LEAST_BYTES * A.nnz, f"the factor of {size} unknowns, at the very least")
@@ -209,8 +209,8 @@ def factorise(A: sparse.csr_array) -> Factor:
         if size > SUPERLU_LIMIT:
             raise too_large(size) from None
         warnings.warn(
-            "PARDISO is not available: SuperLU factorises, two to five times slower; more than 100 000 unknowns are refused "
-            "(pip install pypardiso, where there is MKL: x86-64)",
+            "PARDISO is not available; SuperLU is used instead, which is two to five times slower and limited to "
+            "100 000 unknowns (pip install pypardiso, on x86-64)",
             MachineWarning,
             stacklevel=2,
         )
@@ -222,7 +222,7 @@ def factorise(A: sparse.csr_array) -> Factor:
 
 
 def conditioned(A: sparse.csr_array) -> np.ndarray:
-    """s (n,) for which SAS, S = diag(s), has a unit diagonal. Raises NumericalError where A has an entry there ≤ 0."""
+    """s (n,) for which SAS, S = diag(s), has a unit diagonal. Raises NumericalError if A has a diagonal entry ≤ 0."""
     diagonal = A.diagonal()
     if not np.all(diagonal > 0):
         raise NumericalError(
@@ -242,15 +242,15 @@ def scaled_upper(A: sparse.csr_array, scale: np.ndarray) -> sparse.csr_array:
 
 
 def too_large(size: int) -> UserError:
-    """Of so many unknowns without PARDISO."""
+    """Error for this number of unknowns without PARDISO."""
     return UserError(
         f"{size} unknowns without PARDISO would take SuperLU many minutes",
-        remedy="pip install pypardiso (x86-64), or coarsen the mesh below 100 000 unknowns",
+        remedy="Install PARDISO (pip install pypardiso, x86-64), or coarsen the mesh below 100 000 unknowns.",
     )
 
 
 def superlu(upper: sparse.csr_array, what: str) -> SuperLU:
-    """The factor of a symmetric matrix from its upper triangle, without pivoting; NumericalError where it is singular."""
+    """The factor of a symmetric matrix from its upper triangle, without pivoting; NumericalError if it is singular."""
     full = sparse.csc_matrix(upper + sparse.triu(upper, 1).T)
     try:
         return splu(full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
@@ -261,7 +261,7 @@ def superlu(upper: sparse.csr_array, what: str) -> SuperLU:
 COMPLEX_SYMMETRIC = 6
 PERTURBATION, PERTURBED, PIVOTING = 10, 14, 21
 _TINY = 13
-"""A pivot below 1e-13 of the matrix is a failure, not something to be corrected."""
+"""Exponent of the smallest pivot: below 1e-13 of the matrix the factorisation fails."""
 COMPLEX_BYTES = 64
 """PARDISO's analysis, the upper triangle and a factor without fill, per entry of the matrix."""
 
@@ -269,10 +269,10 @@ COMPLEX_BYTES = 64
 def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     """A = LDLᵀ without pivoting, by PARDISO or SuperLU; returns b (n,) → A⁻¹b.
 
-    A (n, n) complex symmetric (A = Aᵀ); only its upper triangle is read. Some complex multiple of A must have a positive
-    definite real part: then no pivot can vanish and none need be sought. K + sC + s²M over s has one where Re s > 0.
-    Raises NumericalError where a pivot vanishes, UserError where the memory is not enough and beyond 100 000 unknowns
-    without PARDISO.
+    A (n, n) complex symmetric (A = Aᵀ); only its upper triangle is used. Some complex multiple of A must have a positive
+    definite real part, so that no pivot can vanish. (K + sC + s²M)/s has one for Re s > 0.
+    Raises NumericalError if a pivot vanishes, UserError if the memory is not sufficient and above 100 000 unknowns without
+    PARDISO.
     Source: Higham, Mathematics of Computation 67 (1998); George, Ikramov and Kucherov, SIAM J. Matrix Anal. 23 (2002).
     """
     require_memory(COMPLEX_BYTES * A.nnz, f"the complex factor of {A.shape[0]} unknowns, at the very least")
@@ -292,51 +292,53 @@ def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]
 
 def _pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     what = f"the complex factor of {upper.shape[0]} unknowns"
-    solve, iparm = factorised(upper, COMPLEX_SYMMETRIC, what, ((PERTURBATION, _TINY), (PIVOTING, 0)))
+    solve, iparm = factorise_with(upper, COMPLEX_SYMMETRIC, what, ((PERTURBATION, _TINY), (PIVOTING, 0)))
     if iparm[PERTURBED - 1]:
         raise NumericalError("a pivot of a dynamic stiffness vanishes", remedy=MECHANISM)
     return lambda b: solve(b[:, None])[:, 0]
 
 
 MASSLESS = 1e-12
-"""Share of the largest inertia below which a rigid motion has none."""
+"""Smallest inertia of a rigid-body motion, as a share of the largest."""
 
 
 @dataclass(frozen=True)
 class Relief:
-    """R (n, k) [1/√kg], a basis of the rigid motions with KR = 0 and RᵀMR = I, and inertia MR (n, k) [√kg].
+    """R (n, k) [1/√kg], a basis of the rigid-body motions with KR = 0 and RᵀMR = I, and inertia MR (n, k) [√kg].
 
-    The modes that strain the structure are orthogonal to R in M: z = R r + z_e, r̈ = Rᵀf, and z_e has no part of R.
+    Elastic modes are M-orthogonal to R: z = R r + z_e, r̈ = Rᵀf, and z_e has no rigid-body component.
     """
 
     shapes: np.ndarray
     inertia: np.ndarray
 
     def balanced(self, F: np.ndarray) -> np.ndarray:
-        """F − MRRᵀF: forces (n, k) and the inertia forces of the rigid accelerations that they cause, in equilibrium."""
+        """F − MRRᵀF: forces (n, k) in equilibrium with the inertia forces of the rigid-body acceleration that they cause."""
         return np.asarray(F - self.inertia @ (self.shapes.T @ F))
 
     def elastic(self, Z: np.ndarray) -> np.ndarray:
-        """Z − R(MR)ᵀZ: displacements (n, k) without their rigid motions."""
+        """Z − R(MR)ᵀZ: displacements (n, k) without their rigid-body motions."""
         return np.asarray(Z - self.shapes @ (self.inertia.T @ Z))
 
 
 def relief_of(M: sparse.csr_array, rigid: np.ndarray) -> Relief:
-    """rigid (n, k): any basis of the rigid motions. Raises UserError where one of them moves no mass."""
+    """rigid (n, k): any basis of the rigid-body motions. Raises UserError if one of them has no mass."""
     rigid = rigid / np.linalg.norm(rigid, axis=0)
     moment, V = np.linalg.eigh(rigid.T @ (M @ rigid))
     if not moment[0] > MASSLESS * moment[-1]:
         raise UserError(
-            "a rigid motion of the structure moves no mass", key="mesh.free", remedy="give its materials a density"
+            "a rigid-body motion of the structure has no mass",
+            key="mesh.free",
+            remedy="Specify the density of its materials.",
         )
     shapes = rigid @ (V / np.sqrt(moment))
     return Relief(shapes, np.asarray(M @ shapes))
 
 
-def pinned(K: sparse.csr_array, rigid: np.ndarray) -> sparse.csr_array:
+def pin_rigid_motions(K: sparse.csr_array, rigid: np.ndarray) -> sparse.csr_array:
     """K with a spring to the ground in k unknowns that R (n, k) moves independently: positive definite.
 
-    A statically determinate support: forces in equilibrium leave its springs alone, whatever their stiffness.
+    A statically determinate support: balanced forces cause no force in its springs, for any spring stiffness.
     """
     at = qr(rigid.T, mode="r", pivoting=True)[1][: rigid.shape[1]]
     diagonal = np.zeros(K.shape[0])
@@ -347,20 +349,20 @@ def pinned(K: sparse.csr_array, rigid: np.ndarray) -> sparse.csr_array:
 def factorise_free(K: sparse.csr_array, relief: Relief, by: Factorise = factorise) -> Factor:
     """The inverse of K in the space of elastic motions, as a factor:
 
-        K⁺f = (I − R(MR)ᵀ) A⁻¹ (f − MRRᵀf),     A = K and the springs of `pinned`;     M K⁺f ⊥ R,  K K⁺f = f − MRRᵀf
+        K⁺f = (I − R(MR)ᵀ) A⁻¹ (f − MRRᵀf),     A = K and the springs of `pin_rigid_motions`;     M K⁺f ⊥ R,  K K⁺f = f − MRRᵀf
 
     Raises the errors of `factorise`.
     """
-    inner = by(pinned(K, relief.shapes))
+    inner = by(pin_rigid_motions(K, relief.shapes))
 
     def lowest(
-        M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
+        M: sparse.csr_array, count: int, basis: int, start: np.ndarray, known: np.ndarray, tolerance: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Orthogonal to R in M, so that no vector of the iterations stretches a spring; A⁻¹Mφ that a solver may return for φ
-        holds rigid motions."""
+        """Modes M-orthogonal to R, so that no vector of the iterations stretches a spring; the solver may return A⁻¹Mφ for φ,
+        which contains rigid-body motions."""
         assert inner.lowest is not None
-        values, moved = inner.lowest(M, count, basis, start, np.hstack([relief.shapes, beside]), tolerance)
-        return values, relief.elastic(moved)
+        values, modes = inner.lowest(M, count, basis, start, np.hstack([relief.shapes, known]), tolerance)
+        return values, relief.elastic(modes)
 
     return Factor(
         inner.size,

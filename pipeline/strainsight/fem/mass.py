@@ -1,4 +1,4 @@
-"""How heavy a mesh is, and where."""
+"""Mass, centre of mass and mass matrix of a mesh."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def point_mass_matrix(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.cs
 
         M = [m I, −m d×; m d×, J − m d×d×],   d offset of the centre, J inertia about it
 
-    or the matrix that it states. At a node without rotations only its part of translations counts.
+    or its explicit matrix. At a node without rotations only the translational part counts.
     Raises DeckError for a negative mass and for an inertia or a matrix that is not symmetric.
     """
     entries = []
@@ -52,19 +52,25 @@ def block(point: PointMass) -> np.ndarray:
 def check(point: PointMass) -> None:
     """Raise DeckError for a negative mass and for an inertia or a matrix that is not symmetric."""
     if not point.mass >= 0:
-        raise DeckError(f"point mass {point.id} is {point.mass:g} kg", remedy="it must not be negative")
+        raise DeckError(f"point mass {point.id} is {point.mass:g} kg", remedy="Specify a mass ≥ 0.")
     J = np.asarray(point.inertia)
     if not np.abs(J - J.T).max() <= 1e-9 * np.abs(J).max():
-        raise DeckError(f"the inertia of point mass {point.id} is not symmetric", remedy="give six moments")
+        raise DeckError(
+            f"the inertia of point mass {point.id} is not symmetric", remedy="Specify six moments of inertia."
+        )
     M = np.zeros((6, 6)) if point.matrix is None else point.matrix
     if not np.abs(M - M.T).max() <= 1e-9 * np.abs(M).max():
-        raise DeckError(f"the matrix of point mass {point.id} is not symmetric", remedy="give one triangle of it")
+        raise DeckError(
+            f"the matrix of point mass {point.id} is not symmetric", remedy="Specify one triangle of it only."
+        )
 
 
 def weighed(point: PointMass, x: np.ndarray) -> tuple[float, np.ndarray]:
     """Mass m [kg] of a point mass on a node at x, and m times its centre (3,) [kg m].
 
-    Of a matrix from the momentum of unit translations t and its moment, as of shells and beams:  m c × e = Σ (x × f + moment).
+    With a matrix: from the momentum of unit translations t and its moment, as for shells and beams,
+
+        m c × e = Σ (x × f + moment).
     """
     check(point)
     if point.matrix is None:
@@ -75,7 +81,7 @@ def weighed(point: PointMass, x: np.ndarray) -> tuple[float, np.ndarray]:
 
 def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
     """Total mass m = Σ_i m_i and centre of mass x̄ = Σ_i m_i x_i / m, m_i the row sums Σ_j ∫ ρ N_i N_j dV of the solids
-    on node i, the point masses at their centres, and of mass matrices, shells and beams from their momentum M t and its
+    on node i and the point masses at their centres. For mass matrices, shells and beams from their momentum M t and its
     moment about the origin, t a unit translation along each axis: m x̄ × e = Σ_i (x_i × f_i + moment_i), so that offsets count.
 
     Returns ([kg], (3,) [m]). Raises DeckError where the mass is zero.
@@ -88,16 +94,16 @@ def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
         per_node += np.bincount(part.nodes[:, a].ravel(), values.ravel(), len(per_node))
         per_node += np.bincount(part.nodes[:, b].ravel(), other.ravel(), len(per_node))
     mass, moment = float(per_node.sum()), per_node @ mesh.position
-    beside, about = _of_thin(mesh)
-    mass, moment = mass + beside, moment + about
+    thin_mass_sum, about = _of_thin(mesh)
+    mass, moment = mass + thin_mass_sum, moment + about
     for point in mesh.point_masses:
-        own, about = weighed(point, mesh.position[point.node])
-        mass, moment = mass + own, moment + about
+        point_mass, about = weighed(point, mesh.position[point.node])
+        mass, moment = mass + point_mass, moment + about
     if not mass > 0.0:
         named = ", ".join(str(mesh.regions[number]) for number in regions_of(mesh.elements))
         raise DeckError(
             f"the total mass is {mass:g} kg: the density of {named or 'all regions'} is zero",
-            remedy="give their materials a density, in the mesh file or under mesh.materials",
+            remedy="Specify the density of their materials, in the mesh file or under mesh.materials.",
         )
     return mass, moment / mass
 
@@ -106,7 +112,7 @@ def _of_thin(mesh: Mesh) -> tuple[float, np.ndarray]:
     """Mass [kg] of the shells and beams, and mass times its centre (3,) [kg m]."""
     x = mesh.position[mesh.thin_nodes]
     M, _ = thin_mass(mesh)
-    # what moves along axis j: forces and moments (m, 3, j)
+    # momentum of a motion along axis j: forces and moments (m, 3, j)
     pull = (M @ np.tile(np.vstack([np.eye(3), np.zeros((3, 3))]), (len(x), 1))).reshape(len(x), 6, 3)
     force, moment = pull[:, :3], pull[:, 3:]
     L = (np.cross(x[:, :, None], force, axis=1) + moment).sum(axis=0)
@@ -114,7 +120,7 @@ def _of_thin(mesh: Mesh) -> tuple[float, np.ndarray]:
 
 
 def _axial(L: np.ndarray) -> np.ndarray:
-    """a (3,) of L (3, 3) = a × e but for what is symmetric."""
+    """a (3,) of L (3, 3) = a × e, from the skew part of L."""
     return 0.5 * np.array([L[2, 1] - L[1, 2], L[0, 2] - L[2, 0], L[1, 0] - L[0, 1]])
 
 
@@ -139,17 +145,17 @@ def mass_product(mesh: Mesh, rotation_rows: Mapping[int, int], z: np.ndarray) ->
     with shells, beams and point masses. The mesh `has_mass`.
     """
     n, k = len(mesh.position), z.shape[1]
-    found = np.zeros_like(z)
-    own, out = z[: 3 * n].reshape(n, 3 * k), found[: 3 * n].reshape(n, 3 * k)
+    product = np.zeros_like(z)
+    nodal_motions, out = z[: 3 * n].reshape(n, 3 * k), product[: 3 * n].reshape(n, 3 * k)
     for part, values in element_mass_parts(mesh):
         nodes = part.nodes.shape[1]
         a, b = np.triu_indices(nodes)
         m = np.empty((len(values), nodes, nodes))
         m[:, a, b] = m[:, b, a] = values
-        np.add.at(out, part.nodes, m @ own[part.nodes])
+        np.add.at(out, part.nodes, m @ nodal_motions[part.nodes])
     if mesh.thin:
         P = motions(mesh, rotation_rows)
-        found += P.T @ (thin_mass(mesh)[0] @ (P @ z))
+        product += P.T @ (thin_mass(mesh)[0] @ (P @ z))
     if mesh.point_masses:
-        found += point_mass_matrix(mesh, rotation_rows) @ z
-    return found
+        product += point_mass_matrix(mesh, rotation_rows) @ z
+    return product

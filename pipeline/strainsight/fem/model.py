@@ -24,14 +24,14 @@ from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import Material, Mesh
 from strainsight.mesh.thin import Lamina
 
-IDLE = 1e-11
-"""Of the strongest resistance that a node has to rotations: one below it is rounding."""
+ZERO_STIFFNESS = 1e-11
+"""Share of the strongest rotational stiffness of a node: a smaller one is rounding."""
 
 
 @dataclass(frozen=True)
 class FiniteElementModel:
-    """stiffness Tᵀ K(θ) T and mass Tᵀ M(θ) T: sparse affine operators (n_free, n_free); rigid (n_free, k): the motions
-    without stiffness of a free structure, None of one that is held; factorise: who factorises its stiffness."""
+    """stiffness Tᵀ K(θ) T and mass Tᵀ M(θ) T: sparse affine operators (n_free, n_free); rigid (n_free, k): rigid-body modes of
+    a free structure, None of a supported one; factorise: the factorisation of its stiffness."""
 
     mesh: Mesh
     constraint: Constraint
@@ -48,9 +48,9 @@ class FiniteElementModel:
 
 @dataclass(frozen=True)
 class FullModel:
-    """model; motion (r, n_free) of the rows of ready matrices, None for an assembled model; notes: sentences for a warning;
-    modes: how many modes of another program it is made of, its first free motions, None of another model; alike: whether the
-    model without loads has the same modes, in its first coordinates."""
+    """model; motion (r, n_free) of the rows of imported matrices, None for an assembled model; notes: sentences for a warning;
+    modes: number of imported modes, which are its first free motions, None of another model; alike: whether the model
+    without loads has the same modes, in its first coordinates."""
 
     model: FiniteElementModel
     motion: sparse.csr_array | None = None
@@ -59,11 +59,11 @@ class FullModel:
     alike: bool = True
 
     def at_most(self, modes: int) -> int:
-        """So many modes, or as many as there are results of."""
+        """The number of modes, limited to the number of imported ones."""
         return modes if self.modes is None else min(modes, self.modes)
 
     def in_coordinates(self, shape: np.ndarray) -> np.ndarray:
-        """Modes of the model without loads, on the free motions of this one: static responses stand behind the modes."""
+        """Modes of the model without loads, on the free motions of this one: static responses follow the modes."""
         behind = self.model.size - len(shape)
         return np.vstack([shape, np.zeros((behind, shape.shape[1]))]) if behind else shape
 
@@ -71,8 +71,8 @@ class FullModel:
 def build_model(
     mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: bool = True, free: bool = False
 ) -> FiniteElementModel:
-    """Assemble, constrain, and make sure that nothing moves freely (`supported=False` leaves that out), or, of a `free`
-    structure, that it moves as one rigid body.
+    """Assemble and constrain the mesh; check that it is supported (unless `supported=False`), or, if `free`, that it has
+    exactly the rigid-body motions.
 
         K_free(θ) = Tᵀ (K(θ) + K_s(θ)) T,     M_free(θ) = Tᵀ (M(θ) + M_p) T     term by term (5.8)
 
@@ -81,25 +81,25 @@ def build_model(
     Raises DeckError and UserError of `assemble`, `constraint_transform`, `require_support` and `rigid_motions`.
     """
     if not any(len(nodes) for nodes in mesh.connectivity):
-        raise DeckError("the mesh has no elements", remedy=f"give it {FAMILIES}, shells or beams")
+        raise DeckError("the mesh has no elements", remedy=f"Provide a mesh with {FAMILIES}, shells or beams.")
     constraint = constraint_transform(mesh, rotations=turning_nodes(mesh))
     if constraint.transform.shape[1] == 0:
-        raise DeckError("every node is clamped", remedy="free the nodes that are to move")
+        raise DeckError("every node is clamped", remedy="Remove the supports of the nodes that move.")
     rigid = rigid_motions(mesh, constraint) if free else None
     if supported and not free:
         require_support(mesh, constraint, lambda: soft_springs(mesh))
     stiffness, mass = assemble(mesh, parameters)
     T = constraint.transform[: 3 * len(mesh.position)]
-    # one after the other, so that the matrices of all nodes go as soon as those of the free motions are there
+    # sequentially, so that the matrices of all nodes are freed as soon as they are reduced
     stiffness = restricted(stiffness, T)
     mass = restricted(mass, T)
     if mesh.thin:
         T = sparse.csr_array(motions(mesh, constraint.reference_rows) @ constraint.transform)
-        thin = (restricted(own, T) for own in thin_operators(mesh, parameters))
-        stiffness, mass = (sum_of(own, more) for own, more in zip((stiffness, mass), thin, strict=True))
+        thin = (restricted(operator, T) for operator in thin_operators(mesh, parameters))
+        stiffness, mass = (sum_of(solid, more) for solid, more in zip((stiffness, mass), thin, strict=True))
     if len(mesh.turning):
-        idle = idle_rotations(mesh, constraint, at_reference(stiffness, parameters))
-        stiffness = replace(stiffness, constant=stiffness.constant + idle)
+        autospc = autospc_stiffness(mesh, constraint, at_reference(stiffness, parameters))
+        stiffness = replace(stiffness, constant=stiffness.constant + autospc)
     if mesh.springs or any(parameter.springs for parameter in parameters):
         springs = spring_operator(mesh, constraint.reference_rows, parameters)
         stiffness = sum_of(stiffness, restricted(springs, constraint.transform))
@@ -117,23 +117,24 @@ def at_reference(X: AffineOperator, parameters: Sequence[Parameter]) -> sparse.c
 
 
 def soft_springs(mesh: Mesh) -> str:
-    """Which soft springs a free structure could hang on: k = m (ω₁/10)², ω₁ of its first elastic mode; "" without one."""
+    """Suggest soft springs to support a free structure: k = m (ω₁/10)², ω₁ of its first elastic mode; "" without one."""
     if not (speeds := _squared_wave_speeds(mesh)):
         return ""
     try:
         free = build_model(mesh, supported=False)
         mass, _ = mass_properties(mesh)
-        # below the first elastic mode of a bar a hundred times as long as it is thick, above the rounding of the rigid ones
+        # below the first elastic mode of a bar a hundred times as long as thick, above the rounding of the rigid-body modes
         low = 1e-4 * min(speeds) / float(np.ptp(mesh.position, axis=0).max()) ** 2
         frequency, _ = modes(free.stiffness.constant, free.mass.constant, min(7, free.size - 1), shift=-low)
         first = float(frequency[(2 * np.pi * frequency) ** 2 > low][0])
-    except (StrainsightError, IndexError, ValueError):  # no mode of its own, or no density
+    except (StrainsightError, IndexError, ValueError):  # no elastic mode, or no density
         return ""
     k = float(f"{mass * (2 * np.pi * first / 10) ** 2:.2g}")
     return (
-        "; of a structure that is free, with gauges only: mesh.free: true"
-        "; or let it hang free on soft springs, on a face or on nodes that do not lie on a line: "
-        f"`stiffness: {k:g}` [N/m] of mesh.supports keeps its rigid motions at a tenth of its first elastic mode, {first:.3g} Hz"
+        " For a free structure with strain gauges only, set mesh.free: true."
+        " Otherwise support it on soft springs, on a face or on nodes that do not lie on a line. "
+        f"With `stiffness: {k:g}` [N/m] of mesh.supports, its rigid-body modes are at a tenth of its first elastic mode, "
+        f"{first:.3g} Hz."
     )
 
 
@@ -142,7 +143,7 @@ def _squared_wave_speeds(mesh: Mesh) -> list[float]:
     used = [mesh.material_of(region) for region in mesh.regions]
     plies = [ply for region in mesh.regions for ply in mesh.ply_materials(region)]
     layers = [layer for region in mesh.regions for layer in mesh.layer_materials(region)]
-    stiff = [(own.youngs_modulus, own.density) for own in (*used, *plies, *layers) if isinstance(own, Material)]
+    stiff = [(iso.youngs_modulus, iso.density) for iso in (*used, *plies, *layers) if isinstance(iso, Material)]
     stiff += [(min(ply.e1, ply.e2), ply.density) for ply in plies if isinstance(ply, Lamina)]
     shells = (mesh.general_shell(region) for region in mesh.regions)
     stiff += [(float(np.linalg.eigvalsh(shell.membrane)[0]), shell.density) for shell in shells if shell is not None]
@@ -168,17 +169,17 @@ def nodal(model: FiniteElementModel, free_vectors: np.ndarray) -> np.ndarray:
     return model.constraint.transform[: 3 * len(model.mesh.position)] @ free_vectors
 
 
-def idle_rotations(mesh: Mesh, constraint: Constraint, K: sparse.csr_array) -> sparse.csr_array:
-    """Stiffness (n_free, n_free) for rotations v of single nodes that nothing resists:  Σ k v vᵀ  over vᵀKv = 0.
+def autospc_stiffness(mesh: Mesh, constraint: Constraint, K: sparse.csr_array) -> sparse.csr_array:
+    """Stiffness (n_free, n_free) for unconstrained rotations v of single nodes (AUTOSPC):  Σ k v vᵀ  over vᵀKv = 0.
 
-    K is positive semidefinite, so that Kv = 0 too: what is added there changes no other motion. So bars without torsion, and a
-    truss of beams without bending, leave no mechanism (AUTOSPC in Nastran, here along any direction).
+    K is positive semidefinite, so that Kv = 0 too and the added stiffness changes no other motion. Bars without torsion and
+    trusses of beams without bending then leave no mechanism. Unlike AUTOSPC in Nastran, v may have any direction.
     K (n_free, n_free) on the free motions.
     """
     column = np.full(constraint.transform.shape[0], -1)
     column[constraint.free_rows] = np.arange(len(constraint.free_rows))
     at = column[constraint.rotations(mesh.turning)]
-    rows, columns = (np.broadcast_to(own, (len(at), 3, 3)) for own in (at[:, :, None], at[:, None, :]))
+    rows, columns = (np.broadcast_to(index, (len(at), 3, 3)) for index in (at[:, :, None], at[:, None, :]))
     free = (rows >= 0) & (columns >= 0)
     if not free.any():
         return sparse.csr_array(K.shape)
@@ -186,10 +187,10 @@ def idle_rotations(mesh: Mesh, constraint: Constraint, K: sparse.csr_array) -> s
     B[free] = K[rows[free], columns[free]]
     largest = np.linalg.eigvalsh(B)[:, -1]
     k = np.where(largest > 0, largest, float(K.diagonal().mean()))
-    # motions that are held, or follow others, are resisted
+    # prescribed and dependent motions count as resisted
     B += k[:, None, None] * np.eye(3) * (at < 0)[:, :, None]
     strength, v = np.linalg.eigh(B)
-    idle = strength <= IDLE * k[:, None]
-    added = np.einsum("n,ni,nai,nbi->nab", k, idle, v, v)
-    kept = free & (added != 0)
-    return sparse.csr_array((added[kept], (rows[kept], columns[kept])), shape=K.shape)
+    unconstrained = strength <= ZERO_STIFFNESS * k[:, None]
+    added = np.einsum("n,ni,nai,nbi->nab", k, unconstrained, v, v)
+    nonzero = free & (added != 0)
+    return sparse.csr_array((added[nonzero], (rows[nonzero], columns[nonzero])), shape=K.shape)

@@ -10,13 +10,21 @@ from scipy.linalg import eigh, null_space
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.factorisation import Factor, Factorise, Relief, factorise, factorise_free, pinned, relief_of
+from strainsight.fem.factorisation import (
+    Factor,
+    Factorise,
+    Relief,
+    factorise,
+    factorise_free,
+    pin_rigid_motions,
+    relief_of,
+)
 from strainsight.memory import require_memory
 
 DEPENDENT = 1e-14
-"""Share of A⁻¹M q in the norm of M below which what is left of it beside all q is rounding."""
+"""Share of the M-norm of A⁻¹M q below which its part M-orthogonal to all q is rounding."""
 MOST = 1000
-"""Blocks after which iterations are given up."""
+"""Maximum number of blocks of an iteration."""
 
 
 def largest(
@@ -26,23 +34,23 @@ def largest(
     start: np.ndarray,
     most: int,
     tolerance: float,
-    beside: int = 0,
+    extra: int = 0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The largest μ of A⁻¹M φ = μ φ, in the space of the vectors Q of all blocks:
+    """Largest μ of A⁻¹M φ = μ φ by block Lanczos iterations with thick restart, in the space of the vectors Q of all blocks:
 
         A⁻¹M Q = Q T + q [0 R],   QᵀMQ = I,   T s = μ s,   φ = Q s
 
-    Every block is made orthogonal in M to all before it; before Q has more than `most` columns, the best φ take their place
-    (thick restart). It ends where every |A⁻¹Mφ − μφ|_M = |R s_last| of the first `count` is at most tolerance · μ. A block sees
-    as many copies of a repeated μ as it has vectors, and what the start has no part of is not seen at all.
-    inverse: X (n, k) → A⁻¹X; M (n, n) positive semidefinite; start (n, b), in the range of A⁻¹M; beside: how many of the next
-    are returned as they stand.
-    Returns μ (count + beside,) falling, φ (n, count + beside) with φᵀMφ = 1, and |A⁻¹Mφ − μφ|_M, fewer where there are no more.
-    Raises NumericalError where they do not converge.
+    Every block is M-orthogonalised to all before it; before Q has more than `most` columns, the best φ replace them (thick
+    restart). The iteration ends when every |A⁻¹Mφ − μφ|_M = |R s_last| of the first `count` is at most tolerance · μ. A block
+    detects as many copies of a repeated μ as it has vectors; modes orthogonal to the start vectors are not detected.
+    inverse: X (n, k) → A⁻¹X; M (n, n) positive semidefinite; start (n, b), in the range of A⁻¹M; extra: number of further
+    modes that are returned unconverged.
+    Returns μ (count + extra,) descending, φ (n, count + extra) with φᵀMφ = 1, and |A⁻¹Mφ − μφ|_M; fewer if no more exist.
+    Raises NumericalError if they do not converge.
     Sources: Grimes, Lewis and Simon, SIAM J. Matrix Anal. Appl. 15 (1994); Wu and Simon, ibid. 22 (2000).
     """
     Q, T, used = np.empty((len(start), most), order="F"), np.zeros((0, 0)), 0
-    q, Mq, _ = _krylov_beside(Q[:, :0], M, start, M @ start)
+    q, Mq, _ = _orthonormalise(Q[:, :0], M, start, M @ start)
     for _ in range(MOST):
         behind = used + q.shape[1]
         Q[:, used:behind] = q
@@ -50,32 +58,32 @@ def largest(
         MW = M @ W
         share = Q[:, :behind].T @ MW
         T = np.block([[T, share[:used]], [share[:used].T, 0.5 * (share[used:] + share[used:].T)]])
-        # the largest norm in M of its columns
-        whole = float(np.sqrt(np.maximum(np.einsum("ij,ij->j", W, MW), 0.0).max(initial=0.0)))
+        # the largest M-norm of its columns
+        longest = float(np.sqrt(np.maximum(np.einsum("ij,ij->j", W, MW), 0.0).max(initial=0.0)))
         W -= Q[:, :behind] @ share
-        q, Mq, R = _krylov_beside(Q[:, :behind], M, W, M @ W, DEPENDENT * whole)
+        q, Mq, R = _orthonormalise(Q[:, :behind], M, W, M @ W, DEPENDENT * longest)
         mu, s = eigh(T)
         mu, s = mu[::-1], s[:, ::-1]
-        found = min(count + beside, behind)
-        left = np.linalg.norm(R @ s[used:, :found], axis=0)
-        if not q.shape[1] or (behind >= count and np.all(left[:count] <= tolerance * mu[: min(count, behind)])):
-            return mu[:found], Q[:, :behind] @ s[:, :found], left
+        returned = min(count + extra, behind)
+        residual = np.linalg.norm(R @ s[used:, :returned], axis=0)
+        if not q.shape[1] or (behind >= count and np.all(residual[:count] <= tolerance * mu[: min(count, behind)])):
+            return mu[:returned], Q[:, :behind] @ s[:, :returned], residual
         used = behind
         if used + q.shape[1] > most:
-            used = min(behind, (count + beside + most) // 2)
+            used = min(behind, (count + extra + most) // 2)
             Q[:, :used] = Q[:, :behind] @ s[:, :used]
             T = np.diag(mu[:used])
     raise NumericalError(
         f"the Lanczos iterations did not converge in {MOST} steps",
-        remedy="check the model for nearly loose parts, or ask for fewer modes",
+        remedy="Check the model for nearly unconstrained parts, or request fewer modes.",
     )
 
 
-def _krylov_beside(
+def _orthonormalise(
     Q: np.ndarray, M: sparse.csr_array, W: np.ndarray, MW: np.ndarray, least: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q, Mq (n, r) and R (r, b) of W = Q C + q R: qᵀMq = I, QᵀMq = 0; r < b where less than b directions are longer than
-    `least`. Twice: the first Gram matrix knows what is 1e-8 of the longest by its order only."""
+    """q, Mq (n, r) and R (r, b) of W = Q C + q R: qᵀMq = I, QᵀMq = 0; r < b if fewer than b directions are longer than
+    `least`. Repeated twice: the first Gram matrix resolves directions of 1e-8 of the longest only in magnitude."""
     R, floor = np.eye(W.shape[1]), least
     for first in (True, False):
         W = W - Q @ (Q.T @ MW)
@@ -88,8 +96,8 @@ def _krylov_beside(
         if first:
             size = np.maximum(size, 1e-15 * longest)
         else:
-            kept = (size > 1e-12) & (np.linalg.norm(np.sqrt(np.abs(size))[:, None] * (V.T @ R), axis=1) > least)
-            size, V = size[kept], V[:, kept]
+            significant = (size > 1e-12) & (np.linalg.norm(np.sqrt(np.abs(size))[:, None] * (V.T @ R), axis=1) > least)
+            size, V = size[significant], V[:, significant]
         turn = V / np.sqrt(size)
         W, R, floor = W @ turn, np.sqrt(size)[:, None] * (V.T @ R), 0.0
         MW = M @ W if first else MW @ turn
@@ -98,18 +106,18 @@ def _krylov_beside(
 
 DENSE_LIMIT = 300
 GUARD = 4
-BESIDE = 2
-"""Modes that are looked for beside those found."""
+COMPLEMENT = 2
+"""Modes to look for in the complement of those found."""
 CLOSELY, EXTRA = 1e-10, 2
-"""Share of 1/λ to which modes are found from others that are near, and how many of those are taken beside the modes."""
+"""Relative accuracy of 1/λ of block iterations from nearby modes, and number of additional modes in the block."""
 ROUGHLY, ROUGH_BASIS = 1e-3, 24
-"""Share of 1/λ to which the modes beside those found are looked for first, and vectors that this may take at a time."""
+"""Relative accuracy of 1/λ of the first search in the complement, and its maximum number of vectors."""
 REPEATED = 1e-7
-"""Values ω² closer to the first of them than this share of it are one frequency."""
+"""Relative distance of values ω² from the first of them that counts as one repeated frequency."""
 SINGLY = 60
-"""Modes up to which vectors are iterated one at a time: the small problem after each of them costs more than ARPACK beyond."""
+"""Largest number of modes for iterations with single vectors: above, ARPACK is faster than their small problems."""
 NEARLY = 1e-6
-"""Components that differ by less than this share are equally large: symmetry makes them so, and the first counts."""
+"""Relative difference of components that count as equal, as by symmetry; the first counts."""
 
 
 def modes(
@@ -123,49 +131,50 @@ def modes(
     by: Factorise = factorise,
     near: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest modes, by Lanczos iterations on (K − σM)⁻¹M, seeded, and iterations beside those found:
+    """The lowest modes, by seeded Lanczos iterations on (K − σM)⁻¹M, repeated in the complement of the modes found:
 
         K φ = ω² M φ,     φᵀMφ = 1,     the largest component of φ positive
 
-    Of modes of one frequency the first has the largest component that any combination of them has, and so on (`turned`):
-    no rounding chooses among the combinations. Small models, and those of which few unknowns have mass, are solved densely.
-    K, M (n, n) symmetric, K − σM positive definite, M positive semidefinite; count ≤ the rank of M; shift σ ≤ 0
-    [rad²/s²]: 0 for a supported structure, negative for a free one (its rigid motions then come first); factor of
-    K − σM, where there is one; rigid (n, k): all motions without stiffness of a free structure, whose elastic modes alone
-    are then found, without a shift, with `factorise_free` as factor; by: who factorises where there is no factor. A factor that
-    has `lowest` iterates by itself (Krylov and Schur, SLEPc); order, copies and checks are the same. near (n, r): vectors whose
-    span holds the modes nearly, as those of other parameters do: block iterations from there take half of the solutions, four
-    at once. Either way |A⁻¹Mφ − φ/λ| ≤ `CLOSELY`/λ in the norm of M, so that 1/λ is off by the square of that over its distance
-    from the others. Where a copy of a frequency may be missing, or the last one asked for is met again, ARPACK's iterations are
-    repeated beside what they find until nothing is.
+    Among modes of one frequency, the first has the largest component of all their combinations, and so on
+    (`turned`), so that rounding does not choose the combination. Small models, and models with few massive unknowns,
+    are solved densely. K, M (n, n) symmetric, K − σM positive definite, M positive semidefinite; count ≤ the rank of M.
+    shift σ ≤ 0 [rad²/s²]: 0 for a supported structure, negative for a free one (its rigid-body modes then come first);
+    factor: of K − σM, if available, otherwise computed with `by`. rigid (n, k): all rigid-body motions of a free structure, for
+    its elastic modes only; then without shift, and with `factorise_free` as factor. A factor with `lowest` (Krylov-Schur,
+    SLEPc) iterates itself; order, copies and checks are the same. near (n, r): vectors whose span nearly contains the modes,
+    such as those at other parameters: block iterations from there need half of the solutions, four at once.
+    In both cases |A⁻¹Mφ − φ/λ| ≤ `CLOSELY`/λ in the M-norm, so that the error of 1/λ is the square of that over its distance
+    from the others. If a copy of a frequency may be missing, or the last requested frequency is repeated, ARPACK iterations
+    continue in the complement of the modes found until they find no lower mode.
 
     Returns frequency (count,) [Hz] ascending and shapes (n, count) [1/√kg].
-    Raises UserError for too large a count, for a mechanism (a mode without stiffness) and where the memory is not enough,
-    NumericalError where a mode does not converge or K − σM is not positive definite.
+    Raises UserError for too large a count, for a mechanism (a mode without stiffness) and if the memory is not sufficient,
+    NumericalError if a mode does not converge or K − σM is not positive definite.
     """
     relief = None if rigid is None else relief_of(M, rigid)
-    massive = _massive(M, relief)
+    massive = _rank_of_mass(M, relief)
     if not 1 <= count <= massive:
-        beside = "" if relief is None else f" beside {relief.shapes.shape[1]} rigid motions"
+        suffix = "" if relief is None else f" in addition to {relief.shapes.shape[1]} rigid-body modes"
         raise UserError(
-            f"{count} modes of a model with {massive} unknowns that have mass{beside}", remedy=f"ask for 1 to {massive}"
+            f"{count} modes requested of a model with {massive} massive unknowns{suffix}",
+            remedy=f"Request 1 to {massive} modes.",
         )
     if shift > 0 or (shift and relief is not None):
-        raise ValueError("the shift must not be positive, and 0 where the rigid motions are given")
+        raise ValueError("the shift must not be positive, and must be 0 for given rigid-body motions")
     A = K if shift == 0 else sparse.csr_array(K - shift * M)
-    inverse, shapes = _lowest(A, M, count, factor, relief, by, near)
+    inverse, shapes = _lowest_modes(A, M, count, factor, relief, by, near)
     inverse, shapes = inverse[:count], (shapes @ turned(inverse, shapes))[:, :count]
     lam = 1.0 / inverse + shift
     _check(A, M, lam - shift, shapes)
     return np.sqrt(np.maximum(lam, 0.0)) / (2 * np.pi), shapes * signs(shapes)
 
 
-def _massive(M: sparse.csr_array, relief: Relief | None) -> int:
-    """The rank of M, of a free structure that of its elastic part."""
+def _rank_of_mass(M: sparse.csr_array, relief: Relief | None) -> int:
+    """The rank of M, for a free structure that of its elastic part."""
     return int(np.count_nonzero(M.diagonal() > 0)) - (0 if relief is None else relief.shapes.shape[1])
 
 
-def _lowest(
+def _lowest_modes(
     A: sparse.csr_array,
     M: sparse.csr_array,
     count: int,
@@ -174,34 +183,36 @@ def _lowest(
     by: Factorise,
     near: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """1/λ and φ of the modes, and of a few more: until no copy of the last frequency asked for is cut off."""
-    n, massive, guard = A.shape[0], _massive(M, relief), GUARD
+    """1/λ and φ of the modes and of a few more, so that no copy of the last requested frequency is cut off."""
+    n, massive, guard = A.shape[0], _rank_of_mass(M, relief), GUARD
     while True:
         wanted = min(count + guard, massive)
         if n <= DENSE_LIMIT or _basis(wanted) > n:
             require_memory(8.0 * n * (4 * n + wanted), f"{count} modes of {n} unknowns")
             if relief is None:
-                inverse, shapes = _dense(A.toarray(), M.toarray(), count, wanted)
+                inverse, shapes = _dense_modes(A.toarray(), M.toarray(), count, wanted)
             else:
-                # (M − MR(MR)ᵀ)φ′ = (1/λ) A′φ′ on the springs of `pinned`: φ′ is φ moved so that they are not stretched
+                # (M − MR(MR)ᵀ)φ′ = (1/λ) A′φ′ with the springs of `pin_rigid_motions`; φ′ is φ that leaves them unstretched
                 M_elastic = M.toarray() - relief.inertia @ relief.inertia.T
-                inverse, moved = _dense(pinned(A, relief.shapes).toarray(), M_elastic, count, wanted)
-                shapes = relief.elastic(moved)
+                inverse, pinned_modes = _dense_modes(
+                    pin_rigid_motions(A, relief.shapes).toarray(), M_elastic, count, wanted
+                )
+                shapes = relief.elastic(pinned_modes)
         else:
             factor = factor or (by(A) if relief is None else factorise_free(A, relief, by))
             if _basis(wanted) <= massive:
-                found = _iterated(A, M, count, factor, near)
-                if found is not None:
-                    return found
+                result = _block_modes(A, M, count, factor, near)
+                if result is not None:
+                    return result
                 inverse, shapes = _lanczos(A, M, count, wanted, factor)
             else:
-                inverse, shapes = _condensed(A, M, count, wanted, factor, relief)
+                inverse, shapes = _condensed_modes(A, M, count, wanted, factor, relief)
         if _frequencies(inverse)[-1] >= count or len(inverse) < count + guard:
             return inverse, shapes
         guard *= 2
 
 
-def _dense(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple[np.ndarray, np.ndarray]:
+def _dense_modes(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple[np.ndarray, np.ndarray]:
     """M φ = (1/λ) A φ, because M may be singular and A is not."""
     n = len(A)
     try:
@@ -209,18 +220,18 @@ def _dense(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple[np.nd
     except np.linalg.LinAlgError:
         raise NumericalError(
             "the stiffness is not positive definite",
-            remedy="the structure has a mechanism: check supports and connections",
+            remedy="Check supports and connections: the structure has a mechanism.",
         ) from None
-    # beside those asked for, what has no mass is no mode
-    found = max(count, int(np.count_nonzero(inverse > n * np.finfo(float).eps * inverse[-1])))
-    return inverse[-found:][::-1], (V[:, -found:] / np.sqrt(inverse[-found:]))[:, ::-1]
+    # additional vectors without mass are not modes
+    selected = max(count, int(np.count_nonzero(inverse > n * np.finfo(float).eps * inverse[-1])))
+    return inverse[-selected:][::-1], (V[:, -selected:] / np.sqrt(inverse[-selected:]))[:, ::-1]
 
 
-def _condensed(
+def _condensed_modes(
     A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, factor: Factor, relief: Relief | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Few unknowns have mass: φ = Z y of the responses Z to a unit force on each, ZᵀMZ y = (1/λ) ZᵀAZ y, and no others; of
-    a free structure to forces on them that balance."""
+    """Few massive unknowns: φ = Z y of the responses Z to a unit force on each, ZᵀMZ y = (1/λ) ZᵀAZ y; for a free structure
+    to self-equilibrated forces on them."""
     n, massive = A.shape[0], np.flatnonzero(M.diagonal() > 0)
     require_memory(8.0 * n * (3 * len(massive) + wanted), f"{count} modes of {n} unknowns")
     forces = np.zeros((n, len(massive)))
@@ -229,44 +240,44 @@ def _condensed(
         forces = forces @ null_space(relief.shapes[massive].T)
     Z = factor.solve(forces)
     flexibility = forces.T @ Z
-    inverse, Y = _dense(0.5 * (flexibility + flexibility.T), Z.T @ (M @ Z), count, wanted)
+    inverse, Y = _dense_modes(0.5 * (flexibility + flexibility.T), Z.T @ (M @ Z), count, wanted)
     return inverse, Z @ Y
 
 
 def _basis(wanted: int) -> int:
-    """Vectors of the Lanczos iterations, which need as many unknowns with mass."""
+    """Number of Lanczos vectors; as many massive unknowns are needed."""
     return 2 * wanted + 10
 
 
 def _lanczos(
     A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, factor: Factor
 ) -> tuple[np.ndarray, np.ndarray]:
-    """One start vector sees one copy of a repeated frequency, the others are rounding's to find: so the iterations are repeated
-    beside what is found, x ← (I − Φ ΦᵀM) x, until nothing that they find there is lower than the last. Where 1/λ is known to
-    `ROUGHLY` there, |error| ≤ `ROUGHLY`/λ, that mostly says so already, for a third of the solutions."""
+    """One start vector detects one copy of a repeated frequency, and others only by rounding. So the iterations are repeated in
+    the complement of the modes found, x ← (I − Φ ΦᵀM) x, until they find no mode lower than the last. A search to the accuracy
+    `ROUGHLY`, |error| ≤ `ROUGHLY`/λ, usually decides this for a third of the solutions."""
     n = A.shape[0]
     require_memory(8.0 * n * (_basis(wanted) + 3 * wanted), f"{count} modes of {n} unknowns")
-    inverse, shapes = _beside(A, M, wanted, factor, np.zeros((n, 0)))
+    inverse, shapes = _complement_modes(A, M, wanted, factor, np.zeros((n, 0)))
     while True:
         if factor.lowest is not None:
-            more, _ = _beside(A, M, BESIDE, factor, shapes, ROUGHLY)
+            more, _ = _complement_modes(A, M, COMPLEMENT, factor, shapes, ROUGHLY)
             lower = (1 + ROUGHLY) * more[0] > inverse[-1]
         else:
-            lower = not _nothing_beside(M, factor, shapes, inverse[-1])
+            lower = not _no_lower_mode(M, factor, shapes, inverse[-1])
         if not lower:
             return inverse, shapes
-        more, others = _beside(A, M, BESIDE, factor, shapes)
+        more, others = _complement_modes(A, M, COMPLEMENT, factor, shapes)
         if more[0] <= (1 + REPEATED) * inverse[-1]:
             return inverse, shapes
         order = np.argsort(-np.concatenate([inverse, more]), kind="stable")[:wanted]
         inverse, shapes = np.concatenate([inverse, more])[order], np.hstack([shapes, others])[:, order]
 
 
-def _iterated(
+def _block_modes(
     A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor, near: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """1/λ and φ of the modes and the next one, of which the value alone is needed, from modes that are near or from one vector;
-    None where the next one is, or something beside them may be, as low as the last: `_lanczos` sorts that out."""
+    """1/λ and φ of the modes and the value of the next one, by block iterations from `near` or from one vector; None if the next
+    mode, or one in the complement, may be as low as the last: `_lanczos` resolves that."""
     if factor.lowest is not None or (near is None and count > SINGLY):
         return None
     n, width = A.shape[0], 1 if near is None or near.shape[1] < count + EXTRA else count + EXTRA
@@ -278,19 +289,21 @@ def _iterated(
         else:
             r = near.shape[1]
             Y = eigh(near.T @ (M @ near), near.T @ (A @ near), subset_by_index=(r - width, r - 1))[1]
-            start = _by_fours(factor, M @ (near @ Y))
-        inverse, shapes, left = largest(lambda X: _by_fours(factor, X), M, count, start, most, CLOSELY, beside=1)
+            start = _solve_by_fours(factor, M @ (near @ Y))
+        inverse, shapes, residual = largest(
+            lambda X: _solve_by_fours(factor, X), M, count, start, most, CLOSELY, extra=1
+        )
     except (np.linalg.LinAlgError, NumericalError):
-        return None  # they depend on each other, or lead nowhere
-    if len(inverse) <= count or inverse[-1] + left[-1] >= (1 - REPEATED) * inverse[count - 1]:
+        return None  # dependent vectors, or no convergence
+    if len(inverse) <= count or inverse[-1] + residual[-1] >= (1 - REPEATED) * inverse[count - 1]:
         return None
-    return (inverse, shapes) if _nothing_beside(M, factor, shapes, inverse[count - 1]) else None
+    return (inverse, shapes) if _no_lower_mode(M, factor, shapes, inverse[count - 1]) else None
 
 
-def _nothing_beside(M: sparse.csr_array, factor: Factor, shapes: np.ndarray, last: float) -> bool:
-    """Whether the largest 1/λ in the complement of shapes (n, k), which are orthonormal in M, is below `last`, by iterations to
-    `ROUGHLY` of it."""
-    solve = _beside_them(M, factor, shapes)
+def _no_lower_mode(M: sparse.csr_array, factor: Factor, shapes: np.ndarray, last: float) -> bool:
+    """Whether the largest 1/λ in the complement of the M-orthonormal shapes (n, k) is below `last`, by iterations to the
+    relative accuracy `ROUGHLY`."""
+    solve = _deflated_inverse(M, factor, shapes)
     start = solve(M @ np.random.default_rng(1).standard_normal((len(shapes), 1)))
     try:
         more, _, _ = largest(solve, M, 1, start, ROUGH_BASIS, ROUGHLY)
@@ -299,8 +312,8 @@ def _nothing_beside(M: sparse.csr_array, factor: Factor, shapes: np.ndarray, las
     return not len(more) or bool((1 + ROUGHLY) * more[0] <= last)
 
 
-def _beside_them(M: sparse.csr_array, factor: Factor, shapes: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """(I − Φ ΦᵀM) A⁻¹ of shapes Φ (n, k), which are orthonormal in M."""
+def _deflated_inverse(M: sparse.csr_array, factor: Factor, shapes: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """(I − Φ ΦᵀM) A⁻¹ with M-orthonormal shapes Φ (n, k)."""
     weighted = M @ shapes
 
     def solve(X: np.ndarray) -> np.ndarray:
@@ -310,17 +323,17 @@ def _beside_them(M: sparse.csr_array, factor: Factor, shapes: np.ndarray) -> Cal
     return solve
 
 
-def _by_fours(factor: Factor, B: np.ndarray) -> np.ndarray:
-    """A⁻¹B: four at once take less than twice the time of one, and, unlike more, come out the same with any number of threads."""
+def _solve_by_fours(factor: Factor, B: np.ndarray) -> np.ndarray:
+    """A⁻¹B: four columns take less than twice the time of one, and give equal bits with any number of threads."""
     return np.hstack([factor.solve(B[:, first : first + 4]) for first in range(0, B.shape[1], 4)])
 
 
-def _beside(
+def _complement_modes(
     A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor, shapes: np.ndarray, tolerance: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """1/λ, falling, and φ of the lowest modes in the complement of shapes (n, k), which are orthonormal in M; to a share
+    """1/λ, descending, and φ of the lowest modes in the complement of the M-orthonormal shapes (n, k); to the relative accuracy
     `tolerance` of 1/λ, 0: to rounding."""
-    n, solve = A.shape[0], _beside_them(M, factor, shapes)
+    n, solve = A.shape[0], _deflated_inverse(M, factor, shapes)
     start = M @ np.random.default_rng(0).standard_normal(n)
     if factor.lowest is not None:
         lam, V = factor.lowest(M, count, _basis(count), solve(start), shapes, tolerance)
@@ -331,30 +344,30 @@ def _beside(
     except ArpackError as error:
         raise NumericalError(
             f"the Lanczos iterations did not converge: {error}",
-            remedy="check the model for nearly loose parts, or ask for fewer modes",
+            remedy="Check the model for nearly unconstrained parts, or request fewer modes.",
         ) from None
     return _ascending(M, lam, V)
 
 
 def _ascending(M: sparse.csr_array, lam: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """1/λ, falling, and φ with φᵀMφ = 1."""
+    """1/λ, descending, and φ with φᵀMφ = 1."""
     order = np.argsort(lam)
     V = V[:, order]
     return 1.0 / lam[order], V / np.sqrt(np.einsum("ij,ij->j", V, M @ V))
 
 
 def _check(A: sparse.csr_array, M: sparse.csr_array, lam: np.ndarray, shapes: np.ndarray) -> None:
-    """A mode whose energy is rounding error is a mechanism; the others must satisfy the equation."""
+    """Raise an error for a mode whose energy is rounding (a mechanism), and for one with a large residual."""
     m, k = M.diagonal(), A.diagonal()
     stiffest = (k[m > 0] / m[m > 0]).max()
-    # φᵀAφ = λ may be a difference of terms that are 1e12 times as large; a rotation about the normal of a shell that is not quite
-    # along an axis has next to no mass, and K_ii/M_ii alone says nothing there
+    # φᵀAφ = λ may be a difference of terms that are 1e12 times as large; a rotation about a shell normal that is nearly along
+    # an axis has hardly any mass, so that K_ii/M_ii is no measure of stiffness there
     size = np.abs(shapes[:, 0])
     if not lam[0] > 1e-15 * stiffest and not lam[0] > 1e-12 * float(size @ (abs(A) @ size)):
         raise UserError(
-            f"the structure has a mechanism: a mode at {np.sqrt(max(lam[0], 0.0)) / (2 * np.pi):.2g} Hz is "
-            "stiffness of rounding size",
-            remedy="look for parts joined at one node or one edge only, and for missing supports",
+            f"the structure has a mechanism: the stiffness of a mode at {np.sqrt(max(lam[0], 0.0)) / (2 * np.pi):.2g} Hz is "
+            "of the order of rounding",
+            remedy="Look for parts that are joined at one node or one edge only, and for missing supports.",
         )
     elastic = A @ shapes
     residual = np.linalg.norm(elastic - (M @ shapes) * lam, axis=0)
@@ -362,36 +375,36 @@ def _check(A: sparse.csr_array, M: sparse.csr_array, lam: np.ndarray, shapes: np
     worst = int(np.argmax(residual / scale))
     if not residual[worst] <= 1e-6 * scale[worst]:
         raise NumericalError(
-            f"mode {worst + 1} leaves a residual of {residual[worst] / scale[worst]:.1e}",
-            remedy="check the model for elements of extreme shape or stiffness",
+            f"mode {worst + 1} has a relative residual of {residual[worst] / scale[worst]:.1e}",
+            remedy="Check the model for elements of extreme shape or stiffness.",
         )
 
 
 def turned(values: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-    """T (count, count) orthogonal, which turns shapes (n, count) of repeated values (count,), ordered, among themselves.
+    """T (count, count) orthogonal, which combines shapes (n, count) of repeated values (count,), ordered.
 
-    Of those of one value, the first column of `shapes` T has the largest component that any combination of them has, the
-    others a zero there; the second the largest that is left, and so on.
+    Among those of one value, the first column of `shapes` T has the largest component that any combination has, the others
+    a zero there; the second has the largest remaining component, and so on.
     """
     T = np.eye(len(values))
-    for own in np.split(np.arange(len(values)), _frequencies(values)[1:]):
-        for first in range(len(own) - 1):
-            rest = own[first:]
-            V = shapes[:, own] @ T[np.ix_(own, rest)]
+    for copies in np.split(np.arange(len(values)), _frequencies(values)[1:]):
+        for first in range(len(copies) - 1):
+            rest = copies[first:]
+            V = shapes[:, copies] @ T[np.ix_(copies, rest)]
             longest = _largest(np.linalg.norm(V, axis=1))
-            T[np.ix_(own, rest)] = T[np.ix_(own, rest)] @ np.linalg.qr(V[longest][:, None], mode="complete")[0]
+            T[np.ix_(copies, rest)] = T[np.ix_(copies, rest)] @ np.linalg.qr(V[longest][:, None], mode="complete")[0]
     return T
 
 
 def signs(shapes: np.ndarray) -> np.ndarray:
     """±1 (k,): the sign of the first of the largest components of shapes (n, k), so that rounding cannot flip a symmetric
-    one."""
+    shape."""
     first = _largest(np.abs(shapes))
     return np.asarray(np.sign(shapes[first, np.arange(shapes.shape[1])]))
 
 
 def _frequencies(values: np.ndarray) -> list[int]:
-    """Where each frequency of the ordered values begins; the values of one are all `REPEATED` near to its first."""
+    """Index of the first of each group of ordered values, which are within `REPEATED` of it."""
     first = [0]
     for i, value in enumerate(values):
         if abs(value - values[first[-1]]) > REPEATED * abs(values[first[-1]]):
@@ -400,5 +413,5 @@ def _frequencies(values: np.ndarray) -> list[int]:
 
 
 def _largest(size: np.ndarray) -> np.ndarray:
-    """Where along the first axis the first of the largest stands."""
+    """Index along the first axis of the first of the (nearly) largest components."""
     return np.argmax(size >= (1 - NEARLY) * size.max(axis=0), axis=0)

@@ -1,4 +1,4 @@
-"""Weight and the inertia of a rotation, as forces on nodes."""
+"""Body forces, tractions and forces on nodes that are consistent with them."""
 
 from __future__ import annotations
 
@@ -23,37 +23,40 @@ from strainsight.mesh.subdivision import Refined
 
 
 def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
-    """f_a = Σ_b m_ab a(x_b) on the nodes of solids, m_ab = ∫ ρ N_a N_b dV, as a(x) is linear in x: the same work as ∫ ρ a dV; of
-    shells and beams M a, forces and moments.
+    """f_a = Σ_b m_ab a(x_b) on the nodes of solids, m_ab = ∫ ρ N_a N_b dV: as a(x) is linear in x, the same work as ∫ ρ a dV.
+    On shells and beams M a, forces and moments.
 
         a = g + (ω × (x − c)) × ω,     of a point mass m a and r × m a − ω × Jω on the rotations of its node
 
-    r offset of the centre of the mass, J its inertia; of a mass matrix the inertia of its momentum P and H, turned with the body:
+    r offset of the centre of the mass, J its inertia; for a mass matrix from its momentum P and H, rotating with the body:
 
         force = m_uu g − ω × P,   moment = m_θu g − ω × H − v × P,   (P, H) = M (v, ω),   v = ω × (x − c)
 
-    where the node has no rotations, all of the mass is at the node.
-    Raises UserError where a region has no material, and so no density.
+    Where the node has no rotations, all of the mass is at the node.
+    Raises UserError for a region without a material, and so without density.
     """
     lacking = [region for region in mesh.regions.values() if mesh.density_of(region.id) is None]
     if lacking:
-        raise UserError(f"{lacking[0]} has no density, and a load acts on its mass", remedy="state mesh.materials")
+        raise UserError(
+            f"{lacking[0]} has no density, but a load acts on its mass",
+            remedy="Specify its density under mesh.materials.",
+        )
     force, moment = np.zeros_like(mesh.position), np.zeros_like(mesh.position)
     a, regions = body.factor * acceleration(body, mesh.position), set()
     for part, m in element_mass_parts(mesh):
-        own = np.ones(len(part.ids), bool) if body.elements is None else np.isin(part.ids, body.elements)
+        selected = np.ones(len(part.ids), bool) if body.elements is None else np.isin(part.ids, body.elements)
         i, j = np.triu_indices(part.nodes.shape[1])
-        m, nodes = m[own], part.nodes[own]
+        m, nodes = m[selected], part.nodes[selected]
         np.add.at(force, nodes[:, i], m[:, :, None] * a[nodes[:, j]])
         off = i != j
         np.add.at(force, nodes[:, j[off]], m[:, off, None] * a[nodes[:, i[off]]])
-        regions |= set(np.unique(part.region[own]).tolist())
+        regions |= set(np.unique(part.region[selected]).tolist())
     if mesh.thin:
         M, named = thin_mass(mesh, body.elements)
-        own = mesh.thin_nodes
-        f = (M @ np.hstack([a[own], np.zeros((len(own), 3))]).ravel()).reshape(-1, 6)
-        force[own] += f[:, :3]
-        moment[own] += f[:, 3:]
+        on_thin = mesh.thin_nodes
+        f = (M @ np.hstack([a[on_thin], np.zeros((len(on_thin), 3))]).ravel()).reshape(-1, 6)
+        force[on_thin] += f[:, :3]
+        moment[on_thin] += f[:, 3:]
         regions |= set(named)
     turning = joined(mesh) | {*mesh.turned_by_springs.tolist()}
     for point in mesh.point_masses:
@@ -75,9 +78,9 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
 
 
 def _on_matrix(M: FloatArray, body: BodyForce, x: np.ndarray, *, turns: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Force and moment (3,) on the node at x of a mass matrix; only of its translations where the node has no rotations.
+    """Force and moment (3,) on the node at x of a mass matrix; only of its translations if the node has no rotations.
 
-    Source: Lamb, Hydrodynamics, §124: a solid with another mass along each axis.
+    Source: Lamb, Hydrodynamics, §124: a solid with a different mass along each axis.
     """
     if not turns:
         M = M * np.outer(np.repeat([1, 0], 3), np.repeat([1, 0], 3))
@@ -89,32 +92,34 @@ def _on_matrix(M: FloatArray, body: BodyForce, x: np.ndarray, *, turns: bool) ->
 
 
 def acceleration(body: BodyForce, x: np.ndarray) -> np.ndarray:
-    """a = g + (ω × (x − c)) × ω at points x (..., 3) [m/s²], without its factor."""
+    """a = g + (ω × (x − c)) × ω at points x (..., 3) [m/s²], without the factor."""
     return np.asarray(body.acceleration + np.cross(np.cross(body.rotation, x - body.centre), body.rotation))
 
 
 def odd_gravity(mesh: Mesh, loads: Collection[str] | None = None) -> list[str]:
-    """A sentence for every load of the file whose acceleration is that of gravity in another unit of length; as it is stated,
-    without the factor by which loads are combined, and not in cm: 9.81 times 100 is 100 g. loads: names of those that count."""
-    found = []
+    """A warning for every load of the file whose acceleration is that of gravity in another unit of length.
+
+    The acceleration is used without the factor of the load combination. cm is not checked: 9.81 times 100 is 100 g. loads:
+    names of the loads to check."""
+    warnings = []
     for name, load in mesh.loads.items():
         for body in load.body if loads is None or name in loads else ():
             size = float(np.linalg.norm(body.acceleration))
-            for unit, factor in ELSEWHERE.items():
+            for unit, factor in OTHER_UNITS.items():
                 if abs(size * factor / 9.81 - 1) < 0.01:
-                    found.append(
-                        f"load {name} pulls with {size:.4g} m/s²: gravity is 9.81 m/s², and the deck seems to state it in "
-                        f"{unit}/s², beside another mesh.length_unit"
+                    warnings.append(
+                        f"load {name} has an acceleration of {size:.4g} m/s² instead of 9.81 m/s²: the deck appears to use "
+                        f"{unit}/s², with another mesh.length_unit"
                     )
-    return found
+    return warnings
 
 
-ELSEWHERE = {"m": 1e3, "mm": 1e-3, "in": 0.0254}
-"""Unit in which an acceleration seems to be meant → what makes g of it: 9.81 in a deck in mm, 9810 in one in m."""
+OTHER_UNITS = {"m": 1e3, "mm": 1e-3, "in": 0.0254}
+"""Unit that a gravity of 9.81 or 9810 seems to have → the factor that converts it to 9.81 m/s²."""
 
 
 def with_body_forces(mesh: Mesh) -> Mesh:
-    """The mesh with the body forces of its loads among their forces: as its densities are now."""
+    """The mesh with the body forces of its loads converted to nodal forces, at its present densities."""
     loads = {}
     for name, load in mesh.loads.items():
         parts = [replace(load, body=()), *(body_forces(mesh, body) for body in load.body)]
@@ -123,14 +128,14 @@ def with_body_forces(mesh: Mesh) -> Mesh:
 
 
 def summed(parts: list[NodalForces]) -> NodalForces:
-    """One force and one moment a node."""
+    """Combine loads into one force and one moment a node."""
     nodes, place = np.unique(np.concatenate([part.nodes for part in parts]), return_inverse=True)
     force, moment, start = np.zeros((len(nodes), 3)), np.zeros((len(nodes), 3)), 0
     for part in parts:
-        own = place[start : start + len(part.nodes)]
-        np.add.at(force, own, part.force)
+        rows = place[start : start + len(part.nodes)]
+        np.add.at(force, rows, part.force)
         if part.moment is not None:
-            np.add.at(moment, own, part.moment)
+            np.add.at(moment, rows, part.moment)
         start += len(part.nodes)
     regions = tuple(sorted({number for part in parts for number in part.regions}))
     return NodalForces(nodes, force, moment if moment.any() else None, regions=regions)
@@ -141,41 +146,41 @@ Traction = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def traction_forces(mesh: Mesh, face: str, traction: Traction) -> NodalForces:
-    """f_a = ∫ N_a t dA over a face of the mesh, on all its nodes; the rule is that of the facets' N Nᵀ."""
-    facets, own = all_facets(mesh), mesh.faces[face]
-    chosen = np.isin(facets.key, facet_key(*own.T))
-    force, on_it = np.zeros_like(mesh.position), np.zeros(len(mesh.position), dtype=bool)
+    """f_a = ∫ N_a t dA over a face of the mesh, on all its nodes; with the quadrature rule of the facets' N Nᵀ."""
+    facets, face_facets = all_facets(mesh), mesh.faces[face]
+    chosen = np.isin(facets.key, facet_key(*face_facets.T))
+    force, on_face = np.zeros_like(mesh.position), np.zeros(len(mesh.position), dtype=bool)
     for number in np.unique(facets.kind[chosen]):
         kind = FACETS[number]
         nodes = facets.nodes[chosen & (facets.kind == number), : len(kind.nodes)]
-        own_forces = consistent_forces(
+        facet_forces = consistent_forces(
             mesh.position,
             kind,
             nodes,
             lambda x, n, _: traction(x.reshape(-1, 3), n.reshape(-1, 3)).reshape(x.shape),
         )
-        np.add.at(force, nodes, own_forces)
-        on_it[nodes] = True
-    found = np.flatnonzero(on_it)
-    return NodalForces(found, force[found])
+        np.add.at(force, nodes, facet_forces)
+        on_face[nodes] = True
+    loaded = np.flatnonzero(on_face)
+    return NodalForces(loaded, force[loaded])
 
 
 def evenly(mesh: Mesh, face: str, direction: np.ndarray) -> NodalForces:
     """A unit force along the unit direction (3,), t = d/A."""
-    own = traction_forces(mesh, face, lambda x, n: np.broadcast_to(direction, x.shape))
-    return _of_unit(own, direction)
+    forces = traction_forces(mesh, face, lambda x, n: np.broadcast_to(direction, x.shape))
+    return _scale_to_unit(forces, direction)
 
 
 def bearing(mesh: Mesh, face: str, direction: np.ndarray) -> NodalForces:
-    """What a pin presses on a bore with, along the unit direction (3,):  t = −n p,  p ∝ max(0, −n·d),  a unit force along d.
+    """Bearing pressure of a pin on a bore along the unit direction (3,):  t = −n p,  p ∝ max(0, −n·d),  a unit force along d.
 
-    The force is zero where no part of the face is turned against d.
+    The force is zero if no part of the face is turned against d.
     """
 
-    def pressed(x: np.ndarray, n: np.ndarray) -> np.ndarray:
+    def bearing_traction(x: np.ndarray, n: np.ndarray) -> np.ndarray:
         return -n * np.maximum(0.0, -(n @ direction))[:, None]
 
-    return _of_unit(traction_forces(mesh, face, pressed), direction)
+    return _scale_to_unit(traction_forces(mesh, face, bearing_traction), direction)
 
 
 def pressure(mesh: Mesh, face: str) -> NodalForces:
@@ -184,7 +189,7 @@ def pressure(mesh: Mesh, face: str) -> NodalForces:
 
 
 def turning(mesh: Mesh, face: str, moment: np.ndarray) -> NodalForces:
-    """A moment (3,) [N m] about the centre of the face and no force:  t = ω × r,  Jω = M,  J = ∫ (r·r I − r rᵀ) dA."""
+    """A moment (3,) [N m] about the centre of the face, without resultant:  t = ω × r,  Jω = M,  J = ∫ (r·r I − r rᵀ) dA."""
     each = traction_forces(mesh, face, lambda x, n: np.ones_like(x))
     place, area = mesh.position[each.nodes], each.force[:, 0]
     centre = area @ place / area.sum()
@@ -196,39 +201,41 @@ def turning(mesh: Mesh, face: str, moment: np.ndarray) -> NodalForces:
     return about(np.linalg.solve(J, moment))
 
 
-def _of_unit(own: NodalForces, direction: np.ndarray) -> NodalForces:
-    """Divided by the part of its resultant along the direction, where it has one."""
-    along = own.force.sum(axis=0) @ direction
-    return NodalForces(own.nodes, own.force / along if along > 0 else np.zeros_like(own.force))
+def _scale_to_unit(forces: NodalForces, direction: np.ndarray) -> NodalForces:
+    """Forces divided by the component of their resultant along the direction, if it is positive."""
+    along = forces.force.sum(axis=0) @ direction
+    return NodalForces(forces.nodes, forces.force / along if along > 0 else np.zeros_like(forces.force))
 
 
 @dataclass(frozen=True)
 class Tractions:
-    """What acts on facets: kind (f,) indices into FACETS, nodes (f, 8) padded with −1, value (f, 8, 3, r) [Pa] at them."""
+    """Tractions on facets: kind (f,) indices into FACETS, nodes (f, 8) padded with −1, value (f, 8, 3, r) [Pa] at them."""
 
     kind: np.ndarray
     nodes: np.ndarray
     value: np.ndarray
 
     def within(self, patch: Patch) -> Tractions:
-        """On the facets that have all their nodes in a patch, with its node numbers."""
+        """Tractions on the facets that have all their nodes in a patch, with its node numbers."""
         nodes = patch.local(self.nodes)
-        own = np.all((nodes >= 0) | (self.nodes < 0), axis=1)
-        return Tractions(self.kind[own], np.where(self.nodes[own] < 0, -1, nodes[own]), self.value[own])
+        inside = np.all((nodes >= 0) | (self.nodes < 0), axis=1)
+        return Tractions(self.kind[inside], np.where(self.nodes[inside] < 0, -1, nodes[inside]), self.value[inside])
 
     def cut(self, fine: Refined) -> Tractions:
-        """The same on the parts of the facets in a finer mesh."""
-        found = [(self.kind[:0], self.nodes[:0], self.value[:0])]
+        """The same tractions on the parts of the facets in a finer mesh."""
+        parts = [(self.kind[:0], self.nodes[:0], self.value[:0])]
         for code in np.unique(self.kind):
-            own, kind = self.kind == code, FACETS[code]
+            of_kind, kind = self.kind == code, FACETS[code]
             for name, corners in kind.split:
                 number = next(i for i, each in enumerate(FACETS) if each.name == name)
                 xi = with_midsides(corners, FACETS[number].edges)
-                nodes, value = np.full((own.sum(), 8), -1), np.zeros((own.sum(), *self.value.shape[1:]))
-                nodes[:, : len(xi)] = fine.nodes_at(kind, self.nodes[own][:, : len(kind.nodes)], xi)
-                value[:, : len(xi)] = np.einsum("qa,eacr->eqcr", kind.shape(xi), self.value[own][:, : len(kind.nodes)])
-                found.append((np.full(own.sum(), number), nodes, value))
-        return Tractions(*(np.concatenate(column) for column in zip(*found, strict=True)))
+                nodes, value = np.full((of_kind.sum(), 8), -1), np.zeros((of_kind.sum(), *self.value.shape[1:]))
+                nodes[:, : len(xi)] = fine.nodes_at(kind, self.nodes[of_kind][:, : len(kind.nodes)], xi)
+                value[:, : len(xi)] = np.einsum(
+                    "qa,eacr->eqcr", kind.shape(xi), self.value[of_kind][:, : len(kind.nodes)]
+                )
+                parts.append((np.full(of_kind.sum(), number), nodes, value))
+        return Tractions(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
     def forces(self, position: np.ndarray) -> np.ndarray:
         """f_a = ∫ N_a p dA at nodes (k,): (3k, r) [N]."""
@@ -240,18 +247,18 @@ class Tractions:
 
 
 def tractions(patch: Patch, field: np.ndarray, facets: Facets, loaded: np.ndarray, otherwise: np.ndarray) -> Tractions:
-    """The tractions τ that make the forces f = K z at nodes, on facets of which all nodes are loaded:
+    """The tractions τ on facets whose nodes are all loaded, equivalent to the forces f = K z at their nodes:
 
         M τ = f,     M_ab = ∫ N_a N_b dA,     τ = t + M⁺(f − M t)
 
-    by rows of the nodes that elements outside of the patch do not share, t the uniform traction of the same resultant: of a
-    uniform one it is that. field z (3k, r) at the nodes of the patch; facets, loaded (n,) of the whole mesh; otherwise (n,):
-    nodes on which other forces act. Valid a layer away from the cut; nodes numbered as in the whole mesh.
+    with the rows of the nodes that elements outside of the patch do not share, t the uniform traction of the same resultant.
+    A uniform traction is recovered exactly. field z (3k, r) at the nodes of the patch; facets, loaded (n,) of the whole mesh;
+    otherwise (n,): nodes with other forces. Valid one layer away from the cut; nodes numbered as in the whole mesh.
     """
     nodes = patch.local(facets.nodes)
-    own = np.all(((nodes >= 0) & loaded[facets.nodes]) | (facets.nodes < 0), axis=1)
-    kind, nodes = facets.kind[own], np.where(facets.nodes[own] < 0, -1, nodes[own])
-    value = np.zeros((own.sum(), 8, 3, field.shape[1]))
+    on_patch = np.all(((nodes >= 0) & loaded[facets.nodes]) | (facets.nodes < 0), axis=1)
+    kind, nodes = facets.kind[on_patch], np.where(facets.nodes[on_patch] < 0, -1, nodes[on_patch])
+    value = np.zeros((on_patch.sum(), 8, 3, field.shape[1]))
     on = np.unique(nodes[nodes >= 0])
     known = ~patch.cut[on] & ~otherwise[patch.nodes[on]]
     if known.any():
@@ -268,21 +275,21 @@ def tractions(patch: Patch, field: np.ndarray, facets: Facets, loaded: np.ndarra
         tau = uniform + np.linalg.lstsq(M, f - M @ uniform, rcond=1e-9)[0]
         value = np.where((nodes >= 0)[:, :, None], tau[np.searchsorted(on, np.maximum(nodes, on[0]))], 0.0)
         value = value.reshape(len(nodes), 8, 3, -1)
-    return Tractions(kind, facets.nodes[own], value)
+    return Tractions(kind, facets.nodes[on_patch], value)
 
 
 def spread_forces(position: np.ndarray, facets: Facets, forced: np.ndarray) -> sparse.csr_array:
-    """(3k, 3k): what forces at nodes x₀ are when each is a traction p(x) over the facets around its node; of a node with no facet
-    they stay.
+    """(3k, 3k): forces at nodes x₀ → nodal forces of tractions p(x) spread over the facets around each node; the force on a
+    node without a facet is unchanged.
 
         p = α + β·(x − x₀),    ∫ p dA = 1,    ∫ p (x − x₀) dA = 0,
 
-    so that resultant and moment stay: without β a force at the end of a beam would move along it.
+    so that resultant and moment are kept: without β, a force at the end of a beam would shift along it.
     """
     near = np.any(forced[facets.nodes] & (facets.nodes >= 0), axis=1)
     rules, entries = list(_quadrature(position, facets.kind[near], facets.nodes[near])), []
     for node in np.flatnonzero(forced).tolist():
-        around = _around(position, rules, node)
+        around = _facets_around(position, rules, node)
         if not around:
             entries.append((np.array([node]), np.array([node]), np.ones(1)))
         for rule, on, factor, size in around:
@@ -296,8 +303,8 @@ def spread_forces(position: np.ndarray, facets: Facets, forced: np.ndarray) -> s
 
 @dataclass(frozen=True)
 class _Rule:
-    """Facets of one kind, by their numbers which (e,): nodes (e, a), points (e, q, 3) [m] with their area (e, q) [m²], shape
-    functions (q, a)."""
+    """Quadrature of facets of one kind: their numbers which (e,), nodes (e, a), points (e, q, 3) [m] with area (e, q) [m²],
+    shape functions (q, a)."""
 
     which: np.ndarray
     nodes: np.ndarray
@@ -307,18 +314,20 @@ class _Rule:
 
 
 def _quadrature(position: np.ndarray, kinds: np.ndarray, nodes: np.ndarray) -> Iterator[_Rule]:
-    """Of facets, kinds (f,), nodes (f, 8), kind by kind."""
+    """Quadrature of facets by kind: kinds (f,), nodes (f, 8)."""
     for code in np.unique(kinds):
         kind, which = FACETS[code], np.flatnonzero(kinds == code)
-        own = nodes[which][:, : len(kind.nodes)]
+        facet_nodes = nodes[which][:, : len(kind.nodes)]
         xi, w = kind.mass
-        N, J = kind.shape(xi), np.einsum("qka,ekc->eqca", kind.gradient(xi), position[own])
+        N, J = kind.shape(xi), np.einsum("qka,ekc->eqca", kind.gradient(xi), position[facet_nodes])
         area = w * np.linalg.norm(np.cross(J[..., 0], J[..., 1]), axis=-1)
-        yield _Rule(which, own, np.einsum("qk,ekc->eqc", N, position[own]), area, N)
+        yield _Rule(which, facet_nodes, np.einsum("qk,ekc->eqc", N, position[facet_nodes]), area, N)
 
 
-def _around(position: np.ndarray, rules: list[_Rule], node: int) -> list[tuple[_Rule, np.ndarray, np.ndarray, float]]:
-    """The facets around a node, rule by rule: which of them (e,), (α, β size) of `spread_forces`, and the size x − x₀ is over."""
+def _facets_around(
+    position: np.ndarray, rules: list[_Rule], node: int
+) -> list[tuple[_Rule, np.ndarray, np.ndarray, float]]:
+    """The facets around a node by rule: their numbers (e,), (α, β size) of `spread_forces`, and the length that scales x − x₀."""
     around = [(rule, on) for rule in rules if (on := np.any(rule.nodes == node, axis=1)).any()]
     if not around:
         return []

@@ -1,4 +1,4 @@
-"""Some elements of a mesh by themselves, and what their nodes have from elsewhere."""
+"""A patch of elements of a mesh, and the motions and forces that act on its nodes from outside."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from strainsight.mesh.model import Mesh
 
 @dataclass(frozen=True)
 class Incidence:
-    """Which node (n,) is in which element (e,), CSR both ways; elements in the order of the blocks."""
+    """Incidence of nodes (n,) and elements (e,), CSR both ways; elements in the order of the blocks."""
 
     elements_of: sparse.csr_array
     nodes_of: sparse.csr_array
@@ -23,8 +23,8 @@ class Incidence:
         width = np.concatenate([np.full(len(block.ids), block.nodes.shape[1]) for block in mesh.blocks])
         indptr, columns = np.r_[0, np.cumsum(width)], np.concatenate(nodes)
         shape = (len(width), len(mesh.position))
-        own = sparse.csr_array((np.ones(len(columns), dtype=np.int8), columns, indptr), shape=shape)
-        return cls(sparse.csr_array(own.T.tocsr()), own)
+        incidence = sparse.csr_array((np.ones(len(columns), dtype=np.int8), columns, indptr), shape=shape)
+        return cls(sparse.csr_array(incidence.T.tocsr()), incidence)
 
 
 @dataclass(frozen=True)
@@ -37,23 +37,23 @@ class Patch:
     cut: np.ndarray
 
     def local(self, nodes: np.ndarray) -> np.ndarray:
-        """Indices here of nodes of the whole mesh, −1 for padding and for those that are not here."""
+        """Indices in the patch of nodes of the whole mesh, −1 for padding and for nodes outside."""
         at = np.minimum(np.searchsorted(self.nodes, nodes), len(self.nodes) - 1)
         return np.where(self.nodes[at] == nodes, at, -1)
 
 
 def patch_around(mesh: Mesh, incidence: Incidence, nodes: np.ndarray, layers: int) -> Patch:
-    """Elements that hold the nodes (s,), those that touch these, and so on for so many layers."""
+    """Elements that contain the nodes (s,), and the given number of layers of elements around them."""
     chosen = np.zeros(incidence.nodes_of.shape[0], dtype=bool)
     within = np.zeros(len(mesh.position), dtype=bool)
     within[nodes] = True
     for _ in range(layers):
         chosen[incidence.elements_of[np.flatnonzero(within)].indices] = True
         within[incidence.nodes_of[np.flatnonzero(chosen)].indices] = True
-    own = np.flatnonzero(within)
-    inside = np.asarray(incidence.nodes_of[np.flatnonzero(chosen)].sum(axis=0)).ravel()[own]
+    patch_nodes = np.flatnonzero(within)
+    inside = np.asarray(incidence.nodes_of[np.flatnonzero(chosen)].sum(axis=0)).ravel()[patch_nodes]
     number = np.full(len(mesh.position), -1)
-    number[own] = np.arange(len(own))
+    number[patch_nodes] = np.arange(len(patch_nodes))
     blocks, start = [], 0
     for block in mesh.blocks:
         part = np.flatnonzero(chosen[start : start + len(block.ids)])
@@ -61,47 +61,48 @@ def patch_around(mesh: Mesh, incidence: Incidence, nodes: np.ndarray, layers: in
         if len(part):
             region = block.region[part]
             blocks.append(replace(block, ids=block.ids[part], nodes=number[block.nodes[part]], region=region))
-    alone = Mesh(mesh.node_ids[own], mesh.position[own], tuple(blocks), source=mesh.source, **mesh.properties)
-    return Patch(alone, own, inside < np.diff(incidence.elements_of.indptr)[own])
+    alone = Mesh(
+        mesh.node_ids[patch_nodes], mesh.position[patch_nodes], tuple(blocks), source=mesh.source, **mesh.properties
+    )
+    return Patch(alone, patch_nodes, inside < np.diff(incidence.elements_of.indptr)[patch_nodes])
 
 
 def held_components(mesh: Mesh) -> np.ndarray:
-    """Which translations (n, 3) of the nodes are given from elsewhere: supports, and what rigid and averaging elements and
-    relations prescribe.
+    """Translations (n, 3) of the nodes that supports, rigid and averaging elements or relations prescribe.
 
-    A node with axes of its own counts as held whole.
+    All translations of a node with a local coordinate system count as prescribed if one does.
     """
-    held = np.zeros((len(mesh.position), 3), dtype=bool)
+    prescribed = np.zeros((len(mesh.position), 3), dtype=bool)
     fixed = mesh.fixed.reshape(-1, 2)
     moving = fixed[fixed[:, 1] < 3]
-    held[moving[:, 0], moving[:, 1]] = True
+    prescribed[moving[:, 0], moving[:, 1]] = True
     for rigid in mesh.rigid:
         for component in rigid.components:
-            held[rigid.nodes, component % 3] |= component < 3
+            prescribed[rigid.nodes, component % 3] |= component < 3
     for averaging in mesh.averaging:
         if averaging.dependent is None:
-            held[averaging.reference] |= [c in averaging.components for c in range(3)]
+            prescribed[averaging.reference] |= [c in averaging.components for c in range(3)]
         else:
-            own = averaging.dependent[averaging.dependent[:, 1] < 3]
-            held[own[:, 0], own[:, 1]] = True
+            dependent = averaging.dependent[averaging.dependent[:, 1] < 3]
+            prescribed[dependent[:, 0], dependent[:, 1]] = True
     for node, component in (relation.follower for relation in mesh.relations):
-        held[node, component % 3] |= component < 3
+        prescribed[node, component % 3] |= component < 3
     for node in mesh.axes:
-        held[node] = held[node].any()
-    return held
+        prescribed[node] = prescribed[node].any()
+    return prescribed
 
 
 def forced_nodes(mesh: Mesh) -> np.ndarray:
-    """Nodes (n,) bool on which ties, springs, point masses, shells and beams put forces that are concentrated there."""
-    found = np.zeros(len(mesh.position), dtype=bool)
+    """Nodes (n,) bool where ties, springs, point masses, shells and beams exert concentrated forces."""
+    forced = np.zeros(len(mesh.position), dtype=bool)
     for nodes in (block.nodes for block in mesh.thin):
-        found[nodes] = True
+        forced[nodes] = True
     for averaging in mesh.averaging:
-        found[averaging.nodes] = True
+        forced[averaging.nodes] = True
     for relation in mesh.relations:
-        found[relation.node] = True
+        forced[relation.node] = True
     for spring in mesh.springs:
-        found[spring.node] = True
+        forced[spring.node] = True
     for node in (*(rigid.reference for rigid in mesh.rigid), *(point.node for point in mesh.point_masses)):
-        found[node] = True
-    return found
+        forced[node] = True
+    return forced

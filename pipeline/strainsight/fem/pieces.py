@@ -1,4 +1,4 @@
-"""Pieces of a structure that are stiff in themselves, and the nodes where one turns against another."""
+"""Stiff parts of a structure, and the nodes where they are hinged to each other."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from strainsight.mesh.model import FloatArray, IntArray, Mesh
 from strainsight.mesh.unjoined import component_labels
 
 IN_LINE = 1e-6
-"""Nodes lie on one line where their extent across it is no more of that along it."""
+"""Largest ratio of the extents across and along a line of nodes that counts as straight."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """node, piece (m,): pairs of a node (index) and a piece, from 0, one of whose elements has it; label (n,) the piece that a
-    node moves with, −1 of nodes outside the elements: where pieces meet that of shells or beams, which resist its rotations."""
+    """node, piece (m,): pairs of a node (index) and a piece, from 0, that contains it; label (n,): the piece that a node moves
+    with (at a connection that of shells or beams, which resist its rotations), −1 for nodes outside the elements."""
 
     node: IntArray
     piece: IntArray
@@ -29,33 +29,33 @@ class Pieces:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of pieces."""
         return int(self.piece.max()) + 1
 
     @cached_property
     def meeting(self) -> tuple[IntArray, IntArray]:
-        """Nodes (s,), and the pieces (s,) that have them beside the one that they move with."""
-        beside = self.label[self.node] != self.piece
-        return self.node[beside], self.piece[beside]
+        """Nodes (s,), and the pieces (s,) that contain them in addition to the piece that they move with."""
+        is_other = self.label[self.node] != self.piece
+        return self.node[is_other], self.piece[is_other]
 
 
-def whole(mesh: Mesh) -> Pieces:
-    """The structure as one."""
+def single_piece(mesh: Mesh) -> Pieces:
+    """The structure as one piece."""
     nodes = mesh.nodes_of_elements
-    return _apart(mesh, np.zeros(len(nodes), dtype=np.int64))
+    return _disjoint_pieces(mesh, np.zeros(len(nodes), dtype=np.int64))
 
 
 def parts(mesh: Mesh) -> Pieces:
     """Parts that share no node with each other."""
     component = _connected(len(mesh.position), mesh.connectivity)
-    return _apart(mesh, np.unique(component[mesh.nodes_of_elements], return_inverse=True)[1])
+    return _disjoint_pieces(mesh, np.unique(component[mesh.nodes_of_elements], return_inverse=True)[1])
 
 
 def stiff_pieces(mesh: Mesh) -> Pieces:
-    """Pieces that are stiff in themselves: solids joined by facets; shells and beams joined by nodes.
+    """Stiff pieces: solids joined by facets; shells and beams joined by nodes.
 
-    Two that share three nodes which lie on no line are one. Others are hinged where they meet: solids along an edge or at a
-    corner, a shell that stands on a solid along a line. Rods, and ends of beams that are released, count as joined stiffly.
+    Pieces that share three nodes not on one line are merged. Other pieces are hinged where they meet: solids along an edge
+    or at a corner, a shell that meets a solid along a line. Rods and released ends of beams count as joined stiffly.
     """
     n = len(mesh.position)
     thin = _connected(n, [block.nodes for block in mesh.thin])
@@ -63,26 +63,29 @@ def stiff_pieces(mesh: Mesh) -> Pieces:
     at = [turning, *(block.nodes.ravel() for block in mesh.blocks)]
     of = [
         thin[turning],
-        *(np.repeat(n + own, block.nodes.shape[1]) for own, block in zip(_solids(mesh), mesh.blocks, strict=True)),
+        *(
+            np.repeat(n + solid, block.nodes.shape[1])
+            for solid, block in zip(_solid_components(mesh), mesh.blocks, strict=True)
+        ),
     ]
     _, piece = np.unique(np.concatenate(of), return_inverse=True)
     node = np.concatenate(at)
-    own = piece[: len(turning)]
+    thin_piece = piece[: len(turning)]
     while True:
         count = int(piece.max()) + 1
         node, piece = np.divmod(np.unique(node * count + piece), count)
-        merged = _merged(mesh.position, node, piece)
-        if merged.max() == piece.max():
+        merged_piece = _merge(mesh.position, node, piece)
+        if merged_piece.max() == piece.max():
             break
-        own, piece = merged[own], merged[piece]
+        thin_piece, piece = merged_piece[thin_piece], merged_piece[piece]
     label = np.full(n, -1)
     label[node] = piece
-    label[turning] = own
+    label[turning] = thin_piece
     return Pieces(node, piece, label)
 
 
-def _apart(mesh: Mesh, piece: IntArray) -> Pieces:
-    """Of one piece (m,) for every node of the elements."""
+def _disjoint_pieces(mesh: Mesh, piece: IntArray) -> Pieces:
+    """Pieces that share no node: piece (m,) of every node of the elements."""
     nodes = mesh.nodes_of_elements
     label = np.full(len(mesh.position), -1)
     label[nodes] = piece
@@ -98,8 +101,8 @@ def _connected(n: int, connectivity: Sequence[IntArray]) -> IntArray:
     return component_labels(n, rows, columns)
 
 
-def _solids(mesh: Mesh) -> list[IntArray]:
-    """Of every block the component (e,) of its elements, through the facets that they share."""
+def _solid_components(mesh: Mesh) -> list[IntArray]:
+    """Component (e,) of the elements of each block, connected through shared facets."""
     keys, elements, count = [], [], 0
     for block in mesh.blocks:
         for kind, local in kind_of(block.kind).facets:
@@ -117,33 +120,33 @@ def _solids(mesh: Mesh) -> list[IntArray]:
     return np.split(component, np.cumsum([len(block.ids) for block in mesh.blocks])[:-1])
 
 
-def _merged(position: FloatArray, node: IntArray, piece: IntArray) -> IntArray:
-    """New numbers (pieces,) of pieces, the same for two that share nodes which lie on no line; pairs sorted by node."""
+def _merge(position: FloatArray, node: IntArray, piece: IntArray) -> IntArray:
+    """New numbers (pieces,) of pieces, equal for two that share nodes not on one line; pairs sorted by node."""
     count = int(piece.max()) + 1
     several = np.flatnonzero(np.bincount(node)[node] > 1)
     shared: dict[tuple[int, int], list[int]] = defaultdict(list)
     for group in np.split(several, np.flatnonzero(np.diff(node[several])) + 1):
         for pair in combinations(piece[group].tolist(), 2):
             shared[pair].append(int(node[group[0]]))
-    joined = [pair for pair, at in shared.items() if len(at) > 2 and _spread(position[at])]
+    joined = [pair for pair, at in shared.items() if len(at) > 2 and _is_not_collinear(position[at])]
     rows, columns = np.array(joined, dtype=np.int64).reshape(-1, 2).T
     return component_labels(count, rows, columns)
 
 
-def _spread(x: FloatArray) -> bool:
-    """Whether points (k, 3) lie on no line."""
+def _is_not_collinear(x: FloatArray) -> bool:
+    """Whether points (k, 3) do not lie on one line."""
     extent = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
     return bool(extent[1] > IN_LINE * extent[0])
 
 
 SHOWN = 3
-"""How many are named."""
+"""Number of hinges in the warning."""
 
 
 def hinge_warnings(mesh: Mesh) -> tuple[str, ...]:
-    """A sentence on pieces that share an edge or a corner with another, where no tie or spring joins the two besides.
+    """Warning about pieces that share only an edge or a corner, and that no tie or spring connects.
 
-    The structure may be held all the same, so that nothing else would show it.
+    The supports may still prevent their motion, so that no other check detects the hinge.
     """
     if len(mesh.elements) == 0:
         return ()
@@ -151,40 +154,40 @@ def hinge_warnings(mesh: Mesh) -> tuple[str, ...]:
     node, other = pieces.meeting
     if not len(node):
         return ()
-    tied = _tied(mesh, pieces.node, pieces.piece, pieces.count)
+    tied = _tied_pairs(mesh, pieces.node, pieces.piece, pieces.count)
     pairs = np.sort(np.column_stack([pieces.label[node], other]), axis=1)
-    found, of = np.unique(pairs, axis=0, return_inverse=True)
-    free = [i for i, pair in enumerate(found.tolist()) if tuple(pair) not in tied]
-    words = [_words(mesh, np.unique(node[of.ravel() == i])) for i in free[:SHOWN]]
+    pairs_found, pair_of_node = np.unique(pairs, axis=0, return_inverse=True)
+    free = [i for i, pair in enumerate(pairs_found.tolist()) if tuple(pair) not in tied]
+    words = [_node_names(mesh, np.unique(node[pair_of_node.ravel() == i])) for i in free[:SHOWN]]
     if not words:
         return ()
     more = f" and in {len(free) - SHOWN} more places" if len(free) > SHOWN else ""
     return (
-        f"parts share no more than {'; '.join(words)}{more}: they turn against each other there as on a hinge; where that is "
-        "not meant, mesh them with common facets, or tie them (docs/decks.md, where a shell meets a solid)",
+        f"parts share only {'; '.join(words)}{more} and are hinged there. If this is not intended, mesh them with common facets "
+        "or tie them (docs/decks.md, where a shell meets a solid).",
     )
 
 
-def _words(mesh: Mesh, nodes: IntArray) -> str:
+def _node_names(mesh: Mesh, nodes: IntArray) -> str:
     ids = mesh.node_ids[nodes]
     if len(ids) == 1:
         return f"node {ids[0]}"
     return f"nodes {', '.join(map(str, ids[:4]))}{', …' if len(ids) > 4 else ''}"
 
 
-def _tied(mesh: Mesh, node: IntArray, piece: IntArray, count: int) -> set[tuple[int, int]]:
-    """Pairs of pieces that a tie, relation or spring has nodes of."""
-    found: set[tuple[int, int]] = set()
+def _tied_pairs(mesh: Mesh, node: IntArray, piece: IntArray, count: int) -> set[tuple[int, int]]:
+    """Pairs of pieces that a tie, relation or spring connects."""
+    tied: set[tuple[int, int]] = set()
     order = np.argsort(node, kind="stable")
     node, piece = node[order], piece[order]
-    for own in _joints(mesh):
-        low, high = (np.searchsorted(node, own, side) for side in ("left", "right"))
+    for joint_nodes in _joints(mesh):
+        low, high = (np.searchsorted(node, joint_nodes, side) for side in ("left", "right"))
         touched = sorted({int(piece[i]) for a, b in zip(low, high, strict=True) for i in range(a, b)})
         if len(touched) < count or count < 3:
-            found |= {(a, b) for a in touched for b in touched if a < b}
+            tied |= {(a, b) for a in touched for b in touched if a < b}
         else:
             return {(a, b) for b in range(count) for a in range(b)}
-    return found
+    return tied
 
 
 def _joints(mesh: Mesh) -> Iterator[IntArray]:

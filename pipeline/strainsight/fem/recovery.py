@@ -1,4 +1,4 @@
-"""The whole strain tensor on the surface, as rows for displacements: [εxx εyy εzz γxy γyz γzx] at every point, γ = 2ε.
+"""Strain operator (matrix H) of the full tensor on the surface: [εxx εyy εzz γxy γyz γzx] at every point, γ = 2ε.
 
 The order is that of a symmetric tensor in VTK.
 """
@@ -37,7 +37,7 @@ from strainsight.mesh.properties import Thickness, shapes
 @dataclass(frozen=True)
 class StrainRows:
     """matrix CSR (6p, 3n): row 6·point + component for displacements of the nodes, column 3·node + component; region (p,) ids;
-    laws: those of the points on laminates, anisotropic and composite solids, None without one."""
+    laws: those of the points on laminates, anisotropic and composite solids, None without any."""
 
     matrix: sparse.csr_array
     region: np.ndarray
@@ -45,16 +45,16 @@ class StrainRows:
 
 
 def facet_strain(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ()) -> StrainRows:
-    """Strain at the centre of every facet, of the solid it belongs to:  ε = Σ_a sym(z_a ⊗ g_a),  g_a = J⁻ᵀ ∂N_a/∂ξ,
-    and on a face of a shell or a side of a beam that along it, with what plane stress has across:
+    """Strain at the centre of every facet, of the solid it belongs to:  ε = Σ_a sym(z_a ⊗ g_a),  g_a = J⁻ᵀ ∂N_a/∂ξ.
+    On a face of a shell or a side of a beam: the strain along it, and across it that of plane stress:
 
         ε = Σ_a sym(P z_a ⊗ g_a) − ν/(1 − ν) (Σ_a g_a·z_a) n nᵀ,     P = I − n nᵀ,   g_a along the face
 
-    On a face of a laminate that across is of the ply at the face, see `FacetLaws`.
-    Incompatible modes of a kind count too, at the amplitudes to which the assembly condenses them (α = −K_aa⁻¹K_au z) and
-    with their own gradients −2ξᵢ J⁻ᵀeᵢ. At a facet's centre these are along its normal: they add to the strain across the
-    facet, and nothing to that along it, which is the gauges'.
-    facets (f) of this mesh; parameters: moduli of plies among them stay free in the plies.
+    On a face of a laminate the strain across is that of the ply at the face, see `FacetLaws`.
+    Incompatible modes of a kind count too, at the amplitudes to which the assembly condenses them (α = −K_aa⁻¹K_au z), with
+    their gradients −2ξᵢ J⁻ᵀeᵢ. At the centre of a facet these are along its normal: they add to the strain across the facet,
+    but not to that along it, which gauges measure.
+    facets (f) of this mesh; parameters: moduli of plies among them stay free.
     Raises DeckError where |J| ≤ 0 at a facet's centre, ids named.
     """
     laws = facet_laws(mesh, facets, parameters)
@@ -64,15 +64,15 @@ def facet_strain(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = (
 def strain_matrix(
     mesh: Mesh, facets: Facets, laws: FacetLaws | None, thickness: Thickness | None = None
 ) -> sparse.csr_array:
-    """The matrix of `StrainRows`; thickness: of shells that are thicker than those of the mesh, whose displacements these are."""
+    """The matrix of `StrainRows`; thickness: of shells that are thicker than those of the mesh with these displacements."""
     if thickness is not None:
-        found = sparse.csr_array((6 * len(facets.kind), 3 * len(mesh.position)))
+        total = sparse.csr_array((6 * len(facets.kind), 3 * len(mesh.position)))
         ratio = thickness.ratio_of(facets.element_id)
-        for own in np.unique(ratio):
-            G, of = thickness.moved(own), np.repeat(ratio == own, 6)
+        for value in np.unique(ratio):
+            G, has_ratio = thickness.moved(value), np.repeat(ratio == value, 6)
             moved = replace(mesh, position=(G @ mesh.position.ravel()).reshape(mesh.position.shape))
-            found = found + sparse.diags_array(of.astype(float)) @ strain_matrix(moved, facets, laws) @ G
-        return sparse.csr_array(found)
+            total = total + sparse.diags_array(has_ratio.astype(float)) @ strain_matrix(moved, facets, laws) @ G
+        return sparse.csr_array(total)
     entries = []
     for block, local, which, element in on_solids(mesh, facets):
         kind = FACETS[facets.kind[which[0]]]
@@ -82,32 +82,30 @@ def strain_matrix(
         rows = 6 * which[:, None, None, None, None] + np.arange(6)[:, None, None]
         columns = 3 * nodes[:, None, None, :, None] + np.arange(3)
         entries.append((B, rows, columns))
-    for which, nodes, B in _of_shells(mesh, facets, laws):
+    for which, nodes, B in _on_thin(mesh, facets, laws):
         rows = 6 * which[:, None, None, None] + np.arange(6)[:, None, None]
         columns = 3 * nodes[:, None, :, None] + np.arange(3)
         entries.append((B, rows, columns))
     return from_entries(entries, (6 * len(facets.kind), 3 * len(mesh.position)))
 
 
-def _of_shells(
-    mesh: Mesh, facets: Facets, laws: FacetLaws | None
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _on_thin(mesh: Mesh, facets: Facets, laws: FacetLaws | None) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """(which facets (m,), their nodes (m, k), B (m, 6, k, 3)) of the faces of shells and the sides of beams."""
-    own = np.flatnonzero(facets.of(mesh.thin))
-    for code in np.unique(facets.kind[own]):
-        kind, which = FACETS[code], own[facets.kind[own] == code]
+    thin_facets = np.flatnonzero(facets.of(mesh.thin))
+    for code in np.unique(facets.kind[thin_facets]):
+        kind, which = FACETS[code], thin_facets[facets.kind[thin_facets] == code]
         nodes = facets.nodes[which, : len(kind.nodes)]
         n, within = _along(kind, mesh.position[nodes], kind.centre)
         if len(kind.read_at):
-            within = _read(kind, mesh.position[nodes], n)
+            within = _strain_from_reading_points(kind, mesh.position[nodes], n)
         along = np.eye(3) - n[:, :, None] * n[:, None]
         # ε_nn = −contraction : ε
         material = [mesh.material_of(int(region)) for region in facets.region[which]]
-        ratio = np.array([0.0 if own is None else own.poisson_ratio / (1 - own.poisson_ratio) for own in material])
+        ratio = np.array([0.0 if m is None else m.poisson_ratio / (1 - m.poisson_ratio) for m in material])
         contraction = ratio[:, None, None] * along
         if laws is not None:
-            _, mine, of = np.intersect1d(which, laws.facet, return_indices=True)
-            contraction[mine] = laws.contraction[of]
+            _, with_law, of = np.intersect1d(which, laws.facet, return_indices=True)
+            contraction[with_law] = laws.contraction[of]
         across = np.einsum("mij,maijc->mac", contraction, within)
         strain = within - n[:, None, :, None, None] * n[:, None, None, :, None] * across[:, :, None, None]
         parts = [strain[:, :, i, i] for i in range(3)] + [2 * strain[:, :, i, j] for i, j in SHEARS]
@@ -115,8 +113,8 @@ def _of_shells(
 
 
 def _along(kind: Kind, corners: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normal (m, 3) of facets with nodes at corners (m, k, 3) at xi (2,), and ε_ij along them there of component c of the
-    displacement of node a (m, k, 3, 3, 3), sym(g_a ⊗ P)."""
+    """Normal (m, 3) at xi (2,) of facets with nodes at corners (m, k, 3), and the strain ε_ij along them there per component c
+    of the displacement of node a (m, k, 3, 3, 3), sym(g_a ⊗ P)."""
     slope = kind.gradient(xi[None])[0]
     J = np.einsum("ka,mkc->mca", slope, corners)
     g = np.einsum("ka,mac->mkc", slope, np.linalg.pinv(J))
@@ -126,10 +124,10 @@ def _along(kind: Kind, corners: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray,
     return n, half + half.swapaxes(2, 3)
 
 
-def _read(kind: Kind, corners: np.ndarray, n: np.ndarray) -> np.ndarray:
-    """ε_ij at the centre as `_along`, from the points where the facets' strain is read, turned the shortest way onto the tangent
-    plane with the normals n (m, 3)."""
-    found = np.zeros((*corners.shape[:2], 3, 3, 3))
+def _strain_from_reading_points(kind: Kind, corners: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """ε_ij at the centre as `_along`, from the points where the strain of the facet is evaluated, rotated the shortest way onto
+    the tangent plane with the normals n (m, 3)."""
+    total = np.zeros((*corners.shape[:2], 3, 3, 3))
     J = np.einsum("ka,mkc->mca", kind.gradient(kind.centre[None])[0], corners)
     r, s = np.moveaxis(J, 2, 0)
     a, b = np.moveaxis(np.linalg.pinv(J), 1, 0)
@@ -139,16 +137,16 @@ def _read(kind: Kind, corners: np.ndarray, n: np.ndarray) -> np.ndarray:
     dyads = np.stack([a[:, :, None] * a[:, None] + both, b[:, :, None] * b[:, None] + both, -both], axis=1)
     places = zip(kind.read_at, kind.reading(kind.centre[None])[0], kind.read_along or [None] * 4, strict=True)
     for point, weight, side in places:
-        own, strain = _along(kind, corners, point)
-        halfway = (own + n) / (1 + np.sum(own * n, axis=1))[:, None]
-        R = np.eye(3) + 2 * n[:, :, None] * own[:, None] - halfway[:, :, None] * (own + n)[:, None]
-        turned = np.einsum("mip,mjq,mapqc->maijc", R, R, strain, optimize=True)
+        normal, strain = _along(kind, corners, point)
+        halfway = (normal + n) / (1 + np.sum(normal * n, axis=1))[:, None]
+        R = np.eye(3) + 2 * n[:, :, None] * normal[:, None] - halfway[:, :, None] * (normal + n)[:, None]
+        rotated = np.einsum("mip,mjq,mapqc->maijc", R, R, strain, optimize=True)
         if side is not None:
-            turned = np.einsum(
-                "mi,mj,maijc,mkl->maklc", sides[:, side], sides[:, side], turned, dyads[:, side], optimize=True
+            rotated = np.einsum(
+                "mi,mj,maijc,mkl->maklc", sides[:, side], sides[:, side], rotated, dyads[:, side], optimize=True
             )
-        found += weight * turned
-    return found
+        total += weight * rotated
+    return total
 
 
 def _strain(mesh: Mesh, block: CellBlock, element: np.ndarray, xi: np.ndarray) -> np.ndarray:
@@ -167,19 +165,19 @@ def _strain(mesh: Mesh, block: CellBlock, element: np.ndarray, xi: np.ndarray) -
 
 def _amplitudes(mesh: Mesh, kind: ElementKind, position: np.ndarray, region: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """`bubble_amplitudes` (e, 3p, 3k) of elements in regions (e,)."""
-    own = np.isin(region, anisotropic_regions(mesh))
-    nu = poisson_ratios(mesh, region[~own])
-    if not own.any():
+    anisotropic = np.isin(region, anisotropic_regions(mesh))
+    nu = poisson_ratios(mesh, region[~anisotropic])
+    if not anisotropic.any():
         return bubble_amplitudes(kind, position, nu, ids)
     assert kind.bubble_gradient is not None
     modes = kind.bubble_gradient(kind.centre[None]).shape[1]
-    found = np.empty((len(ids), 3 * modes, 3 * len(kind.nodes)))
+    amplitudes = np.empty((len(ids), 3 * modes, 3 * len(kind.nodes)))
     for which, rule in by_rule(mesh, kind, region):
         C = elasticities(mesh, kind, position[which], region[which], rule[0])
-        found[which] = bubble_amplitudes(kind, position[which], C, ids[which], rule)
+        amplitudes[which] = bubble_amplitudes(kind, position[which], C, ids[which], rule)
     if len(nu):
-        found[~own] = bubble_amplitudes(kind, position[~own], nu, ids[~own])
-    return found
+        amplitudes[~anisotropic] = bubble_amplitudes(kind, position[~anisotropic], nu, ids[~anisotropic])
+    return amplitudes
 
 
 def bubble_amplitudes(
@@ -187,14 +185,14 @@ def bubble_amplitudes(
 ) -> np.ndarray:
     """α = −K_aa⁻¹K_au z of the incompatible modes of a kind, with the gradients of `element_stiffnesses`.
 
-    position (e, k, 3) [m]; law (e,) Poisson's ratio, or C (e, q or 1, 6, 6) as `anisotropic_stiffnesses` has it; ids for the
+    position (e, k, 3) [m]; law (e,) Poisson's ratio, or C (e, q or 1, 6, 6) as in `anisotropic_stiffnesses`; ids for the
     error message; rule: None that of the kind. Returns (e, 3p, 3k), rows 3·mode + component.
     """
     xi, w = kind.stiffness if rule is None else rule
     g, det = gradients(kind, position, xi, ids)
-    own = bubble_gradients(kind, position, xi, det)
+    bubble = bubble_gradients(kind, position, xi, det)
     weight = (w * det)[:, :, None, None]
-    Bu, Ba = (symmetric_gradient(part).reshape(len(ids), len(w), 6, -1) for part in (g, own))
+    Bu, Ba = (symmetric_gradient(part).reshape(len(ids), len(w), 6, -1) for part in (g, bubble))
     stress = law @ Ba if law.ndim == 4 else isotropic(Ba, *(part[:, None, None] for part in lame(law)))
     DBa = np.swapaxes(weight * stress, 2, 3)
     return -np.linalg.solve((DBa @ Ba).sum(axis=1), (DBa @ Bu).sum(axis=1))
@@ -209,15 +207,15 @@ def isotropic(strain: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray
 
 
 CHUNK = 2048
-"""Points at a time: what belongs to them stays in the processor's cache."""
+"""Points at a time, so that their data fits the cache of the processor."""
 
 
 @dataclass(frozen=True)
 class SurfaceModel:
     """ε = B q and σ = E(θ) C(ν) ε of p points: strain B (p, 6, r), shears γ; lam and mu (p,) Lamé's constants of unit
-    modulus; modulus E(θ) (p,) [Pa], affine in the free moduli and factors of the stiffness. On a face of a laminate, and of
-    an anisotropic solid, C(θ) is that of `FacetLaws` there [Pa], and E its factor [-]: points that laws.facet names.
-    change (p, 6, r): what θ adds to B where a thickness of shells is free."""
+    modulus; modulus E(θ) (p,) [Pa], affine in the free moduli and stiffness factors. At the points of laws.facet (laminates
+    and anisotropic solids) C(θ) is that of `FacetLaws` [Pa], and E its factor [-].
+    change (p, 6, r): the change of B with θ where a shell thickness is free."""
 
     strain: np.ndarray
     lam: np.ndarray
@@ -229,19 +227,19 @@ class SurfaceModel:
     def unit_stress(
         self, strain: np.ndarray, law: np.ndarray | None, start: int = 0, factor: np.ndarray | float = 1.0
     ) -> np.ndarray:
-        """factor × C ε (k, 6, w) of strain (k, 6, w), shears γ, at the points from `start` on; factor (k,) or one; law: C
-        (m, 6, 6) where there are laws."""
+        """factor × C ε (k, 6, w) of strain (k, 6, w), shears γ, at the points from `start` on; factor (k,) or scalar; law: C
+        (m, 6, 6) of the points with laws."""
         here = slice(start, start + len(strain))
         column = np.broadcast_to(factor, len(strain))[:, None]
         stress = isotropic(strain, column * self.lam[here, None], column * self.mu[here, None])
         if self.laws is not None and law is not None:
-            own = np.flatnonzero((self.laws.facet >= start) & (self.laws.facet < start + len(strain)))
-            at = self.laws.facet[own] - start
-            stress[at] = column[at, :, None] * (law[own] @ strain[at])
+            law_rows = np.flatnonzero((self.laws.facet >= start) & (self.laws.facet < start + len(strain)))
+            at = self.laws.facet[law_rows] - start
+            stress[at] = column[at, :, None] * (law[law_rows] @ strain[at])
         return stress
 
     def law_stress(self, strain: np.ndarray, law: np.ndarray) -> np.ndarray:
-        """C ε (p, 6, w) of strain (p, 6, w) where there are laws, zero elsewhere; law C (m, 6, 6)."""
+        """C ε (p, 6, w) of strain (p, 6, w) at points with laws, zero elsewhere; law C (m, 6, 6)."""
         stress = np.zeros_like(strain)
         if self.laws is not None:
             stress[self.laws.facet] = law @ strain[self.laws.facet]
@@ -251,7 +249,7 @@ class SurfaceModel:
 @dataclass(frozen=True)
 class SurfaceState:
     """strain (p, 6), shears γ; stress (p, 6) [Pa]; von_mises (p,) [Pa]; principal (p, 3) [Pa], largest first; and their
-    standard deviations, None where no covariance is given."""
+    standard deviations, None without a covariance."""
 
     strain: np.ndarray
     stress: np.ndarray
@@ -265,22 +263,21 @@ class SurfaceState:
 def surface_model(
     mesh: Mesh, rows: StrainRows, field: np.ndarray, parameters: Sequence[Parameter] = ()
 ) -> SurfaceModel:
-    """The rows on a displacement field per coordinate, field (3n, r), with the materials of their regions.
+    """The strain operator applied to a displacement field per coordinate, field (3n, r), with the materials of the regions.
 
-    parameters: those of the stiffness stay free in their regions. Raises DeckError where a region has no
-    material.
-    """
+    parameters: those of the stiffness stay free. Raises DeckError for a region without a material."""
     numbers, where = np.unique(rows.region, return_inverse=True)
     for number in numbers:
         if int(number) not in mesh.regions or mesh.density_of(int(number)) is None:
             raise DeckError(
-                f"region {number} has no material", remedy="stresses need one: state it under mesh.materials"
+                f"region {number} has no material", remedy="Specify one under mesh.materials: stresses need a material."
             )
-    if rows.laws is not None and (lost := np.isnan(rows.laws.stiffness.constant[:, 0, 0])).any():
-        region = mesh.regions[int(rows.region[rows.laws.facet[np.argmax(lost)]])]
+    if rows.laws is not None and (without_stress := np.isnan(rows.laws.stiffness.constant[:, 0, 0])).any():
+        region = mesh.regions[int(rows.region[rows.laws.facet[np.argmax(without_stress)]])]
         raise DeckError(
-            f"{region} has one material in its membrane and another in bending, or coupling: strain on its faces makes no stress",
-            remedy="give it one material (MID1 = MID2, no MID4) or plies (PCOMP), or do without stress and damage there",
+            f"{region} has different materials in its membrane and in bending, or coupling: no stress follows from the strain "
+            "on its faces",
+            remedy="Assign it one material (MID1 = MID2, no MID4) or plies (PCOMP), or do without stress and damage there.",
         )
     materials = [mesh.material_of(int(number)) for number in numbers]
     lam, mu = lame(np.array([0.0 if material is None else material.poisson_ratio for material in materials])[where])
@@ -288,9 +285,9 @@ def surface_model(
     terms = {}
     for p in parameters:
         if scales_stiffness(p.property):
-            own = np.isin(rows.region, [number for number in p.regions if not shapes(mesh, number, p.property)])
-            terms[p.name] = own * (E if p.property == "stiffness_factor" else 1.0)
-            E = np.where(own, 0.0, E)
+            in_regions = np.isin(rows.region, [number for number in p.regions if not shapes(mesh, number, p.property)])
+            terms[p.name] = in_regions * (E if p.property == "stiffness_factor" else 1.0)
+            E = np.where(in_regions, 0.0, E)
     strain = rows.matrix @ np.asarray(field).reshape(3 * len(mesh.position), -1)
     return SurfaceModel(strain.reshape(len(E), 6, -1), lam, mu, AffineOperator(E, terms), rows.laws)
 
@@ -307,8 +304,8 @@ def surface_state(
         std(gᵀx) = √(gᵀPg),   x = [q, θ_free],   ∂σ/∂q = E C B,   ∂σ_v/∂σ = 3 dev(σ)/2σ_v
         ∂σ/∂θ_i = (C ∂E/∂θ_i + E ∂C/∂θ_i) B q + E C ∂B/∂θ_i q
 
-    covariance P (r + k, r + k) of q and the k parameters named by free, these in SI units: of p = ln θ they are θ times p.
-    Where σ_v is zero it has no slope; √tr(VP_σ), the root mean square of σ_v = √(σᵀVσ), stands for it there.
+    covariance P (r + k, r + k) of q and the k parameters named by free, these in SI units: derivatives by p = ln θ are θ times
+    those by θ. Where σ_v is zero it has no derivative; there √tr(VP_σ), the root mean square of σ_v = √(σᵀVσ), is used.
     """
     r = model.strain.shape[2]
     if covariance is not None and np.shape(covariance) != (r + len(free),) * 2:
@@ -347,7 +344,7 @@ def surface_state(
 def _thickness_slopes(
     model: SurfaceModel, theta: Mapping[str, float], free: Sequence[str], q: np.ndarray
 ) -> np.ndarray | None:
-    """∂B/∂θ q (p, 6, k) of the k parameters; None where none of them is a thickness."""
+    """∂B/∂θ q (p, 6, k) of the k parameters; None if none of them is a thickness."""
     if not set(free) & set(model.change.parameters):
         return None
     slopes = [np.broadcast_to(model.change.derivative(name, theta), model.strain.shape) @ q for name in free]
@@ -357,7 +354,7 @@ def _thickness_slopes(
 def _ply_slopes(
     model: SurfaceModel, theta: Mapping[str, float], free: Sequence[str], strain: np.ndarray
 ) -> np.ndarray | None:
-    """∂C/∂θ ε (p, 6, k) of strain (p, 6, 1) and the k parameters; None where none of them is a modulus of plies."""
+    """∂C/∂θ ε (p, 6, k) of strain (p, 6, 1) and the k parameters; None if none of them is a modulus of plies."""
     if model.laws is None or not set(free) & set(model.laws.stiffness.parameters):
         return None
     slopes = [model.law_stress(strain, model.laws.stiffness.derivative(name, theta)) for name in free]
@@ -382,8 +379,8 @@ def principal(stress: np.ndarray) -> np.ndarray:
 
 
 def _root(P: np.ndarray) -> np.ndarray:
-    """L with P = LLᵀ, of as many columns as P has rank; what rounding has made negative is zero."""
-    # to a unit diagonal first: moduli [Pa] beside coordinates lie twenty orders of magnitude apart
+    """L with P = LLᵀ and as many columns as the rank of P; eigenvalues made negative by rounding are dropped."""
+    # scaled to a unit diagonal: moduli [Pa] and coordinates differ by twenty orders of magnitude
     std = np.sqrt(np.maximum(np.diagonal(P), 0.0))
     scale = np.where(std > 0, std, 1.0)
     lam, V = np.linalg.eigh(P / np.outer(scale, scale))

@@ -1,4 +1,4 @@
-"""Motions without stiffness: found from the supports, before a factorisation breaks on them."""
+"""Detection of motions without stiffness (rigid-body motions and mechanisms) from the supports, before the factorisation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from strainsight.errors import UserError
 from strainsight.fem.affine import from_entries
 from strainsight.fem.constraints import Constraint, describe_row
 from strainsight.fem.equations import references, rigid_rows, translation_rows
-from strainsight.fem.pieces import Pieces, parts, stiff_pieces, whole
+from strainsight.fem.pieces import Pieces, parts, single_piece, stiff_pieces
 from strainsight.fem.springs import spring_rows
 from strainsight.mesh.model import FloatArray, IntArray, Mesh
 
@@ -41,8 +41,8 @@ def motion_words(null: np.ndarray, centre: np.ndarray, radius: float, where: str
 
 
 def _echelon(Q: np.ndarray) -> np.ndarray:
-    """The basis of span(Q), Q (6, k), in which each vector alone has a one in one of k rows, rotations first: no rounding
-    chooses among the bases."""
+    """The basis of span(Q), Q (6, k), in which each vector has the only one in one of k rows, rotations first, so that rounding
+    does not choose the basis."""
     rows: list[int] = []
     for row in (3, 4, 5, 0, 1, 2):
         if np.linalg.matrix_rank(Q[[*rows, row]], tol=1e-6) > len(rows):
@@ -51,7 +51,7 @@ def _echelon(Q: np.ndarray) -> np.ndarray:
 
 
 def _upward(v: np.ndarray) -> np.ndarray:
-    """±v/|v|, its first component that is none of rounding positive."""
+    """±v/|v|, with a positive first component (apart from rounding)."""
     v = v / np.linalg.norm(v)
     return v * np.sign(v[np.argmax(np.abs(v) > 1e-6)])
 
@@ -67,74 +67,76 @@ def _triple(v: np.ndarray) -> str:
 
 TOLERANCE = 1e-9
 MOST = 300
-"""Bodies whose motions are looked at one by one."""
+"""Largest number of bodies whose motions are analysed separately."""
 
 
 @dataclass(frozen=True)
 class FreeMotions:
-    """words for people; vectors (n_free, k) [m or rad per unit], which span the motions."""
+    """words: description in messages; vectors (n_free, k) [m or rad per unit], which span the motions."""
 
     words: tuple[str, ...]
     vectors: np.ndarray
 
 
 def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
-    """Rigid motions that the constraints allow, in words ("translation x", "rotation about z"); empty where none.
+    """Rigid motions that the constraints allow, in words ("translation x", "rotation about z"); possibly empty.
 
     With z = R c on the nodes of an element body (six motions c) and y the motions of reference nodes outside the
-    elements, the constraint holds where T (R c, y) = R c on the clamped and dependent rows, all along the axes of the node
-    they belong to; springs are not stretched where R_s T (R c, y) = 0; bodies that share a node move it alike. The null vectors
-    (c, y) of that system, its columns scaled to unit motion, are what moves freely. First the whole structure is one body; if it
-    is held, each piece that is stiff in itself is a body of its own.
+    elements, the constraint is met if T (R c, y) = R c on the clamped and dependent rows, all in the local axes of their
+    nodes. Springs are not stretched if R_s T (R c, y) = 0; bodies that share a node move it equally. The null vectors (c, y) of
+    that system, its columns scaled to unit motion, are the free motions. First the whole structure is one body; if it is
+    supported, each stiff piece is a separate body.
     Raises UserError for more than 300 parts that share no node.
     """
-    return _words(mesh, constraint)[0]
+    return _describe_motions(mesh, constraint)[0]
 
 
-def _words(mesh: Mesh, constraint: Constraint) -> tuple[tuple[str, ...], bool]:
-    """Those of `rigid_body_motions`, and whether they are of pieces that share nodes."""
-    words = _free_motions(mesh, constraint, whole(mesh)).words
+def _describe_motions(mesh: Mesh, constraint: Constraint) -> tuple[tuple[str, ...], bool]:
+    """Those of `rigid_body_motions`, and whether they are motions of pieces that share nodes."""
+    words = _free_motions(mesh, constraint, single_piece(mesh)).words
     if words:
         return words, False
-    each = _bodies(mesh)
-    words = _free_motions(mesh, constraint, each).words if each.count > 1 else ()
-    return words, bool(each.meeting[0].size)
+    bodies = _bodies(mesh)
+    words = _free_motions(mesh, constraint, bodies).words if bodies.count > 1 else ()
+    return words, bool(bodies.meeting[0].size)
 
 
 def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
-    """R (n_free, k) [m or rad per unit]: a basis of the rigid motions of a structure in one piece that nothing holds.
+    """R (n_free, k) [m or rad per unit]: a basis of the rigid-body motions of an unsupported structure in one piece.
 
-    They are the null vectors that `rigid_body_motions` names, on the free motions: K R = 0 at any moduli.
-    Raises UserError where the supports hold all of them, and where parts move against each other.
+    They are the null vectors of `rigid_body_motions`, on the free motions: K R = 0 at any moduli.
+    Raises UserError if supports prevent all of them, and if parts move relative to each other.
     """
-    together = _free_motions(mesh, constraint, whole(mesh))
+    together = _free_motions(mesh, constraint, single_piece(mesh))
     if not together.words:
         raise UserError(
-            "supports or springs hold every rigid motion of the structure", key="mesh.free", remedy="remove mesh.free"
+            "supports or springs prevent every rigid-body motion of the structure",
+            key="mesh.free",
+            remedy="Remove mesh.free.",
         )
     bodies = _bodies(mesh)
-    each = _free_motions(mesh, constraint, bodies, against_first=True) if bodies.count > 1 else together
-    if each.vectors.shape[1] > together.vectors.shape[1]:
+    separate = _free_motions(mesh, constraint, bodies, against_first=True) if bodies.count > 1 else together
+    if separate.vectors.shape[1] > together.vectors.shape[1]:
         first = _node_of(mesh, bodies, 0)
         raise UserError(
-            f"the {bodies.count} parts of the structure move against each other, {each.vectors.shape[1]} free motions and not "
-            f"{together.vectors.shape[1]}: against the part with node {first}, {_listed(each.words)}",
+            f"the {bodies.count} parts of the structure move relative to each other: {separate.vectors.shape[1]} free motions "
+            f"instead of {together.vectors.shape[1]}. Relative to the part with node {first}: {_listed(separate.words)}",
             key="mesh.free",
-            remedy="a free structure is one piece: tie the parts (mesh.ties), or merge coincident nodes",
+            remedy="A free structure must be one piece: tie the parts (mesh.ties), or merge coincident nodes.",
         )
     return together.vectors
 
 
 def require_support(mesh: Mesh, constraint: Constraint, hint: Callable[[], str] = str) -> None:
-    """Raise UserError that names the free motions where there are any; hint: more of a remedy for what is free altogether."""
-    motions, hinged = _words(mesh, constraint)
+    """Raise UserError that names the free motions, if any; hint: further remedy for a structure without supports."""
+    motions, hinged = _describe_motions(mesh, constraint)
     if motions:
         free = {f"translation {axis}" for axis in AXES} <= set(motions)
         raise UserError(
             f"the structure can move freely: {_listed(motions)}",
-            remedy="add supports or ties that hold these motions, in the deck or under mesh.supports and mesh.ties"
+            remedy="Add supports or ties that prevent these motions, in the deck or under mesh.supports and mesh.ties."
             + (
-                "; parts that share nodes on one line only are hinged there: tie their rotations (RBE3)"
+                " Parts that share nodes on one line only are hinged there: tie their rotations (RBE3)."
                 if hinged
                 else ""
             )
@@ -147,49 +149,49 @@ def _listed(words: tuple[str, ...]) -> str:
 
 
 def _bodies(mesh: Mesh) -> Pieces:
-    """Stiff pieces, or where these are more than MOST the parts that share no node. Raises UserError for more than MOST parts."""
-    found = stiff_pieces(mesh)
-    if found.count > MOST:
-        found = parts(mesh)
-    if found.count > MOST:
+    """Stiff pieces, or if there are more than MOST, the parts that share no node. Raises UserError for more than MOST parts."""
+    pieces = stiff_pieces(mesh)
+    if pieces.count > MOST:
+        pieces = parts(mesh)
+    if pieces.count > MOST:
         raise UserError(
-            f"the mesh falls into {found.count} parts that share no node",
-            remedy="merge coincident nodes, then try again",
+            f"the mesh consists of {pieces.count} parts that share no node",
+            remedy="Merge coincident nodes.",
         )
-    return found
+    return pieces
 
 
 def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_first: bool = False) -> FreeMotions:
-    """against_first: the words are on the motions in which the first piece stays where it is."""
+    """against_first: describe the motions relative to the first piece."""
     label, bodies = pieces.label, pieces.count
-    own = [mesh.position[pieces.node[pieces.piece == b]] for b in range(bodies)]
-    centre = np.array([x.mean(axis=0) for x in own])
-    radius = np.array([np.linalg.norm(x - x.mean(axis=0), axis=1).max() for x in own])
+    body_nodes = [mesh.position[pieces.node[pieces.piece == b]] for b in range(bodies)]
+    centre = np.array([x.mean(axis=0) for x in body_nodes])
+    radius = np.array([np.linalg.norm(x - x.mean(axis=0), axis=1).max() for x in body_nodes])
     nodes = np.flatnonzero(label >= 0)
-    # along the axes of each node, in which its components are held and follow
-    R = constraint.along_own_axes(_motions(mesh, constraint, nodes, label, centre, radius))
-    T, free = constraint.along_own_axes(constraint.transform), constraint.free_rows
+    # in the local axes of each node, which supports and ties refer to
+    R = constraint.along_local_axes(_motions(mesh, constraint, nodes, label, centre, radius))
+    T, free = constraint.along_local_axes(constraint.transform), constraint.free_rows
     supported = np.zeros(T.shape[0], dtype=bool)
     supported[translation_rows(nodes)] = True
     supported[constraint.rotations(mesh.turning)] = True
-    held = supported.copy()
-    held[free] = False
-    held_rows = np.flatnonzero(held)
+    constrained = supported.copy()
+    constrained[free] = False
+    constrained_rows = np.flatnonzero(constrained)
     inside = supported[free]
-    Th = T[held_rows]
+    Th = T[constrained_rows]
     loose = Th[:, np.flatnonzero(~inside)]
-    stretched = _stretched(mesh, constraint)
-    parted = _parted(mesh, pieces, centre, radius)
+    stretched = _spring_elongations(mesh, constraint)
+    parted = _relative_motions(mesh, pieces, centre, radius)
     size = np.sqrt(np.asarray(loose.multiply(loose).sum(axis=0)).ravel())
     size[size == 0] = 1.0
     within, moved = np.flatnonzero(inside), R[free[inside]]
     rows = [
-        (Th[:, within] @ moved - R[held_rows], loose / size),
+        (Th[:, within] @ moved - R[constrained_rows], loose / size),
         (stretched[:, within] @ moved, stretched[:, np.flatnonzero(~inside)] / size),
         (parted, sparse.csr_array((parted.shape[0], loose.shape[1]))),
     ]
     B = sparse.vstack([sparse.hstack(row) for row in rows], format="csr")
-    null = _that_move(_null_space(B), R)
+    null = _without_zero_motions(_null_space(B), R)
     words: list[str] = []
     named = null @ _null_space(sparse.csr_array(null[:6])) if against_first else null
     for b in range(bodies):
@@ -198,15 +200,15 @@ def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_fi
     column = null[6 * bodies :]
     if column.size and not words:
         loosest = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
-        words = [describe_row(mesh, constraint, int(row)) + _of_tie(mesh, constraint, int(row)) for row in loosest]
+        words = [describe_row(mesh, constraint, int(row)) + _kind_of_tie(mesh, constraint, int(row)) for row in loosest]
     vectors = np.empty((len(free), null.shape[1]))
     vectors[inside] = moved @ null[: 6 * bodies]
     vectors[~inside] = null[6 * bodies :] / size[:, None]
     return FreeMotions(tuple(words), vectors)
 
 
-def _of_tie(mesh: Mesh, constraint: Constraint, row: int) -> str:
-    """Which kind of tie a motion outside of the elements belongs to."""
+def _kind_of_tie(mesh: Mesh, constraint: Constraint, row: int) -> str:
+    """Kind of the tie that a motion outside of the elements belongs to."""
     leads = references(mesh)
     owner = {at + k: node for node, at in constraint.reference_rows.items() for k in range(3)}
     node = owner.get(row, row // 3)
@@ -215,13 +217,13 @@ def _of_tie(mesh: Mesh, constraint: Constraint, row: int) -> str:
     return " of a rigid element" if node in leads else " of a relation"
 
 
-def _stretched(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:
-    """How the free motions stretch each spring (s, n_free), its largest entry one."""
+def _spring_elongations(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:
+    """Elongation of each spring by the free motions (s, n_free), its largest entry one."""
     R, k = spring_rows(mesh, constraint.reference_rows)
     rows = sparse.csr_array(R[np.flatnonzero(k > 0)] @ constraint.transform)
     largest = np.asarray(abs(rows).max(axis=1).todense()).ravel() if min(rows.shape) else np.zeros(rows.shape[0])
-    kept = np.flatnonzero(largest > 0)
-    return sparse.csr_array(sparse.diags_array(1 / largest[kept]) @ rows[kept])
+    nonzero = np.flatnonzero(largest > 0)
+    return sparse.csr_array(sparse.diags_array(1 / largest[nonzero]) @ rows[nonzero])
 
 
 def _motions(
@@ -238,8 +240,8 @@ def _motions(
     return from_entries([displaced, turned], (constraint.transform.shape[0], 6 * len(centre)))
 
 
-def _parted(mesh: Mesh, pieces: Pieces, centre: np.ndarray, radius: np.ndarray) -> sparse.csr_array:
-    """R_a c_a − R_b c_b (3s, 6b) at the s nodes that a piece has beside the one that they move with."""
+def _relative_motions(mesh: Mesh, pieces: Pieces, centre: np.ndarray, radius: np.ndarray) -> sparse.csr_array:
+    """R_a c_a − R_b c_b (3s, 6b) at the s nodes of a piece that move with another one."""
     node, other = pieces.meeting
     entries, rows = [], np.arange(3 * len(node)).reshape(-1, 3, 1)
     for body, sign in ((pieces.label[node], 1.0), (other, -1.0)):
@@ -260,8 +262,8 @@ def _null_space(B: sparse.csr_array) -> np.ndarray:
     return Vt[rank:].T
 
 
-def _that_move(null: np.ndarray, R: sparse.csr_array) -> np.ndarray:
-    """Null vectors (columns, k) without those that move nothing, as the turn of rods in a line about it."""
+def _without_zero_motions(null: np.ndarray, R: sparse.csr_array) -> np.ndarray:
+    """Null vectors (columns, k) without those that move no node, such as the rotation of rods in a line about it."""
     if not null.size:
         return null
     rigid = R.shape[1]
@@ -270,21 +272,21 @@ def _that_move(null: np.ndarray, R: sparse.csr_array) -> np.ndarray:
 
 
 def _node_of(mesh: Mesh, pieces: Pieces, body: int) -> int:
-    """Id of the first node of a piece that no other one has; of its first node, where it has none."""
-    own = pieces.node[pieces.piece == body]
-    alone = own[~np.isin(own, pieces.meeting[0])]
-    return int(mesh.node_ids[(alone if len(alone) else own)[0]])
+    """Id of the first node that belongs to this piece only, otherwise of its first node."""
+    nodes = pieces.node[pieces.piece == body]
+    unshared = nodes[~np.isin(nodes, pieces.meeting[0])]
+    return int(mesh.node_ids[(unshared if len(unshared) else nodes)[0]])
 
 
 EXACT = 1e-6
-"""Of the largest term of a spring or relation: rounding of the positions in a deck."""
+"""Share of the largest term of a spring or relation: rounding of the positions in a deck."""
 MOTIONS = (*(f"translation {axis}" for axis in AXES), *(f"rotation about {axis}" for axis in AXES))
 
 
 @dataclass(frozen=True)
-class Grounded:
-    """A spring or relation between several nodes that a rigid motion stretches: name; the motion that stretches it most; share:
-    |Σ r z| over Σ |r| |z| under it, 0 where all is well; apart [m]: the largest distance between its nodes."""
+class StretchedLink:
+    """A spring or relation between several nodes that a rigid motion stretches: name; motion: the one that stretches it most;
+    share: |Σ r z| over Σ |r| |z| under it, 0 if correct; apart [m]: the largest distance between its nodes."""
 
     name: str
     motion: str
@@ -292,45 +294,47 @@ class Grounded:
     apart: float
 
 
-def links(mesh: Mesh, least: float = 0.0) -> tuple[Grounded, ...]:
-    """Springs and relations between several nodes, s = Σ r z under a rigid motion z = u + ω × (x − x₀) of the whole: the one that
-    such a motion stretches most first; least: of those by a share larger than this alone, EXACT where s should be 0.
+def links(mesh: Mesh, least: float = 0.0) -> tuple[StretchedLink, ...]:
+    """Springs and relations between several nodes, s = Σ r z, that a rigid motion z = u + ω × (x − x₀) stretches, largest share
+    first; least: smallest share that counts, EXACT if s should be 0.
 
-    What has one node alone leads to the ground, and is a support. Elements, rigid and averaging elements follow a rigid motion
-    exactly.
+    A link with a single node leads to the ground and is a support. Elements, rigid and averaging elements follow a rigid
+    motion exactly.
     """
-    x, found = mesh.position - mesh.position.mean(axis=0), list[Grounded]()
+    x, stretched = mesh.position - mesh.position.mean(axis=0), list[StretchedLink]()
     for spring in mesh.springs:
         for i in np.flatnonzero(spring.stiffness > 0):
             part = spring.spring == i
-            found += _checked(x, spring.name, spring.node[part], spring.component[part], spring.value[part], {})
+            stretched += _stretched_link(
+                x, spring.name, spring.node[part], spring.component[part], spring.value[part], {}
+            )
     for tie in mesh.relations:
-        found += _checked(x, str(tie), tie.node, tie.component, tie.value, mesh.axes)
-    return tuple(sorted((own for own in found if own.share >= least), key=lambda own: -own.share))
+        stretched += _stretched_link(x, str(tie), tie.node, tie.component, tie.value, mesh.axes)
+    return tuple(sorted((link for link in stretched if link.share >= least), key=lambda link: -link.share))
 
 
-def _checked(
+def _stretched_link(
     x: FloatArray, name: str, node: IntArray, component: IntArray, value: FloatArray, axes: Mapping[int, FloatArray]
-) -> Iterator[Grounded]:
-    kept = value != 0
-    node, component, value = node[kept], component[kept], value[kept]
+) -> Iterator[StretchedLink]:
+    nonzero = value != 0
+    node, component, value = node[nonzero], component[nonzero], value[nonzero]
     if len(np.unique(node)) < 2:
         return
     terms = value[:, None] * _rows(x, node, component, axes)
     size = np.abs(terms).sum(axis=0)
     share = np.divide(np.abs(terms.sum(axis=0)), size, out=np.zeros(6), where=size > EXACT * size.max(initial=0.0))
     worst = int(np.argmax(share))
-    apart = float(np.linalg.norm(x[node] - x[node[0]], axis=1).max())
-    yield Grounded(name, MOTIONS[worst], float(share[worst]), apart)
+    distance = float(np.linalg.norm(x[node] - x[node[0]], axis=1).max())
+    yield StretchedLink(name, MOTIONS[worst], float(share[worst]), distance)
 
 
 def _rows(x: FloatArray, node: IntArray, component: IntArray, axes: Mapping[int, FloatArray]) -> FloatArray:
-    """(k, 6): each component of motion of its node under six rigid motions, along the axes of the node."""
+    """(k, 6): each motion component of its node under six rigid motions, in the local axes of the node."""
     rows = np.zeros((len(node), 6, 6))
     rows[:, :3] = rigid_rows(x[node])
     rows[:, 3:, 3:] = np.eye(3)
-    for i, own in enumerate(node.tolist()):
-        if own in axes:
-            Q = np.asarray(axes[own])
+    for i, node_index in enumerate(node.tolist()):
+        if node_index in axes:
+            Q = np.asarray(axes[node_index])
             rows[i] = np.vstack([Q.T @ rows[i, :3], Q.T @ rows[i, 3:]])
     return rows[np.arange(len(node)), component]

@@ -35,44 +35,49 @@ from strainsight.mesh.thin import (
 from strainsight.parallel import mapped
 
 RIGID_IN_SHEAR = 1000.0
-"""What stands for t_s/t = ∞: shear adds a thousandth of what it would to a deflection."""
+"""Substitute of t_s/t = ∞: shear increases a deflection by a thousandth of its normal effect."""
 
 
 def resistance_of(mesh: Mesh, part: ShellBlock) -> Resistance:
-    """Of shells (e,) along the axes of `shell_axes`; of homogeneous ones with unit modulus, of others as they are."""
+    """Resistance of shells (e,) along the axes of `shell_axes`; of homogeneous ones with unit modulus, of others with theirs."""
     e = len(part.ids)
-    found = Resistance(np.zeros((e, 3, 3)), np.zeros((e, 3, 3)), np.zeros((e, 3, 3)), np.zeros((e, 2, 2)))
+    result = Resistance(np.zeros((e, 3, 3)), np.zeros((e, 3, 3)), np.zeros((e, 3, 3)), np.zeros((e, 2, 2)))
     numbers = np.unique(part.region).tolist()
-    general = {number: own for number in numbers if (own := mesh.general_shell(number)) is not None}
-    alike = np.isin(part.region, [n for n in numbers if mesh.laminate(n) is None and n not in general])
-    if alike.any():
-        sections = [mesh.sections[int(number)] for number in part.region[alike]]
-        nu = poisson_ratios(mesh, part.region[alike])
-        found.A[alike], found.D[alike], found.S[alike] = _homogeneous(
+    general = {number: shell for number in numbers if (shell := mesh.general_shell(number)) is not None}
+    homogeneous = np.isin(part.region, [n for n in numbers if mesh.laminate(n) is None and n not in general])
+    if homogeneous.any():
+        sections = [mesh.sections[int(number)] for number in part.region[homogeneous]]
+        nu = poisson_ratios(mesh, part.region[homogeneous])
+        result.A[homogeneous], result.D[homogeneous], result.S[homogeneous] = _homogeneous(
             [section for section in sections if isinstance(section, ShellSection)], nu
         )
-    if alike.all():
-        return found
-    turned = material_angle(mesh, part)
+    if homogeneous.all():
+        return result
+    angle = material_angle(mesh, part)
     for number in numbers:
         if number in general or mesh.laminate(number) is not None:
-            own = part.region == number
-            whole = of_general(general[number]) if number in general else of_laminate(mesh, number)
-            seen = whole.seen_at(turned[own])
-            found.A[own], found.B[own], found.D[own], found.S[own] = seen.A, seen.B, seen.D, seen.S
-    return found
+            in_region = part.region == number
+            resistance = of_general(general[number]) if number in general else of_laminate(mesh, number)
+            rotated = resistance.rotate(angle[in_region])
+            result.A[in_region], result.B[in_region], result.D[in_region], result.S[in_region] = (
+                rotated.A,
+                rotated.B,
+                rotated.D,
+                rotated.S,
+            )
+    return result
 
 
-def of_general(own: GeneralShell) -> Resistance:
-    """Of a shell of several or anisotropic materials, along x and y of these."""
-    t, shear = own.thickness, own.shear
+def of_general(shell: GeneralShell) -> Resistance:
+    """Resistance of a shell of several or anisotropic materials, along their x and y."""
+    t, shear = shell.thickness, shell.shear
     if not np.isfinite(shear).all():
-        shear = RIGID_IN_SHEAR * float(in_shear(own.bending)) * np.eye(2)
-    return Resistance(t * own.membrane, t**2 * own.coupling, t**3 / 12 * own.bending, t * shear)
+        shear = RIGID_IN_SHEAR * float(in_shear(shell.bending)) * np.eye(2)
+    return Resistance(t * shell.membrane, t**2 * shell.coupling, t**3 / 12 * shell.bending, t * shear)
 
 
 def of_laminate(mesh: Mesh, region: int) -> Resistance:
-    """Of the laminate of a region along its own x and y."""
+    """Resistance of the laminate of a region along the x and y of the laminate."""
     laminate = mesh.laminate(region)
     assert laminate is not None
     materials = plies_of(mesh, region)
@@ -83,30 +88,30 @@ def of_laminate(mesh: Mesh, region: int) -> Resistance:
 
 
 def plies_of(mesh: Mesh, region: int) -> tuple[Lamina | Material, ...]:
-    """The material of every ply of a laminate, which `check_mesh` is to have found there."""
-    found = tuple(own for own in mesh.ply_materials(region) if own is not None)
+    """The material of every ply of a laminate that `check_mesh` has accepted."""
+    materials = tuple(material for material in mesh.ply_materials(region) if material is not None)
     laminate = mesh.laminate(region)
     assert laminate is not None
-    assert len(found) == len(laminate.plies)
-    return found
+    assert len(materials) == len(laminate.plies)
+    return materials
 
 
-def ply_stiffness(own: Lamina | Material) -> np.ndarray:
+def ply_stiffness(material: Lamina | Material) -> np.ndarray:
     """Q (3, 3) [Pa] of a ply along its axes, in plane stress."""
-    if isinstance(own, Lamina):
-        return plane_stress(own.e1, own.e2, own.nu12, own.g12)
-    E, nu = own.youngs_modulus, own.poisson_ratio
+    if isinstance(material, Lamina):
+        return plane_stress(material.e1, material.e2, material.nu12, material.g12)
+    E, nu = material.youngs_modulus, material.poisson_ratio
     return plane_stress(E, E, nu, E / (2 * (1 + nu)))
 
 
-def _shear_flexibility(own: Lamina | Material) -> tuple[float, float]:
-    if isinstance(own, Lamina):
-        return 1 / own.g1z, 1 / own.g2z
-    return (2 * (1 + own.poisson_ratio) / own.youngs_modulus,) * 2
+def _shear_flexibility(material: Lamina | Material) -> tuple[float, float]:
+    if isinstance(material, Lamina):
+        return 1 / material.g1z, 1 / material.g2z
+    return (2 * (1 + material.poisson_ratio) / material.youngs_modulus,) * 2
 
 
 def material_angle(mesh: Mesh, part: ShellBlock) -> np.ndarray:
-    """Angle (e,) [rad] about the normal of a shell from its x, `shell_axes`, to that of its material."""
+    """Angle (e,) [rad] about the shell normal from x of `shell_axes` to x of the material."""
     X = shell_axes(mesh.position[part.nodes], part.ids)
     x, y = (np.einsum("ec,ec->e", part.axis, X[:, :, i]) for i in (0, 1))
     return np.where(np.isnan(part.axis).any(axis=1), 0.0, np.arctan2(y, x))
@@ -115,15 +120,16 @@ def material_angle(mesh: Mesh, part: ShellBlock) -> np.ndarray:
 def shell_weight(
     mesh: Mesh, part: ShellBlock, density: np.ndarray, nonstructural: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """m = ∫ρ dz (e,) [kg/m²], ∫ρ(z − z_m)² dz [kg] and z_m [m] from the nodes, the centre of that mass, of shells of these
-    densities (e,), of a laminate the mean one; nonstructural: with the mass of the sections, which lies in their middle."""
+    """m = ∫ρ dz (e,) [kg/m²], ∫ρ(z − z_m)² dz [kg] and the centre of mass z_m [m] from the nodes, of shells with densities (e,).
+
+    density: of a laminate the mean one; nonstructural: include the mass of the sections, which lies in their middle."""
     numbers, where = np.unique(part.region, return_inverse=True)
-    each = np.array([_moments(mesh, int(number)) for number in numbers])
-    beside = np.array([mesh.sections[int(number)].nonstructural for number in numbers])[where]
-    area, first, second = density * each[where].T
-    area = area + nonstructural * beside
-    moved = first != 0
-    height = np.divide(first, area, out=np.zeros_like(area), where=moved)
+    moments = np.array([_moments(mesh, int(number)) for number in numbers])
+    extra = np.array([mesh.sections[int(number)].nonstructural for number in numbers])[where]
+    area, first, second = density * moments[where].T
+    area = area + nonstructural * extra
+    is_eccentric = first != 0
+    height = np.divide(first, area, out=np.zeros_like(area), where=is_eccentric)
     return area, second - height * first, part.offset + height
 
 
@@ -133,7 +139,7 @@ def _moments(mesh: Mesh, region: int) -> tuple[float, float, float]:
     assert not isinstance(section, BeamSection)
     if isinstance(section, ShellSection | GeneralShell):
         return section.thickness, 0.0, section.thickness**3 / 12
-    rho = np.array([own.density for own in plies_of(mesh, region)])
+    rho = np.array([material.density for material in plies_of(mesh, region)])
     share = rho / mean if mean else np.ones(len(rho))
     z = np.cumsum([0.0, *(ply.thickness for ply in section.plies)]) - 0.5 * section.thickness
     first, second, third = (float(share @ (z[1:] ** k - z[:-1] ** k) / k) for k in (1, 2, 3))
@@ -154,13 +160,13 @@ def _homogeneous(sections: Sequence[ShellSection], nu: np.ndarray) -> tuple[np.n
 
 
 CHUNK = 2048
-"""Elements at a time; of second-order shells fewer, so that they stay in the cache."""
+"""Elements at a time; of second-order shells fewer, so that they fit the cache."""
 
 
 @dataclass(frozen=True)
 class ThinPattern:
-    """Pairs of nodes that share an element, sorted: onto (pairs, blocks of all elements) adds up what is of one pair; indptr
-    (m + 1,) and columns (pairs,) say where each stands."""
+    """Pairs of nodes that share an element, sorted: onto (pairs, blocks of all elements) sums the blocks of each pair; indptr
+    (m + 1,) and columns (pairs,) are their positions."""
 
     onto: sparse.csr_array
     indptr: np.ndarray
@@ -172,59 +178,59 @@ def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[Af
 
         K(θ) = Σ_regions E_r K_r(ν_r, section),     M(θ) = Σ_regions ρ_r M_r(section) + M_nonstructural
 
-    The terms of a parameter have unit modulus, factor or density; E_r is 1 of a laminate, whose K_r has the moduli of its
-    plies, and ρ_r its mean density. K_r and M_r of moduli of plies and of factors of a section are those of `interpolated`.
-    Raises DeckError for an element that is degenerate, UserError for parameters that overlap or name no region, or that a
-    region has no property for.
+    The terms of a parameter have unit modulus, factor or density; for a laminate E_r is 1, K_r includes the moduli of its
+    plies, and ρ_r is its mean density. K_r and M_r of moduli of plies and of section factors are those of `interpolated`.
+    Raises DeckError for a degenerate element; UserError for parameters that overlap or name no region, or a property that a
+    region does not have.
     """
 
     @cache
     def pattern(regions: frozenset[int]) -> ThinPattern:
-        """Of the same regions at other values of their properties, and of their mass, it is the same."""
+        """The pattern of these regions, which does not depend on the values of their properties."""
         return _pattern(mesh, _parts(mesh, regions))
 
-    def stiffness(own: Mesh, some: Mapping[int, float]) -> sparse.csr_array:
-        return _sum(pattern(frozenset(some)), _stiffnesses(own, some))
+    def stiffness(part_mesh: Mesh, some: Mapping[int, float]) -> sparse.csr_array:
+        return _sum(pattern(frozenset(some)), _stiffnesses(part_mesh, some))
 
-    def mass(own: Mesh, some: Mapping[int, float], nonstructural: bool = False) -> sparse.csr_array:
-        return _sum(pattern(frozenset(some)), _masses(own, some, nonstructural))
+    def mass(part_mesh: Mesh, some: Mapping[int, float], nonstructural: bool = False) -> sparse.csr_array:
+        return _sum(pattern(frozenset(some)), _masses(part_mesh, some, nonstructural))
 
     K = region_operator(mesh, parameters, "stiffness", mesh.thin, stiffness)
     M = region_operator(mesh, parameters, "mass", mesh.thin, mass)
-    beside = {
+    with_extra_mass = {
         number: 0.0
         for number, section in mesh.sections.items()
         if section.nonstructural or (isinstance(section, BeamSection) and section.at_b and section.at_b.nonstructural)
     }
-    return K, sum_of(M, AffineOperator(mass(mesh, beside, True), {}))
+    return K, sum_of(M, AffineOperator(mass(mesh, with_extra_mass, True), {}))
 
 
 def motions(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:
-    """P (6m, 3n + 3r): three translations and three rotations of each node of shells and beams out of z, rotations of node i from
-    row rotation_rows[i]. A node without rotations keeps those rows empty: what would resist them, as the torsion of rods
-    between solids, is left out."""
+    """P (6m, 3n + 3r): three translations and three rotations of each node of shells and beams from z; rotations of node i from
+    row rotation_rows[i]. The rows of nodes without rotations are empty: their resistance, such as the torsion of rods between
+    solids, is left out."""
     nodes = mesh.thin_nodes
     first = np.array([rotation_rows.get(node, -1) for node in nodes.tolist()], dtype=np.int64)
     columns = np.concatenate([3 * nodes[:, None] + np.arange(3), first[:, None] + np.arange(3)], axis=1).ravel()
-    kept = np.flatnonzero(np.repeat(np.stack([first >= -1, first >= 0], axis=1), 3))
+    nonempty = np.flatnonzero(np.repeat(np.stack([first >= -1, first >= 0], axis=1), 3))
     shape = (6 * len(nodes), 3 * len(mesh.position) + 3 * len(rotation_rows))
-    size = np.int32 if max(shape) < 2**31 else np.int64  # or every product with it has column numbers of 8 bytes
-    places = kept.astype(size), columns[kept].astype(size)
-    return sparse.csr_array((np.ones(len(kept)), places), shape=shape)
+    size = np.int32 if max(shape) < 2**31 else np.int64  # otherwise every product with it has column numbers of 8 bytes
+    places = nonempty.astype(size), columns[nonempty].astype(size)
+    return sparse.csr_array((np.ones(len(nonempty)), places), shape=shape)
 
 
 def thin_mass(mesh: Mesh, elements: np.ndarray | None = None) -> tuple[sparse.csr_array, list[int]]:
-    """M (6m, 6m) of the shells and beams as they are, of these elements (ids) or all, and the regions that it is of."""
-    own = mesh
+    """M (6m, 6m) of the shells and beams, of these elements (ids) or all, and the ids of their regions."""
+    selected = mesh
     if elements is not None:
-        own = replace(
+        selected = replace(
             mesh,
             shells=tuple(some_of(block, np.isin(block.ids, elements)) for block in mesh.shells),
             beams=tuple(some_of(block, np.isin(block.ids, elements)) for block in mesh.beams),
         )
-    regions = regions_of(own.thin)
+    regions = regions_of(selected.thin)
     density = {number: density_of(mesh, number) for number in regions}
-    return _sum(_pattern(mesh, _parts(own, density)), _masses(own, density, True)), regions
+    return _sum(_pattern(mesh, _parts(selected, density)), _masses(selected, density, True)), regions
 
 
 def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> list[np.ndarray]:
@@ -235,17 +241,17 @@ def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> list[np.ndarray]:
         x = mesh.position[part.nodes]
         factor = by_element(part, regions)[:, None, None]
         if isinstance(part, ShellBlock):
-            own = shell_stiffnesses(x, resistance_of(mesh, part), part.offset, part.ids, np.isin(part.nodes, along))
+            K = shell_stiffnesses(x, resistance_of(mesh, part), part.offset, part.ids, np.isin(part.nodes, along))
         else:
             nu = poisson_ratios(mesh, part.region)
             properties = properties_of([_beam(mesh, int(number)) for number in part.region], nu)
             if part.kind == "rod":
-                own = rod_stiffnesses(x, properties.area[:, 0], properties.torsion[:, 0], nu, part.ids)
+                K = rod_stiffnesses(x, properties.area[:, 0], properties.torsion[:, 0], nu, part.ids)
             elif part.kind == "beam3":
-                own = curved_beam_stiffnesses(x, part.axes, properties, part.offset, part.ids)
+                K = curved_beam_stiffnesses(x, part.axes, properties, part.offset, part.ids)
             else:
-                own = beam_stiffnesses(x, part.axes, properties, part.offset, part.released, part.ids)
-        return _blocks(part.nodes, factor * own)
+                K = beam_stiffnesses(x, part.axes, properties, part.offset, part.released, part.ids)
+        return _blocks(part.nodes, factor * K)
 
     return mapped(of_part, _parts(mesh, regions))
 
@@ -258,33 +264,33 @@ def _masses(mesh: Mesh, density: Mapping[int, float], nonstructural: bool) -> li
         rho = by_element(part, density)
         if isinstance(part, ShellBlock):
             area, rotary, height = shell_weight(mesh, part, rho, nonstructural)
-            own = shell_masses(x, area, rotary, height, part.ids)
+            M = shell_masses(x, area, rotary, height, part.ids)
         else:
             ends = [_ends(_beam(mesh, int(number))) for number in part.region]
-            area, beside = (
+            area, extra = (
                 np.array([[getattr(end, name) for end in both] for both in ends]) for name in ("area", "nonstructural")
             )
-            length, more = rho[:, None] * area, nonstructural * beside
+            length, more = rho[:, None] * area, nonstructural * extra
             if part.kind == "rod":
-                own = rod_masses(x, (length + more)[:, 0], part.ids)
+                M = rod_masses(x, (length + more)[:, 0], part.ids)
             else:
                 rotary = rho[:, None, None, None] * np.array([[end.second for end in both] for both in ends])
                 places = np.array([[(end.neutral, end.beside) for end in both] for both in ends])
                 if not places.any():
                     masses = curved_beam_masses if part.kind == "beam3" else beam_masses
-                    own = masses(x, part.axes, length + more, part.offset, part.ids, rotary)
+                    M = masses(x, part.axes, length + more, part.offset, part.ids, rotary)
                 else:
-                    own = beam_masses(x, part.axes, length, part.offset, part.ids, rotary, places[:, :, 0])
-                    own += beam_masses(x, part.axes, more, part.offset, part.ids, None, places[:, :, 1])
-        return _blocks(part.nodes, own)
+                    M = beam_masses(x, part.axes, length, part.offset, part.ids, rotary, places[:, :, 0])
+                    M += beam_masses(x, part.axes, more, part.offset, part.ids, None, places[:, :, 1])
+        return _blocks(part.nodes, M)
 
     return mapped(of_part, _parts(mesh, density))
 
 
-def _blocks(nodes: np.ndarray, own: np.ndarray) -> np.ndarray:
+def _blocks(nodes: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     """Matrices (e, 6k, 6k) of elements with nodes (e, k) by pairs of nodes (e k k, 36)."""
     e, k = nodes.shape
-    return own.reshape(e, k, 6, k, 6).swapaxes(2, 3).reshape(-1, 36)
+    return matrices.reshape(e, k, 6, k, 6).swapaxes(2, 3).reshape(-1, 36)
 
 
 def _beam(mesh: Mesh, region: int) -> BeamSection:
@@ -304,13 +310,13 @@ def _parts(mesh: Mesh, regions: Collection[int]) -> Iterator[ShellBlock | BeamBl
 
 
 def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> ThinPattern:
-    """Of some elements, on all nodes of shells and beams of a mesh."""
+    """Pattern of some elements, on all nodes of shells and beams of a mesh."""
     index = np.full(len(mesh.position), -1)
     index[mesh.thin_nodes] = np.arange(len(mesh.thin_nodes))
     m, keys = len(mesh.thin_nodes), [np.zeros(0, dtype=np.int64)]
     for part in parts:
-        own = index[part.nodes]
-        keys.append((own[:, :, None] * m + own[:, None, :]).ravel())
+        local = index[part.nodes]
+        keys.append((local[:, :, None] * m + local[:, None, :]).ravel())
     pairs, place = np.unique(np.concatenate(keys), return_inverse=True)
     onto = sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), shape=(len(pairs), len(place)))
     indptr = (

@@ -1,4 +1,4 @@
-"""Load histories u(t), the polynomial that holds them within a time step, and their rates where they are motions."""
+"""Load histories u(t), their polynomial hold within a time step, and their rates as motions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from strainsight.errors import InfeasibleError
 
 TIME_SLACK = 1e-9
-"""Share of its own length by which a recorded history may be overrun: rounding of start + k h."""
+"""Share of its length by which a recorded history may be exceeded: rounding of start + k h."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Sweep:
-    """u(t) = a sin(φ₀ + 2π(f₀t + (f₁ − f₀)t²/(2T))) up to the duration T, from then on a sine of f₁ without a jump.
+    """u(t) = a sin(φ₀ + 2π(f₀t + (f₁ − f₀)t²/(2T))) up to the duration T, then a sine of f₁ without a jump.
 
     start f₀ and stop f₁ [Hz]; duration T [s]; amplitude a [unit of the input]; phase φ₀ [rad].
     """
@@ -49,9 +49,9 @@ class Sweep:
 
 @dataclass(frozen=True)
 class MultiSine:
-    """u(t) = a/√N Σₖ sin(2πfₖt + φₖ): N frequencies evenly from lowest to highest [Hz], phases drawn from the seed.
+    """u(t) = a/√N Σₖ sin(2πfₖt + φₖ): N equidistant frequencies from lowest to highest [Hz], phases sampled with the seed.
 
-    It has the power of one sine of amplitude a [unit of the input], whatever N is.
+    Its power is that of one sine of amplitude a [unit of the input], for any N.
     """
 
     lowest: float
@@ -63,7 +63,7 @@ class MultiSine:
 
 @dataclass(frozen=True)
 class FromSamples:
-    """u(t) by straight lines between recorded values: time (k,) [s] increasing, value (k,) [unit of the input]."""
+    """u(t) by linear interpolation of recorded values: time (k,) [s] increasing, value (k,) [unit of the input]."""
 
     time: np.ndarray
     value: np.ndarray
@@ -71,7 +71,7 @@ class FromSamples:
 
 @dataclass(frozen=True)
 class Ramp:
-    """From one value to another without a jump of the second derivative, and constant before and after:
+    """Smooth transition between two values, continuous up to the second derivative, and constant before and after:
 
         u(t) = a + (b − a)(10 s³ − 15 s⁴ + 6 s⁵),     s = (t − t₀)/T within 0 and 1
 
@@ -99,19 +99,19 @@ class Tones:
 
 
 def tones_of(signals: Sequence[Signal]) -> Tones | None:
-    """The tones that all signals are made of; None where one of them is no sum of sines and constants."""
+    """The tones of all signals; None if one of them is not a sum of sines and constants."""
     if not all(isinstance(signal, TONAL) for signal in signals):
         return None
-    found: dict[float, np.ndarray] = {}
+    tones: dict[float, np.ndarray] = {}
     for column, signal in enumerate(signals):
         for frequency, amplitude in _lines(signal):
-            found.setdefault(2 * np.pi * frequency, np.zeros(len(signals), dtype=complex))[column] += amplitude
-    ascending = sorted(found)
-    return Tones(np.array(ascending), np.array([found[w] for w in ascending]).reshape(-1, len(signals)))
+            tones.setdefault(2 * np.pi * frequency, np.zeros(len(signals), dtype=complex))[column] += amplitude
+    ascending = sorted(tones)
+    return Tones(np.array(ascending), np.array([tones[w] for w in ascending]).reshape(-1, len(signals)))
 
 
 def _lines(signal: Signal) -> list[tuple[float, complex]]:
-    """Frequency [Hz] and complex amplitude of every tone of a signal. Raises TypeError for one that is no sum of tones."""
+    """Frequency [Hz] and complex amplitude of every tone of a signal. Raises TypeError if it is not a sum of tones."""
     match signal:
         case Constant():
             return [(0.0, complex(signal.value))]
@@ -121,7 +121,7 @@ def _lines(signal: Signal) -> list[tuple[float, complex]]:
             frequency, phase = multisine(signal)
             amplitude = -1j * signal.amplitude / np.sqrt(signal.count) * np.exp(1j * phase)
             return list(zip(frequency.tolist(), amplitude.tolist(), strict=True))
-    raise TypeError(f"no sum of tones: {signal!r}")
+    raise TypeError(f"not a sum of tones: {signal!r}")
 
 
 def multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:
@@ -133,7 +133,7 @@ def multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:
 def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
     """u(t) (...) [unit of the input] at the times t (...) [s].
 
-    Raises InfeasibleError where a recorded history does not cover t.
+    Raises InfeasibleError if a recorded history does not cover t.
     """
     t = np.asarray(t, dtype=float)
     if not isinstance(signal, FromSamples):
@@ -147,8 +147,8 @@ def _check_covered(signal: FromSamples, t: np.ndarray) -> None:
     slack = TIME_SLACK * (last - first)
     if t.size and (t.min() < first - slack or t.max() > last + slack):
         raise InfeasibleError(
-            f"the record covers {first:g} to {last:g} s, asked for {t.min():g} to {t.max():g} s",
-            remedy="shorten the run or record longer",
+            f"the record covers {first:g} to {last:g} s, but {t.min():g} to {t.max():g} s are required",
+            remedy="Shorten the run, or use a longer record.",
         )
 
 
@@ -157,11 +157,11 @@ def hold_coefficients(signals: Sequence[Signal], start: float, h: float, steps: 
 
         u₀ = u(0),   u₁ = −3u(0) + 4u(½) − u(1),   u₂ = 2u(0) − 4u(½) + 2u(1)
 
-    start [s] of the first step; h [s]; steps their number. Returns (steps, 3, n_u) [unit of the input]. The forced
-    motion of a mode ω₀ under a sine ω then errs by about (ωh)³ω₀h/720 of itself: the interpolation error is an odd function about
-    the middle of the step. A line from sample to sample is held exactly where the samples fall on multiples of h.
+    start [s] of the first step; h [s]; steps their number. Returns (steps, 3, n_u) [unit of the input]. The relative error of the
+    forced motion of a mode ω₀ under a sine ω is about (ωh)³ω₀h/720, because the interpolation error is an odd function about the
+    middle of the step. Linear interpolation is held exactly if the samples are at multiples of h.
     """
-    # Products, not running sums: step k meets step k + 1 to the last bit.
+    # products instead of running sums: step k ends bitwise where step k + 1 starts
     t = start + 0.5 * h * np.arange(2 * steps + 1)
     return quadratic_hold(
         np.stack([evaluate(signal, t) for signal in signals], axis=-1) if signals else np.zeros((len(t), 0))
@@ -174,22 +174,22 @@ def quadratic_hold(u: np.ndarray) -> np.ndarray:
     return np.stack([left, -3 * left + 4 * middle - right, 2 * left - 4 * middle + 2 * right], axis=1)
 
 
-def instant_values(held: np.ndarray) -> np.ndarray:
+def instant_values(coefficients: np.ndarray) -> np.ndarray:
     """u at the start of every step and at the end of the last: hold coefficients (steps, 3, n_u) → (steps + 1, n_u)."""
-    return np.concatenate([held[:, 0], held[-1:].sum(axis=1)])
+    return np.concatenate([coefficients[:, 0], coefficients[-1:].sum(axis=1)])
 
 
 DEGREE = 7
-"""Of the spline through samples: a sine of 0.25 of the sampling rate is off by 3e-4 of its amplitude, one of 0.3 by 2e-3."""
+"""Degree of the spline through samples: relative error 3e-4 for a sine at 0.25 of the sampling rate, 2e-3 at 0.3."""
 NODES = 8
-"""Samples on each side of a gap that fill it."""
+"""Number of samples on each side of a gap that fill it."""
 
 
 def fill_gaps(values: np.ndarray) -> np.ndarray:
     """Values (T,) with NaN between samples replaced; the first and the last are samples.
 
-    A gap from a to b is filled by the spline through every (b − a)-th sample about it: blanks in between do not make the noise
-    of samples larger, as the spline through all of them would, and a table of two rates has the band of the slower one.
+    A gap from a to b is filled by the spline through every (b − a)-th sample around it. So missing samples do not amplify the
+    noise, as the spline through all samples would, and a table of two rates has the band of the slower one.
     """
     filled, finite = values.copy(), np.flatnonzero(np.isfinite(values))
     for a, b in pairwise(finite):
@@ -204,13 +204,13 @@ def fill_gaps(values: np.ndarray) -> np.ndarray:
 
 @cache
 def _weights(spacing: int, nodes: tuple[int, ...]) -> np.ndarray:
-    """Of samples at nodes (k,), in units of the spacing, in the values (spacing − 1, k) between nodes 0 and 1."""
-    own = make_interp_spline(nodes, np.eye(len(nodes)), k=_degree(len(nodes)))
-    return np.asarray(own(np.arange(1, spacing) / spacing))
+    """Weights of samples at nodes (k,), in units of the spacing, in the values (spacing − 1, k) between nodes 0 and 1."""
+    spline = make_interp_spline(nodes, np.eye(len(nodes)), k=_degree(len(nodes)))
+    return np.asarray(spline(np.arange(1, spacing) / spacing))
 
 
 def interpolate(values: np.ndarray, factor: int) -> np.ndarray:
-    """The spline of DEGREE (not-a-knot) through samples (T + 1, ...), `factor` values a sample: (T·factor + 1, ...)."""
+    """The spline of DEGREE (not-a-knot) through samples (T + 1, ...), `factor` values per sample: (T·factor + 1, ...)."""
     t = np.arange(len(values))
     between = make_interp_spline(t, values, k=_degree(len(t)), axis=0)(np.arange(factor * t[-1] + 1) / factor)
     between[::factor] = values
@@ -218,7 +218,7 @@ def interpolate(values: np.ndarray, factor: int) -> np.ndarray:
 
 
 def join_by_lines(values: np.ndarray, factor: int) -> np.ndarray:
-    """Straight lines between samples (T + 1,), NaN where missing, `factor` values a sample: (T·factor + 1,)."""
+    """Linear interpolation of samples (T + 1,), NaN if missing, `factor` values per sample: (T·factor + 1,)."""
     finite = np.flatnonzero(np.isfinite(values))
     return np.interp(np.arange(factor * (len(values) - 1) + 1) / factor, finite, values[finite])
 
@@ -228,7 +228,7 @@ def _degree(samples: int) -> int:
 
 
 def share_above(values: np.ndarray, frequency: float) -> float:
-    """RMS above a frequency [1/sample] over that of all samples (T,), mean included; under a Hann window."""
+    """Ratio of the RMS above a frequency [1/sample] to that of all samples (T,), mean included; with a Hann window."""
     window = np.hanning(len(values) + 2)[1:-1]
     power = np.abs(np.fft.rfft((values - values.mean()) * window)) ** 2
     whole = len(values) * float(np.sum((values * window) ** 2))
@@ -239,19 +239,19 @@ def share_above(values: np.ndarray, frequency: float) -> float:
 LEAST = 16
 """Samples of the shortest segment."""
 SEGMENTS = 8
-"""Half-overlapping segments that a record is cut into at least."""
+"""Least number of half-overlapping segments of a record."""
 LONGEST = 4096
-"""Samples of the longest segment: more lines than a page can show."""
+"""Samples of the longest segment, limited by the resolution of a page."""
 
 
 def density(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """One-sided power spectral density by Welch's method: half-overlapping Hann segments without their means.
 
-    values (T,) [unit], NaN where a sample is missing: segments with one are left out; step [s]. Returns frequency (k,) [Hz] and
-    density (k,) [unit²/Hz], its integral over frequency the mean square; without the line at zero, which the means took away.
-    Both are empty where no stretch of LEAST samples is whole. Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967).
+    values (T,) [unit], NaN if a sample is missing: segments with NaN are left out; step [s]. Returns frequency (k,) [Hz] and
+    density (k,) [unit²/Hz], its integral over frequency the mean square, without the line at zero. Both are empty if no segment
+    of LEAST samples is complete. Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967).
     """
-    from scipy import signal  # half a second to import, which a run that draws no page need not spend
+    from scipy import signal  # imported here because it takes half a second
 
     length = min(LONGEST, max(LEAST, 2 * len(values) // (SEGMENTS + 1)))
     while length >= LEAST:
@@ -266,7 +266,7 @@ def density(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def noise_density(std: float, step: float) -> float:
-    """The same of white noise [unit²/Hz] of this standard deviation [unit] at this step [s]: 2 σ² h."""
+    """Density of white noise [unit²/Hz] of this standard deviation [unit] at this step [s]: 2 σ² h."""
     return 2 * std**2 * step
 
 
@@ -275,18 +275,20 @@ Motion = Callable[[np.ndarray], np.ndarray]
 
 
 def motion(signal: Signal, of: Literal["position", "rate"], start: float = 0.0) -> Motion:
-    """p(t) = u(t), or p(t) = start + ∫₀ᵗ u where the history is that of a rate; derivatives in closed form.
+    """p(t) = u(t), or p(t) = start + ∫₀ᵗ u for the history of a rate; derivatives in closed form.
 
-    A recorded history is the cubic spline through its samples (not-a-knot), whose acceleration does not jump: straight lines
-    would have a velocity that does. Raises InfeasibleError where a record does not cover t, or has fewer than two samples, and
-    for a sweep of a rate, whose integral has no closed form.
+    A recorded history is the cubic spline through its samples (not-a-knot), whose acceleration is continuous; linear
+    interpolation would have a discontinuous velocity. Raises InfeasibleError if a record does not cover t or has fewer than two
+    samples, and for a sweep of a rate, whose integral has no closed form.
     """
     if isinstance(signal, FromSamples):
         return _recorded(signal, of, start)
     if of == "position":
         return lambda t: np.stack([_derivative(signal, np.asarray(t, float), order) for order in range(3)])
     if isinstance(signal, Sweep):
-        raise InfeasibleError("a sweep of a rate", remedy="give a sweep of the position, or a recorded rate")
+        raise InfeasibleError(
+            "a sweep of a rate is not supported", remedy="Specify a sweep of the position, or a recorded rate."
+        )
     first = _integral(signal, np.zeros(1))[0]
 
     def at(t: np.ndarray) -> np.ndarray:
@@ -297,19 +299,19 @@ def motion(signal: Signal, of: Literal["position", "rate"], start: float = 0.0) 
 
 
 def swing(signal: FromSamples) -> tuple[float, float]:
-    """How far the spline through the samples goes beyond both neighbours, over the range of all samples, and the time of it [s]:
-    about 0.05 where a sine is sampled seven times a period, more about a jump."""
+    """Largest overshoot of the spline through the samples over both neighbours, relative to the range of all samples, and its
+    time [s]: about 0.05 for a sine with seven samples a period, more at a jump."""
     t, y = np.asarray(signal.time, float), np.asarray(signal.value, float)
     between = t[:-1, None] + np.diff(t)[:, None] * np.array([0.25, 0.5, 0.75])
     p = CubicSpline(t, y)(between)
     low, high = np.minimum(y[:-1], y[1:])[:, None], np.maximum(y[:-1], y[1:])[:, None]
-    beyond = np.maximum(p - high, low - p)
-    worst = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
-    return max(float(beyond[worst]), 0.0) / (float(np.ptp(y)) or 1.0), float(between[worst])
+    overshoot = np.maximum(p - high, low - p)
+    worst = np.unravel_index(int(np.argmax(overshoot)), overshoot.shape)
+    return max(float(overshoot[worst]), 0.0) / (float(np.ptp(y)) or 1.0), float(between[worst])
 
 
 def gap(signal: FromSamples) -> tuple[float, float, float]:
-    """The longest time without a sample over the median of all, and where it begins and ends [s]."""
+    """The longest sampling interval over the median of all, and its begin and end [s]."""
     t = np.asarray(signal.time, float)
     steps = np.diff(t)
     k = int(np.argmax(steps))
@@ -318,7 +320,7 @@ def gap(signal: FromSamples) -> tuple[float, float, float]:
 
 def _recorded(signal: FromSamples, of: str, start: float) -> Motion:
     if len(signal.time) < 2:
-        raise InfeasibleError("a record of one sample is no motion", remedy="record at least two instants")
+        raise InfeasibleError("a record of one sample defines no motion", remedy="Record at least two instants.")
     spline = CubicSpline(signal.time, signal.value)
     parts = [spline, spline.derivative(1), spline.derivative(2)]
     shift = 0.0
@@ -352,18 +354,18 @@ def _derivative(signal: Signal, t: np.ndarray, order: int) -> np.ndarray:
             phase = 2 * np.pi * cycles + signal.phase
             waves = np.sin(phase), w * np.cos(phase), bend * np.cos(phase) - w**2 * np.sin(phase)
             return signal.amplitude * waves[order]
-    # one line at a time: a long history by many lines would not fit as one table
+    # one line at a time, because a table of a long history by many lines would not fit into memory
     lines = ((2j * np.pi * f, amplitude) for f, amplitude in _lines(signal))
     return np.asarray(sum(_tone(iw, iw**order * amplitude, t) for iw, amplitude in lines))
 
 
 def _tone(iw: complex, amplitude: complex, t: np.ndarray) -> np.ndarray:
-    """Re U exp(iωt), as the sine that is exactly zero where it begins."""
+    """Re U exp(iωt), as a sine that is exactly zero at its start."""
     return np.abs(amplitude) * np.sin(iw.imag * t + np.angle(1j * amplitude))
 
 
 def _integral(signal: Signal, t: np.ndarray) -> np.ndarray:
-    """∫u, of any constant."""
+    """∫u, up to a constant."""
     if isinstance(signal, Ramp):
         s = np.clip((t - signal.begin) / signal.duration, 0.0, 1.0)
         after = np.maximum(t - signal.begin - signal.duration, 0.0)

@@ -1,4 +1,4 @@
-"""Models of an unknown input in time: u = amplitude · ζ₁, ζ̇ = A_u ζ + w, every component of ζ of order one."""
+"""Time models of an unknown input: u = amplitude · ζ₁, ζ̇ = A_u ζ + w, every component of ζ of order one."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from strainsight.errors import ConfigError
 from strainsight.rom.model import ReducedModel
 
 MATERN_VARIANCE = (1 / 2, 1 / 4, 3 / 16)
-"""∫|H|²dω/2π of H = 1/(1 + iω)^(p+1), p = 0, 1, 2: the variance that unit white noise gives a Matérn process of λ = 1."""
+"""∫|H|²dω/2π of H = 1/(1 + iω)^(p+1), p = 0, 1, 2: variance of a Matérn process of λ = 1 under unit white noise."""
 
 
 WALK = 0.5 / np.pi
-"""κ of both walks [-]: in one period 2π/ω of variance 2πκ = 1, that is, an amplitude a, or aω of the rate."""
+"""κ of both walks [-]: variance 2πκ = 1 in one period 2π/ω, that is, one amplitude a, or aω of the rate."""
 
 
 @dataclass(frozen=True)
 class RandomWalk:
-    """ũ̇ = w of intensity κω: between two instants 1/ω apart the load changes by √κ amplitudes (the thesis)."""
+    """ũ̇ = w of intensity κω: in an interval 1/ω the load changes by √κ amplitudes (the thesis)."""
 
 
 @dataclass(frozen=True)
 class IntegratedRandomWalk:
-    """ũ̇ = ω r,  ṙ = w of intensity κω: the rate of the load walks at random, the load itself is smooth.
+    """ũ̇ = ω r,  ṙ = w of intensity κω: the rate of the load is a random walk, the load itself is smooth.
 
-    frequency [Hz], ω = 2π·frequency: that of the load where it is fastest. In one period 2π/ω the rate u̇ = aω r gains
-    the variance 2πκ(aω)².
+    frequency [Hz], ω = 2π·frequency: the highest frequency of the load. In one period 2π/ω the variance of the rate u̇ = aω r
+    grows by 2πκ(aω)².
     """
 
     frequency: float
@@ -45,7 +45,7 @@ class IntegratedRandomWalk:
 class Matern:
     """Stationary, of variance amplitude²; spectrum ∝ 1/(λ² + ω²)^(ν+½), with ν − ½ continuous derivatives.
 
-    smoothness ν: 0.5, 1.5 or 2.5; bandwidth [Hz]: where the spectrum has fallen to half its value at zero,
+    smoothness ν: 0.5, 1.5 or 2.5; bandwidth [Hz]: where the spectrum is half its value at zero,
     λ = 2π·bandwidth / √(2^(1/(ν+½)) − 1). Source: Hartikainen and Särkkä, MLSP (2010).
     """
 
@@ -61,7 +61,7 @@ class Oscillator:
     """Stationary, of variance amplitude², about one frequency: ũ̇ = ωr,  ṙ = −ωũ − 2ζωr + w of intensity 4ζω.
 
     frequency [Hz]; damping ζ [-]: half the power lies within about 2ζ·frequency, and phase and amplitude drift in
-    1/(ζω). It holds a load of known frequency best, and one of another frequency badly.
+    1/(ζω). Best for a load of known frequency, and poor at other frequencies.
     """
 
     frequency: float
@@ -73,7 +73,7 @@ class Oscillator:
 
 
 SMOOTHNESS = {"1/2": 0.5, "3/2": 1.5, "5/2": 2.5}
-"""ν of a Matérn process by its word."""
+"""ν of a Matérn process by its name."""
 InputModel = RandomWalk | IntegratedRandomWalk | Matern | Oscillator
 RANDOM_WALK = RandomWalk()
 
@@ -81,8 +81,8 @@ RANDOM_WALK = RandomWalk()
 def input_model(
     word: str, frequency: float, kappa: float | None = None, smoothness: str = "3/2", damping: float = 0.05
 ) -> InputModel:
-    """By the words of a config; frequency [Hz]: the load's typical one, kappa: of an integrated walk, smoothness: of matern,
-    damping: of oscillator."""
+    """Input model from its name in the config; frequency [Hz]: typical for the load, kappa: of an integrated walk, smoothness: of
+    matern, damping: of oscillator."""
     match word:
         case "integrated_random_walk":
             return IntegratedRandomWalk(frequency, WALK if kappa is None else kappa)
@@ -119,7 +119,7 @@ def rate_matrix(model: InputModel) -> np.ndarray:
 
 
 def input_intensity(model: InputModel, walk: float) -> np.ndarray:
-    """Q_u (k, k) [1/s] of ζ, on its last component; walk [1/s]: κω of a random walk, not used by the others.
+    """Q_u (k, k) [1/s] of ζ, on its last component; walk [1/s]: κω of a random walk, unused by the others.
 
     integrated random walk κω;  Matérn λ/∫|H|²dω/2π = 2λ, 4λ, 16λ/3;  oscillator 4ζω: the last two have var ũ = 1.
     """
@@ -138,12 +138,12 @@ def input_intensity(model: InputModel, walk: float) -> np.ndarray:
 
 
 def line_intensity(model: InputModel, frequency: float, duration: float) -> float:
-    """Intensity [1/s] of the noise on the last component of ζ under which a sine of amplitude 1, as long as a record, lies within
+    """Intensity [1/s] of the noise on the last component of ζ for which a sine of amplitude 1 over the duration of a record is at
     one σ:
 
         T/(2 |C (iω − A_u)⁻¹ B|²)
 
-    It is the energy of the noise that drives the model along that sine: of both walks ω²T/2 and ωT/2.
+    This is the energy of the noise that drives the model along that sine: ω²T/2 and ωT/2 for the two walks.
     frequency [Hz], ω = 2π·frequency: that of the load; duration T [s].
     """
     A = rate_matrix(model)
@@ -161,26 +161,26 @@ def _omega(frequency: float) -> float:
 
 def _positive(value: float, what: str) -> None:
     if not 0 < value < np.inf:
-        raise ConfigError(f"{what} is {value}", remedy="give a positive number")
+        raise ConfigError(f"{what} is {value}", remedy="Specify a positive number.")
 
 
 def positive_of(values: Mapping[str, float], name: str, word: str) -> float:
-    """The number of that name. Raises ConfigError where it is missing or not positive; word: what it is."""
+    """The value of that name. Raises ConfigError if it is missing or not positive; word: name of the quantity."""
     value = values.get(name)
     if value is None or not 0 < value < np.inf:
-        raise ConfigError(f"{word} of {name} is {value}", remedy=f"give {name} a positive {word}")
+        raise ConfigError(f"{word} of {name} is {value}", remedy=f"Specify a positive {word} of {name}.")
     return value
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """x* = [q, q̇, ζ of every input one behind the other, p] with uᵢ = amplitudeᵢ ũᵢ, ũᵢ = ζ₁ of input i, ζ̇ = A_u ζ + w,
-    and θᵢ = guessᵢ exp(pᵢ).
+    """x* = [q, q̇, ζ of every input in order, p] with uᵢ = amplitudeᵢ ũᵢ, ũᵢ = ζ₁ of input i, ζ̇ = A_u ζ + w, and
+    θᵢ = guessᵢ exp(pᵢ).
 
     inputs, parameters: names in the order of x*; amplitude: input → [N]; guess: parameter → [SI], positive;
-    models: input → its model in time, a random walk where none is given, so that ζ = ũ; frequency: input → that of the load [Hz],
-    which parameters that are judged beside free loads ask for.
-    All may hold more names than are unknown. Raises ConfigError where a scale is missing or not positive.
+    models: input → its time model, default a random walk, so that ζ = ũ; frequency: input → that of the load [Hz], required to
+    evaluate parameters jointly with free loads.
+    All may contain further names. Raises ConfigError if a scale is missing or not positive.
     """
 
     inputs: tuple[str, ...]
@@ -203,14 +203,14 @@ class Unknowns:
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of all states behind [q, q̇]: an input, the rates its model has beside it, …, the parameters."""
+        """Names of all states after [q, q̇]: an input and the rates in its model, …, the parameters."""
         of = ("{}", "rate of {}", "curvature of {}")
         parts = zip(self.inputs, self.lengths, strict=True)
         return tuple(word.format(name) for name, length in parts for word in of[:length]) + self.parameters
 
     @property
     def count(self) -> int:
-        """Number of unknowns; their models may need more states than that."""
+        """Number of unknowns; their models may have more states."""
         return len(self.inputs) + len(self.parameters)
 
     @property
@@ -220,7 +220,7 @@ class Unknowns:
 
     @property
     def state_scale(self) -> np.ndarray:
-        """`scale` for every name of `state_names`: rates of an input have its amplitude."""
+        """`scale` for every name of `state_names`; rates of an input have its amplitude."""
         lengths = [*self.lengths, *(1 for _ in self.parameters)]
         return np.repeat(self.scale, lengths)
 
@@ -242,11 +242,11 @@ class Unknowns:
         return 2 * model.size + sum(self.lengths) + len(self.parameters)
 
     def position(self, model: ReducedModel) -> np.ndarray:
-        """Where every unknown stands in x* (count,), in the order of `names`: of an input its ũ, the first of its ζ."""
+        """Index of every unknown in x* (count,), in the order of `names`; for an input that of ũ, the first of its ζ."""
         starts = np.cumsum([0, *self.lengths])
-        own = np.concatenate([starts[:-1], starts[-1] + np.arange(len(self.parameters))])
-        return (2 * model.size + own).astype(int)
+        offset = np.concatenate([starts[:-1], starts[-1] + np.arange(len(self.parameters))])
+        return (2 * model.size + offset).astype(int)
 
     def input_columns(self, model: ReducedModel) -> list[int]:
-        """Columns of the model's input shape that belong to the unknown inputs, in their order."""
+        """Columns of the input shape of the model for the unknown inputs, in their order."""
         return [model.inputs.index(name) for name in self.inputs]

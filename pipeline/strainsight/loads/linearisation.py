@@ -24,14 +24,14 @@ def linearise(
     u: np.ndarray,
     damping_slope: bool = True,
 ) -> np.ndarray:
-    """Augmented state matrix at given instants of a known motion.
+    """Augmented state matrix at instants of a known motion.
 
         F* = [[0, I, 0, 0], [−M⁻¹K, −M⁻¹C, M⁻¹S a C_u, c], [0, 0, A_u, 0], [0, 0, 0, 0]]
         cᵢ = −θᵢ M⁻¹(∂K/∂θᵢ q + ∂C/∂θᵢ q̇ + ∂M/∂θᵢ q̈ − ∂S/∂θᵢ u),      q̈ = M⁻¹(S u − C q̇ − K q)
 
-    theta: all parameters of the model [SI]; x (s, 2n) = [q, q̇]; u (s, n_u) [N] all inputs of the model, known ones too;
-    a: amplitudes of the unknown inputs; A_u, C_u: their models in time, u = a C_u ζ with C_u = [1, 0, …] for each (a
-    random walk has A_u = 0); damping_slope: whether c has ∂C/∂θ, which is not in the printed columns.
+    theta: all parameters of the model [SI]; x (s, 2n) = [q, q̇]; u (s, n_u) [N] all inputs of the model, including known ones;
+    a: amplitudes of the unknown inputs; A_u, C_u: their time models, u = a C_u ζ with C_u = [1, 0, …] for each (A_u = 0 for a
+    random walk); damping_slope: whether c includes ∂C/∂θ, which the printed columns omit.
     Returns F* (s, n*, n*) [1/s].
     Source: (5.30), (5.32), appendix A in one formula; (A.7), (5.30) and (5.34) as printed lack terms.
     """
@@ -86,15 +86,15 @@ def linearisation_instants(
     seed: int,
     share: float = 0.5,
 ) -> np.ndarray:
-    """Seeded, stratified instants at which every unknown parameter acts on the motion.
+    """Seeded, stratified instants at which every unknown parameter affects the motion.
 
         z(t) = minᵢ ‖fᵢ(t)‖ / max_t ‖fᵢ‖,   fᵢ = θᵢ ∂r/∂θᵢ,  ‖f‖² = fᵀK⁻¹f;   eligible: z(t) ≥ share · max z
 
-    The eligible instants, in time order, are cut into `count` equal strata and one is drawn from each. A parameter is
-    unobservable where its force vanishes, so a plain draw is ruled by the instants nearest to that.
+    The eligible instants, in time order, are divided into `count` equal strata and one is sampled from each. A parameter is
+    unobservable where its force vanishes, so that the nearest of such instants would dominate a plain sample.
     x (s, 2n), u (s, n_u): the whole training run. `count=1, share=0` is the thesis: one random instant.
-    Returns indices, ascending; fewer than `count` where fewer are eligible; [0] where no parameter is unknown (F* is
-    then the same everywhere). Raises ConfigError where a parameter never acts.
+    Returns indices, ascending; fewer than `count` if fewer are eligible; [0] without unknown parameters (F* is then
+    constant). Raises ConfigError if a parameter never affects the motion.
     """
     if not unknowns.parameters:
         return np.array([0])
@@ -106,7 +106,7 @@ def linearisation_instants(
     for name, peak in zip(unknowns.parameters, largest, strict=True):
         if peak <= 0:
             raise ConfigError(
-                f"the training motion never depends on {name}", remedy="load the structure, or do not estimate it"
+                f"the training motion never depends on {name}", remedy="Load the structure, or do not estimate it."
             )
     act = (size / largest).min(axis=1)
     eligible = np.flatnonzero(act >= share * act.max())
@@ -117,8 +117,8 @@ def linearisation_instants(
 
 @dataclass(frozen=True)
 class Sensed:
-    """rows (m, n): strain or displacement of a channel per coordinate, of an accelerometer displacement along its axis, at the
-    references; quantity (m,); change (m, n): what θ adds to the rows."""
+    """rows (m, n): strain operator at the references, strain or displacement of a channel per coordinate, for an accelerometer
+    the displacement along its axis; quantity (m,); change (m, n): change of the rows with θ."""
 
     rows: np.ndarray
     quantity: np.ndarray
@@ -133,7 +133,7 @@ class Sensed:
         u: np.ndarray,
         F: np.ndarray,
     ) -> np.ndarray:
-        """H* (s, m, n*) of `measurement_rows` at given instants of a known motion, and in the column of a parameter that the rows
+        """H* (s, m, n*) of `measurement_rows` at instants of a known motion, and in the column of a parameter that the rows
         depend on
 
             strain, displacement   θᵢ ∂row/∂θᵢ q,     acceleration   θᵢ ∂row/∂θᵢ q̈
@@ -187,16 +187,16 @@ def process_intensity(
 
         intensity    q_u = κ ω,        q_p = δ²        q_u of a random walk; other input models: `input_intensity`
         thesis       q_u = (hω)²/h,    q_p = (hδ)²/h     the covariances per step (5.16-5.17) as intensities
-        as_printed   q_u = (hω)²,      q_p = (hδ)²       those numbers put into (5.14) as they stand
+        as_printed   q_u = (hω)²,      q_p = (hδ)²       those values used in (5.14) without conversion
 
-    size n [-]; frequency: random-walk input → guessed frequency [Hz], ω = 2π·frequency; drift: parameter → δ [1/√s]
+    size n [-]; frequency: random-walk input → assumed frequency [Hz], ω = 2π·frequency; drift: parameter → δ [1/√s]
     (thesis rules: δ [1/s]); kappa κ [-], one for all inputs or (n_ũ,); velocity (n,) or scalar: intensity of the
     generalised accelerations [kg m²/s³]; h [s].
-    Returns Q (n*, n*). Raises ConfigError where a frequency, a drift or the step is missing, and for the thesis's rules
-    with an input that is no random walk.
+    Returns Q (n*, n*). Raises ConfigError if a frequency, a drift or the step is missing, and for the rules of the thesis
+    with an input that is not a random walk.
     """
     if rule != "intensity" and not (h and h > 0):
-        raise ConfigError(f"noise rule {rule} depends on the time step, which is {h}", remedy="state the step")
+        raise ConfigError(f"noise rule {rule} depends on the time step, which is {h}", remedy="Specify the time step.")
     step = h if h is not None else 0.0
     delta = np.array([positive_of(drift, p, "process noise scale") for p in unknowns.parameters])
     factor = {"intensity": 1.0, "thesis": step, "as_printed": step * step}[rule]
@@ -207,13 +207,15 @@ def process_intensity(
             omega = 2 * np.pi * positive_of(frequency, name, "frequency")
             walk = k * omega if rule == "intensity" else factor * omega**2
         elif rule != "intensity":
-            raise ConfigError(f"noise rule {rule} is that of a random walk; {name} is none", remedy="rule: intensity")
+            raise ConfigError(
+                f"noise rule {rule} requires a random walk, but {name} has another model", remedy="Set rule: intensity."
+            )
         blocks.append(input_intensity(model, walk))
     return np.asarray(block_diag(*blocks, np.diag(factor * delta**2)))
 
 
 def gauge_intensity(std: np.ndarray, h: float, rule: Rule = "intensity") -> np.ndarray:
-    """r = σ² h [strain² s] of gauges with noise σ = std (m,) [strain] sampled every h [s]; `as_printed`: σ² itself."""
+    """r = σ² h [strain² s] of gauges with noise σ = std (m,) [strain] sampled every h [s]; `as_printed`: σ²."""
     variance = np.asarray(std, dtype=float) ** 2
     return variance if rule == "as_printed" else variance * h
 
@@ -221,12 +223,12 @@ def gauge_intensity(std: np.ndarray, h: float, rule: Rule = "intensity") -> np.n
 def channel_intensity(
     std: np.ndarray, h: float, rows: np.ndarray, quantity: np.ndarray, Q: np.ndarray, rule: Rule = "intensity"
 ) -> np.ndarray:
-    """r of channels of every kind: σ²h, and for an accelerometer φ on top of it the white acceleration of the model,
+    """r of channels of every kind: σ²h, and for an accelerometer φ also the white acceleration of the model,
 
         y = φ q̈ + v,   q̈ = M⁻¹(S u − C q̇ − K q) + w,   w of intensity Q_v    ⇒    r = σ²h + φ Q_v φᵀ
 
-    Without that term the claimed error is up to 50 times smaller than the real one (a cantilever, a chain of masses). Its
-    correlation with w in the process, Q_v φᵀ, is neglected: the claim is 0.96 to 1.6 times the real error there.
+    Without that term the claimed error is up to 50 times too small (a cantilever, a chain of masses). Its correlation with w in
+    the process, Q_v φᵀ, is neglected: the claimed error is 0.96 to 1.6 times the real one there.
 
     std σ (m,) or (B, m) [unit of the channel] of a sample every h [s]; rows (m, n) or (B, m, n) on q or q̈; quantity (m,)
     or (B, m); Q (n*, n*) of x*. Returns r of the shape of std.

@@ -1,1 +1,1 @@
-"""Meshes: decks in, `Mesh` out, and what ParaView reads."""
+"""Meshes: import of decks as `Mesh`, and export for ParaView."""

@@ -1,6 +1,6 @@
-"""What a mesh file does not say, stated beside it: materials, supports, rigid and averaging elements.
+"""Additions to a mesh from the config: materials, supports, rigid and averaging elements.
 
-All in SI units, positions in m too, whatever the unit of the file.
+All in SI units, including positions in m, whatever the unit of the file.
 """
 
 from __future__ import annotations
@@ -23,40 +23,40 @@ from strainsight.mesh.units import rescaled
 
 
 def region_ids(mesh: Mesh, wanted: Sequence[int | str]) -> tuple[int, ...]:
-    """Ids of regions given by id or name. Raises UserError for one that the mesh does not have."""
+    """Ids of regions specified by id or name. Raises UserError for a region that does not exist."""
     by_name = {region.name: region.id for region in mesh.regions.values()}
-    found = []
+    numbers = []
     for entry in wanted:
         if entry in mesh.regions:
-            found.append(int(entry))
+            numbers.append(int(entry))
         elif entry in by_name:
-            found.append(by_name[str(entry)])
+            numbers.append(by_name[str(entry)])
         else:
             known = [str(name) for name in (*mesh.regions, *by_name)]
             raise UserError(f"the mesh has no region {entry!r}", remedy=_suggestion(str(entry), known))
-    return tuple(found)
+    return tuple(numbers)
 
 
 def spring_names(mesh: Mesh, wanted: Sequence[str]) -> tuple[str, ...]:
-    """Names of springs, "CELAS2 12" or a pattern of names as "CELAS2 *". Raises UserError for one that no spring has."""
-    known = list(dict.fromkeys(own.name for own in mesh.springs))
-    found: dict[str, None] = {}
+    """Names of springs, "CELAS2 12", or of a pattern such as "CELAS2 *". Raises UserError if no spring has the name."""
+    known = list(dict.fromkeys(spring.name for spring in mesh.springs))
+    names: dict[str, None] = {}
     for name in wanted:
-        fitting = [own for own in known if own == name or fnmatchcase(own, name)]
+        fitting = [spring for spring in known if spring == name or fnmatchcase(spring, name)]
         if not fitting:
             more = [f"and {len(known) - 8} more"] if len(known) > 8 else []
-            listed = f"it has {', '.join([*known[:8], *more])}" if known else "it has none"
+            listed = f"Its springs: {', '.join([*known[:8], *more])}." if known else "It has no springs."
             raise UserError(f"the mesh has no spring {name!r}", remedy=did_you_mean(name, known, listed))
-        found |= dict.fromkeys(fitting)
-    return tuple(found)
+        names |= dict.fromkeys(fitting)
+    return tuple(names)
 
 
 def with_material(
     mesh: Mesh, regions: Sequence[int | str] | None, E: float, nu: float, rho: float, name: str = ""
 ) -> Mesh:
-    """A mesh whose regions (None: all) are of the material E [Pa], ν [-], ρ [kg/m³].
+    """A mesh whose regions (None: all) have the material E [Pa], ν [-], ρ [kg/m³].
 
-    Raises UserError for a region that the mesh does not have, and for one whose section has materials of its own.
+    Raises UserError for a region that does not exist, and for a section that defines its materials itself.
     """
     number = mesh.free_material()
     changed = _assigned(mesh, regions, number)
@@ -71,16 +71,16 @@ def with_anisotropic(
     rho: float,
     name: str = "",
 ) -> Mesh:
-    """A mesh whose regions (None: all) of solids are of the stiffness (6, 6) [Pa], see `Anisotropic`, along those axes, and of
-    the density ρ [kg/m³]. Raises UserError for a region that the mesh does not have, and for one of shells or beams."""
+    """A mesh whose regions (None: all) of solids have the stiffness (6, 6) [Pa] along the axes of `orientation` (`Anisotropic`)
+    and the density ρ [kg/m³]. Raises UserError for a region that does not exist, and for one of shells or beams."""
     number = mesh.free_material()
     changed = _assigned(mesh, regions, number)
-    chosen = [i for i, own in changed.regions.items() if own.material == number]
+    chosen = [i for i, region in changed.regions.items() if region.material == number]
     for block in mesh.thin:
-        if len(found := np.intersect1d(block.region, chosen)):
+        if len(thin_regions := np.intersect1d(block.region, chosen)):
             raise UserError(
-                f"{mesh.regions[int(found[0])]} has {block.kind} elements, and only solids are of an anisotropic material",
-                remedy="name the regions of solids; state orthotropic plies of shells in the deck",
+                f"{mesh.regions[int(thin_regions[0])]} has {block.kind} elements, but anisotropic materials require solids",
+                remedy="Name the regions of solids. Define orthotropic plies of shells in the deck.",
             )
     return replace(
         changed,
@@ -90,21 +90,21 @@ def with_anisotropic(
 
 
 def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> Mesh:
-    """A mesh whose regions (None: all) refer to the material of that number, without materials that nothing refers to."""
+    """A mesh whose regions (None: all) refer to the material of that number, without unused materials."""
     chosen = set(mesh.regions if regions is None else region_ids(mesh, regions))
     several: dict[str, tuple[Callable[[int], object], str]] = {
         "a shell whose membrane, bending and shear": (
             mesh.general_shell,
-            "its materials in the deck (MAT1, MAT2, MAT8)",
+            "their materials in the deck (MAT1, MAT2, MAT8)",
         ),
         "a laminate, whose plies": (mesh.laminate, "materials of plies in the deck (MAT8, MAT1)"),
         "a composite solid, whose layers": (mesh.composites.get, "materials of layers in the deck"),
     }
     for words, (part_of, where) in several.items():
-        if own := sorted(i for i in chosen if part_of(i)):
+        if layered := sorted(i for i in chosen if part_of(i)):
             raise UserError(
-                f"{mesh.regions[own[0]]} is {words} have materials of their own",
-                remedy=f"name the regions that are none, and state {where}",
+                f"{mesh.regions[layered[0]]} is {words} have separate materials",
+                remedy=f"Exclude it from the regions, and define {where}.",
             )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
     stacks: list[tuple[Ply | Layer, ...]] = [
@@ -115,9 +115,9 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
     return replace(
         mesh,
         regions=altered,
-        materials={i: own for i, own in mesh.materials.items() if i in used},
-        anisotropic={i: own for i, own in mesh.anisotropic.items() if i in used},
-        orientations={i: own for i, own in mesh.orientations.items() if i not in chosen},
+        materials={i: entry for i, entry in mesh.materials.items() if i in used},
+        anisotropic={i: entry for i, entry in mesh.anisotropic.items() if i in used},
+        orientations={i: entry for i, entry in mesh.orientations.items() if i not in chosen},
     )
 
 
@@ -128,9 +128,9 @@ def with_properties(
     density: float | None = None,
     stiffness_factor: float = 1.0,
 ) -> Mesh:
-    """A mesh whose regions (ids) have this modulus [Pa] and density [kg/m³], each in a material of its own; None: as before;
-    and whose moduli are multiplied by a factor. Of a laminate or composite solid, density is the mean over its thickness, and its
-    plies keep their ratios; its moduli, and those of any region that has several, go by a factor alone."""
+    """A mesh whose regions (ids) have this modulus [Pa] and density [kg/m³] (None: unchanged), each in a separate material, and
+    whose moduli are multiplied by a factor. For a laminate or composite solid, density is the mean over its thickness and the
+    ratios of its plies are kept; regions with several moduli accept a factor only."""
     for region in regions:
         if mesh.laminate(region) or region in mesh.composites:
             assert youngs_modulus is None
@@ -151,7 +151,7 @@ def with_properties(
 
 
 def _with_parts(mesh: Mesh, region: int, density: float | None, stiffness: float) -> Mesh:
-    """A mesh whose laminate or composite solid (region id) has plies or layers of materials of their own."""
+    """A mesh whose laminate or composite solid (region id) has plies or layers with separate materials."""
     laminate, mean = mesh.laminate(region), mesh.density_of(region)
     parts: tuple[Any, ...] = laminate.plies if laminate else mesh.composites[region].layers
     materials = mesh.ply_materials(region) if laminate else mesh.layer_materials(region)
@@ -168,13 +168,13 @@ def _with_parts(mesh: Mesh, region: int, density: float | None, stiffness: float
 def _with_altered(
     mesh: Mesh, old: Material | Lamina | Anisotropic, density: float, stiffness: float
 ) -> tuple[Mesh, int]:
-    """A mesh with a material more, of another density and of moduli that are multiplied, and its id."""
+    """A mesh with an added material, of another density and with multiplied moduli, and its id."""
     number = mesh.free_material()
     return with_added_material(mesh, rescaled(replace(old, id=number, density=density), pressure=stiffness)), number
 
 
 def with_added_material(mesh: Mesh, material: Material | Lamina | Anisotropic) -> Mesh:
-    """A mesh with a material more, of an id that no other has."""
+    """A mesh with an added material of an unused id."""
     field = MATERIAL_FIELDS[type(material)]
     changes: dict[str, Any] = {field: {**getattr(mesh, field), material.id: material}}
     return replace(mesh, **changes)
@@ -189,21 +189,21 @@ def with_layers(mesh: Mesh, region: int, layers: Sequence[Any]) -> Mesh:
 
 
 def with_support(mesh: Mesh, nodes: IntArray, components: Sequence[int]) -> Mesh:
-    """A mesh whose nodes (k,) (indices) are held in components 0-5 too."""
+    """A mesh with nodes (k,) (indices) clamped in components 0-5."""
     pairs = np.array([(node, c) for node in nodes for c in components], dtype=np.int64).reshape(-1, 2)
     return replace(mesh, fixed=np.unique(np.vstack([mesh.fixed.reshape(-1, 2), pairs]), axis=0))
 
 
 def with_node(mesh: Mesh, node_id: int, position: Sequence[float]) -> Mesh:
-    """A mesh with one node more, at position (3,) [m]. Raises UserError for an id that is taken."""
+    """A mesh with an added node at position (3,) [m]. Raises UserError for an existing id."""
     if node_id in mesh.node_ids:
-        raise UserError(f"node {node_id} is in the mesh already", remedy="take another id, or leave its position out")
-    own = mesh.own_nodes
-    ids = np.insert(mesh.node_ids, own, node_id)
+        raise UserError(f"node {node_id} already exists in the mesh", remedy="Use another id, or remove its position.")
+    last = mesh.own_nodes
+    ids = np.insert(mesh.node_ids, last, node_id)
     return replace(
         mesh,
         node_ids=ids,
-        position=np.insert(mesh.position, own, position, axis=0),
+        position=np.insert(mesh.position, last, position, axis=0),
         arms=mesh.arms + np.array([1, 0]),
         shells=tuple(replace(block, on_faces=block.on_faces + 1) for block in mesh.shells),
         beams=tuple(replace(block, on_sides=block.on_sides + (block.on_sides >= 0)) for block in mesh.beams),
@@ -211,7 +211,7 @@ def with_node(mesh: Mesh, node_id: int, position: Sequence[float]) -> Mesh:
 
 
 def with_rigid_element(mesh: Mesh, reference: int, nodes: IntArray, components: Sequence[int], name: str = "") -> Mesh:
-    """A mesh with one rigid element more: components 0-5 of nodes (k,) follow node reference (indices)."""
+    """A mesh with an added rigid element: components 0-5 of nodes (k,) follow node reference (indices)."""
     element = RigidElement(_next_tie(mesh), reference, nodes[nodes != reference], tuple(components), name)
     return replace(mesh, rigid=(*mesh.rigid, element))
 
@@ -219,30 +219,30 @@ def with_rigid_element(mesh: Mesh, reference: int, nodes: IntArray, components: 
 def with_averaging_element(
     mesh: Mesh, reference: int, nodes: IntArray, components: Sequence[int], name: str = ""
 ) -> Mesh:
-    """A mesh with one averaging element more: components 0-5 of node reference are the mean motion of nodes (k,)."""
+    """A mesh with an added averaging element: components 0-5 of node reference are the mean motion of nodes (k,)."""
     others = nodes[nodes != reference]
     element = AveragingElement(_next_tie(mesh), reference, others, np.ones(len(others)), tuple(components), name=name)
     return replace(mesh, averaging=(*mesh.averaging, element))
 
 
 def with_face(mesh: Mesh, name: str, facets: Facets, chosen: IntArray) -> Mesh:
-    """A mesh with one named face more, the chosen (k,) of its facets. Raises UserError for a name that a set has."""
+    """A mesh with an added named face, the chosen (k,) of its facets. Raises UserError for the name of a set."""
     if name in mesh.node_sets or name in mesh.element_sets:
-        raise UserError(f"the mesh has a set {name!r}", remedy="give the face another name, or use the set")
+        raise UserError(f"the mesh already has a set {name!r}", remedy="Rename the face, or use the set.")
     nodes = facets.nodes[chosen]
     members = np.sort(mesh.node_ids[np.unique(nodes[nodes >= 0])])
-    own = np.column_stack([facets.element_id[chosen], facets.facet[chosen]])
-    return replace(mesh, faces={**mesh.faces, name: own}, node_sets={**mesh.node_sets, name: members})
+    members_of_face = np.column_stack([facets.element_id[chosen], facets.facet[chosen]])
+    return replace(mesh, faces={**mesh.faces, name: members_of_face}, node_sets={**mesh.node_sets, name: members})
 
 
 def node_indices(mesh: Mesh, name: str) -> IntArray:
-    """Indices of the nodes of a set, ascending. Raises UserError for a set that is not there or is empty."""
+    """Indices of the nodes of a set, ascending. Raises UserError for a set that does not exist or is empty."""
     if name not in mesh.node_sets:
         raise UserError(f"the mesh has no node set {name!r}", remedy=_suggestion(name, list(mesh.node_sets)))
-    found = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], mesh.node_sets[name]))
-    if not found.size:
-        raise UserError(f"node set {name!r} is empty", remedy="name another set")
-    return found
+    indices = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], mesh.node_sets[name]))
+    if not indices.size:
+        raise UserError(f"node set {name!r} is empty", remedy="Name another set.")
+    return indices
 
 
 def _next_tie(mesh: Mesh) -> int:
@@ -250,7 +250,7 @@ def _next_tie(mesh: Mesh) -> int:
 
 
 def _suggestion(word: str, known: list[str]) -> str:
-    return did_you_mean(word, known, f"it has {', '.join(sorted(set(known)))}" if known else "it has none")
+    return did_you_mean(word, known, f"It has {', '.join(sorted(set(known)))}." if known else "It has none.")
 
 
 def node_springs(name: str, nodes: IntArray, stiffness: Sequence[float]) -> Springs:
@@ -263,13 +263,13 @@ def node_springs(name: str, nodes: IntArray, stiffness: Sequence[float]) -> Spri
 
 
 def face_springs(mesh: Mesh, name: str, face: str, stiffness: Sequence[float]) -> Springs:
-    """A bed of springs to the ground that is evenly spread over a face: K = Σ k_c/A ∫ N Nᵀ dA of each component c.
+    """A bed of springs to the ground, evenly distributed over a face: K = Σ k_c/A ∫ N Nᵀ dA of each component c.
 
-    One spring at each point of the facets' rule and component, that the motion Σ N_a z_a there stretches; stiffness (3,) [N/m] of
-    the whole bed along the basic axes.
+    One spring at each quadrature point of the facets and component, stretched by the motion Σ N_a z_a there; stiffness (3,)
+    [N/m] of the whole bed along the basic axes.
     """
-    facets, own = all_facets(mesh), mesh.faces[face]
-    chosen = np.isin(facets.key, facet_key(*own.T))
+    facets, face_facets = all_facets(mesh), mesh.faces[face]
+    chosen = np.isin(facets.key, facet_key(*face_facets.T))
     parts, count = [], 0
     for number in np.unique(facets.kind[chosen]):
         kind = FACETS[number]

@@ -1,4 +1,4 @@
-"""Anisotropic materials of solids, and how their axes lie."""
+"""Anisotropic materials of solids, and the orientation of their axes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from strainsight.mesh.coordinates import CoordinateSystem, local_axes
 from strainsight.mesh.thin import FloatArray, GeneralShell
 
 INDEFINITE = 1e-10
-"""Least eigenvalue over the largest, of stiffnesses of unit diagonal, below which a material resists some strain not at all."""
+"""Least ratio of eigenvalues of a stiffness scaled to a unit diagonal; below, the material does not resist some strain."""
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class Anisotropic:
 
     id: Annotated[int, Column("1", "", "id of every anisotropic material")]
     stiffness: Annotated[
-        FloatArray, Column("Pa", "6 × 6", "from strain to stress along its axes: 11 22 33 12 23 31, γ = 2ε")
+        FloatArray, Column("Pa", "6 × 6", "stiffness along its axes, strain → stress: 11 22 33 12 23 31, γ = 2ε")
     ]
     density: Annotated[float, Column("kg/m^3", "", "density of every anisotropic material")]
-    name: Annotated[str, Column("1", "", "name in the words of the file or config")] = ""
+    name: Annotated[str, Column("1", "", "name in the file or config")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -39,7 +39,7 @@ class Anisotropic:
 
 @dataclass(frozen=True)
 class Orientation:
-    """Where the axes 1, 2, 3 of a material lie: turned from the directions of a system at each point."""
+    """Orientation of the axes 1, 2, 3 of a material: rotated from the directions of a system at each point."""
 
     system: CoordinateSystem
     turn: Annotated[
@@ -48,11 +48,11 @@ class Orientation:
 
     @property
     def varies(self) -> bool:
-        """Whether the axes of one point are others than those of the next."""
+        """Whether the axes vary from point to point."""
         return self.system.kind != "rectangular"
 
     def axes_at(self, position: FloatArray) -> FloatArray:
-        """Axes (n, 3, 3), one in a column, at positions (n, 3) [m]; on the axis of a cylinder those that define it."""
+        """Axes (n, 3, 3), one in a column, at positions (n, 3) [m]; on the axis of a cylinder those of the system."""
         return np.asarray(local_axes(position, self.system)[0] @ self.turn)
 
 
@@ -61,7 +61,7 @@ def orthotropic(moduli: Sequence[float], ratios: Sequence[float], shear: Sequenc
 
         S_ii = 1/E_i,   S_ij = −ν_ij/E_i  (i < j),   S of 12, 23, 31 = 1/G₁₂, 1/G₂₃, 1/G₁₃,   C = S⁻¹
 
-    ν_ij = −ε_j/ε_i under a stress along i. Whether C is one of a material, `stiffness_fault` says.
+    ν_ij = −ε_j/ε_i under a stress along i. `stiffness_fault` checks whether C is admissible.
     """
     e1, e2, _ = moduli
     nu12, nu13, nu23 = ratios
@@ -77,62 +77,62 @@ def orthotropic(moduli: Sequence[float], ratios: Sequence[float], shear: Sequenc
 
 
 def constants_fault(moduli: Sequence[float], ratios: Sequence[float], shear: Sequence[float]) -> tuple[str, str] | None:
-    """What is wrong with engineering constants, in the order of `orthotropic`, and the remedy: all moduli are positive, and
-    S of the stretches is positive definite."""
+    """Fault of engineering constants, in the order of `orthotropic`, and the remedy: all moduli must be positive, and S of the
+    normal strains positive definite."""
     for name, value in zip(("E1", "E2", "E3", "G12", "G13", "G23"), (*moduli, *shear), strict=True):
         if not (value > 0 and np.isfinite(value)):
-            return f"{name} is {value:g}, not positive", "give a positive modulus"
+            return f"{name} is {value:g}, not positive", "Specify a positive modulus."
     e1, e2, e3 = moduli
     a, b, c = (nu * root for nu, root in zip(ratios, np.sqrt([e2 / e1, e3 / e1, e3 / e2]), strict=True))
     least = float(np.linalg.eigvalsh(np.array([[1, -a, -b], [-a, 1, -c], [-b, -c, 1]]))[0])
     if not least > INDEFINITE:
         return (
-            f"it is not stable: of the flexibility √(E_i E_j) S_ij the least eigenvalue is {least:.3g}, not positive, with NU12 "
+            f"it is not stable: the least eigenvalue of the flexibility √(E_i E_j) S_ij is {least:.3g}, not positive, for NU12 "
             f"{ratios[0]:g}, NU13 {ratios[1]:g}, NU23 {ratios[2]:g}",
-            "NU_ij is −ε_j/ε_i under a stress along i; ratios that are stated the other way round (NU_ji) are to be multiplied "
-            "by E_i/E_j",
+            "NU_ij is −ε_j/ε_i under a stress along i. Multiply ratios of the opposite convention (NU_ji) by E_i/E_j.",
         )
     return None
 
 
 def stiffness_fault(C: FloatArray) -> tuple[str, str] | None:
-    """What is wrong with the stiffness C (n, n) of a material, and the remedy: positive definite, as its work is positive.
+    """Fault of the stiffness C (n, n) of a material, and the remedy: it must be positive definite, because its work is positive.
 
-    The eigenvalues are those of C_ij/√(C_ii C_jj), which no unit and no ratio of moduli alters.
+    The eigenvalues are those of C_ij/√(C_ii C_jj), independent of units and ratios of moduli.
     """
     diagonal = np.diagonal(C)
     if not np.isfinite(C).all():
-        return "its stiffness has a value that is not finite", "give finite values"
+        return "its stiffness has a value that is not finite", "Specify finite values."
     if not (diagonal > 0).all():
         i = int(np.argmin(diagonal > 0))
         return (
-            f"it resists no strain: the {i + 1}th of the diagonal of its stiffness is {diagonal[i]:g}, and the least eigenvalue "
+            f"it does not resist a strain: diagonal entry {i + 1} of its stiffness is {diagonal[i]:g}, and the least eigenvalue "
             f"{np.linalg.eigvalsh(C)[0]:.4g} is not positive",
-            "give positive values on the diagonal",
+            "Specify positive values on the diagonal.",
         )
     scale = np.sqrt(diagonal)
     lam, V = np.linalg.eigh(C / np.outer(scale, scale))
     if not lam[0] > INDEFINITE * lam[-1]:
         worst = V[:, 0] / scale
-        shown = ", ".join(f"{own:.2g}" for own in worst / np.abs(worst).max())
+        shown = ", ".join(f"{component:.2g}" for component in worst / np.abs(worst).max())
         return (
-            f"its stiffness is not positive definite: with a diagonal of one its least eigenvalue is {lam[0]:.3g}, so that the "
-            f"strain ({shown}) takes no work",
-            "correct the constants off the diagonal: each has to be smaller than the root of the two on it",
+            f"its stiffness is not positive definite: scaled to a unit diagonal its least eigenvalue is {lam[0]:.3g}, so that "
+            f"the strain ({shown}) requires no work",
+            "Correct the off-diagonal constants: each must be smaller than the square root of the product of its two "
+            "diagonal entries.",
         )
     return None
 
 
-def general_fault(own: GeneralShell) -> tuple[str, str] | None:
-    """What is wrong with the stiffness of a shell of several materials, and the remedy: positive definite in the membrane, in
-    bending where it has any, of both together, and in shear where it has that."""
-    parts = {"membrane": own.membrane}
-    if own.bending.any():
-        parts["bending"] = own.bending
-        both = [[own.membrane, own.coupling], [own.coupling.T, own.bending / 12]]
+def general_fault(shell: GeneralShell) -> tuple[str, str] | None:
+    """Fault of the stiffness of a shell of several materials, and the remedy: it must be positive definite in the membrane, in
+    bending (if any), in both together, and in shear (if any)."""
+    parts = {"membrane": shell.membrane}
+    if shell.bending.any():
+        parts["bending"] = shell.bending
+        both = [[shell.membrane, shell.coupling], [shell.coupling.T, shell.bending / 12]]
         parts["membrane and bending together"] = np.block(both)
-    if own.shear.any() and np.isfinite(own.shear).all():
-        parts["shear across"] = own.shear
+    if shell.shear.any() and np.isfinite(shell.shear).all():
+        parts["shear across"] = shell.shear
     for name, C in parts.items():
         if fault := stiffness_fault(C):
             return f"{name}: {fault[0]}", fault[1]
@@ -140,32 +140,30 @@ def general_fault(own: GeneralShell) -> tuple[str, str] | None:
 
 
 STACKED: dict[str, tuple[int, ...]] = {"hex8": (0, 1, 2), "hex20": (0, 1, 2), "wedge6": (2,), "wedge15": (2,)}
-"""Kinds that may have layers → directions of their reference domain, from −1 to 1, along which these may lie."""
+"""Kinds that may have layers → possible directions of these in their reference domain, from −1 to 1."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Of an isotropic material, or of an anisotropic one with the orientation of its axes."""
+    """Layer of an isotropic material, or of an anisotropic one with the orientation of its axes."""
 
     material: Annotated[int, Column("1", "", "id of its material, from ξ = −1 on")]
-    thickness: Annotated[float, Column("1", "", "relative to the others")]
+    thickness: Annotated[float, Column("1", "", "relative thickness")]
     orientation: Orientation
 
 
 @dataclass(frozen=True)
 class CompositeSolid:
-    """Layers of a region of solids, which share the extent of each element along direction 0, 1 or 2 of its reference domain in
+    """Layers of a region of solids, which divide the extent of each element along direction 0, 1 or 2 of its reference domain in
     proportion to their thickness, the first at ξ = −1."""
 
     layers: Annotated[tuple[Layer, ...], Column("", "layer", "layers")]
-    direction: Annotated[
-        int, Column("1", "", "along which of its reference directions the layers of an element lie: 0, 1 or 2")
-    ] = 2
+    direction: Annotated[int, Column("1", "", "stacking direction of the layers: reference direction 0, 1 or 2")] = 2
 
     @property
     def shares(self) -> FloatArray:
-        """Of the extent of an element (l,) [-], in the sum 1."""
-        thickness = np.array([own.thickness for own in self.layers])
+        """Shares of the extent of an element (l,) [-], with the sum 1."""
+        thickness = np.array([layer.thickness for layer in self.layers])
         return thickness / thickness.sum()
 
     @property
@@ -175,11 +173,11 @@ class CompositeSolid:
         return np.asarray(2 * ends / ends[-1] - 1)
 
     def layer_at(self, xi: FloatArray) -> np.ndarray:
-        """Number (q,) of the layer at points ξ (q, 3), where two meet the first of them."""
+        """Number (q,) of the layer at points ξ (q, 3); at an interface the lower one."""
         return np.clip(np.searchsorted(self.ends, xi[:, self.direction]) - 1, 0, len(self.layers) - 1)
 
     def between(self, low: float, high: float) -> CompositeSolid:
-        """What of it lies between two ξ, as layers of an element of its own."""
+        """The part between two ξ, as layers of a separate element."""
         cut = np.diff(np.clip(self.ends, low, high))
         parts = zip(self.layers, cut.tolist(), strict=True)
-        return replace(self, layers=tuple(replace(own, thickness=share) for own, share in parts if share > 1e-12))
+        return replace(self, layers=tuple(replace(layer, thickness=share) for layer, share in parts if share > 1e-12))

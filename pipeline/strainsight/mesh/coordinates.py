@@ -18,8 +18,8 @@ ON_AXIS = 1e-10
 class CoordinateSystem:
     """A coordinate system in the basic one."""
 
-    kind: Annotated[str, Column("1", "", "of the system of its axes: rectangular, cylindrical, spherical")]
-    origin: Annotated[FloatArray, Column("m", "3", "of the system")]
+    kind: Annotated[str, Column("1", "", "type of the system of its axes: rectangular, cylindrical, spherical")]
+    origin: Annotated[FloatArray, Column("m", "3", "origin of the system")]
     axes: Annotated[FloatArray, Column("1", "3 × 3", "x, y, z of the system, one in a column")]
 
 
@@ -33,11 +33,11 @@ BASIC = CoordinateSystem("rectangular", np.zeros(3), np.eye(3))
 
 
 def local_axes(position: FloatArray, system: CoordinateSystem) -> tuple[FloatArray, np.ndarray]:
-    """The directions 1, 2, 3 of a system at points: x, y, z, or e_r, e_θ, e_z, or e_r, e_θ, e_φ.
+    """The unit vectors 1, 2, 3 of a system at points: x, y, z, or e_r, e_θ, e_z, or e_r, e_θ, e_φ.
 
-    position (n, 3) basic. Returns axes (n, 3, 3), one in a column, in the basic system, and (n,) where a point lies on the
-    axis: there e_r and e_θ of a cylinder have no direction, nor have e_θ and e_φ of a sphere (at its centre e_r neither),
-    and the axes are those that define the system (as in Nastran).
+    position (n, 3) basic. Returns axes (n, 3, 3), one in a column, in the basic system, and (n,) whether a point lies on the
+    axis. There e_r and e_θ of a cylinder, and e_θ and e_φ of a sphere (at its centre also e_r), are undefined, and the axes
+    are those of the system (as in Nastran).
     """
     n = len(position)
     if system.kind == "rectangular":

@@ -19,13 +19,13 @@ from strainsight.mesh.unjoined import component_labels
 
 CODE = {kind.name: code for code, kind in enumerate(FACETS)}
 ON_SHELL = {"quad8": "shell8", "tri6": "shell6"}
-"""Kind of a shell → that of its faces, where it is another."""
+"""Kind of a shell → that of its faces, if different."""
 UPPER, LOWER = 1, 2
-"""Local numbers of the faces of a shell: the one on the side of its normal, and the other."""
+"""Local numbers of the faces of a shell: the one on the side of its normal, and the opposite one."""
 CHUNK = 2048
-"""Facets at a time."""
+"""Number of facets at a time."""
 TOUCHING = 1e-7
-"""Of the size of the structure: places that are the same."""
+"""Largest distance of coincident positions, as a share of the size of the structure."""
 OUTWARD = {3: [0, 2, 1], 4: [0, 3, 2, 1], 6: [0, 2, 1, 5, 4, 3], 8: [0, 3, 2, 1, 7, 6, 5, 4]}
 """Nodes of a shell as seen from below."""
 
@@ -35,8 +35,8 @@ class Facets:
     """Facets of cells, sorted by element id, then facet.
 
     element_id (f,) of the file; facet (f,) local number from 1; kind (f,) index into FACETS; nodes (f, 8) indices
-    padded with −1, corners first, normal outward; region (f,) id; corners (f, 4) what facets that go on into each other have
-    in common at their corners: the nodes, or where sides of two beams meet the first of their nodes there.
+    padded with −1, corners first, normal outward; region (f,) id; corners (f, 4) common identifiers of the corners of connected
+    facets: the nodes, or for sides of two beams that meet the first of their nodes there.
     """
 
     element_id: IntArray
@@ -51,11 +51,11 @@ class Facets:
             object.__setattr__(self, "corners", self.nodes[:, :4])
 
     def some(self, chosen: NDArray[np.bool_] | IntArray) -> Facets:
-        """Those that are chosen, by a mask (f,) or their indices."""
+        """The selected facets, by a mask (f,) or indices."""
         return Facets(*(getattr(self, entry.name)[chosen] for entry in fields(self)))
 
     def columns(self, index: IntArray) -> dict[str, Any]:
-        """Element, facet, kind and nodes of some of them, by these names: what says on which facet something lies."""
+        """Element, facet, kind and nodes of selected facets, by these names."""
         return {
             "element": self.element_id[index],
             "facet": self.facet[index],
@@ -69,7 +69,7 @@ class Facets:
         return facet_key(self.element_id, self.facet)
 
     def of(self, blocks: Sequence[CellBlock | ShellBlock | BeamBlock]) -> NDArray[np.bool_]:
-        """Which facets (f,) are those of some elements."""
+        """Which facets (f,) belong to the elements of some blocks."""
         return np.isin(self.element_id, concatenate(block.ids for block in blocks))
 
 
@@ -79,15 +79,15 @@ def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:
 
 
 def on_solids(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int, ...], IntArray, IntArray]]:
-    """Facets of solids by block and place on the element: (block, local nodes of the facet, which facets (m,), rows of their
-    elements in the block (m,)), CHUNK at most."""
+    """Facets of solids by block and local facet: (block, local nodes of the facet, facets (m,), rows of their elements in the
+    block (m,)), CHUNK at most."""
     for block in mesh.blocks:
         order = np.argsort(block.ids)
         place = np.searchsorted(block.ids, facets.element_id, sorter=order)
         row = order[np.minimum(place, len(order) - 1)] if len(order) else np.zeros(len(place), dtype=np.int64)
-        own = np.flatnonzero(block.ids[row] == facets.element_id) if len(order) else row[:0]
+        in_block = np.flatnonzero(block.ids[row] == facets.element_id) if len(order) else row[:0]
         for number, (_, local) in enumerate(kind_of(block.kind).facets, start=1):
-            which = own[facets.facet[own] == number]
+            which = in_block[facets.facet[in_block] == number]
             for start in range(0, len(which), CHUNK):
                 part = which[start : start + CHUNK]
                 yield block, local, part, row[part]
@@ -102,7 +102,7 @@ def all_facets(mesh: Mesh) -> Facets:
     ) -> None:
         padded = np.full((len(around), 8), -1, dtype=np.int64)
         padded[:, : around.shape[1]] = around
-        numbers = (np.full(len(around), own) for own in (number, code))
+        numbers = (np.full(len(around), value) for value in (number, code))
         parts.append((block.ids[rows], *numbers, padded, block.region[rows]))
 
     for block in mesh.blocks:
@@ -117,15 +117,15 @@ def all_facets(mesh: Mesh) -> Facets:
         for number, side in enumerate(np.moveaxis(beam.on_sides, 1, 0), start=1):
             rows = np.flatnonzero(side[:, 0] >= 0)
             add(beam, rows, number, CODE["quad4" if side.shape[1] == 4 else ON_SHELL["quad8"]], side[rows])
-    columns = [np.concatenate(own) for own in zip(*parts, strict=True)]
+    columns = [np.concatenate(part) for part in zip(*parts, strict=True)]
     order = np.lexsort((columns[1], columns[0]))
-    found = Facets(*(column[order] for column in columns))
-    return replace(found, corners=_meeting(mesh)[found.nodes[:, :4]]) if mesh.beams else found
+    facets = Facets(*(column[order] for column in columns))
+    return replace(facets, corners=_coincident_corners(mesh)[facets.nodes[:, :4]]) if mesh.beams else facets
 
 
-def _meeting(mesh: Mesh) -> IntArray:
-    """Of every node, and of −1 at the end, the node (n + 1,) that it is one with as a corner: those on sides of beams that follow
-    the same node from the same place."""
+def _coincident_corners(mesh: Mesh) -> IntArray:
+    """For every node, and for −1 at the end, the node (n + 1,) that represents it as a corner: nodes on sides of beams are merged
+    if they follow the same node from the same position."""
     same = np.append(np.arange(len(mesh.position)), -1)
     sides = np.unique(np.concatenate([block.on_sides[block.on_sides >= 0] for block in mesh.beams]))
     if len(sides):
@@ -139,11 +139,11 @@ def _meeting(mesh: Mesh) -> IntArray:
 
 
 def exterior_facets(mesh: Mesh) -> Facets:
-    """The facets whose corner nodes occur once among all facets of all cells, but for those of shells and beams inside of solids,
-    and those of solids that shells lie on.
+    """The facets whose corner nodes occur once among all facets of all cells, except those of shells and beams inside solids, and
+    those of solids under shells.
 
-    Raises DeckError where three or more elements share a facet, and where two that share one do not share all its nodes
-    (linear beside quadratic, mid-side nodes not merged): their displacements would part there.
+    Raises DeckError if three or more elements share a facet, and if two elements share the corners of a facet but not all its
+    nodes (linear next to quadratic, mid-side nodes not merged): their displacements would be incompatible.
     """
     facets = all_facets(mesh)
     corners = np.array([kind.corners for kind in FACETS])[facets.kind]
@@ -157,7 +157,7 @@ def exterior_facets(mesh: Mesh) -> Facets:
     if times.max(initial=0) > 2:
         shared = facets.element_id[group == np.argmax(times)]
         raise element_error(
-            shared[-1], f"elements {', '.join(map(str, shared[:4]))} share one facet", "remove elements that overlap"
+            shared[-1], f"elements {', '.join(map(str, shared[:4]))} share one facet", "Remove overlapping elements."
         )
     _check_conforming(mesh, facets, order, new)
     outside = times[group] == 1
@@ -169,15 +169,15 @@ def exterior_facets(mesh: Mesh) -> Facets:
 def _covered(mesh: Mesh, facets: Facets, key: IntArray, outside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which facets (f,) are covered where shells and beams meet solids; key (f, 4) sorted corners.
 
-    All of a shell or beam with a node that only facets between solids have, or whose corners are some of those of such a facet.
-    Where they are those of an exterior facet of a solid, that one, and the face of the shell that looks into the solid.
+    All facets of a shell or beam with a node that only interior facets of solids have, or with corners of such a facet. For
+    corners of an exterior facet of a solid: that facet, and the face of the shell towards the solid.
     """
     thin = facets.of(mesh.thin)
-    own, between = outside & ~thin, ~outside & ~thin
+    exterior, interior = outside & ~thin, ~outside & ~thin
     deep = np.zeros(len(mesh.position), dtype=bool)
     for block in mesh.blocks:
         deep[block.nodes] = True
-    deep[facets.nodes[own]] = False
+    deep[facets.nodes[exterior]] = False
     hidden = np.concatenate([block.ids[deep[block.nodes].any(axis=1)] for block in mesh.thin])
     on_shell = np.zeros(len(mesh.position) + 1, dtype=bool)
     on_shell[np.concatenate([[-1], *(shell.nodes.ravel() for shell in mesh.shells)])] = True
@@ -196,53 +196,53 @@ def _covered(mesh: Mesh, facets: Facets, key: IntArray, outside: NDArray[np.bool
             shell.ids.tolist(), shell.corners, np.sort(corners, axis=1).tolist(), strict=True
         ):
             i = solid.get(tuple(around), -1)
-            if i >= 0 and between[i]:
+            if i >= 0 and interior[i]:
                 inner += [number * 8 + UPPER, number * 8 + LOWER]
             elif i >= 0:
                 covered[i] = True
-                inner.append(number * 8 + (LOWER if _turn(facets.nodes[i], nodes) else UPPER))
+                inner.append(number * 8 + (LOWER if _same_orientation(facets.nodes[i], nodes) else UPPER))
     return covered | (thin & (np.isin(facets.element_id, hidden) | np.isin(facets.key, inner)))
 
 
-def _turn(around: IntArray, nodes: IntArray) -> bool:
-    """Whether corners (k,) of a facet's corners run around it the way that these do."""
+def _same_orientation(around: IntArray, nodes: IntArray) -> bool:
+    """Whether corners (k,) run around the corners of a facet in the same direction."""
     known = around.tolist()
     at = [known.index(node) for node in nodes.tolist()]
     return sum(b > a for a, b in zip(at, [*at[1:], at[0]], strict=True)) > len(at) / 2
 
 
 def straight_sides(mesh: Mesh) -> NDArray[np.bool_]:
-    """Which nodes (n,), and −1 at the end, follow the mean motion of two others: sides with them are straight, as if without."""
+    """Which nodes (n,), and −1 at the end, follow the mean motion of two others, so that their sides are straight."""
     components = np.zeros(len(mesh.position) + 1, dtype=np.int64)
-    for own in mesh.relations:
-        if not own.ties:
-            components[own.follower[0]] += 1
+    for relation in mesh.relations:
+        if not relation.ties:
+            components[relation.follower[0]] += 1
     return components == 3
 
 
 def _coincide(position: FloatArray, first: IntArray, second: IntArray) -> bool:
-    """Do nodes (k,) and (l,), −1 for none, lie at the same places?"""
+    """Whether nodes (k,) and (l,), −1 for none, lie at the same positions."""
     x, y = (position[nodes[nodes >= 0]] for nodes in (first, second))
-    apart = np.linalg.norm(x[:, None] - y[None], axis=2)
-    return bool(max(apart.min(axis=0).max(), apart.min(axis=1).max()) <= 1e-3 * apart.max())
+    distance = np.linalg.norm(x[:, None] - y[None], axis=2)
+    return bool(max(distance.min(axis=0).max(), distance.min(axis=1).max()) <= 1e-3 * distance.max())
 
 
 def _check_conforming(mesh: Mesh, facets: Facets, order: np.ndarray, new: np.ndarray) -> None:
-    straight = straight_sides(mesh)  # nodes that are as if they were not there
+    straight = straight_sides(mesh)  # nodes without effect
     pair = np.flatnonzero(~new)
     a, b = order[pair - 1], order[pair]
     nodes = np.where(straight[facets.nodes], -1, facets.nodes)
-    apart = np.any(np.sort(nodes[a], axis=1) != np.sort(nodes[b], axis=1), axis=1)
-    if apart.any():
-        i = int(np.argmax(apart))
+    differ = np.any(np.sort(nodes[a], axis=1) != np.sort(nodes[b], axis=1), axis=1)
+    if differ.any():
+        i = int(np.argmax(differ))
         first, second = facets.element_id[a[i]], facets.element_id[b[i]]
-        other = "check the order of the nodes of these elements"
+        other = "Check the node order of these elements."
         if facets.kind[a[i]] != facets.kind[b[i]]:
-            other = "mesh both with elements of the same order"
+            other = "Use elements of the same order for both."
         elif _coincide(mesh.position, nodes[a[i]], nodes[b[i]]):
-            other = "merge the coincident nodes"
+            other = "Merge the coincident nodes."
         raise element_error(
-            second, f"elements {first} and {second} share a facet's corners but not its mid-side nodes", other
+            second, f"elements {first} and {second} share the corners of a facet, but not its mid-side nodes", other
         )
 
 
@@ -251,7 +251,7 @@ Traction = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
 def consistent_forces(position: FloatArray, kind: Kind, nodes: IntArray, traction: Traction) -> FloatArray:
-    """f_a = ∫ N_a t dA over each facet: (f, k, 3) [N]; nodes (f, k) rows of position (n, 3) [m]; the rule is that of N Nᵀ."""
+    """f_a = ∫ N_a t dA over each facet: (f, k, 3) [N]; nodes (f, k) rows of position (n, 3) [m]; with the rule of N Nᵀ."""
     xi, w = kind.mass
     N, dN = kind.functions(xi)
     x = np.einsum("qa,fac->fqc", N, position[nodes])

@@ -1,4 +1,4 @@
-"""What joins nodes of a mesh, and the masses and springs on them."""
+"""Ties between nodes of a mesh, point masses, springs and loads."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from strainsight.errors import DeckError
 from strainsight.mesh.thin import FloatArray, IntArray
 
 STRAIGHT = "straight side"
-"""Name of the relations of a mid-side node that is not in the file: it follows the mean motion of the ends of its side."""
+"""Name of the relations of an omitted mid-side node, which follows the mean motion of the ends of its side."""
 
 
 @dataclass(frozen=True)
 class RigidElement:
     """RBE2: the components (0-5) of `nodes` follow the six motions of node `reference` (all indices).
 
-    Rotations of a dependent node count only where it is the reference of another element. Names are as "RBE2 30", "*COUPLING".
+    Rotations of a dependent node count only if it is the reference of another element. Names are as "RBE2 30", "*COUPLING".
     """
 
     id: Annotated[int, Column("1", "", "id of every rigid element (RBE2)")]
     reference: Annotated[int, Column("1", "", "reference node index of every rigid element")]
     nodes: Annotated[IntArray, Column("1", "dependent node", "dependent node indices")]
     components: Annotated[tuple[int, ...], Column("1", "", "components 1-6 of its dependent nodes")]
-    name: Annotated[str, Column("1", "", "its name in the words of the file")] = ""
+    name: Annotated[str, Column("1", "", "its name in the file")] = ""
 
     def __str__(self) -> str:
         return self.name or f"rigid element {self.id}"
@@ -38,7 +38,7 @@ class RigidElement:
 class AveragingElement:
     """RBE3: components (0-5) of node `reference` are the weighted mean motion of `nodes` (all indices).
 
-    weight ≥ 0; directions: None for all; dependent: as many as components, None for the reference's own.
+    weight ≥ 0; directions: None for all; dependent: as many as components, None for those of the reference.
     """
 
     id: Annotated[int, Column("1", "", "id of every averaging element (RBE3)")]
@@ -54,10 +54,10 @@ class AveragingElement:
         Column(
             "1",
             "component × 2",
-            "[node index, component] that the relations are solved for (UM); none: the reference's own",
+            "[node index, component] that the relations are solved for (UM); none: those of the reference",
         ),
     ] = None
-    name: Annotated[str, Column("1", "", "its name in the words of the file")] = ""
+    name: Annotated[str, Column("1", "", "its name in the file")] = ""
     rotations: Annotated[
         NDArray[np.bool_] | None,
         Column("1", "averaged node × 3", "1 where a rotation of a node counts", offset="directions_offset"),
@@ -72,18 +72,17 @@ class AveragingElement:
         return self.nodes[:0] if self.rotations is None else self.nodes[self.rotations.any(axis=1)]
 
     def with_nodes(self, reference: int, nodes: IntArray, at: IntArray) -> AveragingElement:
-        """The element on other nodes (c k,), those of c copies one after the other; weights of nodes that became one add up;
-        at: index of every node before → that after.
+        """The element on other nodes (c k,), those of c copies in order; weights of merged nodes are added; at: old index → new.
 
-        Raises DeckError for nodes that became one and count in different directions."""
+        Raises DeckError for merged nodes that count in different directions."""
         row = np.arange(len(nodes)) % len(self.nodes)
-        counts = [own[row].astype(int) for own in (self.directions, self.rotations) if own is not None]
+        counts = [flags[row].astype(int) for flags in (self.directions, self.rotations) if flags is not None]
         key = np.column_stack([nodes, *counts])
         _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
         if len(np.unique(nodes)) < len(first):
             raise DeckError(
-                f"{self}: nodes in one place count in different directions there",
-                remedy="let both count in the same, so that they can be made one",
+                f"{self}: coincident nodes count in different directions",
+                remedy="Use the same directions for both, so that they can be merged.",
                 entity=("tie", self.id),
             )
         dependent = self.dependent
@@ -102,7 +101,7 @@ class AveragingElement:
 class Relation:
     """MPC, *EQUATION: Σ value z[node, component] = 0 over its terms, the motion of the first one follows the others.
 
-    Names are as "MPC 7", "*EQUATION". yields: it does not count where a support holds the motion that follows.
+    Names are as "MPC 7", "*EQUATION". yields: the relation is dropped if a support clamps its dependent motion.
     """
 
     id: Annotated[int, Column("1", "", "number of every relation (MPC, *EQUATION)")]
@@ -117,9 +116,9 @@ class Relation:
         ),
     ]
     value: Annotated[
-        FloatArray, Column("SI", "term", "what multiplies that motion; of a rotation in m", offset="term_offset")
+        FloatArray, Column("SI", "term", "coefficient of that motion; for a rotation in m", offset="term_offset")
     ]
-    name: Annotated[str, Column("1", "", "its name in the words of the file")] = ""
+    name: Annotated[str, Column("1", "", "its name in the file")] = ""
     yields: bool = False
 
     def __str__(self) -> str:
@@ -127,7 +126,7 @@ class Relation:
 
     @property
     def ties(self) -> bool:
-        """Whether it joins what it is between: all do but a straight side, which is of one element."""
+        """Whether it connects different parts: all relations except a straight side, which belongs to one element."""
         return self.name != STRAIGHT
 
     @property
@@ -143,13 +142,13 @@ class Relation:
 
 @dataclass(frozen=True)
 class PointMass:
-    """CONM2, along the basic axes. Or a mass that is another one along another axis (CONM1, CMASS): a matrix [kg, kg m, kg m²] on
-    the motions of the node in place of offset and inertia; mass is then the mean over the axes, as it counts in the weight."""
+    """CONM2, along the basic axes. A mass that differs between axes (CONM1, CMASS) is a matrix [kg, kg m, kg m²] on the motions
+    of the node instead of offset and inertia; mass is then the mean over the axes, as counted in the weight."""
 
     id: Annotated[int, Column("1", "", "id of every point mass")]
     node: Annotated[int, Column("1", "", "node index of every point mass")]
     mass: Annotated[float, Column("kg", "", "mass of every point mass")]
-    offset: Annotated[FloatArray, Column("m", "3", "its centre from the node")] = field(
+    offset: Annotated[FloatArray, Column("m", "3", "position of its centre relative to the node")] = field(
         default_factory=lambda: np.zeros(3)
     )
     inertia: Annotated[FloatArray, Column("kg m^2", "3 × 3", "its inertia about the centre of mass")] = field(
@@ -157,27 +156,27 @@ class PointMass:
     )
     matrix: Annotated[
         FloatArray | None,
-        Column("SI", "6 × 6", "of one that is another mass along another axis (CONM1, CMASS), else 0"),
+        Column("SI", "6 × 6", "matrix of a mass that differs between axes (CONM1, CMASS), else 0"),
     ] = None
 
     @property
     def turns(self) -> bool:
         """Whether it resists rotations of its node."""
-        own = (self.offset, self.inertia, np.zeros(1) if self.matrix is None else self.matrix[3:])
-        return any(bool(np.any(part)) for part in own)
+        parts = (self.offset, self.inertia, np.zeros(1) if self.matrix is None else self.matrix[3:])
+        return any(bool(np.any(part)) for part in parts)
 
 
 @dataclass(frozen=True)
 class Springs:
     """Springs of one element or support: spring i resists its elongation s = Σ r z with the force k s, or the moment.
 
-    Components are those along the basic axes; r is in m at the rotations of a spring that stretches.
+    Components are along the basic axes; r is in m for the rotations of an axial spring.
     """
 
-    name: Annotated[str, Column("1", "", "element or support in the words of the file or config")]
-    stiffness: Annotated[FloatArray, Column("SI", "spring", "N/m, of torsion springs N m/rad")]
+    name: Annotated[str, Column("1", "", "name of the element or support in the file or config")]
+    stiffness: Annotated[FloatArray, Column("SI", "spring", "stiffness: N/m, for torsion springs N m/rad")]
     spring: Annotated[
-        IntArray, Column("1", "part", "which spring of its list a motion is a part of", offset="part_offset")
+        IntArray, Column("1", "part", "spring of its list that a motion belongs to", offset="part_offset")
     ]
     node: Annotated[IntArray, Column("1", "part", "node index of that motion", offset="part_offset")]
     component: Annotated[
@@ -202,7 +201,7 @@ class Springs:
 
 
 def spring_between(name: str, stiffness: float, ends: Sequence[tuple[int, int, FloatArray]]) -> Springs:
-    """One spring; ends: node, 0 for its motions or 3 for its rotations, and the elongation (3,) for a unit of each of these."""
+    """One spring; ends: node, 0 for translations or 3 for rotations, and the elongation (3,) per unit of each."""
     node, first, value = zip(*ends, strict=True)
     return Springs(
         name,
@@ -216,7 +215,7 @@ def spring_between(name: str, stiffness: float, ends: Sequence[tuple[int, int, F
 
 @dataclass(frozen=True)
 class BodyForce:
-    """What pulls at every mass dm: dm factor a(x),  a = g + (ω × (x − c)) × ω.
+    """A body force on every mass dm: dm factor a(x),  a = g + (ω × (x − c)) × ω.
 
     acceleration g (3,) [m/s²], rotation ω (3,) [rad/s] about the point centre c (3,) [m]; elements: ids of the solids and point
     masses that it acts on, None for all.
@@ -231,15 +230,15 @@ class BodyForce:
 
 @dataclass(frozen=True)
 class NodalForces:
-    """A load of the file (what one set holds), along the basic axes; body: forces on its masses that are not among them yet. The
-    forces that the mass of regions makes are proportional to their density."""
+    """A load of the file (one load set), along the basic axes; body: body forces not yet included in force. regions: those whose
+    mass contributes to the forces, which are proportional to their density."""
 
     nodes: Annotated[IntArray, Column("1", "loaded node", "loaded node indices")]
     force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces")]
     moment: Annotated[
-        FloatArray | None, Column("N m", "loaded node × 3", "moments, 0 where there are none", offset="force_offset")
+        FloatArray | None, Column("N m", "loaded node × 3", "moments, 0 without any", offset="force_offset")
     ] = None
     body: tuple[BodyForce, ...] = ()
     regions: Annotated[
-        tuple[int, ...], Column("1", "region", "ids of regions whose mass makes some of the forces")
+        tuple[int, ...], Column("1", "region", "ids of regions whose mass contributes to the forces")
     ] = ()

@@ -1,4 +1,4 @@
-"""What a mesh file says, in SI units and with the ids of the file."""
+"""A finite-element model as read from a mesh file, in SI units and with the ids of the file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CellBlock:
 
     @classmethod
     def joined(cls, blocks: Sequence[CellBlock]) -> CellBlock:
-        """Blocks of one kind as one, of no kind where there are none."""
+        """Blocks of one kind as one block, of kind "" without any."""
         if not blocks:
             return cls("", *(np.zeros(shape, dtype=np.int64) for shape in (0, (0, 0), 0)))
         columns = ([getattr(block, name) for block in blocks] for name in ("ids", "nodes", "region"))
@@ -54,7 +54,7 @@ class Material:
     youngs_modulus: Annotated[float, Column("Pa", "", "Young's modulus of every material")]
     poisson_ratio: Annotated[float, Column("1", "", "Poisson's ratio of every material")]
     density: Annotated[float, Column("kg/m^3", "", "density of every material")]
-    name: Annotated[str, Column("1", "", "name of every material, in the words of the file or config")] = ""
+    name: Annotated[str, Column("1", "", "name of every material in the file or config")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -62,8 +62,8 @@ class Material:
 
 @dataclass(frozen=True)
 class Region:
-    """A property that elements refer to (a PSOLID, an element set, a physical group); material is 0 where the file has none, and
-    of a laminate or composite solid, whose plies or layers have theirs."""
+    """A property that elements refer to (a PSOLID, an element set, a physical group); material is 0 without one in the file, and
+    for a laminate or composite solid, whose plies or layers have materials."""
 
     id: Annotated[int, Column("1", "", "id of every region")]
     name: Annotated[str, Column("1", "", "name of every region")]
@@ -74,7 +74,7 @@ class Region:
 
 
 def element_error(element: int, what: str, remedy: str) -> DeckError:
-    """A DeckError at an element (id), for whoever knows the lines of the file."""
+    """A DeckError at an element (id); the caller adds the line of the file."""
     return DeckError(what, remedy=remedy, entity=("element", int(element)))
 
 
@@ -87,7 +87,7 @@ class IdTable:
         self.sorted = ids[self._order]
 
     def rows(self, ids: IntArray) -> tuple[IntArray, np.ndarray]:
-        """Rows for ids of any shape, and where an id is missing (its row then means nothing)."""
+        """Rows for ids of any shape, and whether an id is missing (its row is then meaningless)."""
         if not self.sorted.size:
             return np.zeros(ids.shape, dtype=np.int64), np.ones(ids.shape, dtype=bool)
         at = np.minimum(np.searchsorted(self.sorted, ids), self.sorted.size - 1)
@@ -96,7 +96,7 @@ class IdTable:
 
 @dataclass(frozen=True)
 class Origin:
-    """Where entities stand: ids (n,), line (n,) from 1 in file (n,), an index into files."""
+    """Lines of entities in the file: ids (n,), line (n,) from 1 in file (n,), an index into files."""
 
     ids: IntArray
     line: IntArray
@@ -105,7 +105,7 @@ class Origin:
 
     @classmethod
     def at(cls, ids: IntArray, places: Sequence[tuple[str, int]]) -> Origin:
-        """Of entities with ids (n,) by file and line of each."""
+        """Origin of entities with ids (n,) from file and line of each."""
         files = {file: i for i, file in enumerate(dict.fromkeys(file for file, _ in places))}
         file, line = (
             np.array(part, dtype=np.int64) for part in ([files[f] for f, _ in places], [n for _, n in places])
@@ -114,15 +114,16 @@ class Origin:
 
 
 MATERIAL_FIELDS = {Material: "materials", Lamina: "laminae", Anisotropic: "anisotropic"}
-"""Kind of a material → the field of `Properties` that holds it."""
+"""Type of a material → the field of `Properties` for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Properties:
-    """What elements are made of: regions and isotropic materials by id; laminae: orthotropic materials of plies, and anisotropic
-    ones of solids, whose ids no other material has; orientations: region id → how the axes of its anisotropic material lie,
-    along the basic ones where it has none; composites: region id of solids → their layers, where they have some; sections:
-    region id of shells or beams → its section."""
+    """Regions, materials and sections of elements.
+
+    regions and isotropic materials by id; laminae: orthotropic materials of plies; anisotropic: materials of solids; ids of
+    materials are unique among all of them. orientations: region id → orientation of its anisotropic material, default the basic
+    axes; composites: region id of solids → their layers; sections: region id of shells or beams → its section."""
 
     regions: dict[int, Region] = field(default_factory=dict)
     materials: dict[int, Material] = field(default_factory=dict)
@@ -133,7 +134,7 @@ class Properties:
     sections: dict[int, Section] = field(default_factory=dict)
 
     def free_material(self) -> int:
-        """An id that no material has."""
+        """An unused material id."""
         return max([0, *self.materials, *self.laminae, *self.anisotropic]) + 1
 
     def laminate(self, region: int) -> Laminate | None:
@@ -142,38 +143,41 @@ class Properties:
         return section if isinstance(section, Laminate) else None
 
     def general_shell(self, region: int) -> GeneralShell | None:
-        """The section of a region (id) of shells that has stiffness and density of its own; None for any other."""
+        """The general section of a region (id) of shells, with explicit stiffness and density; None for any other."""
         section = self.sections.get(region)
         return section if isinstance(section, GeneralShell) else None
 
     def ply_materials(self, region: int) -> tuple[Lamina | Material | None, ...]:
-        """The material of every ply of a laminate (region id), None where it is not there."""
+        """The material of every ply of a laminate (region id), None if it does not exist."""
         laminate = self.laminate(region)
         ids = [ply.material for ply in laminate.plies] if laminate else []
         return tuple(self.laminae.get(number) or self.materials.get(number) for number in ids)
 
     def layer_materials(self, region: int) -> tuple[Anisotropic | Material | None, ...]:
-        """The material of every layer of a composite solid (region id), None where it is not there."""
+        """The material of every layer of a composite solid (region id), None if it does not exist."""
         composite = self.composites.get(region)
         ids = [layer.material for layer in composite.layers] if composite else []
         return tuple(self.anisotropic.get(number) or self.materials.get(number) for number in ids)
 
     def material_of(self, region: int) -> Material | None:
-        """The isotropic material of a region (id); None where it has none, or several or an anisotropic one."""
+        """The isotropic material of a region (id); None without one, or for several or anisotropic materials."""
         several = self.laminate(region) or self.composites.get(region)
         return None if several else self.materials.get(self.regions[region].material)
 
     def anisotropic_of(self, region: int) -> Anisotropic | None:
-        """The anisotropic material of a region (id) of solids; None where it has another."""
+        """The anisotropic material of a region (id) of solids, or None."""
         return self.anisotropic.get(self.regions[region].material)
 
     def density_of(self, region: int) -> float | None:
-        """Density of a region (id) [kg/m³], of a laminate or composite solid the mean over its thickness, Σ ρt/Σ t; None where a
-        material lacks."""
+        """Density of a region (id) [kg/m³], for a laminate or composite solid the mean over its thickness, Σ ρt/Σ t; None if a
+        material is missing."""
         if (shell := self.general_shell(region)) is not None:
             return shell.density
         if (laminate := self.laminate(region)) is not None:
-            stack = [(ply.thickness, own) for ply, own in zip(laminate.plies, self.ply_materials(region), strict=True)]
+            stack = [
+                (ply.thickness, material)
+                for ply, material in zip(laminate.plies, self.ply_materials(region), strict=True)
+            ]
             return _mean_density(stack)
         if (composite := self.composites.get(region)) is not None:
             return _mean_density(list(zip(composite.shares.tolist(), self.layer_materials(region), strict=True)))
@@ -182,27 +186,26 @@ class Properties:
 
 
 def _mean_density(stack: Sequence[tuple[float, Lamina | Anisotropic | Material | None]]) -> float | None:
-    """Σ ρt/Σ t of thicknesses and their materials; None where one lacks."""
-    parts = [(t, own.density) for t, own in stack if own is not None]
+    """Σ ρt/Σ t of thicknesses and their materials; None if one is missing."""
+    parts = [(t, material.density) for t, material in stack if material is not None]
     return sum(rho * t for t, rho in parts) / sum(t for t, _ in parts) if len(parts) == len(stack) else None
 
 
 @dataclass(frozen=True)
 class Mesh(Properties):
-    """A finite-element model as its file says it, lengths in m, masses in kg.
+    """A finite-element model as read from its file, lengths in m, masses in kg.
 
     node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams; fixed (f, 2): pairs (node index,
-    component 0-5) that are held at zero; rigid and averaging elements, relations between displacements, point_masses,
-    springs; arms (a, 2): the last a nodes, which lie on faces of shells and sides of beams, and the node of these that each
-    follows as a rigid arm, whose id it bears too; axes: node index → (3, 3) axes, one in a column, that the components of
-    fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where it has none; node_sets and
-    element_sets name → ids of the file; faces: name → facets (k, 2) as element id and local number, of which the nodes are a
-    node set of that name; loads: name → forces of the file; ignored: card or the like that is not supported → count; effect:
-    "structure" for those that may add stiffness, mass or a tie, "none" for those that change none of them; unsupported: those
-    of them that are elements, ties or loads → file:line of the first; notes: sentences on how something was read; doubts: on
-    what the file says that is more likely a mistake; contacts: what became of surfaces that touch and may part, a sentence
-    each; lumped: whether the mass of solids is on the diagonal; read: card or the like that was taken → count; source: the
-    file; included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
+    component 0-5) that are clamped; rigid and averaging elements, relations between displacements, point_masses, springs;
+    arms (a, 2): the last a nodes, on faces of shells and sides of beams, and the node that each follows as a rigid arm, with
+    the same id; axes: node index → (3, 3) local axes, one in a column, of the components of fixed, rigid, averaging and
+    relations at that node (CD of a GRID), default the basic axes; node_sets and element_sets: name → ids of the file; faces:
+    name → facets (k, 2) as element id and local number, their nodes are a node set of that name; loads: name → forces of the
+    file; ignored: unsupported card or similar → count; effect: "structure" for those that may add stiffness, mass or a tie,
+    "none" for the others; unsupported: ignored elements, ties or loads → file:line of the first; notes: remarks on the import;
+    doubts: warnings of probable mistakes in the file; contacts: treatment of contact surfaces, a sentence each; lumped: whether
+    the mass of solids is lumped; read: imported card or similar → count; source: the file; included: files included by the
+    deck; origin: "node", "element", "tie", "relation" → lines.
     """
 
     node_ids: IntArray
@@ -277,35 +280,35 @@ class Mesh(Properties):
 
     @property
     def has_surface(self) -> bool:
-        """Whether there is something that a gauge can be bonded on: solids, shells or sides of beams."""
+        """Whether there is a surface to bond gauges on: solids, shells or sides of beams."""
         return bool(self.blocks or self.shells or any((block.on_sides >= 0).any() for block in self.beams))
 
     @property
     def own_nodes(self) -> int:
-        """How many nodes the file has: those before the ones on faces of shells."""
+        """Number of nodes of the file; nodes on faces of shells follow them."""
         return len(self.position) - len(self.arms)
 
     def above(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Chosen nodes (n,), with those on faces of shells that follow one of them."""
-        found = chosen.copy()
-        found[self.arms[chosen[self.arms[:, 1]], 0]] = True
-        return found
+        """Selected nodes (n,), with the nodes on faces of shells that follow one of them."""
+        extended = chosen.copy()
+        extended[self.arms[chosen[self.arms[:, 1]], 0]] = True
+        return extended
 
     @property
     def turning(self) -> IntArray:
-        """Indices of the nodes whose elements resist rotations: those of shells, and of beams that are no rods."""
+        """Indices of the nodes whose elements resist rotations: those of shells, and of beams other than rods."""
         return nodes_that_turn(self.shells, self.beams)
 
     @property
     def turned_by_springs(self) -> IntArray:
-        """Indices of the nodes whose rotations springs resist, but for those of solids and rods with no rotation held."""
-        nodes = np.unique(concatenate(own.turned for own in self.springs))
+        """Indices of the nodes whose rotations springs resist, except those of solids and rods without clamped rotations."""
+        nodes = np.unique(concatenate(springs.turned for springs in self.springs))
         still = np.setdiff1d(self.nodes_of_elements, self.fixed[self.fixed[:, 1] > 2, 0])
         return np.setdiff1d(nodes, np.setdiff1d(still, self.turning))
 
     @property
     def held(self) -> IntArray:
-        """(k,) rows of the nodes that are held: in a translation, or a rotation, which nodes of solids and rods alone lack."""
+        """(k,) rows of the supported nodes: a translation is clamped, or a rotation (not at nodes of solids and rods only)."""
         still = np.zeros(len(self.position), dtype=bool)
         still[self.nodes_of_elements] = True
         still[self.turning] = False
@@ -313,21 +316,21 @@ class Mesh(Properties):
         return np.unique(node[(component < 3) | ~still[node]])
 
     def node_index(self, node_id: int) -> int:
-        """Index of the node with this id of the file. Raises UserError where there is none."""
+        """Index of the node with this id of the file. Raises UserError if it does not exist."""
         hits = np.flatnonzero(self.node_ids == node_id)
         if hits.size == 0:
-            raise UserError(f"the mesh has no node {node_id}", remedy="node numbers are the ids of the mesh file")
+            raise UserError(f"the mesh has no node {node_id}", remedy="Use the node ids of the mesh file.")
         return int(hits[0])
 
     def where(self, kind: str, number: int) -> str | None:
-        """file:line of the node, element or tie with this id; None where the file has no lines."""
+        """file:line of the node, element or tie with this id; None if the file has no lines."""
         origin = self.origin.get(kind)
         hits = np.flatnonzero(origin.ids == number) if origin else np.zeros(0)
         return f"{origin.files[origin.file[hits[0]]]}:{origin.line[hits[0]]}" if origin and hits.size else None
 
     @contextmanager
     def located(self) -> Iterator[None]:
-        """Give errors that name an entity of this mesh the line where it stands, or the file."""
+        """Add the line of the entity, or the file, to errors that name an entity of this mesh."""
         try:
             yield
         except DeckError as error:

@@ -1,4 +1,4 @@
-"""Order of the nodes of second-order elements, by where their mid-side nodes lie."""
+"""Check of the node order of second-order elements by the positions of their mid-side nodes."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, elemen
 from strainsight.mesh.thin import ShellBlock
 
 OFF = 0.3
-"""Distance of a mid-side node from the middle of its edge, over the length of that, that no shape of an element explains."""
+"""Distance of a mid-side node from the middle of its edge, relative to the edge, that no element shape explains."""
 SEEN = 1000
-"""Elements of which it is asked whether their mid-side nodes lie on other edges."""
+"""Number of elements whose mid-side nodes are compared with other edges."""
 
 
 def check_node_order(mesh: Mesh) -> None:
-    """Raise DeckError where in every element of a kind mid-side nodes lie in the middles of other edges than their own."""
+    """Raise DeckError if in every element of a kind the mid-side nodes are at the middles of other edges."""
     for kind, edges, blocks in _kinds(mesh):
         nodes = np.concatenate([block.nodes for block in blocks])
         a, b = (mesh.position[nodes[:, ends]] for ends in np.transpose(edges))
@@ -28,18 +28,22 @@ def check_node_order(mesh: Mesh) -> None:
         off = (np.linalg.norm(middle - half, axis=2) / length).max(axis=1)
         if not off.min() > OFF:
             continue
-        apart = np.linalg.norm(middle[:SEEN, :, None] - half[:SEEN, None], axis=3) / length[:SEEN, None]
-        if apart.min(axis=2).max() <= OFF and (np.sort(apart.argmin(axis=2), axis=1) == np.arange(len(edges))).all():
+        distance = np.linalg.norm(middle[:SEEN, :, None] - half[:SEEN, None], axis=3) / length[:SEEN, None]
+        if (
+            distance.min(axis=2).max() <= OFF
+            and (np.sort(distance.argmin(axis=2), axis=1) == np.arange(len(edges))).all()
+        ):
             raise element_error(
                 blocks[0].ids[0],
-                f"mid-side nodes lie off the middles of their edges in all {len(off)} {kind} elements, by {off.min():.2g} of "
-                "the length of the edge and more, and in the middles of other edges: the order of the nodes is another one",
-                "write the nodes of these elements in the order that the format of the file has",
+                f"mid-side nodes are not at the middles of their edges in all {len(off)} {kind} elements (at least "
+                f"{off.min():.2g} of the edge length away), but at the middles of other edges. The node order differs from "
+                "that of the format.",
+                "Write the nodes of these elements in the order of the file format.",
             )
 
 
 def _kinds(mesh: Mesh) -> Iterator[tuple[str, Edges, list[CellBlock | ShellBlock]]]:
-    """Name, edges with a node between, and blocks of each kind of second-order solids and shells."""
+    """Name, edges with mid-side nodes, and blocks of each kind of second-order solids and shells."""
     of_kind: dict[str, list[CellBlock | ShellBlock]] = {}
     second: list[CellBlock | ShellBlock] = [*mesh.blocks, *mesh.shells]
     for block in second:
@@ -52,18 +56,18 @@ def _kinds(mesh: Mesh) -> Iterator[tuple[str, Edges, list[CellBlock | ShellBlock
 
 def left_handed(kind: ElementKind, nodes: IntArray, position: FloatArray) -> np.ndarray:
     """Elements (n,) of nodes (n, k) whose edges a, b, c at every corner are left-handed: (a × b) · c < 0."""
-    found = np.ones(len(nodes), dtype=bool)
+    result = np.ones(len(nodes), dtype=bool)
     for a, *others in kind.sides:
         edges = np.stack([position[nodes[:, b]] - position[nodes[:, a]] for b in others], axis=1)
         with np.errstate(all="ignore"):
-            found &= np.einsum("ei,ei->e", np.cross(edges[:, 0], edges[:, 1]), edges[:, 2]) < 0
-    return found
+            result &= np.einsum("ei,ei->e", np.cross(edges[:, 0], edges[:, 1]), edges[:, 2]) < 0
+    return result
 
 
 WARPED, MOST_WARPED = 0.05, 0.3
-"""Distance of the corners from their mean plane over the mean diagonal: of a note, and the largest."""
+"""Distance of the corners from their mean plane over the mean diagonal: threshold of a note, and limit."""
 PARALLEL = 1e-6
-"""Sine of an angle below which two directions are one."""
+"""Sine of an angle below which two directions are parallel."""
 
 
 def plate_normals(
@@ -73,10 +77,10 @@ def plate_normals(
     triangle: str,
     notes: list[str],
 ) -> FloatArray:
-    """Unit normals (n, 3) of shells with corners x (n, k, 3) in order around them, of a quadrangle across both diagonals.
+    """Unit normals (n, 3) of shells with corners x (n, k, 3) in order, for a quadrangle from both diagonals.
 
-    fault: row, what is wrong and remedy → error; called: row → the shell in the words of the deck, "CQUAD4 12"; triangle: its
-    word for one. Raises DeckError for a shell of no area, folded or warped too much; warp becomes a note.
+    fault: row, fault and remedy → error; called: row → name of the shell in the deck, "CQUAD4 12"; triangle: name of a triangle
+    in the deck. Raises DeckError for a shell without area, folded or too warped; warp is noted.
     """
     corners = x.shape[1]
     a, b = (x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]) if corners == 4 else (x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
@@ -85,17 +89,17 @@ def plate_normals(
     sides = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1)
     flat = ~(area > PARALLEL * sides**2)
     if flat.any():
-        raise fault(int(np.argmax(flat)), "has no area", "correct its nodes, or take it out")
+        raise fault(int(np.argmax(flat)), "has no area", "Correct its nodes, or remove it.")
     normal = across / area[:, None]
     if corners == 3:
         return normal
     before, after = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
-    turned = np.einsum("nkc,nc->nk", np.cross(after, before), normal).min(axis=1) <= 0
-    if turned.any():
+    is_folded = np.einsum("nkc,nc->nk", np.cross(after, before), normal).min(axis=1) <= 0
+    if is_folded.any():
         raise fault(
-            int(np.argmax(turned)),
+            int(np.argmax(is_folded)),
             "is folded, or has a corner of 180° or more",
-            "give its nodes in order around it, or make triangles of it",
+            "List its nodes in order around it, or split it into triangles.",
         )
     height = 0.5 * np.abs(np.einsum("nc,nc->n", x[:, 1] - x[:, 0], normal))
     warp = height / (0.5 * (np.linalg.norm(a, axis=1) + np.linalg.norm(b, axis=1)))
@@ -103,12 +107,12 @@ def plate_normals(
     if warp[worst] > MOST_WARPED:
         raise fault(
             worst,
-            f"its corners lie {warp[worst]:.2g} of its mean diagonal off their plane, {MOST_WARPED:g} at most is supported",
-            f"make two triangles of it ({triangle})",
+            f"has corners {warp[worst]:.2g} of its mean diagonal off their plane; at most {MOST_WARPED:g} is supported",
+            f"Split it into two triangles ({triangle}).",
         )
     if warp[worst] > WARPED:
         notes.append(
-            f"{np.sum(warp > WARPED)} {called(worst).split()[0]} warped: corners lie more than {WARPED:g} of their mean diagonal "
-            f"off their plane ({called(worst)} {warp[worst]:.2g})"
+            f"{np.sum(warp > WARPED)} {called(worst).split()[0]} are warped: corners are more than {WARPED:g} of their mean "
+            f"diagonal off their plane ({called(worst)} {warp[worst]:.2g})"
         )
     return normal

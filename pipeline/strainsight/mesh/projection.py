@@ -1,4 +1,4 @@
-"""Points of lines and surfaces, straight or curved, that are nearest to others."""
+"""Nearest points of lines and surfaces, straight or curved; overlapping and hanging parts of a mesh."""
 
 from __future__ import annotations
 
@@ -17,45 +17,45 @@ from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
 from strainsight.mesh.unjoined import APART, Coincident, Joints, shortest_sides
 
 STEPS = 20
-"""Of Gauss-Newton; a facet that is not strongly bent takes three."""
+"""Largest number of Gauss-Newton steps; a facet with little curvature needs three."""
 CHUNK = 16384
 """Points at a time."""
 LINE, BENT = len(FACETS), len(FACETS) + 1
-"""Codes of lines of two nodes, and of those with a third between them; surfaces have their place in FACETS."""
+"""Codes of lines of two nodes, and of lines with a mid-node; surfaces have their index in FACETS."""
 
 
 @dataclass(frozen=True)
 class Feet:
-    """Points of elements: N (m, k) [-] there, dN (m, k, d) [-] along the coordinates of the element, x (m, 3) [m], and how far
-    they are from the points that they are nearest to, apart (m,) [m]."""
+    """Nearest points of elements: N (m, k) [-] there, dN (m, k, d) [-] along the element coordinates, x (m, 3) [m], and their
+    distance (m,) [m] from the query points."""
 
     N: FloatArray
     dN: FloatArray
     x: FloatArray
-    apart: FloatArray
+    distance: FloatArray
 
 
 def nearest(code: int, nodes: FloatArray, point: FloatArray) -> Feet:
-    """The points of elements, of nodes (m, k, 3) [m], that are nearest to others (m, 3) [m], one each: Gauss-Newton on
-    |x(ξ) − x|², ξ kept in the element."""
+    """The points of elements, with nodes (m, k, 3) [m], nearest to query points (m, 3) [m], one each: Gauss-Newton on
+    |x(ξ) − x|² with ξ limited to the element."""
     functions, centre, square = _reference(code)
     xi = np.repeat(centre[None], len(point), axis=0)
     for start in range(0, len(point), CHUNK):
-        left = np.arange(start, min(start + CHUNK, len(point)))
+        remaining = np.arange(start, min(start + CHUNK, len(point)))
         for _ in range(STEPS):
-            N, dN = functions(xi[left])
-            J = np.einsum("mac,mad->mcd", nodes[left], dN)
-            off = point[left] - np.einsum("ma,mac->mc", N, nodes[left])
+            N, dN = functions(xi[remaining])
+            J = np.einsum("mac,mad->mcd", nodes[remaining], dN)
+            off = point[remaining] - np.einsum("ma,mac->mc", N, nodes[remaining])
             A = np.einsum("mci,mcj->mij", J, J)
-            # a side without length has no direction to go in
+            # a side of zero length has no direction
             ridge = 1e-14 * np.trace(A, axis1=1, axis2=2) + np.finfo(float).tiny
             A += ridge[:, None, None] * np.eye(A.shape[1])
             step = np.linalg.solve(A, np.einsum("mci,mc->mi", J, off)[..., None])[..., 0]
-            new = _within(xi[left] + step, square)
-            moved = np.abs(new - xi[left]).max(axis=1) >= 1e-14
-            xi[left] = new
-            left = left[moved]
-            if not len(left):
+            new = _within(xi[remaining] + step, square)
+            moved = np.abs(new - xi[remaining]).max(axis=1) >= 1e-14
+            xi[remaining] = new
+            remaining = remaining[moved]
+            if not len(remaining):
                 break
     N, dN = functions(xi)
     x = np.einsum("ma,mac->mc", N, nodes)
@@ -63,7 +63,7 @@ def nearest(code: int, nodes: FloatArray, point: FloatArray) -> Feet:
 
 
 def normals(nodes: FloatArray, dN: FloatArray) -> FloatArray:
-    """Unit normals (m, 3) of surfaces of nodes (m, k, 3) where the slopes are dN (m, k, 2); zero where they have none."""
+    """Unit normals (m, 3) of surfaces with nodes (m, k, 3) and gradients dN (m, k, 2); zero where undefined."""
     t = np.einsum("mac,mad->mdc", nodes, dN)
     n = np.cross(t[:, 0], t[:, 1])
     length = np.linalg.norm(n, axis=1)[:, None]
@@ -78,14 +78,14 @@ def at_centre(code: int) -> Values:
 
 
 def near_pairs(points: FloatArray, centre: FloatArray, radius: FloatArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Pairs (m,) of a centre and a point no farther from it than its radius, in parts of centres of like size."""
+    """Pairs (m,) of a centre and a point within its radius, in groups of centres of similar radius."""
     tree = cKDTree(points)
     size = np.floor(np.log2(np.maximum(radius, np.finfo(float).tiny)))
     for one in np.unique(size):
         some = np.flatnonzero(size == one)
-        found = cKDTree(centre[some]).sparse_distance_matrix(tree, radius[some].max(), output_type="ndarray")
-        close = found["v"] <= radius[some][found["i"]]
-        yield some[found["i"][close]], found["j"][close].astype(np.int64)
+        distances = cKDTree(centre[some]).sparse_distance_matrix(tree, radius[some].max(), output_type="ndarray")
+        close = distances["v"] <= radius[some][distances["i"]]
+        yield some[distances["i"][close]], distances["j"][close].astype(np.int64)
 
 
 def _reference(code: int) -> tuple[Callable[[FloatArray], Values], FloatArray, bool]:
@@ -106,17 +106,17 @@ def _within(xi: FloatArray, square: bool) -> FloatArray:
 
 
 STRAIGHT = 1e-5
-"""Of its size: what leaves its chords by no more is flat."""
+"""Largest distance from its chords, as a share of its size, of a flat patch."""
 
 
 @dataclass(frozen=True)
 class Patches:
-    """Polygons and lines that something may lie on: corners (p, 4) nodes (index), −1 where it has fewer, two of a line; nodes
-    (p, 8) all that it has; element (p,) id; code (p,) of `projection`; bulge (p,) [m]: it leaves the triangles between its sides
-    and the mean of its corners by no more; centre (p, 3) [m] on it; solid (p,) whether it is the facet of one.
+    """Polygons and lines: corners (p, 4) nodes (index), padded with −1, two for a line; nodes (p, 8) all nodes; element (p,) id;
+    code (p,) of `projection`; bulge (p,) [m]: bound of its distance from the triangles between its sides and the mean of its
+    corners; centre (p, 3) [m] on it; solid (p,) whether it is the facet of a solid.
 
-    position (n, 3) [m] of all nodes; x (p, 4, 3) [m] corners, the last one again where they are fewer; mean (p, 3) [m] of the
-    corners, and radius (p,) [m], how far the farthest is from it."""
+    position (n, 3) [m] of all nodes; x (p, 4, 3) [m] corners, the last one repeated for triangles and lines; mean (p, 3) [m] of
+    the corners; radius (p,) [m], the largest distance of a corner from it."""
 
     corners: IntArray
     nodes: IntArray
@@ -131,58 +131,58 @@ class Patches:
     radius: FloatArray
 
     def feet(self, p: IntArray, point: FloatArray) -> list[tuple[IntArray, FloatArray, Feet]]:
-        """Points of patches p (m,) that are nearest to others (m, 3), by kinds: which of them, their nodes (l, k, 3), feet."""
-        found = []
+        """Nearest points of patches p (m,) to query points (m, 3), by kind: their numbers, their nodes (l, k, 3), feet."""
+        groups = []
         for code in np.unique(self.code[p]):
             which = np.flatnonzero(self.code[p] == code)
             nodes = self.position[self.nodes[p[which], : len(at_centre(code)[0])]]
-            found.append((which, nodes, nearest(int(code), nodes, point[which])))
-        return found
+            groups.append((which, nodes, nearest(int(code), nodes, point[which])))
+        return groups
 
     def distance(self, p: IntArray, point: FloatArray, within: FloatArray) -> FloatArray:
-        """Of points (m, 3) from patches p (m,), straight or curved as they are, infinite where it is more than within (m,)."""
-        apart = from_polygon(point, self.x[p], self.mean[p])
+        """Distance of points (m, 3) from patches p (m,), straight or curved, infinite if greater than within (m,)."""
+        distance = from_polygon(point, self.x[p], self.mean[p])
         curved = self.bulge[p] > STRAIGHT * self.radius[p]
-        near = np.flatnonzero(curved & (apart <= self.bulge[p] + within))
-        apart[curved] = np.inf
+        near = np.flatnonzero(curved & (distance <= self.bulge[p] + within))
+        distance[curved] = np.inf
         for which, _, feet in self.feet(p[near], point[near]):
-            apart[near[which]] = feet.apart
-        return np.where(apart <= within, apart, np.inf)
+            distance[near[which]] = feet.distance
+        return np.where(distance <= within, distance, np.inf)
 
 
 def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
-    """Exterior facets of solids, the middles of shells, and beams as lines; facets: the exterior ones, where they are at hand."""
+    """Exterior facets of solids, middle surfaces of shells, and beams as lines; facets: the exterior ones, if available."""
     parts = []
 
     def add(
-        own: IntArray, k: int, ids: IntArray, code: int, edges: tuple[tuple[int, int], ...], of_solid: bool
+        cells: IntArray, k: int, ids: IntArray, code: int, edges: tuple[tuple[int, int], ...], of_solid: bool
     ) -> None:
-        padded = np.full((len(own), 8), -1, dtype=np.int64)
-        padded[:, : own.shape[1]] = own
-        at = mesh.position[own]
+        padded = np.full((len(cells), 8), -1, dtype=np.int64)
+        padded[:, : cells.shape[1]] = cells
+        at = mesh.position[cells]
         sag = [np.linalg.norm(at[:, k + i] - (at[:, a] + at[:, b]) / 2, axis=1) for i, (a, b) in enumerate(edges)]
-        # the functions of the nodes between corners sum to two at most
-        bulge = 2 * np.max(sag, axis=0) if sag else np.zeros(len(own))
+        # the shape functions of mid-side nodes sum to two at most
+        bulge = 2 * np.max(sag, axis=0) if sag else np.zeros(len(cells))
         if k == 4:
             bulge = bulge + np.linalg.norm(at[:, 0] - at[:, 1] + at[:, 2] - at[:, 3], axis=1) / 4
         corners, centre = np.where(np.arange(4) < k, padded[:, :4], -1), np.einsum("a,mac->mc", at_centre(code)[0], at)
-        parts.append((corners, padded, ids, np.full(len(own), code), bulge, centre, np.full(len(own), of_solid)))
+        parts.append((corners, padded, ids, np.full(len(cells), code), bulge, centre, np.full(len(cells), of_solid)))
 
     add(np.zeros((0, 3), dtype=np.int64), 3, np.zeros(0, dtype=np.int64), CODE["tri3"], (), False)
     if mesh.blocks:
-        found = exterior_facets(mesh) if facets is None else facets
-        found = found.some(found.of(mesh.blocks))
-        for code in np.unique(found.kind):
-            kind, which = FACETS[code], found.kind == code
-            own = found.nodes[which, : len(kind.nodes)]
-            add(own, kind.corners, found.element_id[which], int(code), kind.edges, True)
+        exterior = exterior_facets(mesh) if facets is None else facets
+        exterior = exterior.some(exterior.of(mesh.blocks))
+        for code in np.unique(exterior.kind):
+            kind, which = FACETS[code], exterior.kind == code
+            cells = exterior.nodes[which, : len(kind.nodes)]
+            add(cells, kind.corners, exterior.element_id[which], int(code), kind.edges, True)
     for shell in mesh.shells:
         kind = next(kind for kind in FACETS if len(kind.nodes) == shell.nodes.shape[1])
         add(shell.nodes, kind.corners, shell.ids, FACETS.index(kind), kind.edges, False)
     for beam in mesh.beams:
         bent = beam.nodes.shape[1] > 2
         add(beam.nodes, 2, beam.ids, BENT if bent else LINE, ((0, 1),) if bent else (), False)
-    around, nodes, element, codes, bulge, centre, solid = (np.concatenate(own) for own in zip(*parts, strict=True))
+    around, nodes, element, codes, bulge, centre, solid = (np.concatenate(part) for part in zip(*parts, strict=True))
     count = (around >= 0).sum(axis=1)
     x = mesh.position[np.where(around >= 0, around, around[np.arange(len(count)), count - 1, None])]
     mean = np.where((around >= 0)[..., None], x, 0.0).sum(axis=1) / count[:, None]
@@ -200,7 +200,7 @@ def area_vector(x: FloatArray) -> FloatArray:
 
 
 def from_polygon(point: FloatArray, x: FloatArray, mean: FloatArray) -> FloatArray:
-    """Of points (m, 3) from polygons of corners x (m, 4, 3) about their mean (m, 3): triangles of each side and the mean."""
+    """Distance of points (m, 3) from polygons with corners x (m, 4, 3) and mean (m, 3): triangles of each side and the mean."""
     least = np.full(len(point), np.inf)
     for a in range(4):
         least = np.minimum(least, _from_triangle(point - mean, x[:, a] - mean, x[:, (a + 1) % 4] - mean))
@@ -208,13 +208,14 @@ def from_polygon(point: FloatArray, x: FloatArray, mean: FloatArray) -> FloatArr
 
 
 def _from_triangle(p: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Distance of p (m, 3) from triangles 0, a, b: of its projection where that is inside, else of the nearest side."""
+    """Distance of p (m, 3) from triangles 0, a, b: of its projection if that is inside, otherwise of the nearest side."""
     aa, ab, bb = (np.einsum("mc,mc->m", u, v) for u, v in ((a, a), (a, b), (b, b)))
     pa, pb = (np.einsum("mc,mc->m", p, v) for v in (a, b))
     det = aa * bb - ab**2
     flat = det > 1e-12 * aa * bb
     s, t = (
-        np.divide(own, det, out=np.full(len(p), -1.0), where=flat) for own in (bb * pa - ab * pb, aa * pb - ab * pa)
+        np.divide(numerator, det, out=np.full(len(p), -1.0), where=flat)
+        for numerator in (bb * pa - ab * pb, aa * pb - ab * pa)
     )
     within = np.linalg.norm(p - s[:, None] * a - t[:, None] * b, axis=1)
     sides = np.minimum.reduce([_from_line(p, a), _from_line(p, b), _from_line(p - a, b - a)])
@@ -229,18 +230,18 @@ def _from_line(p: FloatArray, a: FloatArray) -> FloatArray:
 
 
 DEEP = 0.1
-"""How far a point lies inside of a solid that is more than touched: of the way from its facets to its centre."""
+"""Least depth of a point inside a solid, as a share of the way from its facets to its centre; less counts as touching."""
 
 ALONG = 0.9
-"""Cosine of the angle between facets that lie on one another."""
+"""Least cosine of the angle between facets that lie on each other."""
 
 THIN = 0.1
-"""Of the shortest side of what lies on a patch: it is no farther off, so that no thin part lies on its own other side."""
+"""Largest distance from a patch as a share of the shortest side, so that no thin part lies on its opposite side."""
 
 
 @dataclass(frozen=True)
-class Met:
-    """Nodes (m,) (index) that meet an element (m,) (id) which does not have them."""
+class Contacts:
+    """Nodes (m,) (index) on or in an element (m,) (id) that does not contain them."""
 
     node: IntArray
     element: IntArray
@@ -249,35 +250,37 @@ class Met:
         return len(np.unique(self.node))
 
 
-def hanging(mesh: Mesh, own: Patches, joints: Joints, coincident: Coincident) -> Met:
-    """Nodes on a patch that has neither them nor a node in their place, and that nothing joins to one of its nodes."""
-    points = np.unique(own.nodes[own.nodes >= 0])
+def hanging(mesh: Mesh, surface: Patches, joints: Joints, coincident: Coincident) -> Contacts:
+    """Nodes on a patch that contains neither them nor a coincident node, without a joint to one of its nodes."""
+    points = np.unique(surface.nodes[surface.nodes >= 0])
     node, element = [], []
-    for p, at in near_pairs(mesh.position[points], own.mean, own.radius * (1 + APART) + own.bulge):
-        n, has = points[at], own.nodes[p]
+    for p, at in near_pairs(mesh.position[points], surface.mean, surface.radius * (1 + APART) + surface.bulge):
+        n, has = points[at], surface.nodes[p]
         its = np.where(has >= 0, coincident.place[has], -1)
-        apart = ~((its == coincident.place[n][:, None]).any(axis=1))
-        p, n = p[apart], n[apart]
-        close = np.minimum(APART * own.radius[p], THIN * coincident.side[n])
-        on = np.isfinite(own.distance(p, mesh.position[n], close))
+        is_separate = ~((its == coincident.place[n][:, None]).any(axis=1))
+        p, n = p[is_separate], n[is_separate]
+        tolerance = np.minimum(APART * surface.radius[p], THIN * coincident.side[n])
+        on = np.isfinite(surface.distance(p, mesh.position[n], tolerance))
         p, n = p[on], n[on]
-        has = own.nodes[p]
+        has = surface.nodes[p]
         tied = (joints.between(np.broadcast_to(n[:, None], has.shape), has) & (has >= 0)).any(axis=1)
         node.append(n[~tied])
-        element.append(own.element[p[~tied]])
-    of_others = [~_of_elements(mesh, n, ids) for n, ids in zip(node, element, strict=True)]
-    node, element = ([part[own] for part, own in zip(parts, of_others, strict=True)] for parts in (node, element))
-    return _met(node, element)
+        element.append(surface.element[p[~tied]])
+    of_others = [~_belong_to(mesh, n, ids) for n, ids in zip(node, element, strict=True)]
+    node, element = (
+        [part[surface] for part, surface in zip(parts, of_others, strict=True)] for parts in (node, element)
+    )
+    return _contacts(node, element)
 
 
-def inside(mesh: Mesh, own: Patches, joints: Joints, coincident: Coincident) -> Met:
-    """Nodes inside of a solid that does not have them, and of facets whose middle is; no more than touched is not inside."""
-    thin = np.unique(own.nodes[~own.solid][own.nodes[~own.solid] >= 0])
-    surface = np.flatnonzero(own.solid)
-    around = np.concatenate([own.corners[surface], np.column_stack([thin, np.full((len(thin), 3), -1)])])
-    nodes = np.unique(own.nodes[surface][own.nodes[surface] >= 0])
+def inside(mesh: Mesh, surface: Patches, joints: Joints, coincident: Coincident) -> Contacts:
+    """Nodes inside a solid that does not contain them, and facets with their middle inside; touching does not count."""
+    thin = np.unique(surface.nodes[~surface.solid][surface.nodes[~surface.solid] >= 0])
+    solid_patches = np.flatnonzero(surface.solid)
+    around = np.concatenate([surface.corners[solid_patches], np.column_stack([thin, np.full((len(thin), 3), -1)])])
+    nodes = np.unique(surface.nodes[solid_patches][surface.nodes[solid_patches] >= 0])
     around = np.concatenate([around, np.column_stack([nodes, np.full((len(nodes), 3), -1)])])
-    points = np.concatenate([own.centre[surface], mesh.position[thin], mesh.position[nodes]])
+    points = np.concatenate([surface.centre[solid_patches], mesh.position[thin], mesh.position[nodes]])
     node, element = [], []
     for block in mesh.blocks if len(points) else ():
         kind = kind_of(block.kind)
@@ -288,70 +291,70 @@ def inside(mesh: Mesh, own: Patches, joints: Joints, coincident: Coincident) -> 
             for facet, local in kind.facets:
                 ends = x[which][:, local[: facet.corners]]
                 outward = area_vector(ends)
-                # of points on the way from the facet's middle to the element's
+                # of points on the way from the middle of the facet to that of the element
                 whole = np.einsum("mc,mc->m", ends.mean(axis=1) - centre[which], outward)
                 part = np.einsum("mc,mc->m", ends.mean(axis=1) - points[at], outward)
                 deep = (part > DEEP * whole) & (whole > 0)
                 which, at = which[deep], at[deep]
-            deep = _beyond_bulges(mesh, block, which, points[at])
+            deep = _below_bulges(mesh, block, which, points[at])
             which, at = which[deep], at[deep]
             its, has = coincident.place[around[at]], coincident.place[block.nodes[which]]
             real = around[at] >= 0
             shares = ((its[:, :, None] == has[:, None, :]) & real[:, :, None]).any(axis=(1, 2))
             first = np.broadcast_to(around[at][:, :1], has.shape)
-            left = ~shares & ~joints.between(first, block.nodes[which]).any(axis=1)
-            node.append(around[at[left], 0])
-            element.append(block.ids[which[left]])
-    return _met(node, element)
+            unconnected = ~shares & ~joints.between(first, block.nodes[which]).any(axis=1)
+            node.append(around[at[unconnected], 0])
+            element.append(block.ids[which[unconnected]])
+    return _contacts(node, element)
 
 
 def covered(mesh: Mesh, facets: Facets) -> NDArray[np.bool_]:
-    """Which of the exterior facets (f,), of solids, have their middle on the facet of another solid that looks at them, or on a
-    shell: no gauge can sit there."""
-    found = np.zeros(len(facets.element_id), dtype=bool)
+    """Exterior facets (f,) of solids with their middle on the opposed facet of another solid, or on a shell, where no gauge can
+    be bonded."""
+    result = np.zeros(len(facets.element_id), dtype=bool)
     if not mesh.blocks:
-        return found
-    own = patches(mesh, facets)
-    chord = area_vector(own.x)  # the last corner stands twice in triangles
-    solid = np.flatnonzero(own.solid)
+        return result
+    surface = patches(mesh, facets)
+    chord = area_vector(surface.x)  # triangles repeat the last corner
+    solid = np.flatnonzero(surface.solid)
     if not len(solid):
-        return found
-    lies = np.zeros(len(own.element), dtype=bool)
-    side = np.append(shortest_sides(mesh), np.inf)  # of a corner −1, which is none
-    for p, at in near_pairs(own.centre[solid], own.mean, own.radius * (1 + APART) + own.bulge):
+        return result
+    is_covered = np.zeros(len(surface.element), dtype=bool)
+    side = np.append(shortest_sides(mesh), np.inf)  # for the padding −1
+    for p, at in near_pairs(surface.centre[solid], surface.mean, surface.radius * (1 + APART) + surface.bulge):
         on = solid[at]
-        other = own.element[p] != own.element[on]
-        facing = other & ((np.einsum("mc,mc->m", chord[p], chord[on]) < 0) | ~own.solid[p])
+        other = surface.element[p] != surface.element[on]
+        facing = other & ((np.einsum("mc,mc->m", chord[p], chord[on]) < 0) | ~surface.solid[p])
         p, on = p[facing], on[facing]
-        close = np.minimum(APART * own.radius[p], THIN * side[own.corners[on]].min(axis=1))
-        near = np.isfinite(own.distance(p, own.centre[on], close))
+        close = np.minimum(APART * surface.radius[p], THIN * side[surface.corners[on]].min(axis=1))
+        near = np.isfinite(surface.distance(p, surface.centre[on], close))
         p, on, close = p[near], on[near], close[near]
-        outward = _outward(mesh, own, on)
-        for which, nodes, feet in own.feet(p, own.centre[on]):
+        outward = _outward(mesh, surface, on)
+        for which, nodes, feet in surface.feet(p, surface.centre[on]):
             if feet.dN.shape[2] < 2:
                 continue
             cosine = np.einsum("mc,mc->m", normals(nodes, feet.dN), outward[which])
-            ahead = np.einsum("mc,mc->m", feet.x - own.centre[on[which]], outward[which]) >= -close[which] / 2
-            looks = np.where(own.solid[p[which]], cosine < -ALONG, abs(cosine) > ALONG)
-            lies[on[which[looks & ahead]]] = True
-    keys = {tuple(nodes) for nodes in np.sort(own.nodes[lies], axis=1).tolist()}
+            ahead = np.einsum("mc,mc->m", feet.x - surface.centre[on[which]], outward[which]) >= -close[which] / 2
+            looks = np.where(surface.solid[p[which]], cosine < -ALONG, abs(cosine) > ALONG)
+            is_covered[on[which[looks & ahead]]] = True
+    keys = {tuple(nodes) for nodes in np.sort(surface.nodes[is_covered], axis=1).tolist()}
     if keys:
-        found = np.array([tuple(nodes) in keys for nodes in np.sort(facets.nodes, axis=1).tolist()])
-    return found
+        result = np.array([tuple(nodes) in keys for nodes in np.sort(facets.nodes, axis=1).tolist()])
+    return result
 
 
-def _outward(mesh: Mesh, own: Patches, on: IntArray) -> FloatArray:
+def _outward(mesh: Mesh, surface: Patches, on: IntArray) -> FloatArray:
     """Unit normals (m, 3) at the centres of facets."""
     normal = np.zeros((len(on), 3))
-    for code in np.unique(own.code[on]):
-        which, (_, slope) = own.code[on] == code, at_centre(int(code))
-        nodes = mesh.position[own.nodes[on[which], : len(slope)]]
+    for code in np.unique(surface.code[on]):
+        which, (_, slope) = surface.code[on] == code, at_centre(int(code))
+        nodes = mesh.position[surface.nodes[on[which], : len(slope)]]
         normal[which] = normals(nodes, np.broadcast_to(slope, (len(nodes), *slope.shape)))
     return normal
 
 
-def _beyond_bulges(mesh: Mesh, block: CellBlock, which: IntArray, point: FloatArray) -> NDArray[np.bool_]:
-    """Which points (m, 3) lie deeper below the chords of every facet of elements (m,) than it bulges inwards."""
+def _below_bulges(mesh: Mesh, block: CellBlock, which: IntArray, point: FloatArray) -> NDArray[np.bool_]:
+    """Which points (m, 3) are deeper below the chords of every facet of elements (m,) than its inward bulge."""
     deeper = np.ones(len(which), dtype=bool)
     for facet, local in kind_of(block.kind).facets:
         if not facet.edges:
@@ -370,17 +373,17 @@ def _beyond_bulges(mesh: Mesh, block: CellBlock, which: IntArray, point: FloatAr
     return deeper
 
 
-def _of_elements(mesh: Mesh, node: IntArray, element: IntArray) -> NDArray[np.bool_]:
-    """Whether nodes (m,) are those of solids (m,) (id)."""
-    found = np.zeros(len(node), dtype=bool)
-    for block in (own for own in mesh.blocks if len(node) and len(own.ids)):
+def _belong_to(mesh: Mesh, node: IntArray, element: IntArray) -> NDArray[np.bool_]:
+    """Whether nodes (m,) belong to the solids (m,) (id)."""
+    result = np.zeros(len(node), dtype=bool)
+    for block in (block for block in mesh.blocks if len(node) and len(block.ids)):
         order = np.argsort(block.ids)
         row = order[np.minimum(np.searchsorted(block.ids, element, sorter=order), len(order) - 1)]
-        found |= (block.ids[row] == element) & (block.nodes[row] == node[:, None]).any(axis=1)
-    return found
+        result |= (block.ids[row] == element) & (block.nodes[row] == node[:, None]).any(axis=1)
+    return result
 
 
-def _met(node: list[IntArray], element: list[IntArray]) -> Met:
+def _contacts(node: list[IntArray], element: list[IntArray]) -> Contacts:
     empty = np.zeros(0, dtype=np.int64)
     pairs = np.unique(np.column_stack([np.concatenate([empty, *node]), np.concatenate([empty, *element])]), axis=0)
-    return Met(pairs[:, 0], pairs[:, 1])
+    return Contacts(pairs[:, 0], pairs[:, 1])

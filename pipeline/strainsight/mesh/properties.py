@@ -1,4 +1,4 @@
-"""Properties of regions that a parameter may be: their value in a mesh, and the mesh with another value."""
+"""Properties of regions that can be parameters: their value in a mesh, and the mesh with another value."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from strainsight.mesh.model import Material, Mesh
 from strainsight.mesh.thin import BeamSection, GeneralShell, Lamina, Laminate, ShellSection
 
 PLY_MODULI = ("e1", "e2", "g12", "g1z", "g2z")
-"""Of the plies of laminates, in one orthotropic material."""
+"""Moduli of the plies of laminates, in one orthotropic material."""
 SECTION_FACTORS = {"area_factor": "area", "bending_factor": "second", "torsion_factor": "torsion"}
-"""Of beams and rods: what each multiplies of their section at both ends; that of bending is of homogeneous shells, too."""
+"""Factors of beam and rod sections → the section property that they multiply at both ends; bending also of homogeneous shells."""
 THICKNESS: Final = "thickness"
-"""Of shells [m]; that of a laminate scales all its plies alike."""
+"""Thickness of shells [m]; that of a laminate scales all its plies equally."""
 SHAPING = (*PLY_MODULI, *SECTION_FACTORS, THICKNESS)
-"""Properties that the stiffness is not proportional to, of any region."""
+"""Properties that the stiffness of no region is proportional to."""
 OF_MASS = ("density", "area_factor", "bending_factor", THICKNESS)
 """Properties that the mass depends on."""
 
 
 def shapes(mesh: Mesh, region: int, property: str) -> bool:
-    """Whether the stiffness of a region (id) depends on a property in another way than in proportion: on the modulus of the
-    isotropic plies of a laminate or layers of a composite solid, too."""
+    """Whether the stiffness of a region (id) depends on a property other than proportionally; includes the modulus of isotropic
+    plies of a laminate or layers of a composite solid."""
     of_plies = mesh.laminate(region) is not None or region in mesh.composites
     return property in SHAPING or (property == "youngs_modulus" and of_plies)
 
 
 def without_modulus(mesh: Mesh, region: int) -> str:
-    """What a region is that has several moduli, in words: a laminate, a composite solid, a shell of several materials, or of an
-    anisotropic one; "" where it has one."""
+    """Description of a region with several moduli: laminate, composite solid, shell of several or anisotropic materials,
+    anisotropic solid; "" for a region with one modulus."""
     if mesh.laminate(region):
         return "a laminate"
     if region in mesh.composites:
         return "a composite solid"
     if mesh.general_shell(region):
         return "a shell of several or anisotropic materials"
-    return "of an anisotropic material" if mesh.anisotropic_of(region) else ""
+    return "made of an anisotropic material" if mesh.anisotropic_of(region) else ""
 
 
 def value_of(mesh: Mesh, region: int, property: str, material: int | str | None = None) -> float:
-    """What a region (id) has [SI], 1 of a factor; material: id or name of that which is meant, where plies have several.
+    """Value of a property of a region (id) [SI], 1 for a factor; material: id or name, if plies have several.
 
-    The density of a laminate is the mean over its thickness. Raises UserError where the region has no such property.
+    The density of a laminate is the mean over its thickness. Raises UserError if the region does not have the property.
     """
     if property == "stiffness_factor":
         return 1.0
@@ -65,24 +65,24 @@ def value_of(mesh: Mesh, region: int, property: str, material: int | str | None 
     if property in PLY_MODULI or shapes(mesh, region, property):
         value = float(getattr(_ply(mesh, region, property, material), property))
         if value == float("inf"):
-            raise UserError(f"{mesh.regions[region]} does not shear across: its {property} is infinite")
+            raise UserError(f"{mesh.regions[region]} is rigid in transverse shear: its {property} is infinite")
         return value
     if what := without_modulus(mesh, region):
         raise UserError(
-            f"{mesh.regions[region]} is {what}: it has no single Young's modulus",
-            remedy="estimate a factor of its stiffness: property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]",
+            f"{mesh.regions[region]} is {what} and has no single Young's modulus",
+            remedy="Estimate a factor of its stiffness: property: stiffness_factor, guess: 1.0, range: [0.8, 1.2].",
         )
-    own = mesh.materials[mesh.regions[region].material]
-    if material is not None and material not in (own.id, str(own)):
-        raise UserError(f"{mesh.regions[region]} is of {own} and not of {material!r}", remedy="remove the key")
-    return own.youngs_modulus
+    isotropic = mesh.materials[mesh.regions[region].material]
+    if material is not None and material not in (isotropic.id, str(isotropic)):
+        raise UserError(f"{mesh.regions[region]} has {isotropic}, not {material!r}", remedy="Remove the key.")
+    return isotropic.youngs_modulus
 
 
 def with_value(
     mesh: Mesh, property: str, regions: Sequence[int], value: float, material: int | str | None = None
 ) -> Mesh:
-    """The mesh whose regions (ids) have this value, as `value_of` says it; a factor multiplies what they have. Other regions of
-    the same material or section keep theirs. Raises UserError as `value_of` does."""
+    """The mesh whose regions (ids) have this value, in the sense of `value_of`; a factor multiplies their present values. Other
+    regions of the same material or section are unchanged. Raises UserError as `value_of` does."""
     for region in regions:
         if property == THICKNESS:
             mesh = _with_thickness(mesh, region, value)
@@ -96,8 +96,8 @@ def with_value(
 
 
 def meant(mesh: Mesh, region: int, property: str, material: int | str | None = None) -> int:
-    """What of a region (id) a property that `shapes` it is of: the id of a material of its plies, or 0, its section. Raises
-    UserError as `value_of` does."""
+    """Id of the ply material of a region (id) that a property that `shapes` it belongs to, or 0 for its section. Raises UserError
+    as `value_of` does."""
     if property == THICKNESS:
         _shell_of(mesh, region)
         return 0
@@ -108,39 +108,39 @@ def meant(mesh: Mesh, region: int, property: str, material: int | str | None = N
 
 
 def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> Lamina | Material:
-    """The material that is meant of the plies of a region: an orthotropic one, of youngs_modulus an isotropic one."""
+    """The ply material of a region for a property: an orthotropic one, for youngs_modulus an isotropic one."""
     several = mesh.laminate(region) or mesh.composites.get(region)
     if several is None or (property != "youngs_modulus" and isinstance(several, CompositeSolid)):
         raise UserError(
-            f"{mesh.regions[region]} is no laminate: it has no {property}",
-            remedy="estimate the youngs_modulus of its material, or name a region of plies of shells",
+            f"{mesh.regions[region]} is not a laminate and has no {property}",
+            remedy="Estimate the youngs_modulus of its material, or name a region of laminated shells.",
         )
     among = mesh.materials if property == "youngs_modulus" else mesh.laminae
     kind = "isotropic" if property == "youngs_modulus" else "orthotropic"
     plies = several.layers if isinstance(several, CompositeSolid) else several.plies
-    found = {ply.material: among[ply.material] for ply in plies if ply.material in among}
-    names = {number: str(own) for number, own in found.items()}
+    materials = {ply.material: among[ply.material] for ply in plies if ply.material in among}
+    names = {number: str(ply_material) for number, ply_material in materials.items()}
     other = "youngs_modulus" if kind == "orthotropic" else ", ".join(PLY_MODULI)
-    if not found:
+    if not materials:
         raise UserError(
-            f"{mesh.regions[region]} is {without_modulus(mesh, region)} without {kind} plies: it has no single {property}",
-            remedy="estimate a factor of its stiffness, property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]"
-            + ("" if isinstance(several, CompositeSolid) else f"; or one of its moduli, property: {other}"),
+            f"{mesh.regions[region]} is {without_modulus(mesh, region)} without {kind} plies and has no single {property}",
+            remedy="Estimate a factor of its stiffness, property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]"
+            + ("." if isinstance(several, CompositeSolid) else f", or one of its moduli, property: {other}."),
         )
     if material is None:
-        if len(found) > 1:
+        if len(materials) > 1:
             raise UserError(
-                f"the plies of {mesh.regions[region]} are of {len(found)} {kind} materials",
-                remedy=f"say which is meant: `material:` {' or '.join(f'{i} ({name})' for i, name in names.items())}",
+                f"the plies of {mesh.regions[region]} have {len(materials)} {kind} materials",
+                remedy=f"Select one: `material:` {' or '.join(f'{i} ({name})' for i, name in names.items())}.",
             )
-        return next(iter(found.values()))
+        return next(iter(materials.values()))
     for number, name in names.items():
         if material in (number, name):
-            return found[number]
-    known = [str(own) for own in (*found, *names.values())]
+            return materials[number]
+    known = [str(each) for each in (*materials, *names.values())]
     raise UserError(
         f"the plies of {mesh.regions[region]} have no {kind} material {material!r}",
-        remedy=did_you_mean(str(material), known, f"they have {', '.join(known)}"),
+        remedy=did_you_mean(str(material), known, f"They have {', '.join(known)}."),
     )
 
 
@@ -154,20 +154,20 @@ def _with_ply(mesh: Mesh, region: int, property: str, value: float, material: in
 
 
 def _shell_of(mesh: Mesh, region: int) -> ShellSection | GeneralShell | Laminate:
-    """Raises UserError for a region that is not of shells."""
+    """Section of shells. Raises UserError for a region of other elements."""
     section = mesh.sections.get(region)
     if section is None or isinstance(section, BeamSection):
         what = "solids" if section is None else "beams or rods"
         raise UserError(
-            f"{mesh.regions[region]} is of {what}: it has no thickness",
-            remedy="name a region of shells, or estimate "
-            + ("the youngs_modulus of its material" if section is None else ", ".join(SECTION_FACTORS)),
+            f"{mesh.regions[region]} has {what} and no thickness",
+            remedy="Name a region of shells, or estimate "
+            + ("the youngs_modulus of its material." if section is None else f"one of {', '.join(SECTION_FACTORS)}."),
         )
     return section
 
 
 def _with_thickness(mesh: Mesh, region: int, thickness: float) -> Mesh:
-    """Its faces stay where they are: `mesh/properties.py` moves them."""
+    """The mesh with another thickness, without moving its faces; `Thickness` moves them."""
     section = _shell_of(mesh, region)
     changed: ShellSection | GeneralShell | Laminate
     if isinstance(section, Laminate):
@@ -179,24 +179,24 @@ def _with_thickness(mesh: Mesh, region: int, thickness: float) -> Mesh:
 
 
 def _require_section(mesh: Mesh, region: int, property: str) -> BeamSection | ShellSection:
-    """Raises UserError for a region whose section has nothing that the factor multiplies."""
+    """Section of a region. Raises UserError if a factor multiplies nothing in it."""
     section = mesh.sections.get(region)
     if isinstance(section, ShellSection) and property == "bending_factor":
-        there = section.bending > 0
+        applies = section.bending > 0
     elif isinstance(section, BeamSection):
-        there = bool(
+        applies = bool(
             section.second.any() if property == "bending_factor" else getattr(section, SECTION_FACTORS[property]) > 0
         )
     else:
         kinds = "beams or homogeneous shells" if property == "bending_factor" else "beams or rods"
         raise UserError(
-            f"{mesh.regions[region]} is not of {kinds}: it has no {property}",
-            remedy="name another region, or estimate a stiffness_factor",
+            f"{mesh.regions[region]} does not consist of {kinds} and has no {property}",
+            remedy="Name another region, or estimate a stiffness_factor.",
         )
-    if not there:
+    if not applies:
         raise UserError(
-            f"the section of {mesh.regions[region]} has no stiffness of its own that a {property} multiplies",
-            remedy="name another region or another factor",
+            f"the section of {mesh.regions[region]} has no stiffness that a {property} multiplies",
+            remedy="Name another region or another factor.",
         )
     return section
 
@@ -204,9 +204,9 @@ def _require_section(mesh: Mesh, region: int, property: str) -> BeamSection | Sh
 def _with_section(mesh: Mesh, region: int, property: str, factor: float) -> Mesh:
     section = _require_section(mesh, region, property)
 
-    def times(own: BeamSection) -> BeamSection:
+    def times(end: BeamSection) -> BeamSection:
         name = SECTION_FACTORS[property]
-        return replace(own, **{name: factor * getattr(own, name)})
+        return replace(end, **{name: factor * getattr(end, name)})
 
     changed: BeamSection | ShellSection
     if isinstance(section, ShellSection):
@@ -218,20 +218,20 @@ def _with_section(mesh: Mesh, region: int, property: str, factor: float) -> Mesh
 
 @dataclass(frozen=True)
 class Thickness:
-    """element (k,) ids of shells, ascending; ratio (k,) of their thickness to that of the mesh; opposite (n,) indices: of a node
-    on a face that across from it, of others themselves."""
+    """Changed thickness of shells: element (k,) ids, ascending; ratio (k,) of their thickness to that of the mesh; opposite (n,)
+    indices: for a node on a face the one on the opposite face, for others themselves."""
 
     element: np.ndarray
     ratio: np.ndarray
     opposite: np.ndarray
 
     def ratio_of(self, element: np.ndarray) -> np.ndarray:
-        """Of elements (p,) ids; 1 of all that have the thickness of the mesh."""
+        """Ratio of elements (p,) ids; 1 for elements with the thickness of the mesh."""
         at = np.minimum(np.searchsorted(self.element, element), len(self.element) - 1)
         return np.where(self.element[at] == element, self.ratio[at], 1.0)
 
     def moved(self, ratio: float) -> sparse.csr_array:
-        """G (3n, 3n) from places and displacements in the mesh to those of faces of shells of that ratio r:
+        """G (3n, 3n) from positions and displacements in the mesh to those of faces of shells of that ratio r:
 
             x± + ½(r − 1)(x± − x∓),     u± + ½(r − 1)(u± − u∓)
 
@@ -243,18 +243,20 @@ class Thickness:
         return sparse.csr_array(sparse.kron(G, sparse.eye_array(3), format="csr"))
 
 
-def thickness_of(mesh: Mesh, given: Sequence[tuple[Iterable[int], float]]) -> Thickness:
-    """Of the shells of a mesh with faces: regions (ids) and their thickness [m], pair by pair. Raises UserError for a region that
-    is not of shells."""
-    ratio = {region: value / value_of(mesh, region, "thickness") for regions, value in given for region in regions}
+def thickness_of(mesh: Mesh, thicknesses: Sequence[tuple[Iterable[int], float]]) -> Thickness:
+    """Thickness changes of the shells of a mesh with faces: pairs of regions (ids) and their thickness [m]. Raises UserError for
+    a region of other elements."""
+    ratio = {
+        region: value / value_of(mesh, region, "thickness") for regions, value in thicknesses for region in regions
+    }
     opposite = np.arange(len(mesh.position))
-    element, own = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    element, ratios = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for block in mesh.shells:
         upper, lower = (block.on_faces[:, side].ravel() for side in (0, 1))
         opposite[upper], opposite[lower] = lower, upper
-        there = np.isin(block.region, list(ratio))
-        element.append(block.ids[there])
-        own.append(np.array([ratio[int(region)] for region in block.region[there]], dtype=float))
-    ids, values = np.concatenate(element), np.concatenate(own)
+        changed = np.isin(block.region, list(ratio))
+        element.append(block.ids[changed])
+        ratios.append(np.array([ratio[int(region)] for region in block.region[changed]], dtype=float))
+    ids, values = np.concatenate(element), np.concatenate(ratios)
     order = np.argsort(ids)
     return Thickness(ids[order], values[order], opposite)

@@ -1,11 +1,11 @@
 """Sections of beams by the names and dimensions that PBARL and PBEAML give them.
 
 Dimensions: MSC Nastran Quick Reference Guide, PBARL. y is up and z to the right in its figures. Moments are about the centroid;
-that some shapes have their shear centre beside it is left out, as PBARL does. J is that of the NX Nastran Element Library
-Reference: Σ ℓ t³/3 of the middle lines of open walls (up to 10 % high where a wall is less than four times as long as thick),
-Bredt's 4 A²/∮ ds/t of closed ones. Shear factors are shares of the area: of the webs along y, of the flanges along z (5/6 of
-those of I, T, H and Z), 5/6 of a rectangle, 9/10 of a circle, 1/2 of a tube. MSC Nastran 2022 solves for J and the shear factors
-by finite elements instead, unless MDLPRM,TWBRBML,1.
+shear centres off the centroid are ignored, as in PBARL. J follows the NX Nastran Element Library Reference. Open walls have
+Σ ℓ t³/3 of the middle lines (up to 10 % high for a wall less than four times as long as thick). Closed walls have 4 A²/∮ ds/t
+(Bredt). Shear factors are shares of the area. They use the webs along y and the flanges along z (5/6 of those of I, T, H and Z).
+A rectangle has 5/6, a circle 9/10, a tube 1/2. MSC Nastran 2022 computes J and the shear factors by finite elements instead,
+unless MDLPRM,TWBRBML,1.
 """
 
 from __future__ import annotations
@@ -19,27 +19,28 @@ from strainsight.errors import DeckError, did_you_mean
 from strainsight.mesh.thin import BeamSection
 
 ON = 1e-6
-"""Of the moment of a rectangle, I = A h²/12 = A (h/2)²/3: a place on its edge is on it."""
+"""Tolerance of a position on the edge of a rectangle, I = A h²/12 = A (h/2)²/3, as a share of its moment."""
 
 
 def section_of_shape(kind: str, dimensions: Sequence[float]) -> BeamSection:
     """Area A = Σ A_i, moments ∫ (y, z)ᵀ (y, z) dA = Σ I_i + A_i r_i r_iᵀ about the centroid, J, shear factors and the points
     C, D, E, F of a shape.
 
-    kind "ROD", "TUBE", "I", …; dimensions DIM1, DIM2, … [m]. Raises DeckError for a shape that is not known, a wrong number of
-    dimensions, and dimensions that are not positive or do not fit.
+    kind "ROD", "TUBE", "I", …; dimensions DIM1, DIM2, … [m]. Raises DeckError for an unknown shape, a wrong number of
+    dimensions, and dimensions that are not positive or not compatible.
     """
     if kind not in SHAPES:
-        remedy = f"give a PBAR or PBEAM instead; known are {', '.join(SHAPES)}"
+        remedy = f"Use a PBAR or PBEAM instead. Known shapes are {', '.join(SHAPES)}."
         raise DeckError(
-            f"the section {kind} is not known", remedy=remedy if kind in OTHERS else did_you_mean(kind, SHAPES, remedy)
+            f"the section shape {kind} is unknown",
+            remedy=remedy if kind in OTHERS else did_you_mean(kind, SHAPES, remedy),
         )
     count, build = SHAPES[kind]
-    given = ", ".join(f"{value:g}" for value in dimensions)
+    listed = ", ".join(f"{value:g}" for value in dimensions)
     if len(dimensions) != count:
         raise DeckError(
-            f"the section {kind} has {len(dimensions)} dimensions ({given}) instead of {count}",
-            remedy="give each of them, as the figure of the PBARL has them",
+            f"the section {kind} has {len(dimensions)} dimensions ({listed}) instead of {count}",
+            remedy="Specify all dimensions as in the figure of the PBARL.",
         )
     try:
         if not (np.array(dimensions) > 0).all():
@@ -47,8 +48,8 @@ def section_of_shape(kind: str, dimensions: Sequence[float]) -> BeamSection:
         return section_from(build(*map(float, dimensions)))
     except (NoFit, OverflowError):
         raise DeckError(
-            f"the section {kind} cannot have the dimensions {given}: not positive, too large, or a wall has no length left",
-            remedy="check them against the figure of the PBARL, or give a PBAR",
+            f"the section {kind} has impossible dimensions {listed}: not positive, too large, or a wall without length",
+            remedy="Check them against the figure of the PBARL, or use a PBAR.",
         ) from None
 
 
@@ -174,7 +175,7 @@ def _h(web: float, flanges: float, height: float, thickness: float) -> Shape:
 
 
 def _cross(overhangs: float, upright: float, height: float, level: float) -> Shape:
-    """DIM1 is the length of both arms beside the upright together."""
+    """DIM1 is the total length of both arms on the sides of the upright."""
     width, arm = overhangs + upright, overhangs / 2
     parts = (
         block(-height / 2, -upright / 2, height, upright),
@@ -200,14 +201,14 @@ def _z(overhang: float, web: float, clear: float, height: float) -> Shape:
 
 
 def _hexa(point: float, width: float, height: float) -> Shape:
-    """A rectangle with an isosceles triangle on either side; J of the rectangle as wide as it is on average."""
+    """A rectangle with an isosceles triangle on either side; J of a rectangle of the average width."""
     inner, area = width - 2 * point, point * height / 2
-    side, own = inner / 2 + point / 3, (area * height**2 / 24, area * point**2 / 18)
+    side, moments = inner / 2 + point / 3, (area * height**2 / 24, area * point**2 / 18)
     middle = block(-height / 2, -inner / 2, height, inner)
-    parts = middle, Part(area, 0.0, side, *own), Part(area, 0.0, -side, *own)
+    parts = middle, Part(area, 0.0, side, *moments), Part(area, 0.0, -side, *moments)
     points = (height / 2, 0.0), (-height / 2, 0.0), (0.0, width / 2), (0.0, -width / 2)
-    whole = 5 / 6 * (middle.area + 2 * area)
-    return Shape(parts, solid(width - point, height), (whole, whole), points)
+    sheared = 5 / 6 * (middle.area + 2 * area)
+    return Shape(parts, solid(width - point, height), (sheared, sheared), points)
 
 
 def _hat(height: float, t: float, top: float, brim: float) -> Shape:
@@ -249,15 +250,15 @@ SHAPES: dict[str, tuple[int, Callable[..., Shape]]] = {
     "Z": (4, _z),
     "HAT": (4, _hat),
 }
-"""Number of dimensions, and the shape of them."""
+"""Number of dimensions, and the function of them."""
 
 OTHERS = ("HAT1", "DBOX")
-"""Shapes of PBARL that are left out: HAT1 is closed by a plate, DBOX has two cells."""
+"""Unsupported shapes of PBARL: HAT1 is closed by a plate, DBOX has two cells."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """Area at (y, z), and its own moments about there."""
+    """Area at (y, z), and its moments about that point."""
 
     area: float
     y: float
@@ -268,7 +269,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Shape:
-    """Parts, J, areas that shear along y and z, and points C, D, E, F as (y, z); all from one origin."""
+    """Parts, J, shear areas along y and z, and points C, D, E, F as (y, z); all from one origin."""
 
     parts: tuple[Part, ...]
     torsion: float
@@ -277,12 +278,12 @@ class Shape:
 
 
 class NoFit(Exception):
-    """A part has no thickness or length left."""
+    """Raised for a part without thickness or length."""
 
 
 def section_from(shape: Shape) -> BeamSection:
-    """A = Σ A_i, the moments Σ I_i + A_i r_i r_iᵀ about the centroid, the points from there, and the sides that it has: of
-    several parts those whose middle lies on one of them, rectangles √(12 I/A) high and wide."""
+    """A = Σ A_i, the moments Σ I_i + A_i r_i r_iᵀ about the centroid, the points from there, and the solid sides: for several
+    parts those with their middle on a part, represented by rectangles √(12 I/A) high and wide."""
     area = sum(part.area for part in shape.parts)
     center = (
         np.array([sum(part.area * part.y for part in shape.parts), sum(part.area * part.z for part in shape.parts)])

@@ -1,4 +1,4 @@
-"""A mesh whose elements are all cut at the middle of their edges."""
+"""Refinement of a mesh by subdivision of all elements at the middle of their edges."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from strainsight.mesh.kinds.kind import Kind, with_midsides
 from strainsight.mesh.model import CellBlock, Mesh, Region
 
 UNIT = 2**20
-"""Of a weight, as an integer: at halves and quarters of edges all weights are multiples of 2⁻⁸."""
+"""Scale of integer weights: at halves and quarters of edges all weights are multiples of 2⁻⁸."""
 
 
 @dataclass(frozen=True)
 class Refined:
-    """mesh with its parts as elements, without supports, ties and sets; interpolation P, CSR (m, n): the value of each of its
-    nodes from those of the n nodes of the coarse mesh; parent: element id → id of the element it is a part of; code (n,) of
-    the coarse nodes and keys, node: where to find one of the fine."""
+    """mesh with the parts as elements, without supports, ties and sets; interpolation P, CSR (m, n): values at its nodes from
+    those at the n nodes of the coarse mesh; parent: element id → id of the coarse element; code (n,) of the coarse nodes, keys:
+    to find fine nodes."""
 
     mesh: Mesh
     interpolation: sparse.csr_array
@@ -34,12 +34,12 @@ class Refined:
 
 
 def refined(mesh: Mesh) -> Refined:
-    """Every element cut into the `split` of its kind, nodes where its own shape functions have them:
+    """Subdivide every element into the `split` of its kind, with nodes on its shape functions:
 
         x_f = P x,    P_fa = N_a(ξ_f)
 
-    A straight mesh, linear or quadratic, is nested in it; curved ones keep their shape. Two nodes are one where they are the same
-    mean of the same coarse nodes, so that parts which only touch stay apart.
+    A straight mesh, linear or quadratic, is nested in it; curved elements keep their shape. Nodes are merged if they are the
+    same mean of the same coarse nodes, so that parts which only touch stay separate.
     """
     random = np.random.default_rng(0)
     code = random.integers(0, 2**63, len(mesh.position), dtype=np.uint64)
@@ -54,18 +54,18 @@ def refined(mesh: Mesh) -> Refined:
             key = _keys(code, block.nodes, N)
             raw.append((name, key, block.ids, halves.regions(block.region, corners)))
             entries.append((key, block.nodes, N))
-    keys = np.unique(np.concatenate([own.ravel() for _, own, _, _ in raw]))
+    keys = np.unique(np.concatenate([key.ravel() for _, key, _, _ in raw]))
     blocks, parents, number = [], [], 0
-    for name in dict.fromkeys(own for own, *_ in raw):
-        parts = [own for own in raw if own[0] == name]
+    for name in dict.fromkeys(kind_name for kind_name, *_ in raw):
+        parts = [part for part in raw if part[0] == name]
         nodes = np.concatenate([np.searchsorted(keys, key) for _, key, _, _ in parts])
         ids = np.arange(number + 1, number + 1 + len(nodes))
         number += len(nodes)
-        parents.append(np.concatenate([own for *_, own, _ in parts]))
+        parents.append(np.concatenate([element_ids for *_, element_ids, _ in parts]))
         blocks.append(CellBlock(name, ids, nodes, np.concatenate([region for *_, region in parts])))
     P = _interpolation(keys, entries, len(mesh.position))
     properties = mesh.properties
-    properties["regions"] = {**mesh.regions, **halves.found}
+    properties["regions"] = {**mesh.regions, **halves.split_regions}
     properties["composites"] = {**mesh.composites, **halves.composites}
     ids = np.arange(1, len(keys) + 1)
     fine = Mesh(ids, P @ mesh.position, tuple(blocks), lumped=mesh.lumped, source=mesh.source, **properties)
@@ -74,29 +74,29 @@ def refined(mesh: Mesh) -> Refined:
 
 @dataclass
 class _Halves:
-    """Regions of the parts of composite solids, which have the layers of their half alone: found, composites."""
+    """Regions of the parts of composite solids, with only the layers of their half: split_regions, composites."""
 
     mesh: Mesh
-    found: dict[int, Region] = field(default_factory=dict)
+    split_regions: dict[int, Region] = field(default_factory=dict)
     composites: dict[int, CompositeSolid] = field(default_factory=dict)
     _number: dict[tuple[int, float], int] = field(default_factory=dict)
 
     def regions(self, region: np.ndarray, corners: np.ndarray) -> np.ndarray:
         """Regions (e,) of the parts with corners (c, 3) of elements in regions (e,)."""
-        own = region.copy()
+        result = region.copy()
         for number in np.unique(region[np.isin(region, list(self.mesh.composites))]).tolist():
             composite = self.mesh.composites[number]
             extent = corners[:, composite.direction].tolist()
             low, high = min(extent), max(extent)
             half = self._number.setdefault((number, low), max(self.mesh.regions) + 1 + len(self._number))
-            self.found[half] = replace(self.mesh.regions[number], id=half)
+            self.split_regions[half] = replace(self.mesh.regions[number], id=half)
             self.composites[half] = composite.between(low, high)
-            own[region == number] = half
-        return own
+            result[region == number] = half
+        return result
 
 
 def _keys(code: np.ndarray, nodes: np.ndarray, N: np.ndarray) -> np.ndarray:
-    """(e, q): a number that is the same for the same mean of the same nodes; nodes (e, k), weights N (q, k)."""
+    """(e, q): a number that is equal for the same mean of the same nodes; nodes (e, k), weights N (q, k)."""
     weight = np.rint(N * UNIT).astype(np.int64).astype(np.uint64)
     return np.asarray((weight[None] * code[nodes][:, None, :]).sum(axis=2, dtype=np.uint64))
 
@@ -104,17 +104,17 @@ def _keys(code: np.ndarray, nodes: np.ndarray, N: np.ndarray) -> np.ndarray:
 def _interpolation(
     keys: np.ndarray, entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]], nodes: int
 ) -> sparse.csr_array:
-    """P from what every element says of its own nodes, once for each."""
+    """P from the shape functions of every element, each node once."""
     first = np.full(len(keys), -1)
     rows, columns, values = [], [], []
-    for key, own, N in entries:
+    for key, nodes_of_element, N in entries:
         place = np.searchsorted(keys, key)
         element, point = np.nonzero(first[place] < 0)
         fresh, once = np.unique(place[element, point], return_index=True)
         first[fresh] = 0
         e, q = element[once], point[once]
         rows.append(np.repeat(fresh, N.shape[1]))
-        columns.append(own[e].ravel())
+        columns.append(nodes_of_element[e].ravel())
         values.append((np.rint(N * UNIT) / UNIT)[q].ravel())
     matrix = sparse.coo_array(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(len(keys), nodes)

@@ -1,4 +1,4 @@
-"""Nodes that follow the surface which they lie on: meshes that do not fit together, joined."""
+"""Surface ties: nodes that follow the facets of a non-matching mesh."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from strainsight.mesh.model import FloatArray, IntArray, Mesh
 from strainsight.mesh.projection import near_pairs, nearest, normals
 
 TOUCHING = 1e-12
-"""Of the size of a facet: a node that is no farther off has no arm."""
+"""Distance from a facet, as a share of its size, below which a node has no arm."""
 
 
 def with_surface_tie(
     mesh: Mesh, nodes: IntArray, onto: IntArray, within: float, name: str, far: Literal["refused", "left"] = "refused"
 ) -> Mesh:
-    """A mesh whose nodes (k,) (index) follow the facets of solids whose nodes are all among `onto` (m,):
+    """Tie nodes (k,) (index) to the facets of solids whose nodes are all among `onto` (m,):
 
         z_i = Σ_a N_a(ξ) z_a + ω × g        at the point ξ of the nearest facet
 
-    with the arm g = x_i − x(ξ) over a gap and the turn ω of the facet there, see `_turn`. A node that a facet has is passed over.
-    Rigid motions are handed on exactly, linear fields but for their strain over the gap; constant stress, without a gap, where
-    the nodal forces of the finer side integrate N_a exactly, and otherwise but for a disturbance in the elements beside.
-    Relations are along the axes of each node. Raises UserError where a node lies farther from the facets than `within` [m],
-    unless those are left as they are.
+    with the arm g = x_i − x(ξ) across a gap and the rotation ω of the facet there, see `_turn`. Nodes of a facet are skipped.
+    Rigid motions are transferred exactly, linear fields except for their strain across the gap. Without a gap, constant stress is
+    transferred exactly if the nodal forces of the finer side integrate N_a exactly, otherwise with an error in the adjacent
+    elements. Relations use the local axes of each node. Raises UserError for a node farther from the facets than `within` [m],
+    unless far is "left", which leaves it untied.
     """
     facets = exterior_facets(mesh)
     chosen = np.zeros(len(mesh.position) + 1, dtype=bool)
@@ -37,66 +37,69 @@ def with_surface_tie(
     facets = facets.some(facets.of(mesh.blocks) & chosen[facets.nodes].all(axis=1))
     if not len(facets.kind):
         raise UserError(
-            "no facet of a solid has all its nodes there", remedy="name a face of the coarser side (mesh.faces)"
+            "no facet of a solid has all its nodes in this set", remedy="Name a face of the coarser side (mesh.faces)."
         )
     nodes = np.setdiff1d(nodes, facets.nodes)
     if not len(nodes):
         raise UserError(
-            "its nodes are those of the surface already", remedy="name the finer side as `set`, the coarser as `to`"
+            "all its nodes already belong to the surface",
+            remedy="Name the finer side as `set`, the coarser one as `to`.",
         )
     best = np.full(len(nodes), np.inf)
-    weight, of = np.zeros((len(nodes), 3, 8, 3)), np.full((len(nodes), 8), -1, dtype=np.int64)
+    weight, tied_to = np.zeros((len(nodes), 3, 8, 3)), np.full((len(nodes), 8), -1, dtype=np.int64)
     for code in np.unique(facets.kind):
         k = len(FACETS[code].nodes)
-        own = facets.nodes[facets.kind == code, :k]
-        centre = mesh.position[own].mean(axis=1)
-        reach = np.linalg.norm(mesh.position[own] - centre[:, None], axis=2).max(axis=1) + within
+        facet_nodes = facets.nodes[facets.kind == code, :k]
+        centre = mesh.position[facet_nodes].mean(axis=1)
+        reach = np.linalg.norm(mesh.position[facet_nodes] - centre[:, None], axis=2).max(axis=1) + within
         for row, which in near_pairs(mesh.position[nodes], centre, reach):
-            x, point = mesh.position[own[row]], mesh.position[nodes[which]]
+            x, point = mesh.position[facet_nodes[row]], mesh.position[nodes[which]]
             feet = nearest(int(code), x, point)
-            order = np.lexsort((row, feet.apart, which))
+            order = np.lexsort((row, feet.distance, which))
             first = order[np.unique(which[order], return_index=True)[1]]
-            first = first[feet.apart[first] < best[which[first]]]
+            first = first[feet.distance[first] < best[which[first]]]
             at = which[first]
-            best[at] = feet.apart[first]
-            of[at], of[at, :k] = -1, own[row[first]]
+            best[at] = feet.distance[first]
+            tied_to[at], tied_to[at, :k] = -1, facet_nodes[row[first]]
             weight[at] = 0.0
             weight[at, :, :k] = _weights(x[first], feet.N[first], feet.dN[first], point[first] - feet.x[first])
     if far == "left" and (near := best <= within).any():
-        nodes, weight, of, best = nodes[near], weight[near], of[near], best[near]
+        nodes, weight, tied_to, best = nodes[near], weight[near], tied_to[near], best[near]
     last = int(np.argmax(best))
     if best[last] > within:
         raise UserError(
-            f"node {mesh.node_ids[nodes[last]]} does not lie on the surface, not within {within:g} m",
-            remedy="name the nodes that do, or give `within` [m]",
+            f"node {mesh.node_ids[nodes[last]]} is farther than {within:g} m from the surface",
+            remedy="Name only nodes on the surface, or increase `within` [m].",
         )
     axes = np.array([mesh.axes.get(node, np.eye(3)) for node in nodes.tolist()]).reshape(-1, 3, 3)
-    onto_axes = np.array([mesh.axes.get(node, np.eye(3)) for node in of.ravel().tolist()]).reshape(*of.shape, 3, 3)
+    onto_axes = np.array([mesh.axes.get(node, np.eye(3)) for node in tied_to.ravel().tolist()]).reshape(
+        *tied_to.shape, 3, 3
+    )
     weight = np.einsum("mic,miaj,majd->mcad", axes, weight, onto_axes)
-    number = max([0, *(own.id for own in mesh.relations)]) + 1
-    made = []
+    number = max([0, *(relation.id for relation in mesh.relations)]) + 1
+    relations = []
     for i, node in enumerate(nodes.tolist()):
         for c in range(3):
-            a, component = np.nonzero((abs(weight[i, c]) > 1e-14) & (of[i] >= 0)[:, None])
-            terms, values = np.append(node, of[i, a]), np.append(1.0, -weight[i, c, a, component])
-            made.append(Relation(number + 3 * i + c, terms, np.append(c, component), values, name, yields=True))
-    return replace(mesh, relations=(*mesh.relations, *made))
+            a, component = np.nonzero((abs(weight[i, c]) > 1e-14) & (tied_to[i] >= 0)[:, None])
+            terms, values = np.append(node, tied_to[i, a]), np.append(1.0, -weight[i, c, a, component])
+            relations.append(Relation(number + 3 * i + c, terms, np.append(c, component), values, name, yields=True))
+    return replace(mesh, relations=(*mesh.relations, *relations))
 
 
 def without_held(mesh: Mesh) -> Mesh:
-    """The mesh without relations of surface ties whose first motion a support holds, and a note on them: the support wins, as
-    where a plane of symmetry goes through both sides."""
-    held = set(map(tuple, mesh.fixed.tolist()))
-    kept = tuple(own for own in mesh.relations if not (own.yields and own.follower in held))
-    if not (count := len(mesh.relations) - len(kept)):
+    """The mesh without relations of surface ties whose dependent motion is clamped, with a note; such motions occur where a
+    symmetry plane cuts both sides."""
+    clamped = set(map(tuple, mesh.fixed.tolist()))
+    remaining = tuple(tie for tie in mesh.relations if not (tie.yields and tie.follower in clamped))
+    if not (count := len(mesh.relations) - len(remaining)):
         return mesh
-    note = f"{count} components of nodes that follow a surface (*TIE, mesh.ties) are held by supports: there the supports count"
-    return replace(mesh, relations=kept, notes=(*mesh.notes, note))
+    note = f"{count} components of nodes tied to a surface (*TIE, mesh.ties) are clamped by supports: there the supports apply"
+    return replace(mesh, relations=remaining, notes=(*mesh.notes, note))
 
 
 def _weights(x: FloatArray, N: FloatArray, dN: FloatArray, arm: FloatArray) -> FloatArray:
-    """(m, 3, k, 3): what displacements of the nodes of facets, at x (m, k, 3) [m], give at an arm (m, 3) [m] from where they have
-    N (m, k) and dN (m, k, 2)."""
+    """(m, 3, k, 3): displacement at an arm (m, 3) [m] from a point of facets, by displacements of their nodes at x (m, k, 3) [m];
+    N (m, k) and dN (m, k, 2) at the point."""
     weight = np.einsum("ma,ij->miaj", N, np.eye(3))
     size = np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1)
     off = np.linalg.norm(arm, axis=1) > TOUCHING * size
@@ -107,14 +110,14 @@ def _weights(x: FloatArray, N: FloatArray, dN: FloatArray, arm: FloatArray) -> F
 
 
 def _turn(x: FloatArray, dN: FloatArray) -> FloatArray:
-    """(m, 3, k, 3): the turn ω of surfaces of nodes x (m, k, 3) from the displacements of these,
+    """(m, 3, k, 3): the rotation ω of surfaces with nodes x (m, k, 3), by displacements of the nodes,
 
         ω = Σ_a (½ n (n × s_a)ᵀ − (n × s_a) nᵀ) u_a        s_a = ∇N_a along the surface
 
-    its normal's n × δn, δn = −Σ_a s_a (n·u_a), and half of its curl about the normal: that of every rigid motion.
+    n × δn of the normal, δn = −Σ_a s_a (n·u_a), and half of the curl about the normal; exact for rigid motions.
     """
     n = normals(x, dN)[:, None]
     s = np.einsum("mad,mdc->mac", dN, np.linalg.pinv(np.einsum("mac,mad->mcd", x, dN)))
-    beside = np.cross(n, s)
-    about = np.einsum("mc,mad->mcad", n[:, 0], beside) / 2
-    return np.asarray(about - np.einsum("mac,md->mcad", beside, n[:, 0]))
+    tangential = np.cross(n, s)
+    about = np.einsum("mc,mad->mcad", n[:, 0], tangential) / 2
+    return np.asarray(about - np.einsum("mac,md->mcad", tangential, n[:, 0]))

@@ -1,4 +1,4 @@
-"""Shells, beams and rods of a mesh: elements on a surface or a line, with the sections that make them solid."""
+"""Shells, beams and rods of a mesh with their sections."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from strainsight.columns import Column
 
 @dataclass(frozen=True)
 class Lamina:
-    """Linear orthotropic in plane stress; axis 1 along its fibres, nu12 = −ε₂/ε₁ under σ₁."""
+    """Linear orthotropic material in plane stress; axis 1 along the fibres, nu12 = −ε₂/ε₁ under σ₁."""
 
     id: Annotated[int, Column("1", "", "id of every orthotropic material")]
     e1: Annotated[float, Column("Pa", "", "modulus along its axis 1")]
     e2: Annotated[float, Column("Pa", "", "modulus along its axis 2")]
-    nu12: Annotated[float, Column("1", "", "contraction along 2 of a stress along 1")]
+    nu12: Annotated[float, Column("1", "", "Poisson's ratio, contraction along 2 under stress along 1")]
     g12: Annotated[float, Column("Pa", "", "shear modulus in its plane")]
-    g1z: Annotated[float, Column("Pa", "", "shear modulus across, of axis 1; infinite: no shear")]
-    g2z: Annotated[float, Column("Pa", "", "shear modulus across, of axis 2; infinite: no shear")]
+    g1z: Annotated[float, Column("Pa", "", "transverse shear modulus of axis 1; infinite: rigid")]
+    g2z: Annotated[float, Column("Pa", "", "transverse shear modulus of axis 2; infinite: rigid")]
     density: Annotated[float, Column("kg/m^3", "", "density of every orthotropic material")]
-    name: Annotated[str, Column("1", "", "name in the words of the file")] = ""
+    name: Annotated[str, Column("1", "", "name in the file")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -32,7 +32,7 @@ class Lamina:
 
 @dataclass(frozen=True)
 class Ply:
-    """Of a lamina, or of an isotropic material; its angle is one about the normal of the shell."""
+    """Ply of a lamina or an isotropic material; its angle is about the normal of the shell."""
 
     material: Annotated[int, Column("1", "", "id of its material, from the lower face up")]
     thickness: Annotated[float, Column("m", "", "thickness")]
@@ -41,15 +41,14 @@ class Ply:
 
 @dataclass(frozen=True)
 class Laminate:
-    """Section of a shell of plies, the one at the lower face first; its x is that of the material of the shell,
-    `ShellBlock.axis`."""
+    """Section of a laminated shell, from the lower face up; its x is that of the material of the shell, `ShellBlock.axis`."""
 
     plies: Annotated[tuple[Ply, ...], Column("", "ply", "plies")]
-    nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its plies")] = 0.0
+    nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
     @property
     def thickness(self) -> float:
-        """Of all plies together [m]."""
+        """Total thickness of all plies [m]."""
         return sum(ply.thickness for ply in self.plies)
 
 
@@ -60,14 +59,14 @@ ZERO: Pair = (0.0, 0.0)
 
 
 def concatenate(parts: Iterable[IntArray]) -> IntArray:
-    """All of them one after the other, along their first axis; empty (0,) where there are none."""
-    found = list(parts)
-    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+    """Concatenation along the first axis; empty (0,) without parts."""
+    arrays = list(parts)
+    return np.concatenate(arrays) if arrays else np.zeros(0, dtype=np.int64)
 
 
 SHELL_KINDS = ("quad4", "tri3", "quad8", "tri6")
 CORNERS = {3: 3, 4: 4, 6: 3, 8: 4}
-"""Nodes of a shell → how many are at its corners, the first ones; the others lie on its sides, the first between 1 and 2."""
+"""Number of nodes of a shell → number of its corner nodes, which come first; mid-side nodes follow, first between 1 and 2."""
 BEAM_KINDS = ("beam", "rod", "beam3")
 
 
@@ -76,18 +75,20 @@ class ShellSection:
     """Section of a homogeneous shell; bending is 12 I/t³ of a PSHELL, shear t_s/t of G t."""
 
     thickness: Annotated[float, Column("m", "", "thickness t")]
-    bending: Annotated[float, Column("1", "", "stiffness in bending over that of t³/12; 0: membrane")] = 1.0
-    shear: Annotated[float, Column("1", "", "thickness in shear over t; infinite: no shear")] = 5 / 6
-    nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its material")] = 0.0
+    bending: Annotated[float, Column("1", "", "bending stiffness over that of t³/12; 0: membrane")] = 1.0
+    shear: Annotated[float, Column("1", "", "shear thickness over t; infinite: rigid in shear")] = 5 / 6
+    nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
 
 @dataclass(frozen=True)
 class GeneralShell:
-    """Section of a shell whose membrane, bending and shear are of different or anisotropic materials, along x and y of these:
+    """Section of a shell with different or anisotropic materials for membrane, bending and shear, along their x and y.
 
-        N = t M ε + t² C κ,   M = t² C ε + t³/12 D κ,   Q = t S γ,     strain ε + z κ in the order xx, yy, xy, γ_xy = 2 ε_xy
+        N = t M ε + t² C κ,   M = t² C ε + t³/12 D κ,   Q = t S γ
 
-    M of a uniform shell gives the stress of the strain on its faces.
+    Strain ε + z κ is in the order xx, yy, xy, γ_xy = 2 ε_xy.
+
+    M of a uniform shell relates stress to strain on its faces.
     """
 
     thickness: Annotated[float, Column("m", "", "thickness t")]
@@ -96,12 +97,10 @@ class GeneralShell:
     ]
     coupling: Annotated[FloatArray, Column("Pa", "3 × 3", "C of forces t² C κ and moments t² C ε")]
     bending: Annotated[FloatArray, Column("Pa", "3 × 3", "D of moments t³/12 D κ; 0: membrane")]
-    shear: Annotated[FloatArray, Column("Pa", "2 × 2", "S of forces across t S γ: xz yz; infinite: no shear")]
+    shear: Annotated[FloatArray, Column("Pa", "2 × 2", "S of transverse forces t S γ: xz yz; infinite: rigid")]
     density: Annotated[float, Column("kg/m^3", "", "density")]
-    uniform: Annotated[
-        bool, Column("1", "", "1 where membrane and bending are of one material, and nothing couples them")
-    ]
-    nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its material")] = 0.0
+    uniform: Annotated[bool, Column("1", "", "1 if membrane and bending have one material and no coupling")]
+    nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
     @property
     def modulus(self) -> float:
@@ -111,11 +110,11 @@ class GeneralShell:
 
 @dataclass(frozen=True)
 class BeamSection:
-    """Section of a beam at its end A, and at B where it is another, linear in between; axes y and z across the beam.
+    """Section of a beam at its end A, and at B if different, linear in between; axes y and z across the beam.
 
-    yy of second is I1 of a PBAR, shear K1, K2; neutral (N1, N2 of a PBEAM) is where its own mass is, beside (M1, M2) the other.
-    sides: on which of the sides +y, +z, −y and −z of the box about its points it has material in the middle, so that a gauge can
-    sit there. The axis of the element goes through the shear centres.
+    yy of second is I1 of a PBAR, shear K1, K2; neutral is the position of the structural mass (N1, N2 of a PBEAM), the last
+    field that of the nonstructural mass (M1, M2). sides: whether there is material in the middle of the sides +y, +z, −y and
+    −z of the box about its points, for a gauge. The axis of the element goes through the shear centres.
     """
 
     area: Annotated[float, Column("m^2", "", "area")]
@@ -123,18 +122,18 @@ class BeamSection:
         default_factory=lambda: np.zeros((2, 2))
     )
     torsion: Annotated[float, Column("m^4", "", "torsion constant J")] = 0.0
-    shear: Annotated[Pair, Column("1", "2", "areas in shear along y and z over the area; 0: no shear")] = ZERO
-    points: Annotated[FloatArray, Column("m", "point × 2", "y and z where its strain is asked for")] = field(
+    shear: Annotated[Pair, Column("1", "2", "shear areas along y and z over the area; 0: rigid in shear")] = ZERO
+    points: Annotated[FloatArray, Column("m", "point × 2", "y and z of its stress recovery points")] = field(
         default_factory=lambda: np.zeros((0, 2))
     )
-    nonstructural: Annotated[float, Column("kg/m", "", "mass that is not of its material")] = 0.0
+    nonstructural: Annotated[float, Column("kg/m", "", "nonstructural mass")] = 0.0
     at_b: BeamSection | None = None
     sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
     neutral: Annotated[Pair, Column("m", "2", "y and z of the neutral axis from the shear centre")] = ZERO
-    beside: Annotated[Pair, Column("m", "2", "y and z of that mass from the shear centre")] = ZERO
+    beside: Annotated[Pair, Column("m", "2", "y and z of the nonstructural mass from the shear centre")] = ZERO
 
     def with_shear(self, ratio: float) -> BeamSection:
-        """The section with the shear modulus of its material times `ratio`, which is taken into J and the shear factors."""
+        """The section for a shear modulus multiplied by `ratio`, which is included in J and the shear factors."""
         shear = (ratio * self.shear[0], ratio * self.shear[1])
         return replace(self, torsion=ratio * self.torsion, shear=shear, at_b=self.at_b and self.at_b.with_shear(ratio))
 
@@ -144,16 +143,18 @@ Section = ShellSection | GeneralShell | Laminate | BeamSection
 
 @dataclass(frozen=True)
 class ShellBlock:
-    """Shells of one kind of `SHELL_KINDS`, their nodes at the corners before those between."""
+    """Shells of one kind of `SHELL_KINDS`, corner nodes before mid-side nodes."""
 
     kind: str
     ids: Annotated[IntArray, Column("1", "shell", "id of every shell of that kind in the deck", name="id")]
     nodes: Annotated[IntArray, Column("1", "shell × node", "node indices in order around the shell")]
     region: Annotated[IntArray, Column("1", "shell", "region id of every shell")]
-    offset: Annotated[FloatArray, Column("m", "shell", "its middle from its nodes, along the normal by their order")]
+    offset: Annotated[
+        FloatArray, Column("m", "shell", "offset of its middle from its nodes, along the normal of the node order")
+    ]
     axis: Annotated[
         FloatArray,
-        Column("1", "shell × 3", "vector whose projection is x of its material; NaN: the side from its first node"),
+        Column("1", "shell × 3", "vector whose projection is x of its material; NaN: its first side"),
     ]
     on_faces: Annotated[
         IntArray,
@@ -171,18 +172,18 @@ class ShellBlock:
 
 @dataclass(frozen=True)
 class BeamBlock:
-    """Elements of one kind, straight "beam" or "rod" (which has neither bending nor shear), or "beam3" with a node between its
-    ends, which may be curved and has no pin flags. x is from A to B where the offsets, along the basic axes, have moved them."""
+    """Elements of one kind: straight "beam" or "rod" (without bending and shear), or "beam3" with a middle node, which may be
+    curved and has no pin flags. x is from A to B, both moved by the offsets along the basic axes."""
 
     kind: str
     ids: Annotated[IntArray, Column("1", "beam", "id of every beam or rod in the deck", name="id")]
-    nodes: Annotated[IntArray, Column("1", "beam × node", "node indices of its ends A and B, and of one between")]
+    nodes: Annotated[IntArray, Column("1", "beam × node", "node indices of its ends A and B, and of its middle node")]
     region: Annotated[IntArray, Column("1", "beam", "region id of every beam or rod")]
     axes: Annotated[FloatArray, Column("1", "beam × 3 × 3", "its axes x, y, z, one in a column; x from end A to B")]
-    offset: Annotated[FloatArray, Column("m", "beam × node × 3", "its axis from its nodes")]
+    offset: Annotated[FloatArray, Column("m", "beam × node × 3", "offset of its axis from its nodes")]
     released: Annotated[
         NDArray[np.bool_],
-        Column("1", "beam × 2 × 6", "1 where an end does not hand on a motion along those axes (pin flags)"),
+        Column("1", "beam × 2 × 6", "1 where an end releases a motion along those axes (pin flags)"),
     ]
     on_sides: Annotated[
         IntArray,
@@ -194,12 +195,12 @@ class BeamBlock:
 
 def nodes_that_turn(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:
     """Indices, ascending, of the nodes whose rotations shells and beams resist; rods and solids resist none."""
-    own = [*(block.nodes for block in shells), *(block.nodes for block in beams if block.kind != "rod")]
-    return np.unique(concatenate(nodes.ravel() for nodes in own))
+    blocks_of_nodes = [*(block.nodes for block in shells), *(block.nodes for block in beams if block.kind != "rod")]
+    return np.unique(concatenate(nodes.ravel() for nodes in blocks_of_nodes))
 
 
 def nodes_along_beams(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:
-    """Indices, ascending, of both nodes of every beam that runs along a side of a shell, or along half of one; no rods."""
+    """Indices, ascending, of both nodes of every beam along a side of a shell, or along half of one; without rods."""
     none = [np.zeros((0, 2), dtype=np.int64)]
     lines = [block.nodes[:, pair] for block in beams for pair in _SPANS[block.kind]]
     ends = np.sort(np.concatenate(none + lines), axis=1)
@@ -207,8 +208,8 @@ def nodes_along_beams(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) 
         return ends.ravel()
     size = int(max(ends.max(), *(block.nodes.max(initial=0) for block in shells), 0)) + 1
     sides = np.sort(np.concatenate(none + [_sides(block) for block in shells]), axis=1)
-    there = np.isin(ends @ [size, 1], sides @ [size, 1])
-    return np.unique(ends[there])
+    on_side = np.isin(ends @ [size, 1], sides @ [size, 1])
+    return np.unique(ends[on_side])
 
 
 _SPANS = {"beam": ((0, 1),), "rod": (), "beam3": ((0, 2), (2, 1))}
@@ -216,7 +217,7 @@ _SPANS = {"beam": ((0, 1),), "rod": (), "beam3": ((0, 2), (2, 1))}
 
 
 def _sides(block: ShellBlock) -> IntArray:
-    """Pairs (s, 2) of neighbours around shells; of those with nodes on their sides, of corners too."""
+    """Pairs (s, 2) of neighbouring nodes around shells; for second-order shells also pairs of corners."""
     count = CORNERS[block.nodes.shape[1]]
     rings = [block.corners]
     if block.nodes.shape[1] > count:

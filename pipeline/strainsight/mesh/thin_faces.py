@@ -1,4 +1,4 @@
-"""Nodes on the faces of shells and the sides of beams, where gauges sit; line and axes of beams of three nodes."""
+"""Nodes on faces of shells and sides of beams, for gauges; axes along beams of three nodes."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from strainsight.mesh.thin import BeamBlock, BeamSection, ShellBlock
 from strainsight.mesh.unjoined import component_labels
 
 ALONG = np.array([-1.0, 1.0, 0.0])
-"""ξ of the nodes: end A, end B and the one between."""
+"""ξ of the nodes: end A, end B and the middle node."""
 
 
 def beam_shape(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """N (q, 3) and ∂N/∂ξ (q, 3) of the nodes A, B and between, at ξ (q,)."""
+    """N (q, 3) and ∂N/∂ξ (q, 3) of the nodes A, B and the middle node, at ξ (q,)."""
     N = np.stack([xi * (xi - 1) / 2, xi * (xi + 1) / 2, 1 - xi**2], axis=-1)
     return N, np.stack([xi - 0.5, xi + 0.5, -2 * xi], axis=-1)
 
 
 def axes_along(position: np.ndarray, axes: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axes (e, q, 3, 3) of beams at ξ (q,), one in a column, and ∂s/∂ξ (e, q) [m]: x along the beam, z across it and across y of
-    the beam as a whole.
+    """Axes (e, q, 3, 3) of beams at ξ (q,), one in a column, and ∂s/∂ξ (e, q) [m].
+
+    x is along the beam, z perpendicular to it and to y of the beam axes.
 
     position (e, 3, 3) [m] of the beam at its nodes; axes (e, 3, 3), x from end A to end B.
     """
@@ -42,12 +43,12 @@ SIDES = ((0, 1), (1, 1), (0, -1), (1, -1))
 
 
 def with_sides(mesh: Mesh) -> Mesh:
-    """The mesh with four nodes on each of the four sides of every beam, behind its other nodes, as arms of its ends; with eight,
-    those in the middle of its length as arms of the node there, where it has one.
+    """The mesh with four nodes on each of the four sides of every beam, after its other nodes, as arms of its ends; with eight,
+    including those at mid-length as arms of the middle node, if it has one.
 
-    The sides are those of the box about the points of its section where strain is asked for (C to F of a PBAR); without such
-    points that of a square with its area. Rods, and beams that do not hand on all motions of their ends, have none, and a
-    section that is open there, as between the flanges of an I, lacks that side.
+    The sides are those of the box about the stress recovery points of its section (C to F of a PBAR); without such points, of a
+    square with its area. Rods, and beams with released ends, have no sides; sections that are open on a side, such as
+    between the flanges of an I, lack that side.
     """
     if any(len(block.on_sides) for block in mesh.beams):
         return mesh
@@ -55,15 +56,15 @@ def with_sides(mesh: Mesh) -> Mesh:
     for block in mesh.beams:
         count = 8 if block.nodes.shape[1] == 3 else 4
         on_sides = np.full((len(block.ids), len(SIDES), count), -1, dtype=np.int64)
-        own = np.flatnonzero(~block.released.any(axis=(1, 2)) & (block.kind != "rod"))
-        if len(own):
-            x, nodes = _corners(mesh, block, own)
-            there = np.array([_ends(mesh, int(region))[0].sides for region in block.region[own]])
-            number = np.full((*there.shape, count), -1)
-            number[there] = start + np.arange(count * np.count_nonzero(there)).reshape(-1, count)
-            on_sides[own] = number
-            places.append(x[there].reshape(-1, 3))
-            references.append(nodes[there].ravel())
+        selected = np.flatnonzero(~block.released.any(axis=(1, 2)) & (block.kind != "rod"))
+        if len(selected):
+            x, nodes = _corners(mesh, block, selected)
+            has_side = np.array([_ends(mesh, int(region))[0].sides for region in block.region[selected]])
+            number = np.full((*has_side.shape, count), -1)
+            number[has_side] = start + np.arange(count * np.count_nonzero(has_side)).reshape(-1, count)
+            on_sides[selected] = number
+            places.append(x[has_side].reshape(-1, 3))
+            references.append(nodes[has_side].ravel())
             start += len(places[-1])
         blocks.append(replace(block, on_sides=on_sides))
     if not places:
@@ -72,7 +73,7 @@ def with_sides(mesh: Mesh) -> Mesh:
 
 
 def _with_arms(mesh: Mesh, reference: np.ndarray, position: np.ndarray) -> Mesh:
-    """The mesh with more nodes at its end, at positions (a, 3) [m], that follow nodes (a,) as rigid arms."""
+    """The mesh with additional nodes at its end, at positions (a, 3) [m], that follow nodes (a,) as rigid arms."""
     arms = np.column_stack([len(mesh.position) + np.arange(len(reference)), reference])
     return replace(
         mesh,
@@ -82,18 +83,25 @@ def _with_arms(mesh: Mesh, reference: np.ndarray, position: np.ndarray) -> Mesh:
     )
 
 
-def _corners(mesh: Mesh, block: BeamBlock, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (e, 4, 4 or 8, 3) of the nodes of the sides, seen from outside, and the nodes (e, 4, 4 or 8) that they follow."""
+def _corners(mesh: Mesh, block: BeamBlock, selected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (e, 4, 4 or 8, 3) of the nodes of the sides, seen from outside, and the nodes (e, 4, 4 or 8) that they follow."""
     boxes = np.array(
-        [[_box(end) for end in _ends(mesh, int(region))] for region in block.region[own]]
+        [[_box(end) for end in _ends(mesh, int(region))] for region in block.region[selected]]
     )  # e, end, axis, 2
     k = block.nodes.shape[1]
-    line = mesh.position[block.nodes[own]] + block.offset[own]
-    axes = np.repeat(block.axes[own][:, None], k, axis=1) if k == 2 else axes_along(line, block.axes[own], ALONG)[0]
-    # of the node between its ends too
+    line = mesh.position[block.nodes[selected]] + block.offset[selected]
+    axes = (
+        np.repeat(block.axes[selected][:, None], k, axis=1)
+        if k == 2
+        else axes_along(line, block.axes[selected], ALONG)[0]
+    )
+    # including the middle node
     boxes = np.concatenate([boxes, boxes.mean(axis=1, keepdims=True)], axis=1)[:, :k]
     count = 4 if k == 2 else 8
-    x, nodes = np.empty((len(own), len(SIDES), count, 3)), np.empty((len(own), len(SIDES), count), dtype=np.int64)
+    x, nodes = (
+        np.empty((len(selected), len(SIDES), count, 3)),
+        np.empty((len(selected), len(SIDES), count), dtype=np.int64),
+    )
     for side, (axis, sign) in enumerate(SIDES):
         other = 1 - axis
         for corner, (at, share) in enumerate(around(axis, sign)[:count]):
@@ -101,13 +109,13 @@ def _corners(mesh: Mesh, block: BeamBlock, own: np.ndarray) -> tuple[np.ndarray,
             along = (1 - share) * boxes[:, at, other, 0] + share * boxes[:, at, other, 1]
             across = out[:, None] * axes[:, at, :, 1 + axis] + along[:, None] * axes[:, at, :, 1 + other]
             x[:, side, corner] = line[:, at] + across
-            nodes[:, side, corner] = block.nodes[own, at]
+            nodes[:, side, corner] = block.nodes[selected, at]
     return x, nodes
 
 
 def around(axis: int, sign: int) -> list[tuple[int, float]]:
-    """Of the eight nodes of a side, corners first, so that its normal points away from the beam: which node of the beam each
-    follows, end A, end B or the one between, and its place across from 0 to 1."""
+    """For the eight nodes of a side, corners first, with an outward normal: the node of the beam that each follows, end A, end B
+    or the middle one, and its transverse position from 0 to 1."""
     turn = -sign if axis == 0 else sign
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)] if turn > 0 else [(0, 0), (0, 1), (1, 1), (1, 0)]
     after = [*corners[1:], corners[0]]
@@ -122,7 +130,7 @@ def _ends(mesh: Mesh, region: int) -> tuple[BeamSection, BeamSection]:
 
 
 def _box(section: BeamSection) -> np.ndarray:
-    """Least and largest y, and z (2, 2) [m]."""
+    """Bounds of y, and of z (2, 2) [m]."""
     half = 0.5 * np.sqrt(section.area)
     points = section.points
     if not (len(points) and (np.ptp(points, axis=0) > 0).all()):
@@ -131,8 +139,7 @@ def _box(section: BeamSection) -> np.ndarray:
 
 
 def normals_at_nodes(kind: Kind, position: FloatArray) -> FloatArray:
-    """Unit normals (e, k, 3) at the nodes of facets of one kind, x,ξ × x,η, not a number where that is zero; position
-    (e, k, 3) [m]."""
+    """Unit normals (e, k, 3) at the nodes of facets of one kind, x,ξ × x,η, NaN where that is zero; position (e, k, 3) [m]."""
     x_a = np.matmul(kind.gradient(kind.nodes).swapaxes(1, 2), position[:, None])
     normal = np.cross(x_a[:, :, 0], x_a[:, :, 1])
     length = np.linalg.norm(normal, axis=2)[:, :, None]
@@ -140,38 +147,38 @@ def normals_at_nodes(kind: Kind, position: FloatArray) -> FloatArray:
 
 
 SMOOTH = np.cos(np.deg2rad(20.0))
-"""Of the angle between normals of shells that share a face around their node; beyond it the shell is folded there."""
-ALIKE = 1e-6
-"""Of the thickness: heights of a face that are the same."""
+"""Cosine of the largest angle between normals of shells with a common face at a node; at larger angles the shell is folded."""
+SAME_HEIGHT = 1e-6
+"""Largest difference of equal heights of a face, as a share of the thickness."""
 
 
 def with_faces(mesh: Mesh) -> Mesh:
-    """The mesh with nodes on the faces of its shells, behind its own nodes, as arms of these:
+    """The mesh with nodes on the faces of its shells, after its other nodes, as arms of these:
 
         x± = x + h± n,     h± = offset ± t/2,     u± = u + θ × h± n
 
-    n is the mean normal of the shells around the node that go on smoothly into each other, whichever side each takes for its
-    upper one, with faces at the same height; where they do not, each has nodes of its own. What a gauge reads of u± on
-    such a face is the strain of the shell at that height, membrane and bending.
+    n is the mean normal of the shells around the node that are smoothly connected, with either orientation, and whose faces have
+    the same height; otherwise each shell has separate face nodes. The strain of u± on such a face is the strain of the
+    shell at that height, membrane and bending.
     """
     if not mesh.shells or len(mesh.arms):
         return mesh
     node, normal, low, high = (
-        np.concatenate(parts) for parts in zip(*(_around(mesh, b) for b in mesh.shells), strict=True)
+        np.concatenate(parts) for parts in zip(*(_faces_at_nodes(mesh, b) for b in mesh.shells), strict=True)
     )
-    group, side = _smooth(node, normal, low, high)
+    group, side = _smooth_groups(node, normal, low, high)
     count = int(group.max()) + 1
     first = np.unique(group, return_index=True)[1]
     director = np.zeros((count, 3))
     np.add.at(director, group, side[:, None] * normal)
     director /= np.linalg.norm(director, axis=1)[:, None]
-    # heights along the director of the group: those of its first corner, whose side is its own
+    # heights along the director of the group: those of its first corner
     heights = np.stack([high[first], low[first]], axis=1)
-    own = len(mesh.position)
+    node_count = len(mesh.position)
     reference = np.repeat(node[first], 2)
     place = mesh.position[reference] + (heights[:, :, None] * director[:, None]).reshape(-1, 3)
-    above = own + 2 * group + (side < 0)
-    below = own + 2 * group + (side > 0)
+    above = node_count + 2 * group + (side < 0)
+    below = node_count + 2 * group + (side > 0)
     shells, start = [], 0
     for block in mesh.shells:
         cut = slice(start, start + block.nodes.size)
@@ -181,8 +188,8 @@ def with_faces(mesh: Mesh) -> Mesh:
     return replace(_with_arms(mesh, reference, place), shells=tuple(shells))
 
 
-def _around(mesh: Mesh, block: ShellBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of every node of the shells (e k,): its index, the normal of the shell there (, 3), the heights of both its faces."""
+def _faces_at_nodes(mesh: Mesh, block: ShellBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """For every node of the shells (e k,): its index, the normal of the shell there (, 3), the heights of both faces."""
     k = block.nodes.shape[1]
     kind = facet_of(block.kind)
     normal = normals_at_nodes(kind, mesh.position[block.nodes])
@@ -197,9 +204,11 @@ def _thickness(mesh: Mesh, region: int) -> float:
     return section.thickness
 
 
-def _smooth(node: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners and mid-sides (c,) → group of those around one node that go on smoothly into each other, and ±1: whether the
-    normal of each is that of the first of its group or against it."""
+def _smooth_groups(
+    node: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners and mid-sides (c,) → group of smoothly connected ones around a node, and ±1: whether the normal of each is that of
+    the first of its group or its opposite."""
     order = np.argsort(node, kind="stable")
     start = np.flatnonzero(np.diff(node[order], prepend=-1))
     size = np.diff(np.append(start, len(order)))
@@ -211,12 +220,12 @@ def _smooth(node: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndar
         b.append(members[:, j].ravel())
     first, second = np.concatenate(a), np.concatenate(b)
     same = np.sum(normal[first] * normal[second], axis=1)
-    turned = same < 0
-    other_low = np.where(turned, -high[second], low[second])
-    other_high = np.where(turned, -low[second], high[second])
-    near = ALIKE * (high - low)[first]
-    alike = (np.abs(other_low - low[first]) < near) & (np.abs(other_high - high[first]) < near)
-    joined = (np.abs(same) > SMOOTH) & alike
+    is_opposite = same < 0
+    other_low = np.where(is_opposite, -high[second], low[second])
+    other_high = np.where(is_opposite, -low[second], high[second])
+    near = SAME_HEIGHT * (high - low)[first]
+    same_height = (np.abs(other_low - low[first]) < near) & (np.abs(other_high - high[first]) < near)
+    joined = (np.abs(same) > SMOOTH) & same_height
     group = component_labels(len(node), first[joined], second[joined])
     lead = np.unique(group, return_index=True)[1][group]
     return group, np.where(np.sum(normal * normal[lead], axis=1) < 0, -1.0, 1.0)

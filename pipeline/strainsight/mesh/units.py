@@ -1,4 +1,4 @@
-"""Units of a deck, their conversion to SI, and a structure of another size; the unit of time is always the second."""
+"""Units of a deck, their conversion to SI, and scaling of a structure; the unit of time is always the second."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _factor(unit: str, table: Mapping[str, float], key: str) -> float:
     raise UserError(
         f"unknown unit {unit!r}",
         key=key,
-        remedy=(f"did you mean {close[0]!r}? " if close else "") + f"known units: {', '.join(table)}",
+        remedy=(f"Did you mean {close[0]!r}? " if close else "") + f"Known units: {', '.join(table)}.",
     )
 
 
@@ -76,20 +76,20 @@ POWERS: Mapping[str, tuple[int, int, int]] = {
     "N": (2, 0, 1),
     "N m": (3, 0, 1),
 }
-"""Unit of a `Column` → powers of length, mass and pressure; N/m is pressure times length; seconds stay."""
+"""Unit of a `Column` → powers of length, mass and pressure; N/m is pressure times length; seconds are unchanged."""
 PHYSICAL = (
     *("materials", "laminae", "anisotropic", "orientations", "composites", "sections"),
     *("shells", "beams", "relations", "point_masses", "springs"),
 )
-"""Fields of a mesh that hold quantities."""
+"""Fields of a mesh with physical quantities."""
 T = TypeVar("T")
 
 
 def rescaled(value: T, length: float = 1.0, mass: float = 1.0, pressure: float = 1.0) -> T:
-    """A part of a mesh, or a tuple or mapping of such, whose quantities are multiplied by the factors of their units (`Column`).
+    """Multiply the quantities of a part of a mesh, or of a tuple or mapping of parts, by the factors of their units (`Column`).
 
-    A relation Σ c u + Σ d θ = 0 has u' = L u and θ' = θ: d becomes L d, and so does what a rotation stretches a spring by. A mass
-    matrix on translations and rotations becomes [M, M L; M L, M L²]. Ratios, angles and directions stay.
+    A relation Σ c u + Σ d θ = 0 has u' = L u and θ' = θ. So d becomes L d, and so does the elongation of a spring by a rotation.
+    A mass matrix on translations and rotations becomes [M, M L; M L, M L²]. Ratios, angles and directions are unchanged.
     """
 
     def factor(unit: str) -> float:
@@ -127,15 +127,15 @@ def rescaled(value: T, length: float = 1.0, mass: float = 1.0, pressure: float =
 
 
 def _rescaled_mesh(mesh: Mesh, length: float, mass: float, pressure: float) -> Mesh:
-    """All but its loads."""
+    """The mesh without its loads, rescaled."""
     parts: dict[str, Any] = {name: rescaled(getattr(mesh, name), length, mass, pressure) for name in PHYSICAL}
     return replace(mesh, position=length * mesh.position, **parts)
 
 
 def scaled(mesh: Mesh, s: float) -> Mesh:
-    """The structure s times as large, of the same material: x → s x, sections too, point masses m → s³ m, their inertia → s⁵.
+    """The structure scaled by s, of the same material: x → s x, sections too, point masses m → s³ m, their inertia → s⁵.
 
-    Stiffness grows with s, that of springs too, mass with s³, frequencies fall with 1/s. Forces of the file stay as they are.
+    Stiffness, also of springs, grows with s, mass with s³, frequencies fall with 1/s. Forces of the file are unchanged.
     """
     return mesh if s == 1.0 else _rescaled_mesh(mesh, s, s**3, 1.0)
 
@@ -145,7 +145,7 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
 
         x [L],   m [M],   E [M/(L s²)],   ρ [M/L³],   I [M L²],   f [M L/s²],   moments [M L²/s²],   a [L/s²],   k [M/s², M L²/s²]
 
-    So millimetres go with tonnes where moduli are in MPa. Weights of averaging elements are ratios and stay.
+    So millimetres require tonnes if moduli are in MPa. Weights of averaging elements are ratios and unchanged.
     Raises UserError for an unknown unit.
     """
     L, M = length_factor(length_unit), mass_factor(mass_unit)
@@ -166,15 +166,15 @@ SOLIDS = (
     ("tungsten", (3.3e11, 4.3e11), (1.7e4, 1.95e4), 1e6),
     ("concrete", (2e10, 5e10), (2350.0, 2550.0), 1e5),
 )
-"""Stiff solids: ranges of Young's modulus [Pa] and density [kg/m³], and E/ρ [m²/s²] below which no material of that density lies:
-lead has 1.4e6, warm asphalt 1.2e5."""
+"""Stiff solids: ranges of Young's modulus [Pa] and density [kg/m³], and a lower bound of E/ρ [m²/s²] for materials of that
+density: lead has 1.4e6, warm asphalt 1.2e5."""
 PLIES = (
     ("a ply of carbon fibre", (1.1e11, 3e11), (1450.0, 1700.0), 3e5),
     ("a ply of glass fibre", (3.5e10, 5.5e10), (1800.0, 2200.0), 5e4),
 )
 """The same along the fibres."""
 STIFFEST = 1e8
-"""E/ρ [m²/s²] that only fibres and ceramics exceed, of steel and aluminium 2.7e7."""
+"""E/ρ [m²/s²] that only fibres and ceramics exceed; steel and aluminium have 2.7e7."""
 
 PRESSURES = {
     "Pa": 1.0,
@@ -206,7 +206,7 @@ DENSITIES = {
 
 
 def usual_units(E: float, rho: float) -> tuple[str, str] | None:
-    """Units of length and mass that make a structural material of E and ρ as a deck has them, the most usual first."""
+    """Units of length and mass in which E and ρ of a deck are those of a structural material, the most common first."""
     for length, mass in USUAL_UNITS:
         L, M = length_factor(length), mass_factor(mass)
         fits = _within(rho * M / L**3, LIKELY_DENSITY) or rho == 0
@@ -216,47 +216,48 @@ def usual_units(E: float, rho: float) -> tuple[str, str] | None:
 
 
 def likely_units(E: float, rho: float, length_unit: str, mass_unit: str) -> str:
-    """Which units would make a structural material of E [Pa] and ρ [kg/m³], in words; they come from a deck in these units."""
+    """Advice on the units of a structural material with E [Pa] and ρ [kg/m³], from a deck in the units given."""
     L, M = length_factor(length_unit), mass_factor(mass_unit)
     e, r = E * L / M, rho * L**3 / M
     if words := mixed_units(E, rho, length_unit, mass_unit):
         return words
     if units := usual_units(e, r):
         l, m = length_factor(units[0]), mass_factor(units[1])
-        in_words = f"with mesh.length_unit {units[0]} and mesh.mass_unit {units[1]}"
-        return f"{in_words} it is {e * m / l:.4g} Pa and {r * m / l**3:.4g} kg/m³"
+        in_words = f"With mesh.length_unit {units[0]} and mesh.mass_unit {units[1]}"
+        return f"{in_words} it would be {e * m / l:.4g} Pa and {r * m / l**3:.4g} kg/m³."
     for (name, modulus, density, _), (p, pascals), (d, densities) in product(
         SOLIDS, PRESSURES.items(), DENSITIES.items()
     ):
         if _within(e * pascals, modulus) and _within(r * densities, density):
-            both = f"{e:.4g} looks like {p} and {r:.4g} like {d} ({name})"
-            return f"{both}: state both in mesh.length_unit, mesh.mass_unit and s"
-    return "check mesh.mass_unit and mesh.length_unit"
+            both = f"{e:.4g} appears to be in {p} and {r:.4g} in {d} ({name})"
+            return f"{both}. Use mesh.length_unit, mesh.mass_unit and s for both."
+    return "Check mesh.mass_unit and mesh.length_unit."
 
 
 def mixed_units(E: float, rho: float, length_unit: str, mass_unit: str, ply: bool = False) -> str:
-    """What a deck in these units states in another unit, in words: its modulus where the density E [Pa], ρ [kg/m³] is that of a
-    solid and the modulus is not, or its density where the modulus is. Empty for any other material."""
+    """Message about a modulus or density of a deck that is in another unit; empty for consistent or unknown materials.
+
+    The modulus E [Pa] is questioned if the density ρ [kg/m³] is that of a solid, and vice versa."""
     L, M = length_factor(length_unit), mass_factor(mass_unit)
     e, r = E * L / M, rho * L**3 / M
     solids = SOLIDS + PLIES * ply
     if any(_within(E, modulus) and _within(rho, density) for _, modulus, density, _ in solids):
         return ""
     odd = STIFFEST * rho < E or rho > LIKELY_DENSITY[1]
-    here = f"in {length_unit}, {mass_unit} and s it is"
+    here = f"In {length_unit}, {mass_unit} and s it is"
     for name, modulus, density, least in solids:
         for unit, factor in PRESSURES.items() if _within(rho, density) and least * rho > E else ():
             if not _within(meant := e * factor, modulus):
                 continue
             in_ms = " with time in ms" if length_unit == "mm" and _same(M / L / factor, 1e-6) else ""
-            words = f"{e:.4g} looks like {unit}{in_ms} ({name}, {meant:.3g} Pa): {here} {meant * L / M:.4g}"
+            words = f"{e:.4g} appears to be in {unit}{in_ms} ({name}, {meant:.3g} Pa). {here} {meant * L / M:.4g}"
             for other, mass in MASS.items():
                 if _same(mass, factor * L):
-                    return f"{words}; or give the density as {rho * L**3 / mass:.4g} with mesh.mass_unit {other}"
-            return words
+                    return f"{words}. Otherwise set mesh.mass_unit {other} with the density {rho * L**3 / mass:.4g}."
+            return f"{words}."
         for unit, factor in DENSITIES.items() if _within(E, modulus) and odd else ():
             if _within(meant := r * factor, density):
-                return f"{r:.4g} looks like {unit} ({name}): {here} {meant * L**3 / M:.4g}"
+                return f"{r:.4g} appears to be in {unit} ({name}). {here} {meant * L**3 / M:.4g}."
     return ""
 
 

@@ -1,4 +1,4 @@
-"""Nodes of elements that lie in one place and that nothing joins: parts that touch, and hand on no load."""
+"""Coincident nodes and elements that nothing connects, and connected parts of a mesh."""
 
 from __future__ import annotations
 
@@ -17,27 +17,29 @@ from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
 from strainsight.mesh.thin import ShellBlock
 
 APART = 1e-3
-"""Of the shortest side of the elements there: nodes nearer than this are in one place."""
+"""Largest distance of coincident nodes, as a share of the shortest side of the elements there."""
 
 
 class Joints:
-    """What joins nodes of a mesh beside its elements: rigid elements, relations and springs join all that they name, also one
-    through another; an averaging element its reference and each of the others, and not these among each other; and the ground all
-    nodes that it holds in three translations. edges (e, 2): all of these but the ground's."""
+    """Joints between nodes of a mesh in addition to elements. Rigid elements, relations and springs connect all their nodes, also
+    through each other; an averaging element connects its reference to each other node, but not these to each other; the ground
+    connects all nodes with three clamped translations. edges (e, 2): all joints except those of the ground."""
 
     def __init__(self, mesh: Mesh):
         n = len(mesh.position)
         edges = [np.zeros((0, 2), dtype=np.int64)]
         edges += [np.column_stack([np.full(len(e.nodes), e.reference), e.nodes]) for e in mesh.rigid]
-        edges += [np.column_stack([np.full(len(own.node), own.node[0]), own.node]) for own in mesh.relations]
-        for own in mesh.springs:
-            first = np.full(len(own.stiffness), -1)
-            first[own.spring[::-1]] = own.node[::-1]
-            edges.append(np.column_stack([first[own.spring], own.node]))
-        components, held = mesh.fixed.reshape(-1, 2)[:, 1], mesh.fixed.reshape(-1, 2)[:, 0]
+        edges += [np.column_stack([np.full(len(tie.node), tie.node[0]), tie.node]) for tie in mesh.relations]
+        for spring in mesh.springs:
+            first = np.full(len(spring.stiffness), -1)
+            first[spring.spring[::-1]] = spring.node[::-1]
+            edges.append(np.column_stack([first[spring.spring], spring.node]))
+        components, clamped = mesh.fixed.reshape(-1, 2)[:, 1], mesh.fixed.reshape(-1, 2)[:, 0]
         averaged = [np.column_stack([np.full(len(e.nodes), e.reference), e.nodes]) for e in mesh.averaging]
         self.edges: IntArray = np.concatenate([*edges, *averaged])
-        ground = np.flatnonzero(np.bincount(np.unique(held[components < 3] * 3 + components[components < 3]) // 3) == 3)
+        ground = np.flatnonzero(
+            np.bincount(np.unique(clamped[components < 3] * 3 + components[components < 3]) // 3) == 3
+        )
         edges.append(np.column_stack([np.repeat(ground[:1], len(ground)), ground]))
         a, b = np.concatenate(edges).T
         self._group = component_labels(n, a, b)
@@ -45,43 +47,43 @@ class Joints:
         self._n, self._averaged = n, np.unique(pairs @ [n, 1])
 
     def between(self, a: IntArray, b: IntArray) -> NDArray[np.bool_]:
-        """Whether nodes a and b, arrays of one shape, are joined."""
+        """Whether nodes a and b, arrays of equal shape, are connected."""
         direct = np.isin(np.minimum(a, b) * self._n + np.maximum(a, b), self._averaged)
         return np.asarray((self._group[a] == self._group[b]) | direct)
 
 
 class Coincident:
-    """pairs (p, 2) of nodes (index) of elements in one place that nothing joins, the lower index first, no two of one element;
-    distance (p,) [m]; place (n,): the first of the nodes that are in one place with each, whatever joins them; side (n,) [m] of
+    """pairs (p, 2) of coincident nodes (index) of elements without connection, the lower index first, no two of one element;
+    distance (p,) [m]; place (n,): the first of the nodes that coincide with each, connected or not; side (n,) [m] of
     `shortest_sides`."""
 
     def __init__(self, mesh: Mesh, joints: Joints):
         nodes = mesh.nodes_of_elements
         self.side = side = shortest_sides(mesh)
-        found = np.zeros((0, 2), dtype=np.int64)
+        pairs = np.zeros((0, 2), dtype=np.int64)
         if len(nodes):
             widest = APART * side[nodes].max()
-            found = np.sort(nodes[cKDTree(mesh.position[nodes]).query_pairs(widest, output_type="ndarray")], axis=1)
-        apart = np.linalg.norm(mesh.position[found[:, 0]] - mesh.position[found[:, 1]], axis=1)
-        near = apart <= APART * side[found].min(axis=1)
-        found, apart = found[near], apart[near]
-        group = component_labels(len(mesh.position), *found.T)
+            pairs = np.sort(nodes[cKDTree(mesh.position[nodes]).query_pairs(widest, output_type="ndarray")], axis=1)
+        distance = np.linalg.norm(mesh.position[pairs[:, 0]] - mesh.position[pairs[:, 1]], axis=1)
+        near = distance <= APART * side[pairs].min(axis=1)
+        pairs, distance = pairs[near], distance[near]
+        group = component_labels(len(mesh.position), *pairs.T)
         self.place = np.unique(group, return_index=True)[1][group]
-        loose = ~joints.between(*found.T)
-        order = np.lexsort(found[loose].T[::-1])
-        self.pairs: IntArray = found[loose][order]
-        self.distance: FloatArray = apart[loose][order]
+        loose = ~joints.between(*pairs.T)
+        order = np.lexsort(pairs[loose].T[::-1])
+        self.pairs: IntArray = pairs[loose][order]
+        self.distance: FloatArray = distance[loose][order]
 
     @cached_property
     def unjoined(self) -> IntArray:
-        """Nodes in one place with another that nothing joins them to, ascending."""
+        """Nodes that coincide with another without connection, ascending."""
         return np.unique(self.pairs)
 
 
 @dataclass(frozen=True)
 class Doubled:
-    """Elements of a kind, count of them, that lie in one place with another: ids of the first two; whether ties or elements lead
-    from each to the other, joined, or from none of them, not joined."""
+    """Coincident elements of a kind: their count, ids of the first two; joined: whether ties or elements connect their parts
+    elsewhere."""
 
     kind: str
     first: int
@@ -91,11 +93,11 @@ class Doubled:
 
 
 def doubled(mesh: Mesh, joints: Joints, coincident: Coincident) -> Iterator[Doubled]:
-    """Solids and shells that lie in one place with another of their kind, all their nodes on unjoined ones of it; first those
-    whose parts nothing joins anywhere, then the others. Shells whose middles are offset against each other are two layers."""
+    """Solids and shells that coincide with another of their kind, with all nodes unconnected to those of the other. First pairs
+    whose parts are not connected anywhere, then the others. Shells with different offsets of their middles are two layers."""
     alone = np.zeros(len(mesh.position), dtype=bool)
     alone[coincident.unjoined] = True
-    found: list[tuple[str, IntArray, IntArray]] = []
+    candidates: list[tuple[str, IntArray, IntArray]] = []
     blocks: tuple[CellBlock | ShellBlock, ...] = (*mesh.blocks, *mesh.shells)
     for block in blocks:
         likely = np.flatnonzero(alone[block.nodes].all(axis=1))
@@ -108,18 +110,18 @@ def doubled(mesh: Mesh, joints: Joints, coincident: Coincident) -> Iterator[Doub
             a, b = a[level], b[level]
         if len(a):
             nodes = np.column_stack([block.nodes[a, 0], block.nodes[b, 0]])
-            found.append((block.kind, np.sort(np.column_stack([block.ids[a], block.ids[b]]), axis=1), nodes))
-    part = joined_parts(mesh, joints) if found else np.zeros(0, dtype=np.int64)
+            candidates.append((block.kind, np.sort(np.column_stack([block.ids[a], block.ids[b]]), axis=1), nodes))
+    part = joined_parts(mesh, joints) if candidates else np.zeros(0, dtype=np.int64)
     for joined in (False, True):
-        for kind, ids, nodes in found:
-            own = ids[(part[nodes[:, 0]] == part[nodes[:, 1]]) == joined]
-            if len(own):
-                first, second = own[np.argmin(own[:, 0])].tolist()
-                yield Doubled(kind, first, second, len(own), joined)
+        for kind, ids, nodes in candidates:
+            pairs = ids[(part[nodes[:, 0]] == part[nodes[:, 1]]) == joined]
+            if len(pairs):
+                first, second = pairs[np.argmin(pairs[:, 0])].tolist()
+                yield Doubled(kind, first, second, len(pairs), joined)
 
 
 def joined_parts(mesh: Mesh, joints: Joints) -> IntArray:
-    """(n,): a number of the part of each node, all that elements and ties lead to from it; the ground is none."""
+    """(n,): number of the part of each node, connected through elements and ties, but not through the ground."""
     links = [joints.edges]
     for nodes, _ in _corners(mesh):
         links.append(np.column_stack([np.repeat(nodes[:, 0], nodes.shape[1]), nodes.ravel()]))
@@ -127,20 +129,20 @@ def joined_parts(mesh: Mesh, joints: Joints) -> IntArray:
 
 
 def shortest_sides(mesh: Mesh) -> FloatArray:
-    """(n,) [m]: the shortest distance between two corners of the elements of each node, infinite outside of them."""
-    found = np.full(len(mesh.position), np.inf)
+    """(n,) [m]: the shortest distance between two corners of the elements of each node, infinite outside of elements."""
+    result = np.full(len(mesh.position), np.inf)
     for nodes, corners in _corners(mesh):
         x = mesh.position[corners]
         least = np.full(len(nodes), np.inf)
         for k in range(1, corners.shape[1]):
-            apart = np.linalg.norm(x[:, k:] - x[:, :-k], axis=2)
-            least = np.minimum(least, np.where(apart > 0, apart, np.inf).min(axis=1))
-        np.minimum.at(found, nodes, np.broadcast_to(least[:, None], nodes.shape))
-    return found
+            distance = np.linalg.norm(x[:, k:] - x[:, :-k], axis=2)
+            least = np.minimum(least, np.where(distance > 0, distance, np.inf).min(axis=1))
+        np.minimum.at(result, nodes, np.broadcast_to(least[:, None], nodes.shape))
+    return result
 
 
 def _corners(mesh: Mesh) -> Iterator[tuple[IntArray, IntArray]]:
-    """All nodes and the corners of the elements, by blocks."""
+    """All nodes, and the corner nodes, of the elements by block."""
     for block in mesh.blocks:
         yield block.nodes, block.nodes[:, : kind_of(block.kind).corners]
     for shell in mesh.shells:

@@ -1,4 +1,4 @@
-"""Grids as VTKHDF, which ParaView and PyVista read: arrays and attributes only, to be written by whoever owns the file.
+"""Grids as VTKHDF for ParaView and PyVista: arrays and attributes, to be written by the owner of the file.
 
 Format: VTKHDF 2.2 UnstructuredGrid (docs.vtk.org, "VTKHDF format specification").
 """
@@ -25,7 +25,7 @@ VTK_TYPE = {"vertex": 1, "line": 3, "beam": 3, "rod": 3, "beam3": 21} | {
 
 @dataclass(frozen=True)
 class VtkHdf:
-    """What stands under /VTKHDF: datasets path → array; attributes group path ("" is /VTKHDF itself) → name → value."""
+    """Content of /VTKHDF: datasets path → array; attributes group path ("" is /VTKHDF itself) → name → value."""
 
     datasets: dict[str, NDArray[Any]]
     attributes: dict[str, dict[str, Any]]
@@ -40,9 +40,9 @@ def unstructured_grid(
 ) -> VtkHdf:
     """A grid with data on points and cells, and steps (times, or frequencies of mode shapes).
 
-    position (n, 3) [m]; blocks one after the other are the m cells; data (n,) or (n, c), and (m,) or (m, c).
-    steps (T,): data whose first axes are (T, n) or (T, m) change with the step, the others do not. Steps stand on
-    ParaView's time axis, so equal ones are set apart by the smallest possible amount.
+    position (n, 3) [m]; blocks in order are the m cells; data (n,) or (n, c), and (m,) or (m, c).
+    steps (T,): data whose first axes are (T, n) or (T, m) change with the step, others do not. Steps are shown on the time
+    axis of ParaView, so equal ones are separated by the smallest possible amount.
     Raises ValueError for data of another length.
     """
     points = np.asarray(position, dtype=np.float64).reshape(-1, 3)
@@ -76,21 +76,21 @@ def unstructured_grid(
 
 
 def facet_cells(facets: Facets, corner: IntArray | None = None) -> tuple[IntArray, tuple[CellBlock, ...], IntArray]:
-    """A surface as a grid of its own, without the points inside the solid.
+    """A surface as a separate grid, without the points inside the solid.
 
-    corner (f, 8): other numbers for the facets' nodes (as of `StrainRows`), padded with −1. Returns the numbers that occur
-    (s,), ascending: what stands on points goes through them; the facets as cells, kind by kind, with the ids of their
-    elements, on points 0 … s − 1; and the facets' order (f,) there: what stands on facets goes through it.
+    corner (f, 8): alternative point numbers of the facets, padded with −1. Returns the numbers that occur (s,), ascending, to
+    select point data; the facets as cells, kind by kind, with the ids of their elements, on points 0 … s − 1; and the order
+    (f,) of the facets, to select cell data.
     """
     nodes = facets.nodes if corner is None else corner
     used = np.unique(nodes[nodes >= 0])
     order = np.argsort(facets.kind, kind="stable")
     blocks = []
     for code in np.unique(facets.kind):
-        own = np.flatnonzero(facets.kind == code)
-        count = int(np.sum(nodes[own[0]] >= 0))
-        local = np.searchsorted(used, nodes[own, :count])
-        blocks.append(CellBlock(FACETS[code].name, facets.element_id[own], local, facets.region[own]))
+        rows = np.flatnonzero(facets.kind == code)
+        count = int(np.sum(nodes[rows[0]] >= 0))
+        local = np.searchsorted(used, nodes[rows, :count])
+        blocks.append(CellBlock(FACETS[code].name, facets.element_id[rows], local, facets.region[rows]))
     return used, tuple(blocks), order
 
 
@@ -113,7 +113,7 @@ def _steps(values: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
 def _stepped(
     group: str, name: str, array: NDArray[Any], length: int, values: NDArray[np.float64] | None
 ) -> tuple[NDArray[Any], NDArray[np.int64] | None]:
-    """Data as the file holds it (steps one after the other) and where each step begins."""
+    """Data with consecutive steps, as in the file, and the offset of each step."""
     if values is not None and array.ndim > 1 and array.shape[:2] == (len(values), length):
         return array.reshape(-1, *array.shape[2:]), np.arange(len(values), dtype=np.int64) * length
     if array.ndim == 0 or array.shape[0] != length:

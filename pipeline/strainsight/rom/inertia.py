@@ -1,4 +1,4 @@
-"""The inertia of a deformable body in its floating frame: integrals that do not change with its motion."""
+"""Inertia invariants of a deformable body in its floating frame."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from strainsight.mesh.model import Mesh
 
 @dataclass(frozen=True)
 class InertiaInvariants:
-    """Integrals over the undeformed body of a point's place x and of its shapes Φ(x) (3, n), column k φ_k, in the floating
-    frame: p = x + Φη."""
+    """Integrals over the undeformed body, of the position x of a point and of its shapes Φ(x) (3, n), column k φ_k, in the
+    floating frame: p = x + Φη."""
 
     mass: Annotated[float, Column("kg", "", "∫ρ")]
     first: Annotated[np.ndarray, Column("kg m", "3", "∫ρ x")]
@@ -34,16 +34,16 @@ class InertiaInvariants:
 
 
 def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaInvariants:
-    """All of them are entries of one Gram matrix of scalar fields, with the consistent mass of the elements:
+    """Entries of one Gram matrix of scalar fields, with the consistent mass of the elements:
 
         G = ∫ρ f fᵀ dV = FᵀmF,     f = (1, x, Φ),   m_ab = Σ_elements ρ ∫ N_a N_b dV,   F the values of f on the nodes
 
-    The shape functions hold 1, x and Φ, so nothing is lost beside the mass matrix of the model, and modal is ΦᵀMΦ. A
+    The shape functions contain 1, x and Φ, so the result agrees with the mass matrix of the model, and modal is ΦᵀMΦ. A
     point mass at c = x_i + d adds m_p f(c) f(c)ᵀ + ∇fᵀ(½ tr(J) I − J)∇f, with f(c) and ∇f of the rigid motion of its node.
 
-    model with the densities of its mesh; basis (n_free, n), columns k [m per unit of η_k]; the floating
-    frame has origin and axes of the basic ones. Clamped nodes count in m and x. Raises DeckError of `element_masses`,
-    for a body without mass, and for one with a mass matrix (CONM1).
+    model with the densities of its mesh; basis (n_free, n), columns k [m per unit of η_k]; origin and axes of the floating
+    frame are the basic ones. Clamped nodes count in m and x. Raises DeckError of `element_masses`, for a body without mass,
+    and for one with a mass matrix (CONM1).
     Source: Shabana, Dynamics of Multibody Systems, ch. 5; the fields are those of thesis (1.16).
     """
     mesh, n = model.mesh, basis.shape[1]
@@ -55,15 +55,15 @@ def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaI
     for point in mesh.point_masses:
         if point.matrix is not None:
             raise DeckError(
-                f"point mass {point.id} on node {mesh.node_ids[point.node]} is another mass along another axis, which no body "
-                "that moves freely has",
-                remedy="give it as a mass with offset and inertia (CONM2)",
+                f"point mass {point.id} on node {mesh.node_ids[point.node]} has different masses along different axes, "
+                "which a freely moving body cannot have",
+                remedy="Define it as a mass with offset and inertia (CONM2).",
                 entity=("node", int(mesh.node_ids[point.node])),
             )
         row = model.constraint.reference_rows.get(point.node)
-        G += _of_point(point, F[point.node], None if row is None else z[row : row + 3])
+        G += _point_mass_terms(point, F[point.node], None if row is None else z[row : row + 3])
     if not G[0, 0] > 0:
-        raise DeckError(f"the total mass is {G[0, 0]:g} kg", remedy="give the materials a density (RHO on MAT1)")
+        raise DeckError(f"the total mass is {G[0, 0]:g} kg", remedy="Specify a density of the materials (RHO on MAT1).")
     G = 0.5 * (G + G.T)
     with_place = G[1:4, 4:].reshape(3, 3, n)
     modal2 = G[4:, 4:].reshape(3, n, 3, n)
@@ -92,8 +92,8 @@ def scalar_mass(mesh: Mesh) -> sparse.csr_array:
     return sparse.csr_array(half + half.T)
 
 
-def _of_point(point: PointMass, f: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
-    """m_p f(c) f(c)ᵀ + ∇fᵀ(½ tr(J) I − J)∇f, f (1 + 3 + 3n,) at the node; rotation (3, n) of the node, None where it has none."""
+def _point_mass_terms(point: PointMass, f: np.ndarray, rotation: np.ndarray | None) -> np.ndarray:
+    """m_p f(c) f(c)ᵀ + ∇fᵀ(½ tr(J) I − J)∇f, f (1 + 3 + 3n,) at the node; rotation (3, n) of the node, None without rotations."""
     if rotation is None:
         return point.mass * np.outer(f, f)
     n = rotation.shape[1]

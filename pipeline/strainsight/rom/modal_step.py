@@ -1,4 +1,4 @@
-"""Steps and accelerations of the reduced model and their exact derivatives, other schemes, and its motion under tones."""
+"""Steps and accelerations of the reduced model with exact derivatives, other time schemes, and steady states."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from strainsight.rom.model import Damping, ReducedModel, divided_difference, mod
 HOLD = 3
 """Coefficients of the force within a step: g(τ) = g₀ + g₁(τ/h) + g₂(τ/h)²."""
 TERMS = 19
-"""Of the series of a φ function."""
+"""Number of terms of the series of a φ function."""
 Along = Literal["eigenvalue", "damping"]
-"""What a slope is in: λ, with c(λ); or ln c at fixed λ."""
+"""Variable of a derivative: λ, including c(λ); or ln c at fixed λ."""
 INVERSE = np.array([1 / math.factorial(i) for i in range(TERMS + HOLD + 1)])
-"""1/i!, i below TERMS + HOLD + 1, the highest φ function that a step takes."""
+"""1/i! for i below TERMS + HOLD + 1, the highest φ function of a step."""
 
 
 def oscillator_step(
@@ -32,13 +32,13 @@ def oscillator_step(
         ∂z/∂z₀ = ∂ż/∂ż₀ + c ∂z/∂ż₀,   ∂ż/∂z₀ = −λ ∂z/∂ż₀
 
     lam (...) [rad²/s²] > 0; h [s]. Returns T and dT, both (2, 2 + HOLD, ...).
-    Raises NumericalError at critical damping, where the two roots meet.
+    Raises NumericalError at critical damping, where the two roots coincide.
     Source: variation of constants; φ functions as in Hochbruck and Ostermann, Acta Numerica 19 (2010).
     """
     c, lam_slope, c_slope = slopes_along(lam, damping, along)
     half_gap = np.sqrt((0.25 * c * c - lam).astype(complex))
     if np.any(np.abs(half_gap) < 1e-6 * np.sqrt(lam)):
-        raise NumericalError("a mode is critically damped", remedy="change the damping slightly")
+        raise NumericalError("a mode is critically damped", remedy="Change the damping slightly.")
     roots = np.stack([-0.5 * c + half_gap, -0.5 * c - half_gap])
     gap = 2 * half_gap
     sign = np.array([1.0, -1.0]).reshape(2, *([1] * lam.ndim))
@@ -74,15 +74,15 @@ def oscillator_acceleration(
 
 
 def slopes_along(lam: np.ndarray, damping: Damping, along: Along) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """c(λ), and what λ and c change by along λ, or along ln c; each (...)."""
+    """c(λ), and the derivatives of λ and c by λ, or by ln c; each (...)."""
     c, slope = damping.viscous(lam)
     return (c, np.ones_like(lam), slope) if along == "eigenvalue" else (c, np.zeros_like(lam), c)
 
 
 def phi_functions(z: np.ndarray, order: int) -> list[np.ndarray]:
-    """φ₀ = eᶻ,  φₖ₊₁(z) = (φₖ(z) − 1/k!)/z, by their series where |z| < 1; z (...) complex.
+    """φ₀ = eᶻ,  φₖ₊₁(z) = (φₖ(z) − 1/k!)/z, by their series for |z| < 1; z (...) complex.
 
-    order: the highest k, HOLD + 1 at most. Returns order + 1 arrays (...).
+    order: the highest k, at most HOLD + 1. Returns order + 1 arrays (...).
     """
     small = np.abs(z) < 1
     near, far = np.where(small, z, 0), np.where(small, 1, z)
@@ -101,7 +101,7 @@ Scheme = Literal["exact", "trapezoidal", "implicit_euler"]
 def scheme_step(
     lam: np.ndarray, damping: Damping, h: float, scheme: Scheme = "exact", along: Along = "eigenvalue"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Propagator T of a damped oscillator over one step by the scheme, and its slope, as `oscillator_step` gives them.
+    """Propagator T of a damped oscillator over one step by the scheme, and its derivative, as in `oscillator_step`.
 
         trapezoidal      z⁺ = z + h(ż + ż⁺)/2,   ż⁺ = ż + h(z̈ + z̈⁺)/2         (Newmark with β = ¼, γ = ½)
         implicit Euler   z⁺ = z + hż⁺,           ż⁺ = ż + hz̈⁺
@@ -111,7 +111,7 @@ def scheme_step(
     if scheme == "exact":
         return oscillator_step(lam, damping, h, along)
     c, lam_slope, c_slope = slopes_along(lam, damping, along)
-    # both are ż⁺ = (a ż − hλz + hḡ)/d with ḡ the mean of the force over both ends or the force at the end
+    # both are ż⁺ = (a ż − hλz + hḡ)/d with ḡ the mean of the force at both ends, or the force at the end
     s, at_end = (0.5 * h, 0.5) if scheme == "trapezoidal" else (h, 1.0)
     d, d_slope = 1 + s * c + s * s * lam, s * c_slope + s * s * lam_slope
     a, a_slope = (2 - d, -d_slope) if scheme == "trapezoidal" else (np.ones_like(lam), np.zeros_like(lam))
@@ -129,13 +129,13 @@ def scheme_step(
 
 
 def scheme_bias(lam: np.ndarray, damping: Damping, h: float, scheme: Scheme) -> tuple[np.ndarray, np.ndarray]:
-    """How much longer the period of every mode becomes, and how much damping it gains:
+    """Period elongation and added damping of every mode:
 
         μ = eigenvalue of the step,   ln μ / h = −ζ′ω′ ± iω_d′;    elongation ω_d/ω_d′ − 1,    gain ζ′ − ζ
 
     lam (n,) [rad²/s²]; h [s]. Undamped and for small ωh: (ωh)²/12 and 0 for the trapezoidal rule, (ωh)²/3 and ωh/2 for
-    implicit Euler; 0 and 0 for the exact step. A modulus estimated with the scheme errs by about twice the elongation.
-    Returns elongation (n,) and gain (n,); NaN for a mode that does not swing.
+    implicit Euler; 0 and 0 for the exact step. A modulus estimated with the scheme has an error of about twice the elongation.
+    Returns elongation (n,) and gain (n,); NaN for a mode that does not oscillate.
     Source: Hughes, The Finite Element Method (1987), section 9.3.
     """
     if scheme == "exact":
@@ -152,13 +152,13 @@ def scheme_bias(lam: np.ndarray, damping: Damping, h: float, scheme: Scheme) -> 
 
 @dataclass(frozen=True)
 class ModalMap:
-    """y = A x + Σⱼ Bⱼ uⱼ of x = [q, q̇] and J input vectors, every block of A and B a function of M⁻¹K. Of a step, y = x⁺,
-    J = HOLD and u(τ) = u₀ + u₁(τ/h) + u₂(τ/h)² within the step; of the acceleration, y = q̈ and J = 1.
+    """y = A x + Σⱼ Bⱼ uⱼ of x = [q, q̇] and J input vectors, every block of A and B a function of M⁻¹K. For a step, y = x⁺,
+    J = HOLD and u(τ) = u₀ + u₁(τ/h) + u₂(τ/h)² within the step; for the acceleration, y = q̈ and J = 1.
 
-    transition A (..., i n, 2n); input B (..., i n, J, n_u), i = 2 of a step and 1 of the acceleration. The rest is what
-    the derivatives need: shape S(θ) (..., n, n_u), without (...) where it is the same at any θ; eigenvalue λ (..., n), modes
-    Φ (..., n, n), dual ΦᵀM (..., n, n), table T (i, 2 + J, ..., n) of every mode for itself, dT/dλ, and dT/d ln c, of a model
-    whose damping no parameter multiplies the same as none: (0,).
+    transition A (..., i n, 2n); input B (..., i n, J, n_u), i = 2 for a step and 1 for the acceleration. The other fields are
+    used by the derivatives: shape S(θ) (..., n, n_u), without (...) if constant; eigenvalue λ (..., n), modes Φ (..., n, n), dual
+    ΦᵀM (..., n, n), table T (i, 2 + J, ..., n) of every mode, dT/dλ, and dT/d ln c, which is (0,) if no parameter multiplies
+    the damping.
     """
 
     transition: np.ndarray
@@ -176,56 +176,56 @@ Table = Callable[[np.ndarray, Along], tuple[np.ndarray, np.ndarray]]
 
 
 def modal_step(model: ReducedModel, theta: Mapping[str, Any], h: float, scheme: Scheme = "exact") -> ModalMap:
-    """Step of (5.3) over h [s] at θ (values of shape (...) [SI]): every mode by its own closed form, exact or by a scheme.
+    """Step of (5.3) over h [s] at θ (values of shape (...) [SI]): every mode in closed form, exact or by a scheme.
 
     Raises NumericalError at critical damping (exact only).
     """
-    own = model.damping.at(theta)
-    return modal_map(model, theta, lambda lam, along: scheme_step(lam, own, h, scheme, along))
+    damping = model.damping.at(theta)
+    return modal_map(model, theta, lambda lam, along: scheme_step(lam, damping, h, scheme, along))
 
 
 def acceleration_map(model: ReducedModel, theta: Mapping[str, Any]) -> ModalMap:
     """q̈ = M⁻¹(S u − C q̇ − K q) at θ (values of shape (...) [SI]): z̈ = −λz − c(λ)ż + g of every mode."""
-    own = model.damping.at(theta)
-    return modal_map(model, theta, lambda lam, along: oscillator_acceleration(lam, own, along))
+    damping = model.damping.at(theta)
+    return modal_map(model, theta, lambda lam, along: oscillator_acceleration(lam, damping, along))
 
 
 def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> ModalMap:
-    """The map that does to every mode what `table` says of its eigenvalue λ (..., n): T and a slope of it (i, 2 + J, ..., n).
+    """The map with T and its derivative (i, 2 + J, ..., n) from `table` for the eigenvalue λ (..., n) of every mode.
 
-    A frequency factor f divides the mass of its mode by f² and leaves the stiffness, so that static responses are the same:
+    A frequency factor f divides the mass of its mode by f² without changing the stiffness, so that static responses are the same:
     λ → f²λ, Φ → fΦ.
     """
     lam, Phi = modal_basis(model, theta)
     dual = np.swapaxes(Phi, -1, -2) @ model.mass.at(theta)
-    if model.damping.parameter:  # the modes are the same at any damping
+    if model.damping.parameter:  # the modes do not depend on the damping
         lam = np.broadcast_to(lam, (*np.shape(theta[model.damping.parameter]), model.size)) if lam.ndim == 1 else lam
-        Phi, dual = (np.broadcast_to(own, (*lam.shape[:-1], *own.shape[-2:])) for own in (Phi, dual))
+        Phi, dual = (np.broadcast_to(array, (*lam.shape[:-1], *array.shape[-2:])) for array in (Phi, dual))
     if model.frequency_factors is not None:
         f = model.frequency_factors
         lam, Phi, dual = lam * f**2, Phi * f[..., None, :], dual / f[..., :, None]
     T, dT = table(lam, "eigenvalue")
-    damped = table(lam, "damping")[1] if model.damping.parameter else np.zeros(0)
+    damping_slope = table(lam, "damping")[1] if model.damping.parameter else np.zeros(0)
     S = model.input_shape_at(theta)
-    return ModalMap(*modal_blocks(S, Phi, dual, T), S, lam, Phi, dual, T, dT, damped)
+    return ModalMap(*modal_blocks(S, Phi, dual, T), S, lam, Phi, dual, T, dT, damping_slope)
 
 
 def modal_blocks(S: np.ndarray, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A (..., i n, 2n) and B (..., i n, J, n_u) of a modal map by its table T (i, 2 + J, ..., n).
+    """A (..., i n, 2n) and B (..., i n, J, n_u) of a modal map from its table T (i, 2 + J, ..., n).
 
     S (n, n_u) or (..., n, n_u) input shape; Phi (..., n, n), dual ΦᵀM (..., n, n).
     """
     n, n_u = S.shape[-2:]
-    blocks, held = T.shape[0], T.shape[1] - 2
+    blocks, inputs = T.shape[0], T.shape[1] - 2
     batch = Phi.shape[:-2]
     A = np.empty((*batch, blocks * n, 2 * n))
-    B = np.empty((*batch, blocks * n, held, n_u))
+    B = np.empty((*batch, blocks * n, inputs, n_u))
     forces = np.swapaxes(Phi, -1, -2) @ S
     for i in range(blocks):
         rows = slice(i * n, (i + 1) * n)
         for j in range(2):
             A[..., rows, j * n : (j + 1) * n] = (Phi * T[i, j][..., None, :]) @ dual
-        for j in range(held):
+        for j in range(inputs):
             B[..., rows, j, :] = (Phi * T[i, 2 + j][..., None, :]) @ forces
     return A, B
 
@@ -238,12 +238,12 @@ def parameter_slopes(
     u: np.ndarray,
     names: Sequence[str],
 ) -> np.ndarray:
-    """∂y/∂θᵢ of a modal map at fixed x and u: every block of A is a function f(M⁻¹K), so with the divided differences of f
+    """∂y/∂θᵢ of a modal map at fixed x and u: every block of A is a function f(M⁻¹K), so that with the divided differences of f
 
         df = Φ [G ∘ f[λᵢ, λⱼ]] ΦᵀM,   G = Φᵀ(dK Φ − dM Φ Λ),   d(M⁻¹S) = ΦΦᵀ(dS − dM ΦΦᵀS)
 
-    and Φ [dT/d ln c]/θ ΦᵀM of the parameter that multiplies the damping.
-    theta: where the map was made; x (..., 2n) = [q, q̇]; u (..., J, n_u) hold coefficients; names: the parameters.
+    and Φ [dT/d ln c]/θ ΦᵀM for the parameter that multiplies the damping.
+    theta: parameters of the map; x (..., 2n) = [q, q̇]; u (..., J, n_u) hold coefficients; names: the parameters.
     Returns (..., i n, len(names)).
     Source: Daleckii and Krein; Higham, Functions of Matrices, theorem 3.11.
     """
@@ -278,7 +278,7 @@ def parameter_slopes(
 def simulate(
     model: ReducedModel, theta: Mapping[str, float], u: np.ndarray, h: float, start: np.ndarray | None = None
 ) -> np.ndarray:
-    """Response, exact for the held input; u (steps, HOLD, n_u) hold coefficients; start x(0) (2n,), rest where not given.
+    """Response, exact for the held input; u (steps, HOLD, n_u) hold coefficients; start x(0) (2n,), default rest.
 
     Returns x (steps + 1, 2n).
     """
@@ -293,22 +293,22 @@ def simulate(
 
 
 RESONANT = 1e-9
-"""Share of the stiffness below which the dynamic stiffness of a mode is none."""
+"""Share of the stiffness below which the dynamic stiffness of a mode counts as zero."""
 
 
 def steady_start(
     model: ReducedModel, theta: Mapping[str, float], h: float, frequency: np.ndarray, amplitude: np.ndarray
 ) -> np.ndarray:
-    """x(0) of the motion that `simulate` has under u(t) = Σ Re U exp(iωt) when nothing of its beginning is left.
+    """x(0) of the steady-state motion of `simulate` under u(t) = Σ Re U exp(iωt).
 
-    Of one tone the quadratic hold is  uⱼ(kh) = Re cⱼ U zᵏ,  z = exp(iωh),  and so
+    For one tone the quadratic hold is  uⱼ(kh) = Re cⱼ U zᵏ,  z = exp(iωh),  and so
 
-        x(kh) = Re X zᵏ,    (zI − A) X = Σⱼ Bⱼ cⱼ U                  of every mode for itself
+        x(kh) = Re X zᵏ,    (zI − A) X = Σⱼ Bⱼ cⱼ U                  for every mode
 
-    with c of `hold_of_tones` and A, B of `modal_step`: the motion of the held load, periodic to rounding, not that of the sine.
-    The two differ by the error of the hold, (ωh)³ω₀h/720; as h goes to 0 both are (K − ω²M + iωC) q = S U.
+    with c of `hold_of_tones` and A, B of `modal_step`: the motion under the held load, periodic to rounding, instead of the sine.
+    The two differ by the error of the hold, (ωh)³ω₀h/720; for h → 0 both are (K − ω²M + iωC) q = S U.
     theta: all parameters [SI]; h [s]; frequency ω (k,) [rad/s]; amplitude U (k, n_u) complex [N]. Returns x (2n,) = [q, q̇].
-    Raises InfeasibleError where an undamped mode has the frequency of a tone.
+    Raises InfeasibleError if an undamped mode has the frequency of a tone.
     """
     step, n = modal_step(model, theta, h), model.size
     forces = amplitude @ (step.modes.T @ step.shape).T
@@ -321,13 +321,14 @@ def steady_start(
     if (resonant & ~still).any():
         tone, mode = np.argwhere(resonant & ~still)[0]
         raise InfeasibleError(
-            f"a load of {frequency[tone] / (2 * np.pi):.6g} Hz at the undamped mode {mode + 1}: no motion is periodic",
-            remedy="give damping, or train.settle: none for a start from rest",
+            f"a load of {frequency[tone] / (2 * np.pi):.6g} Hz excites the undamped mode {mode + 1}, so that no "
+            "periodic motion exists",
+            remedy="Specify damping, or start from rest with train.settle: none.",
         )
     z = np.exp(1j * frequency * h)
     A = np.moveaxis(step.table[:, :2], -1, 0)
     drive = np.einsum("ijm,kj,km->kmi", step.table[:, 2:], hold_of_tones(frequency, h), forces)
-    # an undamped mode at the frequency of a load that does not reach it stays at rest
+    # an undamped mode at the frequency of a load that does not excite it stays at zero
     lhs = np.where(still[..., None, None], np.eye(2), z[:, None, None, None] * np.eye(2) - A)
     X = np.linalg.solve(lhs, drive[..., None])[..., 0]
     motion = X.real.sum(axis=0).reshape(n, 2)

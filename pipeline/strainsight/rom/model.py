@@ -1,4 +1,4 @@
-"""The reduced model (5.3), its damping, and its limit of slow loads."""
+"""The reduced model (5.3), its damping, and its quasi-static limit."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from strainsight.ordering import TIE
 
 @dataclass(frozen=True)
 class Damping:
-    """Viscous damping that commutes with the modes: each has c(λ) = 2ζ√λ (modal) or α + βλ (Rayleigh), λ = ω².
+    """Viscous damping that commutes with the modes: each mode has c(λ) = 2ζ√λ (modal) or α + βλ (Rayleigh), λ = ω².
 
-    The ratio stays the same along the parameters. factors [-] on c of every mode in ascending order of λ, none: 1; modes of one
-    frequency have the factor of the first of them, since any rotation of them are modes too. value θ of the parameter that
+    The ratio does not depend on the parameters. factors [-] on c of every mode in ascending order of λ, default 1; modes of one
+    frequency have the factor of the first of them, because their combinations are modes too. value θ of the parameter that
     multiplies every c [-], (..., 1) for many at once.
     """
 
@@ -39,7 +39,7 @@ class Damping:
         return replace(self, value=np.asarray(theta[self.parameter])[..., None]) if self.parameter else self
 
     def viscous(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """c(λ) and dc/dλ; lam (...) [rad²/s²], with factors (..., n) ascending of all n modes."""
+        """c(λ) and dc/dλ; lam (...) [rad²/s²], with factors (..., n) ascending for all n modes."""
         f = self.value * (np.array(self.factors)[first_of_equal(lam)] if self.factors else 1.0)
         if self.kind == "modal":
             c = f * 2 * self.ratio * np.sqrt(lam)
@@ -47,14 +47,14 @@ class Damping:
         return f * (self.alpha + self.beta * lam), f * np.full_like(lam, self.beta)
 
     def scaled(self, factor: float | Sequence[float]) -> Damping:
-        """The same damping, `factor` times as strong; a sequence (n,): mode by mode."""
+        """The same damping multiplied by a factor; a sequence (n,): mode by mode."""
         if isinstance(factor, Sequence):
             return replace(self, factors=tuple(factor))
         return replace(self, ratio=factor * self.ratio, alpha=factor * self.alpha, beta=factor * self.beta)
 
 
 def first_of_equal(lam: np.ndarray) -> np.ndarray:
-    """For each of the eigenvalues (..., n), ascending, the place of the first of those that it is a tie with."""
+    """For each of the eigenvalues (..., n), ascending, the index of the first of those equal to it within a tie."""
     first = np.zeros(lam.shape, dtype=int)
     for j in range(1, lam.shape[-1]):
         before = first[..., j - 1]
@@ -68,8 +68,8 @@ class ReducedModel:
     """M(θ)q̈ + C(θ)q̇ + K(θ)q = S(θ) u in coordinates where M = I and K = Λ at the reference (5.3).
 
     mass, stiffness: dense affine operators (n, n); input_shape S (n, n_u) [1/√kg] at the reference; inputs: the names of u;
-    reference: parameter name → value [SI] at which the coordinates are modal; input_slope: parameter name → ∂S/∂θ (n, n_u) of
-    the densities that loads on mass are proportional to, and nothing of the others:
+    reference: parameter name → value [SI] at which the coordinates are modal; input_slope: parameter name → ∂S/∂θ (n, n_u), for
+    the densities that loads on mass are proportional to:
 
         S(θ) = S + Σᵢ (θᵢ − θᵢ⁰) ∂S/∂θᵢ
 
@@ -86,18 +86,18 @@ class ReducedModel:
     frequency_factors: np.ndarray | None = None
 
     def input_shape_at(self, theta: Mapping[str, Any]) -> np.ndarray:
-        """S(θ) (..., n, n_u) for values of shape (...); (n, n_u) where it does not change."""
+        """S(θ) (..., n, n_u) for values of shape (...); (n, n_u) if constant."""
         S = self.input_shape
         for name, slope in self.input_slope.items():
             S = S + (np.asarray(theta[name]) - self.reference[name])[..., None, None] * slope
         return S
 
     def acted_on(self, shape: np.ndarray) -> ReducedModel:
-        """The same model under loads of another input shape (n, n_u), at any θ."""
+        """The same model under loads of another input shape (n, n_u), independent of θ."""
         return replace(self, input_shape=shape, input_slope={})
 
     def with_damping(self, name: str, value: float) -> ReducedModel:
-        """The same model with one more parameter: name, and its reference value [-], which multiplies the damping."""
+        """The same model with an added parameter, its name and reference value [-], that multiplies the damping."""
         return replace(self, reference={**self.reference, name: value}, damping=replace(self.damping, parameter=name))
 
     @property
@@ -141,8 +141,8 @@ def damping_derivative(model: ReducedModel, theta: Mapping[str, float], name: st
 
         dC = dM c(A) + M Φ [(ΦᵀM dA Φ) ∘ c[λᵢ, λⱼ]] ΦᵀM,    ΦᵀM dA Φ = Φᵀ(dK Φ − dM Φ Λ)
 
-    c[·,·] the divided difference (Daleckii-Krein), so that repeated frequencies need no special case; C/θ of the parameter that
-    multiplies the damping.
+    c[·,·] the divided difference (Daleckii-Krein), so that repeated frequencies need no special case. For the parameter that
+    multiplies the damping it is C/θ.
     """
     if name == model.damping.parameter:
         return damping_matrix(model, theta) / theta[name]
@@ -166,18 +166,18 @@ def divided_difference(lam: np.ndarray, f: np.ndarray, slope: np.ndarray) -> np.
 FASTER = 100.0
 """ω_s over ω of the first mode."""
 RATIO = 0.7
-"""Damping ratio of the coordinates: with it they follow soonest, without swinging."""
+"""Damping ratio of the coordinates for the fastest response without oscillation."""
 
 
 def quasi_static(model: ReducedModel, basis: np.ndarray) -> tuple[ReducedModel, np.ndarray]:
-    """The model with M = K(θ₀)/ω_s² in place of its mass, and its basis, in coordinates where again M = I, K(θ₀) = Λ = ω_s² I:
+    """Quasi-static model with M = K(θ₀)/ω_s² as its mass, and its basis, in coordinates where again M = I, K(θ₀) = Λ = ω_s² I:
 
         Ψ′ = Ψ ω_s Λ^(−1/2),    K′(θ) = ω_s² Λ^(−1/2) K(θ) Λ^(−1/2),    S′ = ω_s Λ^(−1/2) S
 
-    All coordinates have one frequency, ω_s = 100 ω₁, and are damped by 0.7 of critical: under a load of frequency ω they
-    lag behind their static response by 1.4 ω/ω_s, 1.4e-3 at a tenth of the first mode, and have forgotten how they began
-    before the first sample. So filter, bank and placement are those of a model with inertia. What inertia adds, (ω/ω₁)², is
-    left out. model modal at the reference; basis Ψ (n_free, r) [1/√kg]; densities change nothing but their loads.
+    All coordinates have the frequency ω_s = 100 ω₁ and 0.7 of critical damping: under a load of frequency ω they lag behind
+    their static response by 1.4 ω/ω_s (1.4e-3 at a tenth of the first mode), and initial transients decay before the first
+    sample. So filters and placement are those of a model with inertia. The effect of inertia, (ω/ω₁)², is neglected. model: modal
+    at the reference; basis Ψ (n_free, r) [1/√kg]; densities change only their loads.
     """
     stiffness = np.diag(model.stiffness.at(model.reference))
     speed = FASTER * np.sqrt(stiffness.min())

@@ -1,4 +1,4 @@
-"""The reduction basis Ψ (5.2) from snapshots over a box of parameters, and what it leaves out."""
+"""The reduction basis Ψ (5.2) from snapshots over a parameter box, and its errors."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ Theta = Mapping[str, float]
 def parameter_samples(
     reference: Theta, ranges: Mapping[str, tuple[float, float]], samples: int
 ) -> tuple[dict[str, float], ...]:
-    """The reference, then samples − 1 points of a Latin hypercube in log θ that reaches both ends of every range.
+    """The reference, then samples − 1 points of a Latin hypercube in log θ that includes both ends of every range.
 
-    reference and ranges [SI]; the columns are ordered by the ranks of a Halton sequence, so nothing is random.
+    reference and ranges [SI]; the columns are ordered by the ranks of a Halton sequence, so the result is deterministic.
     Raises InfeasibleError for a range that is missing or not 0 < low ≤ high.
     """
     if not reference:
@@ -40,7 +40,7 @@ def parameter_samples(
 def held_out_samples(
     reference: Theta, ranges: Mapping[str, tuple[float, float]], count: int
 ) -> tuple[dict[str, float], ...]:
-    """A Latin hypercube at the golden section of `count` equal parts of log θ, so never on a level of the samples.
+    """A Latin hypercube at the golden section of `count` equal parts of log θ, so that it never coincides with the samples.
 
     Arguments and errors as in `parameter_samples`.
     """
@@ -56,25 +56,27 @@ def _latin(
     columns = {}
     for i, name in enumerate(reference):
         if name not in ranges:
-            raise InfeasibleError(f"parameter {name} has no range", remedy="give it one")
+            raise InfeasibleError(f"parameter {name} has no range", remedy="Specify its range.")
         low, high = ranges[name]
         if not 0 < low <= high < np.inf:
-            raise InfeasibleError(f"parameter {name} ranges from {low:g} to {high:g}", remedy="give 0 < low <= high")
+            raise InfeasibleError(
+                f"parameter {name} ranges from {low:g} to {high:g}", remedy="Specify 0 < low <= high."
+            )
         columns[name] = low * (high / low) ** levels[order[:, i]]
     return tuple({name: float(column[k]) for name, column in columns.items()} for k in range(len(levels)))
 
 
 def _halton(dimensions: int, count: int) -> np.ndarray:
-    """Points 1 … count of Halton's sequence (count, dimensions): the digits of k in base 2, 3, 5, …, behind the point in reverse.
+    """Points 1 … count of the Halton sequence (count, dimensions): digits of k in base 2, 3, 5, …, reversed after the point.
 
-    scipy.stats has it, and takes half a second to import.
+    Also in scipy.stats, which takes half a second to import.
     """
     points = np.zeros((count, dimensions))
     primes = (p for p in range(2, 10**6) if all(p % q for q in range(2, int(p**0.5) + 1)))
     for j, base in zip(range(dimensions), primes, strict=False):
-        left, weight = np.arange(1, count + 1), 1.0
-        while left.any():
-            left, digit = np.divmod(left, base)
+        quotient, weight = np.arange(1, count + 1), 1.0
+        while quotient.any():
+            quotient, digit = np.divmod(quotient, base)
             weight /= base
             points[:, j] += weight * digit
     return points
@@ -94,7 +96,7 @@ class Snapshots:
         return np.hstack([self.shapes, self.static])
 
     def lowest(self, modes: int) -> Snapshots:
-        """With this many modes only."""
+        """The snapshots with this many modes only."""
         return Snapshots(self.frequency[:modes], self.shapes[:, :modes], self.static)
 
 
@@ -105,10 +107,10 @@ def snapshots(
     modes: int,
     known: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Snapshots:
-    """K(θ)φ = ω²M(θ)φ and K(θ)⁻¹S, from one factorisation; of a free structure elastic modes and K⁺S, by inertia relief.
+    """K(θ)φ = ω²M(θ)φ and K(θ)⁻¹S, from one factorisation; for a free structure elastic modes and K⁺S, by inertia relief.
 
-    S (n_free, n_u) [-] input shapes; theta [SI]; known: frequency and shapes at this θ where they have been found already, at
-    least `modes` of them. Raises the errors of `modes` and `factorise`.
+    S (n_free, n_u) [-] input shapes; theta [SI]; known: frequency and shapes at this θ if already computed, at least `modes` of
+    them. Raises the errors of `modes` and `factorise`.
     """
     return snapshots_at(shared_by_all(full, S, modes), theta, known)
 
@@ -117,7 +119,8 @@ Shared = tuple[AffineOperator, AffineOperator, np.ndarray | None, np.ndarray, in
 
 
 def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int, near: np.ndarray | None = None) -> Shared:
-    """What every task of a sweep over θ needs; near (n_free, r): vectors whose span holds the modes nearly, as of `modes`."""
+    """Common input of all tasks of a sweep over θ; near (n_free, r): vectors whose span nearly contains the modes, as in
+    `modes`."""
     return full.stiffness, full.mass, full.rigid, S, modes, full.factorise, near
 
 
@@ -126,8 +129,8 @@ def snapshots_at(
     theta: Mapping[str, float],
     known: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Snapshots:
-    """The same as a task of a sweep: shared are stiffness, mass, rigid motions, S, the number of modes, who factorises,
-    and vectors near the modes."""
+    """The snapshots as a task of a sweep: shared are stiffness, mass, rigid-body modes, S, the number of modes, the
+    factorisation, and vectors near the modes."""
     stiffness, mass, rigid, S, modes, factorise, near = shared
     K = stiffness.at(theta)
     factor = factorise(K) if rigid is None else factorise_free(K, relief_of(mass.at(theta), rigid), factorise)
@@ -146,7 +149,7 @@ def scaled(
 
 
 def only_scales(full: FiniteElementModel) -> bool:
-    """K(θ) and M(θ) each a number times one matrix: modes and static responses keep their shapes over the whole box."""
+    """Whether K(θ) and M(θ) are each a scalar times one matrix, so that modes and static responses keep their shapes."""
 
     def one_matrix(X: AffineOperator) -> bool:
         return not X.terms or (len(X.terms) == 1 and abs(X.constant).sum() == 0)
@@ -155,7 +158,7 @@ def only_scales(full: FiniteElementModel) -> bool:
 
 
 DEPENDENT = 1e-10
-"""A vector of unit energy whose part outside a basis is below this lies in it: the rest is rounding of the solver."""
+"""Part of a vector of unit energy outside a basis below which it is linearly dependent: the rest is rounding."""
 
 
 @dataclass(frozen=True)
@@ -163,9 +166,9 @@ class Reduction:
     """z_free ≈ Ψ q (5.2).
 
     model (5.3); basis Ψ (n_free, r) [1/√kg]; frequency (modes,) [Hz] of the full model at the reference; samples the
-    points of the parameter box, the reference first; singular_value (s,) [-] of the part of the other samples'
-    snapshots (each of unit energy) that the reference's modes and static responses do not hold: those above the
-    tolerance are in Ψ; static (n_free, n_u) [m/N]: K(θ₀)⁻¹S; aside (n_free, k): static responses that are not in Ψ.
+    points of the parameter box, the reference first; singular_value (s,) [-] of the part of the snapshots of the other samples
+    (each of unit energy) that the modes and static responses of the reference do not contain: those above the tolerance are
+    in Ψ; static (n_free, n_u) [m/N]: K(θ₀)⁻¹S; aside (n_free, k): static responses that are not in Ψ.
     """
 
     model: ReducedModel
@@ -179,7 +182,7 @@ class Reduction:
 
 @dataclass(frozen=True)
 class HeldOutErrors:
-    """Errors at parameter values that the basis has not seen: theta (p points), frequency (p, modes) relative [-],
+    """Errors at parameter values that are not in the samples: theta (p points), frequency (p, modes) relative [-],
     static (p, n_u) [-]: ‖z − Ψq‖_K / ‖z‖_K of the static response to each input, the relative error of its strain."""
 
     theta: tuple[dict[str, float], ...]
@@ -208,30 +211,29 @@ def reduce_model(
         ΨᵀM(θ₀)Ψ = I,   ΨᵀK(θ₀)Ψ = Λ
 
     S (n_free, n_u) [-] input shapes; inputs their names; reference θ₀ and ranges name → (low, high) [SI]; modes per
-    sample; samples of the box, the reference among them; tolerance [-] beside snapshots of unit energy: every snapshot
-    is then held to tolerance·√(number dropped) in the energy norm; known: frequencies [Hz] and shapes of the reference,
-    where they have been found; sweep: runs the samples beside the reference; aside (n_free, k): forces whose static
-    responses at the reference are found as well, and left out of Ψ; slopes: name → ∂S/∂θ (n_free, n_u), where S changes with a
-    parameter, S itself being that at the reference: what they load is in Ψ as S is. The reference is never truncated, so its
-    reduced frequencies are the full ones. Where one material is scaled as a whole the snapshots do not change with θ and the
-    reference is sampled alone.
+    sample; samples of the box, including the reference; tolerance [-] for snapshots of unit energy: every snapshot then has an
+    error of at most tolerance·√(number dropped) in the energy norm; known: frequencies [Hz] and shapes of the reference, if
+    already computed; sweep: runs the other samples; aside (n_free, k): forces whose static responses at the reference are
+    computed as well, but not included in Ψ; slopes: name → ∂S/∂θ (n_free, n_u), if S depends on a parameter, S itself being that
+    at the reference; Ψ covers the slopes as it covers S. The reference is never truncated, so its reduced frequencies are the
+    full ones. If one material is scaled as a whole, the snapshots do not change with θ and only the reference is sampled.
     Raises InfeasibleError for a range that is missing or not positive, and the errors of `modes` and `factorise`.
     Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses.
     """
     if samples < 1:
-        raise InfeasibleError(f"{samples} parameter samples", remedy="take at least 1, the reference")
+        raise InfeasibleError(f"{samples} parameter samples", remedy="Use at least 1, the reference.")
     points = parameter_samples(reference, ranges, 1 if only_scales(full) else samples)
     n_u, slopes = S.shape[1], slopes or {}
-    if not only_scales(full):  # where all mass does, S of what acts on it does, too
+    if not only_scales(full):  # S of loads on mass scales with the mass
         S = np.hstack([S, *(slope[:, slope.any(axis=0)] for slope in slopes.values())])
     spanned = S.shape[1]
     first = snapshots(full, S if aside is None else np.hstack([S, aside]), points[0], modes, known)
-    K = full.stiffness.at(reference)  # not before: beside the factor there would be two of it
+    K = full.stiffness.at(reference)  # only now, to avoid a second copy during the factorisation
     V, _ = energy_orthonormal(K, np.hstack([first.shapes, first.static[:, :spanned]]))
-    rest = [found.vectors for found in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes, V))]
+    rest = [sample.vectors for sample in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes, V))]
     sigma = np.zeros(0)
     if rest:
-        # The SVD of R, not of a Gram matrix: singular values keep their digits below √eps.
+        # the SVD of R instead of a Gram matrix keeps the digits of singular values below √eps
         Q, R = energy_orthonormal(K, np.hstack(rest), against=V)
         U, sigma, _ = svd(R, full_matrices=False)
         V = np.hstack([V, Q @ U[:, sigma > tolerance]])
@@ -250,28 +252,28 @@ def modal_model(
     reference: Snapshots | None = None,
     aside: np.ndarray | None = None,
 ) -> tuple[ReducedModel, np.ndarray]:
-    """Modes and static responses at one θ alone: a truth with constant operators (M = I, K = Λ) and no parameters.
+    """Modes and static responses at a single θ: a model with constant operators (M = I, K = Λ) and no parameters.
 
-    Arguments as in `reduce_model`; reference: snapshots at any other θ, which serve where K and M only scale, as their
-    shapes are the same there; aside (n_free, k): forces whose static responses are in the span too, those of S in the
-    snapshots in front of theirs. Returns the model and Ψ (n_free, r) [1/√kg].
+    Arguments as in `reduce_model`; reference: snapshots at any other θ, used if K and M only scale, because their shapes are
+    the same; aside (n_free, k): forces whose static responses are in the span too, after those of S in the snapshots. Returns
+    the model and Ψ (n_free, r) [1/√kg].
     """
     stiffness, mass = (AffineOperator(X.at(theta), {}) for X in (full.stiffness, full.mass))
-    frozen = replace(full, stiffness=stiffness, mass=mass)
+    at_theta = replace(full, stiffness=stiffness, mass=mass)
     forces = S if aside is None else np.hstack([S, aside])
-    serves = reference is not None and only_scales(full) and len(reference.frequency) >= modes
-    span = reference.lowest(modes) if reference is not None and serves else snapshots(frozen, forces, {}, modes)
-    V, _ = energy_orthonormal(frozen.stiffness.constant, span.vectors)
-    return _modal_coordinates(frozen, V, S, inputs, {}, damping)
+    usable = reference is not None and only_scales(full) and len(reference.frequency) >= modes
+    span = reference.lowest(modes) if reference is not None and usable else snapshots(at_theta, forces, {}, modes)
+    V, _ = energy_orthonormal(at_theta.stiffness.constant, span.vectors)
+    return _modal_coordinates(at_theta, V, S, inputs, {}, damping)
 
 
 def held_out_errors(
     full: FiniteElementModel, S: np.ndarray, reduction: Reduction, thetas: Sequence[Theta], sweep: Sweep = serial
 ) -> HeldOutErrors:
-    """What the reduced model misses at `thetas`: relative frequencies, and static responses in the energy norm of K(θ).
+    """Errors of the reduced model at `thetas`: relative frequencies, and static responses in the energy norm of K(θ).
 
-    S as given to `reduce_model`. A static error ε is a relative error ε of the strain in the mean over the structure. Where
-    K and M only scale, the full model's answer there is that of the reference, scaled; else it is solved for by `sweep`.
+    S as in `reduce_model`. A static error ε is a relative error ε of the strain in the mean over the structure. If K and M only
+    scale, the full solution follows from that of the reference by scaling; otherwise it is computed by `sweep`.
     """
     model, Psi, count = reduction.model, reduction.basis, len(reduction.frequency)
     if only_scales(full):
@@ -294,7 +296,7 @@ def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None)
 
     K (n, n) symmetric positive definite; X (n, k), scaled to unit energy here; against Q₀ (n, r) with Q₀ᵀKQ₀ = I.
     Returns Q (n, rank) and R (rank, k) of the unit-energy columns; dependent columns (below 1e-10) add no vector.
-    Source: Giraud, Langou and Rozložník, Numerische Mathematik 101 (2005): twice is enough.
+    Source: Giraud, Langou and Rozložník, Numerische Mathematik 101 (2005): two passes are enough.
     """
     norm = _energy_norm(K, X)
     X = X / np.where(norm > 0, norm, 1.0)
@@ -311,11 +313,11 @@ def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None)
             share = KQ[:, :rank].T @ w
             w -= Q[:, :rank] @ share
             R[:rank, j] += share
-        left = float(_energy_norm(K, w[:, None])[0])
-        if left > DEPENDENT:
-            Q[:, rank] = w / left
+        remainder = float(_energy_norm(K, w[:, None])[0])
+        if remainder > DEPENDENT:
+            Q[:, rank] = w / remainder
             KQ[:, rank] = K @ Q[:, rank]
-            R[rank, j] = left
+            R[rank, j] = remainder
             rank += 1
     return Q[:, start:rank], R[start:rank]
 
@@ -324,14 +326,15 @@ def _modal_coordinates(
     full: FiniteElementModel, V: np.ndarray, S: np.ndarray, inputs: Sequence[str], reference: Theta, damping: Damping
 ) -> tuple[ReducedModel, np.ndarray]:
     stiffness, mass, basis = full.stiffness.project(V), full.mass.project(V), V
-    # Twice: the first pass brings M near I, whatever the spread of the frequencies; the second has no digit to lose.
+    # two passes: the first brings M close to I for any spread of the frequencies, the second is accurate to rounding
     for first in (True, False):
         K, M = stiffness.at(reference), mass.at(reference)
         if first:
             inverse, Y = eigh(M, K)
             if inverse[0] <= 0:
                 raise InfeasibleError(
-                    f"a static response moves no mass (m/k = {inverse[0]:.1e} s²)", remedy="give every region a density"
+                    f"a static response has no mass (m/k = {inverse[0]:.1e} s²)",
+                    remedy="Specify a density of every region.",
                 )
             Y = Y[:, ::-1] / np.sqrt(inverse[::-1])
         else:

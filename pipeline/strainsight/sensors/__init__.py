@@ -1,1 +1,1 @@
-"""Strain gauges: where they can sit, what they read, which are worth keeping."""
+"""Strain gauges: admissible positions, strain operators (matrix H), and selection."""

@@ -1,4 +1,4 @@
-"""What stands over a place, beside it and opposite: room for a hand, faces that lie on another, the other side of a wall."""
+"""Access to gauges: clearance above and next to them, contact faces, and the opposite side of a wall."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from strainsight.sensors.surface import by_kind, facet_centres, farthest_axis, o
 from strainsight.sensors.walk import Located, Skin, local_at, radius_of
 
 ON = 1e-7
-"""Of the local range: how far outside a facet a point still counts as on it, so that none is lost between two."""
+"""How far outside a facet a point still counts as on it, as a share of the local range, so that no point between two is lost."""
 
 
 def opposite(skin: Skin, points: np.ndarray, normals: np.ndarray) -> Located:
     """The first exit of the rays x = p − t n, t > 0, through the surface: `_first`.
 
-    points p (k, 3) [m] on the surface; normals n (k, 3) outward there. facet −1 where a ray meets none.
+    points p (k, 3) [m] on the surface; normals n (k, 3) outward there. facet −1 if a ray meets no facet.
     """
     return _first(skin, points, normals, 1.0, np.inf)
 
@@ -32,8 +32,8 @@ def _first(skin: Skin, points: np.ndarray, normals: np.ndarray, way: float, reac
 
         (x(ξ) − p)·[e₁, e₂] = 0,   e₁, e₂ across n,     way n′·n < 0,     the least t
 
-    Rays go on step by step, each of the size of the largest facet, among the facets whose spheres come near to that step, up to
-    the first step beyond the reach [m]. Of facets met at one t (a common edge) the first counts.
+    Rays advance in steps of the size of the largest facet, among the facets whose bounding spheres are close to that step, up to
+    the first step past the reach [m]. Of facets met at the same t (a common edge) the first counts.
     """
     k = len(points)
     centre, _ = facet_centres(skin.position, skin.facets.kind, skin.facets.nodes)
@@ -47,18 +47,18 @@ def _first(skin: Skin, points: np.ndarray, normals: np.ndarray, way: float, reac
             break
         middle = points[active] - (number + 0.5) * step * normals[active]
         near = tree.query_ball_point(middle, np.full(len(middle), 1.5 * step * (1 + ON)))
-        of = np.repeat(active, [len(own) for own in near])
-        asked = np.concatenate([np.sort(np.asarray(own, dtype=np.int64)) for own in near])
-        away = centre[asked] - points[of]
+        of = np.repeat(active, [len(facets_near) for facets_near in near])
+        tested = np.concatenate([np.sort(np.asarray(facets_near, dtype=np.int64)) for facets_near in near])
+        away = centre[tested] - points[of]
         aside = np.linalg.norm(away - np.sum(away * normals[of], axis=1)[:, None] * normals[of], axis=1)
-        worth = aside <= radius[asked] * (1 + ON)
-        xi, at, leaves = _met(skin, points, normals, of[worth], asked[worth], way)
-        of, asked = of[worth], asked[worth]
-        # What is farther than this step is asked again in its own, among all that may be there.
+        worth = aside <= radius[tested] * (1 + ON)
+        xi, at, leaves = _ray_hits(skin, points, normals, of[worth], tested[worth], way)
+        of, tested = of[worth], tested[worth]
+        # facets farther than this step are tested in their step, among all candidates there
         order = np.flatnonzero(leaves & (at > 0) & (at <= (number + 1) * step))
-        order = order[np.lexsort((asked[order], np.round(at[order] / (1e-9 * step)), of[order]))]
+        order = order[np.lexsort((tested[order], np.round(at[order] / (1e-9 * step)), of[order]))]
         first = order[np.flatnonzero(np.diff(of[order], prepend=-1) != 0)]
-        facet[of[first]], local[of[first]], t[of[first]] = asked[first], xi[first], at[first]
+        facet[of[first]], local[of[first]], t[of[first]] = tested[first], xi[first], at[first]
         active = active[facet[active] < 0]
     on_facet = facet >= 0
     x = np.full((k, 3), np.nan)
@@ -66,69 +66,69 @@ def _first(skin: Skin, points: np.ndarray, normals: np.ndarray, way: float, reac
     return Located(facet, local, x, t)
 
 
-def _met(
+def _ray_hits(
     skin: Skin, points: np.ndarray, normals: np.ndarray, of: np.ndarray, facet: np.ndarray, way: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """ξ (q, 2) and t (q,) [m] at which rays `of` (q,) meet facets (q,), and whether they leave the body there (q,), or, way −1,
+    """ξ (q, 2) and t (q,) [m] at which rays `of` (q,) meet facets (q,), and whether they leave the body there (q,), or for way −1
     enter it."""
     n = normals[of]
     e1 = np.cross(n, farthest_axis(n))
     e1 /= np.linalg.norm(e1, axis=1)[:, None]
     plane = np.stack([e1, np.cross(n, e1)], axis=1)
-    xi, found = local_at(skin, facet, points[of], plane, np.zeros((len(of), 2)))
+    xi, is_hit = local_at(skin, facet, points[of], plane, np.zeros((len(of), 2)))
     x, outward = skin.frames(facet, xi)
     for kind, which, _ in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
-        found[which] &= on_reference(kind, xi[which], ON)
-    found &= way * np.sum(outward * n, axis=1) < -1e-9
-    return xi, np.sum((points[of] - x) * n, axis=1), found
+        is_hit[which] &= on_reference(kind, xi[which], ON)
+    is_hit &= way * np.sum(outward * n, axis=1) < -1e-9
+    return xi, np.sum((points[of] - x) * n, axis=1), is_hit
 
 
 SLANT = np.deg2rad(45.0)
-"""From the normal: rays that look for walls beside a place."""
+"""Angle from the normal of the rays that detect walls next to a gauge."""
 OFF = 1e-6
-"""Of the reach: how far below the surface the rays begin, so that they meet what lies on it, and to which the room is known. The
-facet that they leave is none that they could enter."""
+"""Depth below the surface at which the rays begin, as a share of the reach: so that they meet parts on the surface. It is also
+the resolution of the clearance. They cannot enter the facet that they leave."""
 
 
 def room(skin: Skin, candidates: Candidates, reach: float) -> np.ndarray:
-    """The room over gauges (gauges,) [m], inf where there is more than the reach [m] of it:
+    """Clearance above gauges (gauges,) [m], inf if it exceeds the reach [m]:
 
         min( h(n),  max(h(n + e₁), h(n − e₁)),  max(h(n + e₂), h(n − e₂)) )
 
-    h(r): how far a ray along r goes from the centre of the gauge before it meets the part, 0 below a part that lies on it. n is
-    the outward normal, so that h(n) is the width of a bore or a gap; n ± e are slanted by 45° to both sides along and across the
-    gauge, so that two walls beside it, of a groove, count where both are met, and one wall does not: a hand comes from the other
-    side. Bridges are given by their arms, each a gauge here (`Candidates.grids`).
+    h(r): length of a ray along r from the centre of the gauge to the part, 0 below a part that lies on it. n is the outward
+    normal, so that h(n) is the width of a bore or a gap. n ± e are inclined by 45° to both sides along and across the gauge: two
+    walls, as of a groove, count if both are met; a single wall does not, because a hand reaches from the other side. Arms of
+    bridges are separate gauges here (`Candidates.grids`).
     """
     first = candidates.take(candidates.first)
     n, axes = first.normal, installation_axes(candidates)
     start = first.position - OFF * reach * n
 
     def height(ahead: np.ndarray) -> np.ndarray:
-        """How far rays go outside the body before they enter it; inf where they do not within the reach."""
+        """Distance of rays outside the body before they enter it; inf if not within the reach."""
         distance = _first(skin, start, -ahead, -1.0, reach).distance
         return np.asarray(np.where(distance <= reach, distance, np.inf))
 
-    found = height(n)
+    clearance = height(n)
     for e in axes:
         one, other = (height(np.cos(SLANT) * n + way * np.sin(SLANT) * e) for way in (1.0, -1.0))
-        found = np.minimum(found, np.maximum(one, other))
-    return np.asarray(np.where(found <= 2 * OFF * reach, 0.0, found))
+        clearance = np.minimum(clearance, np.maximum(one, other))
+    return np.asarray(np.where(clearance <= 2 * OFF * reach, 0.0, clearance))
 
 
 ALONG = np.cos(np.deg2rad(5.0))
-"""Of the angle between the axis of a bore and the normal of a face into which it runs straight."""
+"""Cosine of the largest angle between the axis of a bore and the normal of a face that it meets at a right angle."""
 RIM = 3
-"""Nodes that two faces share where one runs into the other, and held ones that make a bore a held one: a circle has as many."""
+"""Least number of nodes shared by a bore and the face that it meets, and of supported nodes of a supported bore (a circle)."""
 LEVEL = 1e-6
-"""Of the size of the part: heights that are the same."""
+"""Largest difference of equal heights, as a share of the size of the part."""
 
 
 @dataclass(frozen=True)
 class ContactFaces:
-    """Faces (c,) that probably lie on something, by their numbers in `Faces`, ascending; bores (c,): how many held bores run into
-    each; places (c,): how many of its facets are held themselves; instead_of (c,): the face at the other end of its bores, where
-    it is one of the two that the part lies on and nothing says which, of the later one of them; −1 otherwise."""
+    """Faces (c,) that are probably in contact with another part, by their numbers in `Faces`, ascending; bores (c,): number of
+    supported bores that end in each; places (c,): number of its supported facets; instead_of (c,): the face at the other end of
+    its bores, if only one of the two is in contact and it is unknown which, for the later one of them; −1 otherwise."""
 
     face: np.ndarray
     bores: np.ndarray
@@ -136,43 +136,44 @@ class ContactFaces:
     instead_of: np.ndarray
 
     def in_words(self, i: int) -> str:
-        """What holds face i of these."""
+        """Why face i is a contact face."""
         bores, places = int(self.bores[i]), int(self.places[i])
-        reasons = [f"by {bores} bore{'s' * (bores != 1)}"] * (bores > 0)
-        reasons += [f"on {places} of its facets"] * (places > 0)
-        return f"held {' and '.join(reasons)}"
+        reasons = [f"at {bores} bore{'s' * (bores != 1)}"] * (bores > 0)
+        reasons += [f"at {places} of its facets"] * (places > 0)
+        return f"supported {' and '.join(reasons)}"
 
 
 def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
-    """Flat faces of exterior facets that something probably lies on:
+    """Flat faces of exterior facets that are probably in contact with another part:
 
-    - where some facets of it, but not all, have all their nodes held: what holds them lies on the face. Those of shells and
-      beams do not count: their nodes are held, whichever side what holds them is on;
-    - where a bore runs into it at a right angle, and nodes of that are held, as by a bolt. Of the faces into which such a bore
-      runs it is the one over which the least of the part rises, max n·(x − c) over its nodes, n the outward normal: a part stands
-      on the face from which nothing sticks out. Of a plate both are found, of which it is probably one.
+    - faces with some facets, but not all, whose nodes are all supported: the support is in contact with the face. Shells and
+      beams do not count, because their nodes do not show on which side the support is;
+    - faces that a bore with supported nodes meets at a right angle, as for a bolt. Among the faces of such a bore it is the one
+      above which the part rises least, max n·(x − c) over its nodes, n the outward normal: a part stands on the face without
+      projections. For a plate both faces are found, although probably only one is in contact.
 
-    Held is a node with a support, on a spring, or tied to a reference node that is held. A bore is one as `Faces` finds it.
-    A face that is held as a whole has no place for a gauge, and its nodes make no bore held: a plane of symmetry cuts bores.
+    A node is supported if it has a support or a spring, or is tied to a supported reference node. Bores are those of `Faces`.
+    A face that is supported as a whole has no room for a gauge, and its nodes do not make a bore supported, because symmetry
+    planes cut bores.
     """
-    held = _held(mesh)
-    on = facets.nodes >= 0
-    facet_held = np.all(held[facets.nodes] | ~on, axis=1) & ~facets.of(mesh.thin)
-    places = np.bincount(faces.of[facet_held], minlength=len(faces.area))
+    supported = _supported_nodes(mesh)
+    has_node = facets.nodes >= 0
+    facet_supported = np.all(supported[facets.nodes] | ~has_node, axis=1) & ~facets.of(mesh.thin)
+    places = np.bincount(faces.of[facet_supported], minlength=len(faces.area))
     flat = faces.normal.any(axis=1)
     whole = flat & (places == np.bincount(faces.of, minlength=len(faces.area)))
-    fixed = np.zeros(len(held), dtype=bool)
-    own = on & whole[faces.of][:, None]
-    fixed[facets.nodes[own]] = True
+    fixed = np.zeros(len(supported), dtype=bool)
+    on_whole_face = has_node & whole[faces.of][:, None]
+    fixed[facets.nodes[on_whole_face]] = True
 
-    nodes = [np.unique(each[each >= 0]) for each in _split(facets.nodes, faces.of, len(faces.area))]
+    nodes = [np.unique(each[each >= 0]) for each in _split_by_group(facets.nodes, faces.of, len(faces.area))]
     bores = np.zeros(len(faces.area), dtype=int)
     sides: list[tuple[int, int]] = []
-    sure = whole | (places > 0)
-    used = np.unique(facets.nodes[on])
+    certain = whole | (places > 0)
+    used = np.unique(facets.nodes[has_node])
     size = float(np.linalg.norm(np.ptp(mesh.position[used], axis=0)))
     for bore in np.flatnonzero(faces.hollow):
-        if np.count_nonzero(held[nodes[bore]] & ~fixed[nodes[bore]]) < RIM:
+        if np.count_nonzero(supported[nodes[bore]] & ~fixed[nodes[bore]]) < RIM:
             continue
         across = flat & (np.abs(faces.normal @ faces.axis[bore]) > ALONG)
         ends = [f for f in np.flatnonzero(across) if len(np.intersect1d(nodes[f], nodes[bore])) >= RIM]
@@ -180,30 +181,30 @@ def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
         lowest = [int(f) for f, h in zip(ends, above, strict=True) if h <= above.min() + LEVEL * size]
         bores[lowest] += 1
         sides += [(lowest[0], f) for f in lowest[1:]]
-        sure[lowest] |= len(lowest) == 1
+        certain[lowest] |= len(lowest) == 1
     instead_of = np.full(len(faces.area), -1)
     for one, other in sides:
-        if not sure[other]:
+        if not certain[other]:
             instead_of[other] = one
-        elif not sure[one]:
+        elif not certain[one]:
             instead_of[one] = other
     chosen = np.flatnonzero(flat & ~whole & ((bores > 0) | (places > 0)))
     return ContactFaces(chosen, bores[chosen], places[chosen], instead_of[chosen])
 
 
-def _held(mesh: Mesh) -> np.ndarray:
-    held = np.zeros(len(mesh.position), dtype=bool)
-    held[mesh.held] = True
-    for own in mesh.springs:
-        held[own.node] = True
+def _supported_nodes(mesh: Mesh) -> np.ndarray:
+    supported = np.zeros(len(mesh.position), dtype=bool)
+    supported[mesh.held] = True
+    for spring in mesh.springs:
+        supported[spring.node] = True
     for tie in mesh.ties:
-        if held[tie.reference]:
-            held[tie.nodes] = True
+        if supported[tie.reference]:
+            supported[tie.nodes] = True
     for relation in mesh.relations:
-        held[relation.node[0]] |= bool(held[relation.node[1:]].all())
-    return mesh.above(held)
+        supported[relation.node[0]] |= bool(supported[relation.node[1:]].all())
+    return mesh.above(supported)
 
 
-def _split(rows: np.ndarray, of: np.ndarray, count: int) -> list[np.ndarray]:
-    """Rows (f, ...) of each of the groups."""
+def _split_by_group(rows: np.ndarray, of: np.ndarray, count: int) -> list[np.ndarray]:
+    """Rows (f, ...) of each group."""
     return np.split(rows[np.argsort(of, kind="stable")], np.cumsum(np.bincount(of, minlength=count))[:-1])

@@ -1,4 +1,4 @@
-"""Gauges that are bonded already, by their coordinates, and candidate bridges by a pattern of arms."""
+"""Bonded gauges by their coordinates, and candidate bridges by a pattern of arms."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from strainsight.sensors.surface import tangent, turned
 from strainsight.sensors.walk import Located, Skin, locate, skin_of
 from strainsight.sensors.zones import Zone, inside
 
-ALIKE = 1e-6
-"""Of the surface's extent: gauges nearer than this to one another are in one place."""
+COINCIDENT = 1e-6
+"""Distance of coincident gauges, as a share of the extent of the surface."""
 
 
 @dataclass(frozen=True)
 class BondedEntry:
-    """One gauge: position (3,) [m], direction (3,) of any length, length of its grid [m], angles of its grids [deg] from
-    the direction, right-handed about the outward normal (several: a rosette); name, empty: none; key of the config that states
-    it, empty: its number below that of all; arms: of a bridge those behind the first, each of one grid, with the sign 1 or −1 of
-    their strain; that of the first is 1."""
+    """A gauge: position (3,) [m], direction (3,) of any length, length of its grid [m], angles of its grids [deg] from the
+    direction, right-handed about the outward normal (several: a rosette); name, may be empty; key of the config, empty: its
+    number below the common key; arms: those of a bridge after the first, each of one grid, with the sign 1 or −1 of their
+    strain; the sign of the first is 1."""
 
     position: Sequence[float]
     direction: Sequence[float]
@@ -48,16 +48,16 @@ def bonded(
     tolerance: float,
     key: str = "gauges.fixed",
 ) -> tuple[Candidates, np.ndarray]:
-    """The gauges at the nearest points of the surface, and how far (entries,) [m] that is from their positions, of a bridge the
-    most of its arms:
+    """The gauges at the nearest points of the surface, and their distance (entries,) [m] from the specified positions, for a
+    bridge the largest of its arms:
 
-        d ∥ a − (a·n) n,     turned by each angle about n
+        d ∥ a − (a·n) n,     rotated by each angle about n
 
-    facets of the whole surface; tolerance [m]; key: what to blame, the number of the entry is added to it.
-    Raises UserError, with the name of the entry or its number from 1, for one that is farther from the surface than the
-    tolerance, whose direction has no length or is within 10° of the normal, whose grid runs over a sharp edge, or that is in the
-    place and direction of another. So for each arm of a bridge, but that only arms of one bridge and opposite signs may not be in
-    one place and direction.
+    facets of the whole surface; tolerance [m]; key: config key for errors, to which the number of the entry is added.
+    Raises UserError, with the name of the entry or its number from 1, for an entry farther from the surface than the tolerance,
+    a direction of zero length or within 10° of the normal, a grid that crosses a sharp edge, and an entry with the position and
+    direction of another. The same holds for arms of a bridge, except that only arms of one bridge with opposite signs must not
+    coincide.
     """
     arms = [(i, arm, sign) for i, entry in enumerate(entries) for arm, sign in entry.arms]
     n, owner = len(entries), np.array([i for i, _, _ in arms], dtype=np.int64)
@@ -74,58 +74,61 @@ def bonded(
 def _grids(
     mesh: Mesh, facets: Facets | Skin, entries: Sequence[BondedEntry], tolerance: float, key: str
 ) -> tuple[Candidates, np.ndarray]:
-    """The entries without regard to their arms, each a gauge, and how far (entries,) [m] each is from its position."""
+    """The entries without their arms, each a gauge, and the distance (entries,) [m] of each from its position."""
     skin, refuse = (
         facets if isinstance(facets, Skin) else skin_of(mesh.position, facets),
-        partial(_refused, key, entries),
+        partial(_error_at, key, entries),
     )
-    place = np.array([entry.position for entry in entries], dtype=float).reshape(-1, 3)
-    if not np.isfinite(place).all():
-        i = int(np.argmin(np.isfinite(place).all(axis=1)))
-        raise refuse(i, f"has the position {tuple(entries[i].position)}", "give three numbers")
+    positions = np.array([entry.position for entry in entries], dtype=float).reshape(-1, 3)
+    if not np.isfinite(positions).all():
+        i = int(np.argmin(np.isfinite(positions).all(axis=1)))
+        raise refuse(i, f"has the position {tuple(entries[i].position)}", "Specify three numbers.")
     if not len(entries):
-        return _channels(skin, entries, np.zeros(0, int), np.zeros((0, 2)), place, place, place), np.zeros(0)
-    found = locate(skin, place)
-    beyond = found.distance > tolerance * (1 + 1e-9)
-    if beyond.any():
-        i = int(np.argmax(beyond))
+        return _channels(skin, entries, np.zeros(0, int), np.zeros((0, 2)), positions, positions, positions), np.zeros(
+            0
+        )
+    located = locate(skin, positions)
+    too_far = located.distance > tolerance * (1 + 1e-9)
+    if too_far.any():
+        i = int(np.argmax(too_far))
         raise refuse(
             i,
-            f"is {found.distance[i]:.4g} m from the surface (nearest: {_xyz(found.point[i])}), beyond {tolerance:g} m",
-            "correct its position, or raise snap_tolerance beside it; positions are in metres",
+            f"is {located.distance[i]:.4g} m from the surface (nearest point: {_xyz(located.point[i])}), "
+            f"more than {tolerance:g} m",
+            "Correct its position (in metres), or increase its snap_tolerance.",
         )
-    _, normal = skin.frames(found.facet, found.local)
-    _check_side(mesh, skin, place, found, refuse)
+    _, normal = skin.frames(located.facet, located.local)
+    _check_side(mesh, skin, positions, located, refuse)
     d = np.array([_tangent(entry.direction, normal[i], partial(refuse, i)) for i, entry in enumerate(entries)])
-    _check_apart(entries, found.point, d, ALIKE * float(np.ptp(skin.position, axis=0).max()), refuse)
-    pool = _channels(skin, entries, found.facet, found.local, found.point, normal, d)
-    whole = fits(mesh.position, pool, skin)
-    if not whole.all():
-        i = int(pool.gauge[np.argmin(whole)])
+    _check_coincidence(entries, located.point, d, COINCIDENT * float(np.ptp(skin.position, axis=0).max()), refuse)
+    pool = _channels(skin, entries, located.facet, located.local, located.point, normal, d)
+    complete = fits(mesh.position, pool, skin)
+    if not complete.all():
+        i = int(pool.gauge[np.argmin(complete)])
         raise refuse(
             i,
-            f"has a grid of {entries[i].length:.3g} m that runs over a sharp edge",
-            "correct its position, direction or length",
+            f"has a grid of {entries[i].length:.3g} m that crosses a sharp edge",
+            "Correct its position, direction or length.",
         )
-    return pool, found.distance
+    return pool, located.distance
 
 
 Refusal = Callable[[int, str, str], UserError]
-"""Number of the entry, what is wrong with it, the remedy → the error."""
+"""Number of the entry, fault and remedy → error."""
 
 
-def _check_side(mesh: Mesh, skin: Skin, place: np.ndarray, found: Located, refuse: Refusal) -> None:
-    """Refuse a place (entries, 3) [m] in the middle of a shell: the surface has a point as far behind it as in front."""
-    shell = np.flatnonzero(skin.facets.of(mesh.shells)[found.facet])
-    other = locate(skin, 2 * place[shell] - found.point[shell]) if len(shell) else found
-    size = ALIKE * float(np.ptp(skin.position, axis=0).max())
+def _check_side(mesh: Mesh, skin: Skin, positions: np.ndarray, located: Located, refuse: Refusal) -> None:
+    """Raise an error for a position (entries, 3) [m] in the middle of a shell, as near to its lower face as to its upper one."""
+    shell = np.flatnonzero(skin.facets.of(mesh.shells)[located.facet])
+    other = locate(skin, 2 * positions[shell] - located.point[shell]) if len(shell) else located
+    size = COINCIDENT * float(np.ptp(skin.position, axis=0).max())
     element = skin.facets.element_id
     for i, facet, distance in zip(shell.tolist(), other.facet, other.distance, strict=False):
-        if distance < size and facet != found.facet[i] and element[facet] == element[found.facet[i]]:
+        if distance < size and facet != located.facet[i] and element[facet] == element[located.facet[i]]:
             raise refuse(
                 i,
-                f"is as near to the upper face of shell {element[facet]} as to the lower one",
-                f"give a position on the face that it is bonded on, such as {_xyz(found.point[i])}",
+                f"is equally near to the upper and the lower face of shell {element[facet]}",
+                f"Specify a position on the face that it is bonded on, for example {_xyz(located.point[i])}.",
             )
 
 
@@ -154,38 +157,38 @@ def _channels(
 
 
 def _tangent(direction: Sequence[float], n: np.ndarray, refuse: Callable[[str, str], UserError]) -> np.ndarray:
-    """A direction (3,) projected on the surface of normal n (3,), of length 1."""
+    """Unit vector of a direction (3,), projected on the surface with normal n (3,)."""
     a = np.asarray(direction, dtype=float)
     length = np.linalg.norm(a)
     if a.shape != (3,) or not (np.isfinite(length) and length > 0):
-        raise refuse(f"has the direction {tuple(direction)}", "give three numbers, not all zero")
+        raise refuse(f"has the direction {tuple(direction)}", "Specify three numbers, not all zero.")
     a = a / length
     t = a - (a @ n) * n
     angle = np.rad2deg(np.arctan2(np.linalg.norm(t), abs(a @ n)))
     if angle < STEEPEST:
         raise refuse(
-            f"has a direction at {angle:.3g}° to the normal {_xyz(n)} of the surface there, and so none on it",
-            f"give a direction along the surface, at more than {STEEPEST:g}° to its normal",
+            f"has a direction at {angle:.3g}° to the surface normal {_xyz(n)}, which has no defined projection",
+            f"Specify a direction along the surface, at more than {STEEPEST:g}° to its normal.",
         )
     return t / np.linalg.norm(t)
 
 
-def _check_apart(
+def _check_coincidence(
     entries: Sequence[BondedEntry], point: np.ndarray, d: np.ndarray, near: float, refuse: Refusal
 ) -> None:
-    sign = {id(arm): (id(entry), own) for entry in entries for arm, own in entry.arms}
+    sign = {id(arm): (id(entry), arm_sign) for entry in entries for arm, arm_sign in entry.arms}
     sign |= {id(entry): (id(entry), 1) for entry in entries if entry.arms}
     for i, j in sorted(cKDTree(point).query_pairs(near)):
         (bridge, first), (other_bridge, second) = (sign.get(id(entries[k]), (0, 0)) for k in (i, j))
-        # Two grids side by side are in one place here: arms that add up, or of different bridges.
+        # grids side by side may coincide: arms that add up, or arms of different bridges
         if bridge != other_bridge or (bridge and first == second):
             continue
         if abs(d[i] @ d[j]) > np.cos(np.deg2rad(0.1)):
             other = entries[i].name or f"gauge {i + 1}"
-            raise refuse(j, f"is in the place and direction of {other}", "leave one of them out")
+            raise refuse(j, f"has the position and direction of {other}", "Remove one of them.")
 
 
-def _refused(key: str, entries: Sequence[BondedEntry], i: int, what: str, remedy: str) -> UserError:
+def _error_at(key: str, entries: Sequence[BondedEntry], i: int, what: str, remedy: str) -> UserError:
     entry = entries[i]
     return UserError(f"bonded gauge {entry.name or i + 1} {what}", key=entry.key or f"{key}.{i}", remedy=remedy)
 
@@ -196,22 +199,25 @@ def _xyz(x: np.ndarray) -> str:
 
 @dataclass(frozen=True)
 class GivenGauges:
-    """pool (m): element is the gauge's number in the table, facet 0, nodes −1, normal zero, direction unit or zero where
-    the table leaves it blank; rows, CSR (m, r) [1/m, 1/rad]: strain per motion of every row of the matrices."""
+    """pool (m): element is the number of the gauge in the table, facet 0, nodes −1, normal zero, direction unit or zero if blank
+    in the table; rows, CSR (m, r) [1/m, 1/rad]: strain operator, per motion of every row of the matrices."""
 
     pool: Candidates
     rows: sparse.csr_array
 
 
-def without(given: GivenGauges, mesh: Mesh, facets: Facets | None, zones: Sequence[Zone]) -> GivenGauges:
-    """Those outside all zones. Raises InfeasibleError where none is left."""
-    keep = np.ones(len(given.pool), dtype=bool)
+def without(gauges: GivenGauges, mesh: Mesh, facets: Facets | None, zones: Sequence[Zone]) -> GivenGauges:
+    """The gauges outside all zones. Raises InfeasibleError if no gauge remains."""
+    selected = np.ones(len(gauges.pool), dtype=bool)
     for zone in zones:
-        keep &= ~inside(zone, mesh, facets, given.pool.position, given.pool.normal)
-    if not keep.any():
-        raise InfeasibleError(f"none of the {len(keep)} given gauges is left", remedy="smaller zones to exclude")
-    index = np.flatnonzero(keep)
-    return GivenGauges(given.pool.take(index), given.rows[index])
+        selected &= ~inside(zone, mesh, facets, gauges.pool.position, gauges.pool.normal)
+    if not selected.any():
+        raise InfeasibleError(
+            f"none of the {len(selected)} imported gauges remains outside the excluded zones",
+            remedy="Reduce the zones to exclude.",
+        )
+    index = np.flatnonzero(selected)
+    return GivenGauges(gauges.pool.take(index), gauges.rows[index])
 
 
 def given_pool(number: np.ndarray, position: np.ndarray, direction: np.ndarray) -> Candidates:
@@ -237,16 +243,16 @@ PATTERNS: Mapping[str, tuple[tuple[int, float, int], ...]] = {
     "half-axial": ((HERE, 0.0, 1), (BEHIND, 0.0, 1)),
     "full-torsion": ((HERE, 45.0, 1), (HERE, -45.0, -1), (BEHIND, 45.0, 1), (BEHIND, -45.0, -1)),
 }
-"""Arms of each pattern: the side that it is on, its angle [deg] from d, right-handed about the outward normal of its side, sign.
-The sign of the first is 1."""
-ASKEW = 0.1
-"""Degrees by which the directions of one bridge seen from its two sides may differ."""
+"""Arms of each pattern: side, angle [deg] from d, right-handed about the outward normal of its side, sign. The sign of the first
+arm is 1."""
+SAME_DIRECTION = 0.1
+"""Largest difference of the directions of one bridge from its two sides [deg]."""
 
 
 @dataclass(frozen=True)
 class StrainGauges:
-    """candidates; alone: places without a bridge, as no facet behind them takes its arms; twice: bridges that were another one,
-    seen from its other side; left_out: places where a grid would run over a sharp edge."""
+    """candidates; alone: positions without a bridge, because the facet behind is not admissible for its arms; twice: duplicates
+    of a bridge from its other side; left_out: positions where a grid would cross a sharp edge."""
 
     candidates: Candidates
     alone: int = 0
@@ -255,69 +261,69 @@ class StrainGauges:
 
 
 def bridges(skin: Skin, pool: Candidates, pattern: str, admitted: np.ndarray) -> StrainGauges:
-    """A bridge for every gauge of the pool, with arms at its place p and at the opposite one p′, the first exit of the line from
+    """A bridge for every gauge of the pool, with arms at its position p and the opposite one p′, the first exit of the line from
     p along −n:
 
         half-bending    ε(p) − ε(p′)            full-bending    2 [ε(p) − ε(p′)], of four grids
         half-axial      ε(p) + ε(p′)            full-torsion    ε₊₄₅(p) − ε₋₄₅(p) + ε₊₄₅(p′) − ε₋₄₅(p′)
 
-    along d at p and d′ ∥ d − (d·n′) n′ at p′, ±45° right-handed about the outward normal of each place.
-    pool: gauges of one channel; admitted: indices of the facets that may carry gauges. Left out are bridges whose p′ lies on none
-    of these or where d is within 10° of the normal, and of bridges that are one the later ones. All may be.
+    along d at p and d′ ∥ d − (d·n′) n′ at p′, ±45° right-handed about the outward normal of each position.
+    pool: gauges of one channel; admitted: indices of the facets that may carry gauges. Bridges are left out if p′ is on no such
+    facet or d is within 10° of its normal, and if they duplicate an earlier bridge. The result may be empty.
     """
-    found = opposite(skin, pool.position, pool.normal)
-    well = np.isin(found.facet, admitted)
+    exits = opposite(skin, pool.position, pool.normal)
+    admissible = np.isin(exits.facet, admitted)
     normal = np.zeros((len(pool), 3))
-    _, normal[well] = skin.frames(found.facet[well], found.local[well])
+    _, normal[admissible] = skin.frames(exits.facet[admissible], exits.local[admissible])
     steep = np.abs(np.sum(pool.direction * normal, axis=1)) > np.cos(np.deg2rad(STEEPEST))
-    index = np.flatnonzero(well & ~steep)
-    own, at, n = pool.take(index), found.facet[index], normal[index]
+    index = np.flatnonzero(admissible & ~steep)
+    front, at, n = pool.take(index), exits.facet[index], normal[index]
     behind = replace(
-        own,
+        front,
         **skin.facets.columns(at),
-        position=found.point[index],
+        position=exits.point[index],
         normal=n,
-        direction=tangent(own.direction, n),
-        angle=-own.angle,
-        local=found.local[index],
+        direction=tangent(front.direction, n),
+        angle=-front.angle,
+        local=exits.local[index],
     )
-    near = ALIKE * float(np.ptp(skin.position, axis=0).max())
-    kept = _once(own, behind, near, quarter=any(turn for _, turn, _ in PATTERNS[pattern]))
-    sides = own.take(kept), behind.take(kept)
+    near = COINCIDENT * float(np.ptp(skin.position, axis=0).max())
+    unique = _first_of_duplicates(front, behind, near, quarter=any(turn for _, turn, _ in PATTERNS[pattern]))
+    sides = front.take(unique), behind.take(unique)
     (_, first, _), *further = PATTERNS[pattern]
-    # By bridge, and within one by arm.
-    each, m = np.repeat(np.arange(len(kept)), len(further)), len(kept)
-    arms = [_turned(sides[side], turn) for side, turn, _ in further]
+    # ordered by bridge, then by arm
+    bridge, m = np.repeat(np.arange(len(unique)), len(further)), len(unique)
+    arms = [_rotate_side(sides[side], turn) for side, turn, _ in further]
     order = np.arange(len(arms) * m).reshape(len(arms), m).T.ravel()
     grid = replace(concatenate(arms), gauge=np.arange(len(order))).take(order)
     sign = np.tile([float(sign) for _, _, sign in further], m)
-    made = replace(_turned(sides[HERE], first), arms=Arms(each, sign, grid)) if m else sides[HERE]
-    return StrainGauges(made, len(pool) - len(index), len(index) - len(kept))
+    gauges = replace(_rotate_side(sides[HERE], first), arms=Arms(bridge, sign, grid)) if m else sides[HERE]
+    return StrainGauges(gauges, len(pool) - len(index), len(index) - len(unique))
 
 
-def _once(one: Candidates, other: Candidates, near: float, quarter: bool) -> np.ndarray:
-    """Which of bridges (k,) with their two sides are not an earlier one: the same two places, either way round, and the same
-    direction up to sign; quarter: or one across it, which turns signs of ±45° alone."""
+def _first_of_duplicates(one: Candidates, other: Candidates, near: float, quarter: bool) -> np.ndarray:
+    """Which of bridges (k,) with their two sides do not duplicate an earlier one: the same two positions in any order, and the
+    same direction up to sign; quarter: or a perpendicular one, which only exchanges +45° and −45°."""
     if not len(one):
         return np.zeros(0, dtype=np.int64)
     tree = cKDTree(one.position)
     pairs = []
-    for there, back in ((other.position, True), (one.position, False)):
-        found = tree.query_ball_point(there, near)
-        i = np.repeat(np.arange(len(one)), [len(own) for own in found])
-        j = np.array([int(own) for near_ones in found for own in near_ones], dtype=np.int64)
-        returns = np.linalg.norm(other.position[j] - (one if back else other).position[i], axis=1) <= near
-        # A direction is compared on the side where both are tangent.
-        d = (other if back else one).direction[i]
-        along = np.linalg.norm(np.cross(d, one.direction[j]), axis=1) < np.sin(np.deg2rad(ASKEW))
-        across = np.abs(np.sum(d * one.direction[j], axis=1)) < np.sin(np.deg2rad(ASKEW))
-        alike = returns & (along | (across & quarter)) & (i != j)
-        pairs.append(np.column_stack([i[alike], j[alike]]))
+    for positions, reversed_sides in ((other.position, True), (one.position, False)):
+        neighbours = tree.query_ball_point(positions, near)
+        i = np.repeat(np.arange(len(one)), [len(index) for index in neighbours])
+        j = np.array([int(index) for near_ones in neighbours for index in near_ones], dtype=np.int64)
+        returns = np.linalg.norm(other.position[j] - (one if reversed_sides else other).position[i], axis=1) <= near
+        # directions are compared on the side where both are tangent
+        d = (other if reversed_sides else one).direction[i]
+        along = np.linalg.norm(np.cross(d, one.direction[j]), axis=1) < np.sin(np.deg2rad(SAME_DIRECTION))
+        across = np.abs(np.sum(d * one.direction[j], axis=1)) < np.sin(np.deg2rad(SAME_DIRECTION))
+        is_duplicate = returns & (along | (across & quarter)) & (i != j)
+        pairs.append(np.column_stack([i[is_duplicate], j[is_duplicate]]))
     i, j = np.concatenate(pairs).T
     return np.sort(np.unique(component_labels(len(one), i, j), return_index=True)[1])
 
 
-def _turned(side: Candidates, angle: float) -> Candidates:
+def _rotate_side(side: Candidates, angle: float) -> Candidates:
     if angle == 0:
         return side
     each = np.full(len(side), angle)

@@ -1,4 +1,4 @@
-"""Where a gauge, a bridge arm or a motion sensor can sit, and along which directions."""
+"""Candidate positions and directions of gauges, bridge arms and motion sensors."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from strainsight.sensors.zones import Zone, admissible
 
 @dataclass(frozen=True)
 class Arms:
-    """Arms of bridges, a of them, but for the first of every bridge, the sign of which is 1.
+    """The a arms of bridges, except the first one of each bridge, whose sign is 1.
 
-    channel (a,) that each belongs to, ascending; sign (a,) sₖ of its strain εₖ in ε_B = Σₖ sₖ εₖ; grid (a): where it is, each a
-    gauge of one grid, as arms are bonded one by one.
+    channel (a,) of each arm, ascending; sign (a,) sₖ of its strain εₖ in ε_B = Σₖ sₖ εₖ; grid (a): position, each a gauge of
+    one grid, because arms are bonded one by one.
     """
 
     channel: np.ndarray
@@ -29,11 +29,11 @@ class Arms:
     grid: Candidates
 
     def index_of(self, channels: np.ndarray) -> np.ndarray:
-        """Those of some channels (k,), one channel's behind the other's."""
+        """Arms of some channels (k,), channel after channel."""
         return _ranges(*(np.searchsorted(self.channel, channels, side=side) for side in ("left", "right")))
 
     def of(self, channels: np.ndarray) -> Arms | None:
-        """Those of some channels (k,), which are then numbered in their order; None where none of them is a bridge."""
+        """Arms of some channels (k,), renumbered in their order; None if none of them is a bridge."""
         index = self.index_of(channels)
         if not len(index):
             return None
@@ -42,16 +42,16 @@ class Arms:
 
 
 def _ranges(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """All whole numbers from each first to before its last."""
+    """All integers from each first up to its last, exclusive."""
     return np.concatenate([np.zeros(0, dtype=np.int64), *map(np.arange, first, last)])
 
 
 STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
 UNITS = ("strain", "m/s^2", "m")
-"""Of these quantities."""
+"""Units of these quantities."""
 
 STEEPEST = 10.0
-"""Degrees: an axis nearer than this to a facet's normal has no trustworthy projection on it."""
+"""Smallest angle [deg] between an axis and a facet normal for a reliable projection."""
 
 
 def _unset() -> np.ndarray:
@@ -64,22 +64,22 @@ def units_in_words(quantity: np.ndarray) -> str:
 
 
 def grouped(unit: str) -> str:
-    """A unit that stands in a product: "strain", "(strain or m)"."""
+    """A unit as a factor of a product: "strain", "(strain or m)"."""
     return f"({unit})" if " or " in unit else unit
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Channels that could be bonded, m of them, those of one gauge one behind the other.
+    """Candidate channels, m of them; the channels of a gauge are adjacent.
 
-    element (m,) ids of the file; facet (m,) local number from 1; kind (m,) codes into FACETS, −1 where there is no
-    facet; nodes (m, 8) indices padded with −1; position (m, 3) [m]; normal (m, 3) outward; direction (m, 3) unit, tangent
-    where strain is measured; angle (m,) [deg]; local (m, 2) ξ on the facet; length (m,) [m] of the grid over which strain
-    is averaged, 0 at the point; quantity (m,) STRAIN, ACCELERATION or DISPLACEMENT; gauge (m,) number of the gauge,
-    0, 1, 2 … without holes; array (m,) number of the family in the config; bonded (m,) already in place.
-    What is left out after angle is a point gauge of strain at the facet's centre, each channel a gauge, of family 0, free.
-    arms: of channels that are bridges, those behind the first; such a channel has the place of its first arm, is a gauge of
-    one channel, and reads the sum of its arms. None: every channel is one grid.
+    element (m,) ids of the file; facet (m,) local number from 1; kind (m,) codes into FACETS, −1 without a facet; nodes (m, 8)
+    indices padded with −1; position (m, 3) [m]; normal (m, 3) outward; direction (m, 3) unit, tangent for strain; angle (m,)
+    [deg]; local (m, 2) ξ on the facet; length (m,) [m] of the grid that averages the strain, 0: at the point; quantity (m,)
+    STRAIN, ACCELERATION or DISPLACEMENT; gauge (m,) number of the gauge, 0, 1, 2 … without gaps; array (m,) number of the family
+    in the config; bonded (m,) whether it is already installed.
+    Defaults of the fields after angle: point strain gauge at the facet centre, each channel a gauge, of family 0, not bonded.
+    arms: the further arms of channels that are bridges; such a channel has the position of its first arm, is a gauge of one
+    channel, and measures the sum of its arms. None: every channel is one grid.
     """
 
     element: np.ndarray
@@ -131,75 +131,75 @@ class Candidates:
         return _ranges(start[which], start[which + 1])
 
     def take(self, index: np.ndarray) -> Candidates:
-        """The channels at `index`, in its order; neighbours of one gauge remain one."""
-        taken = {name: getattr(self, name)[index] for name in COLUMNS}
+        """The channels at `index`, in its order; adjacent channels of one gauge remain one gauge."""
+        columns = {name: getattr(self, name)[index] for name in COLUMNS}
         arms = self.arms and self.arms.of(np.arange(len(self))[index])
-        taken["gauge"] = np.cumsum(np.diff(taken["gauge"], prepend=taken["gauge"][:1]) != 0)
-        return Candidates(**taken, arms=arms)
+        columns["gauge"] = np.cumsum(np.diff(columns["gauge"], prepend=columns["gauge"][:1]) != 0)
+        return Candidates(**columns, arms=arms)
 
     @property
     def grids(self) -> Candidates:
-        """Every grid as a channel of its own (g ≥ m): those of the channels, behind them the further arms of bridges, each a
+        """Every grid as a separate channel (g ≥ m): those of the channels, followed by the further arms of bridges, each a
         gauge."""
         return self if self.arms is None else concatenate([replace(self, arms=None), self.arms.grid])
 
     @property
     def channel_of_grid(self) -> np.ndarray:
-        """The channel (g,) that each of the `grids` is read in."""
-        own = np.arange(len(self))
-        return own if self.arms is None else np.append(own, self.arms.channel)
+        """The channel (g,) of each of the `grids`."""
+        channels = np.arange(len(self))
+        return channels if self.arms is None else np.append(channels, self.arms.channel)
 
     @property
     def sign_of_grid(self) -> np.ndarray:
-        """s (g,) of each of the `grids` in the reading of its channel."""
-        own = np.ones(len(self))
-        return own if self.arms is None else np.append(own, self.arms.sign)
+        """Sign s (g,) of each of the `grids` in the reading of its channel."""
+        ones = np.ones(len(self))
+        return ones if self.arms is None else np.append(ones, self.arms.sign)
 
     @property
     def bridged(self) -> np.ndarray:
         """Which channels (m,) are bridges."""
-        found = np.zeros(len(self), dtype=bool)
+        is_bridge = np.zeros(len(self), dtype=bool)
         if self.arms is not None:
-            found[self.arms.channel] = True
-        return found
+            is_bridge[self.arms.channel] = True
+        return is_bridge
 
     def read(self, rows: np.ndarray) -> np.ndarray:
-        """What the channels read (m, …) where their `grids` read rows (g, …): ε_B = Σₖ sₖ εₖ of a bridge."""
+        """Channel rows (m, …) from rows of their `grids` (g, …): ε_B = Σₖ sₖ εₖ for a bridge."""
         return self._onto(rows, self.sign_of_grid)
 
     def added(self, values: np.ndarray) -> np.ndarray:
-        """The sum (m, …) of values (g, …) over the grids of every channel, whatever their signs."""
+        """The sum (m, …) of values (g, …) over the grids of every channel, regardless of their signs."""
         return self._onto(values, np.ones(len(values)))
 
     def _onto(self, values: np.ndarray, factor: np.ndarray) -> np.ndarray:
         if self.arms is None:
             return values
         m, factor = len(self), factor.reshape(-1, *(1,) * (values.ndim - 1))
-        found = values[:m].astype(float)
-        np.add.at(found, self.arms.channel, (factor * values)[m:])
-        return found
+        sums = values[:m].astype(float)
+        np.add.at(sums, self.arms.channel, (factor * values)[m:])
+        return sums
 
     def any_grid(self, values: np.ndarray) -> np.ndarray:
-        """For which channels (m,) it is true of some of their `grids` (g,)."""
+        """Which channels (m,) have a true value for one of their `grids` (g,)."""
         return np.asarray(self.added(values) > 0) if self.arms is not None else values
 
     def grids_of(self, gauges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of some gauges (k,): which of all `grids`, and which of the gauges of these, in the order of those that
-        `take(channels(gauges))` has."""
-        own = self.channels(gauges)
+        """Indices of all `grids` of some gauges (k,), and of the gauges of these grids, in the order of
+        `take(channels(gauges))`."""
+        channels = self.channels(gauges)
         if self.arms is None:
-            return own, np.asarray(gauges)
-        further = self.arms.index_of(own)
-        return np.append(own, len(self) + further), np.append(gauges, self.gauges + further)
+            return channels, np.asarray(gauges)
+        further = self.arms.index_of(channels)
+        return np.append(channels, len(self) + further), np.append(gauges, self.gauges + further)
 
 
 COLUMNS = tuple(entry.name for entry in fields(Candidates) if entry.name != "arms")
-"""What there is of every channel."""
+"""Fields of every channel."""
 
 
 def channels_of_gauges(owner: np.ndarray, gauges: np.ndarray) -> np.ndarray:
-    """Channels (..., c) of gauges (...), −1 where a gauge has fewer than the c of the largest; owner (m,) ascending: the gauge
-    of every channel."""
+    """Channels (..., c) of gauges (...), padded with −1 up to the largest number c; owner (m,) ascending: gauge of every
+    channel."""
     first = np.searchsorted(owner, gauges)
     count = np.searchsorted(owner, gauges, side="right") - first
     each = np.arange(int(count.max(initial=1)))
@@ -207,15 +207,18 @@ def channels_of_gauges(owner: np.ndarray, gauges: np.ndarray) -> np.ndarray:
 
 
 def concatenate(parts: Sequence[Candidates]) -> Candidates:
-    """All channels of the parts, their gauges numbered on."""
+    """All channels of the parts, with consecutive gauge numbers."""
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     gauges, channels = (np.cumsum([0, *count]) for count in ([part.gauges for part in parts], map(len, parts)))
     columns["gauge"] = np.concatenate([part.gauge + first for part, first in zip(parts, gauges[:-1], strict=True)])
     bridged = [(part.arms, first) for part, first in zip(parts, channels[:-1], strict=True) if part.arms is not None]
     arms = None
     if bridged:
-        channel = np.concatenate([own.channel + first for own, first in bridged])
-        sign, grid = np.concatenate([own.sign for own, _ in bridged]), concatenate([own.grid for own, _ in bridged])
+        channel = np.concatenate([part_arms.channel + first for part_arms, first in bridged])
+        sign, grid = (
+            np.concatenate([part_arms.sign for part_arms, _ in bridged]),
+            concatenate([part_arms.grid for part_arms, _ in bridged]),
+        )
         arms = Arms(channel, sign, grid)
     return Candidates(**columns, arms=arms)
 
@@ -240,20 +243,20 @@ def candidates(
 
         d₀ ∥ a − (a·n) n,     d = cos α d₀ + sin α n × d₀
 
-    axis a (3,) of any length, or None for the coordinate axis that is farthest from the normal, facet by facet;
-    angles [deg]; turn (f,) [deg] is added to the angles of each of the f facets that are admitted (`principal_angles`);
-    rosette: the angles of a facet are one gauge with a channel each, not a gauge each; length [m] of the grid. Which facets
-    are admissible, and what `key` is for: see `admissible`.
-    Raises UserError for a set that is not there and an axis of no length, InfeasibleError where no facet is left or
-    the axis comes within 10° of a facet's normal.
+    axis a (3,) of any length, or None for the coordinate axis with the largest angle to the normal, facet by facet; angles [deg];
+    turn (f,) [deg] is added to the angles of each of the f admitted facets (`principal_angles`); rosette: the angles of a facet
+    are one gauge with a channel each, instead of a gauge each; length [m] of the grid. Admissible facets and `key`: see
+    `admissible`.
+    Raises UserError for a set that does not exist and an axis of zero length, InfeasibleError if no facet remains or the axis is
+    within 10° of a facet normal.
     """
     keep, centre_, normal = admissible(
         mesh, facets, surface=surface, include=include, exclude=exclude, on_constraints=on_constraints, key=key
     )
     n = normal[keep]
     d0 = tangents(n) if axis is None else _projected(axis, facets, keep, n, key)
-    own = np.broadcast_to(np.asarray(angles, dtype=float), (keep.size, len(angles)))
-    total = own if turn is None else own + np.asarray(turn, dtype=float)[:, None]
+    base_angles = np.broadcast_to(np.asarray(angles, dtype=float), (keep.size, len(angles)))
+    total = base_angles if turn is None else base_angles + np.asarray(turn, dtype=float)[:, None]
     each = np.repeat(keep, len(angles))
     m = len(each)
     return Candidates(
@@ -261,7 +264,7 @@ def candidates(
         position=centre_[each],
         normal=normal[each],
         direction=turned(np.repeat(d0, len(angles), axis=0), normal[each], total.ravel()),
-        angle=own.ravel().copy(),
+        angle=base_angles.ravel().copy(),
         length=np.full(m, float(length)),
         gauge=np.repeat(np.arange(keep.size), len(angles)) if rosette else np.arange(m),
         array=np.full(m, array),
@@ -269,7 +272,7 @@ def candidates(
 
 
 def tangents(normal: np.ndarray) -> np.ndarray:
-    """A unit tangent (m, 3) for every normal (m, 3): the first of the coordinate axes farthest from it, projected."""
+    """A unit tangent (m, 3) for every normal (m, 3): projection of the coordinate axis with the largest angle to it."""
     return tangent(farthest_axis(normal), normal)
 
 
@@ -280,20 +283,20 @@ def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.nd
         first = keep[np.argmax(steep)]
         raise InfeasibleError(
             f"the gauge axis is within {STEEPEST:g}° of the normal of {np.count_nonzero(steep)} of {keep.size} facets "
-            f"(element {facets.element_id[first]}, facet {facets.facet[first]}): it has no direction there",
+            f"(element {facets.element_id[first]}, facet {facets.facet[first]}), where it has no defined direction",
             key=f"{key}.direction",
-            remedy=f"choose another {key}.direction.axis, restrict {key}.surface, or leave such facets out: "
-            f"{key}.exclude: [{{normal_cone: {{axis: [{a[0]:.3g}, {a[1]:.3g}, {a[2]:.3g}], angle: {STEEPEST:g}}}}}]",
+            remedy=f"Choose another {key}.direction.axis, restrict {key}.surface, or exclude such facets: "
+            f"{key}.exclude: [{{normal_cone: {{axis: [{a[0]:.3g}, {a[1]:.3g}, {a[2]:.3g}], angle: {STEEPEST:g}}}}}].",
         )
     return tangent(np.broadcast_to(a, n.shape), n)
 
 
 ROSETTE = (0.0, 45.0, 90.0)
-"""Angles from any tangent [deg] whose strains give those of every direction."""
+"""Angles from any tangent [deg] whose strains determine those of every direction."""
 SAMPLES = 64
-ALIKE = 1e-6
-"""Directions whose mean squares are this share of the largest apart are alike; rounding is 1e-10 of it. Degrees this near to
-half a turn are none."""
+EQUAL = 1e-6
+"""Largest difference of equal mean squares of directions, as a share of the largest (rounding is 1e-10 of it); also the
+tolerance [deg] of half a rotation."""
 
 
 def principal_angles(rows: np.ndarray, moment: np.ndarray) -> np.ndarray:
@@ -302,8 +305,8 @@ def principal_angles(rows: np.ndarray, moment: np.ndarray) -> np.ndarray:
         ε(φ) = a + b cos 2φ + c sin 2φ,     a = ½(ε₀ + ε₉₀),  b = ½(ε₀ − ε₉₀),  c = ε₄₅ − a
         f(ψ) = M_aa + 2 M_ab cos ψ + 2 M_ac sin ψ + M_bb cos² ψ + M_cc sin² ψ + 2 M_bc sin ψ cos ψ,     ψ = 2φ
 
-    M (3, 3) is the mean of [a b c]ᵀ[a b c]. f has two maxima at most; the larger of 64 samples is refined by Newton's
-    method. Of samples alike the first is taken, and where all directions strain alike it is 0°.
+    M (3, 3) is the mean of [a b c]ᵀ[a b c]. f has at most two maxima; the largest of 64 samples is refined by Newton's method. Of
+    equal samples the first is used, and if all directions have equal strain it is 0°.
     rows (f, 3, r) strain of gauges at 0°, 45° and 90° from any tangent, per coordinate; moment (r, r) mean of q qᵀ over the
     run.
     """
@@ -315,19 +318,19 @@ def principal_angles(rows: np.ndarray, moment: np.ndarray) -> np.ndarray:
     basis = np.stack([np.ones(SAMPLES), np.cos(psi), np.sin(psi)])
     f = np.einsum("ap,fab,bp->fp", basis, M, basis)
     size = np.maximum(np.abs(f).max(axis=1), np.finfo(float).tiny)
-    # Rounding must not choose between directions that are alike.
-    x = psi[np.argmax(f >= (f.max(axis=1) - ALIKE * size)[:, None], axis=1)]
-    moves = np.ptp(f, axis=1) > ALIKE * size
+    # rounding must not choose between equal directions
+    x = psi[np.argmax(f >= (f.max(axis=1) - EQUAL * size)[:, None], axis=1)]
+    moves = np.ptp(f, axis=1) > EQUAL * size
     p, q, r, s = 2 * M[:, 0, 2], -2 * M[:, 0, 1], 2 * M[:, 1, 2], M[:, 2, 2] - M[:, 1, 1]
     for _ in range(20):
         slope = p * np.cos(x) + q * np.sin(x) + r * np.cos(2 * x) + s * np.sin(2 * x)
         bend = -p * np.sin(x) + q * np.cos(x) - 2 * r * np.sin(2 * x) + 2 * s * np.cos(2 * x)
-        # Uphill where the curve is not yet that of a maximum; never past the neighbouring samples.
+        # ascend where the curve is not yet concave, but never past the neighbouring samples
         step = np.where(bend < -1e-12 * size, -slope / np.where(bend < 0, bend, -1.0), np.sign(slope) * 0.01)
         step = np.where(moves & (np.abs(slope) > 1e-14 * size), step, 0.0)
         x = x + np.clip(step, -np.pi / SAMPLES, np.pi / SAMPLES)
     turn = (np.rad2deg(x / 2) + 90.0) % 180.0
-    return np.where(turn > 180.0 - ALIKE, 0.0, turn) - 90.0
+    return np.where(turn > 180.0 - EQUAL, 0.0, turn) - 90.0
 
 
 Axis = Literal["normal"] | Sequence[float]
@@ -347,12 +350,11 @@ def motion_candidates(
     array: int = 1,
     key: str = "motion_sensors",
 ) -> Candidates:
-    """One sensor of motion at the centre of every admissible exterior facet, with a channel for each axis.
+    """One motion sensor at the centre of every admissible exterior facet, with a channel for each axis.
 
     quantity ACCELERATION or DISPLACEMENT; axes: "normal", outward, or a direction (3,) of any length in global coordinates;
-    every [m]: facets nearer than this to the centre of an earlier one are passed over. Which facets are admissible, and what
-    `key` is for: see `admissible`.
-    Raises UserError for a set that is not there and an axis of no length, InfeasibleError where no facet is left.
+    every [m]: facets nearer than this to the centre of an earlier one are skipped. Admissible facets and `key`: see `admissible`.
+    Raises UserError for a set that does not exist and an axis of zero length, InfeasibleError if no facet remains.
     """
     keep, centre, normal = admissible(
         mesh, facets, surface=surface, include=include, exclude=exclude, on_constraints=on_constraints, key=key
@@ -376,5 +378,5 @@ def motion_candidates(
 def _direction(axis: Axis, normal: np.ndarray, key: str) -> np.ndarray:
     if isinstance(axis, str):
         return normal
-    remedy = 'give three numbers, not all zero, or "normal"'
+    remedy = 'Specify three numbers, not all zero, or "normal".'
     return np.broadcast_to(unit_vector(axis, "the sensor axis", key=f"{key}.axes", remedy=remedy), normal.shape)

@@ -1,4 +1,4 @@
-"""Edges of a surface: clearance from them, dimensions to them, and how tightly the surface bends between."""
+"""Edges of a surface: clearance from them, dimensions to them, and the curvature of the surface."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ SHARP = np.deg2rad(30.0)
 
 @dataclass(frozen=True)
 class Edges:
-    """The edges of all facets, each once for every facet it belongs to, h of them, those of one edge side by side.
+    """The edges of all facets, once for every facet, h in total, those of one edge adjacent.
 
-    facet (h,) index; side (h,) number of the edge within the facet, from its node `side` to the next; ends (h, 2) corners
-    of the facets, ascending; middle (h, 3) [m]; start (e,) first row of each of the e edges; count (e,) of facets that meet
-    there; sharp (e,) whether they meet at more than 30°, or are not two.
+    facet (h,) index; side (h,) number of the edge within the facet, from its node `side` to the next; ends (h, 2) corners of the
+    facets, ascending; middle (h, 3) [m]; start (e,) first row of each of the e edges; count (e,) of facets at the edge; sharp
+    (e,): whether they meet at more than 30°, or are not two.
     """
 
     facet: np.ndarray
@@ -39,8 +39,8 @@ class Edges:
 def edges_of(position: np.ndarray, facets: Facets) -> Edges:
     """Every edge of the facets; position (n, 3) [m].
 
-    The normals are taken at the middle of the edge, so that a coarsely meshed curved surface is smooth if its facets
-    are quadratic.
+    The normals are those at the middle of the edge, so that a coarsely meshed curved surface is smooth if its facets are
+    quadratic.
     """
     rows: list[tuple[np.ndarray, ...]] = []
     for kind, which, nodes in by_kind(facets.kind, facets.nodes):
@@ -65,7 +65,7 @@ def edges_of(position: np.ndarray, facets: Facets) -> Edges:
 
 
 def sharp_edges(position: np.ndarray, facets: Facets) -> np.ndarray:
-    """Edges where two exterior facets meet at more than 30°, or more than two do, or one ends: segments (s, 2, 3) [m].
+    """Edges between exterior facets that meet at more than 30°, of more than two facets, and of one: segments (s, 2, 3) [m].
 
     A quadratic edge gives two segments. position (n, 3) [m].
     """
@@ -74,7 +74,7 @@ def sharp_edges(position: np.ndarray, facets: Facets) -> np.ndarray:
 
 
 def _through_middle(position: np.ndarray, edges: Edges, rows: np.ndarray) -> np.ndarray:
-    """Both halves of edges, by their rows: segments (s, 2, 3) [m]."""
+    """Both halves of edges by their rows: segments (s, 2, 3) [m]."""
     a, b = position[edges.ends[rows, 0]], position[edges.ends[rows, 1]]
     m = edges.middle[rows]
     return np.concatenate([np.stack([a, m], axis=1), np.stack([m, b], axis=1)])
@@ -89,35 +89,35 @@ def near_segments(points: np.ndarray, segments: np.ndarray, distance: float) -> 
     length = np.linalg.norm(along, axis=1)
     hits = cKDTree(points).query_ball_point(a + 0.5 * along, distance + 0.5 * length)
     for i, hit in enumerate(hits):
-        apart = points[hit] - a[i]
-        share = np.clip(apart @ along[i] / max(length[i] ** 2, np.finfo(float).tiny), 0, 1)
-        near[hit] |= np.linalg.norm(apart - share[:, None] * along[i], axis=1) < distance
+        arm = points[hit] - a[i]
+        share = np.clip(arm @ along[i] / max(length[i] ** 2, np.finfo(float).tiny), 0, 1)
+        near[hit] |= np.linalg.norm(arm - share[:, None] * along[i], axis=1) < distance
     return near
 
 
 USUAL_GRID = 0.003
-"""[m] of a gauge whose grid is not stated. This and the three below are assumptions of ours, of what is typical."""
+"""[m] of a gauge without a specified grid. This and the three constants below are typical values, assumed here."""
 ENDS = 0.005
-"""[m] by which a carrier is longer than the grid: end loops, solder tabs and margin, both ends together."""
+"""[m] Difference of the lengths of carrier and grid: end loops, solder tabs and margin, both ends together."""
 SIDES = 0.003
-"""[m] by which a carrier is wider than the grid, both sides together."""
+"""[m] Difference of the widths of carrier and grid, both sides together."""
 SLIM = 0.5
-"""Width of a grid over its length."""
+"""Ratio of width to length of a grid."""
 
 
 def carrier(grid: float) -> tuple[float, float]:
-    """Length and width [m] of the foil that carries a linear gauge, of the length of its grid [m]; 0: `USUAL_GRID`.
+    """Length and width [m] of the carrier foil of a linear gauge from the length of its grid [m]; 0: `USUAL_GRID`.
 
         l = L + 5 mm,     w = L/2 + 3 mm
 
-    3 mm: 8 × 4.5 mm. An assumption of ours, taken from no catalogue. A rosette, or a gauge with cables or cover, needs more.
+    For 3 mm: 8 × 4.5 mm. An assumption, not from a catalogue. A rosette, or a gauge with cables or cover, needs more space.
     """
-    own = grid if grid > 0 else USUAL_GRID
-    return own + ENDS, SLIM * own + SIDES
+    length = grid if grid > 0 else USUAL_GRID
+    return length + ENDS, SLIM * length + SIDES
 
 
 def carrier_clearance(grid: float) -> float:
-    """½ √(l² + w²) [m]: from the centre, the carrier turned as it may reaches no farther. 3 mm: 4.6 mm."""
+    """½ √(l² + w²) [m]: largest distance of the carrier from its centre, in any orientation. For 3 mm: 4.6 mm."""
     return half_diagonal(*carrier(grid))
 
 
@@ -127,14 +127,15 @@ def half_diagonal(length: float, width: float) -> float:
 
 
 def obstacles(mesh: Mesh, facets: Facets, loaded: np.ndarray) -> dict[str, np.ndarray]:
-    """What a gauge is to stay clear of, each as segments (s, 2, 3) [m], a point as one without length:
+    """Obstacles that gauges must stay clear of, each as segments (s, 2, 3) [m], points as segments of zero length:
 
         edges      where exterior facets meet at more than 30°
-        supports   nodes of solids that are held, on springs, or tied by a rigid or averaging element or a relation, and the edges
+        supports   supported nodes of solids, nodes on springs, or tied by a rigid or averaging element or a relation, and the
+        edges
                    between two of them
-        loads      nodes (l,) on which a load acts, and the edges between two of them
+        loads      nodes (l,) under a load, and the edges between two of them
 
-    facets: exterior ones. What touches a body without being tied to it is not in the mesh.
+    facets: exterior ones. Parts that touch without a tie are not in the mesh.
     """
     acting = np.zeros(len(mesh.position), dtype=bool)
     acting[loaded] = True
@@ -146,23 +147,23 @@ def obstacles(mesh: Mesh, facets: Facets, loaded: np.ndarray) -> dict[str, np.nd
 
 
 def constrained_nodes(mesh: Mesh, references: bool = False) -> np.ndarray:
-    """Nodes (n,) bool that are held, on springs, or tied by a rigid or averaging element, with the reference nodes of these if
-    asked for, or by a relation; on the surface of shells and beams what lies above such nodes."""
-    held = np.zeros(len(mesh.position), dtype=bool)
-    held[mesh.held] = True
+    """Nodes (n,) bool with supports, springs, rigid or averaging elements (optionally with their reference nodes), or relations;
+    on surfaces of shells and beams the nodes that follow these."""
+    constrained = np.zeros(len(mesh.position), dtype=bool)
+    constrained[mesh.held] = True
     ties: list[RigidElement | AveragingElement] = [*mesh.rigid, *mesh.averaging]
     for tie in ties:
-        held[tie.nodes] = True
-        held[tie.reference] |= references
+        constrained[tie.nodes] = True
+        constrained[tie.reference] |= references
     for relation in mesh.relations:
-        held[relation.node] |= relation.ties
+        constrained[relation.node] |= relation.ties
     for spring in mesh.springs:
-        held[spring.node] = True
-    return mesh.above(held)
+        constrained[spring.node] = True
+    return mesh.above(constrained)
 
 
 def _patches(mesh: Mesh, facets: Facets, chosen: np.ndarray) -> np.ndarray:
-    """Chosen nodes (n,) of the surface, and edges of facets between two of them."""
+    """Selected nodes (n,) of the surface, and edges of facets between two of them."""
     edges = edges_of(mesh.position, facets)
     ends = edges.ends[edges.start]
     between = mesh.position[ends[np.all(chosen[ends], axis=1)]].reshape(-1, 2, 3)
@@ -177,38 +178,38 @@ def crowded(points: np.ndarray, segments: Mapping[str, np.ndarray], distance: fl
 
 
 def spaced(points: np.ndarray, distance: float, most: int | None = None) -> np.ndarray:
-    """Indices of points (m, 3) [m], `most` of them at most, each at least `distance` [m] from those taken before it."""
+    """Indices of points (m, 3) [m], at most `most`, each at least `distance` [m] away from all earlier ones."""
     tree, free = cKDTree(points), np.ones(len(points), dtype=bool)
-    taken: list[int] = []
+    selected: list[int] = []
     for i in range(len(points)):
-        if len(taken) == most:
+        if len(selected) == most:
             break
         if free[i]:
-            taken.append(i)
+            selected.append(i)
             free[tree.query_ball_point(points[i], distance * (1 - 1e-9))] = False
-    return np.array(taken, dtype=np.int64)
+    return np.array(selected, dtype=np.int64)
 
 
 def room_for(points: np.ndarray, spacing: float, count: int) -> bool:
-    """Whether `count` of the points (m, 3) [m] can be taken with the spacing [m]; points in one place count once."""
+    """Whether `count` of the points (m, 3) [m] fit with the spacing [m]; coincident points count once."""
     return len(points) >= count and len(spaced(points, spacing, count)) >= count
 
 
-ALIKE = 1e-6
-"""Distances that differ by less than this share are alike."""
+EQUAL = 1e-6
+"""Largest relative difference of equal distances."""
 ACROSS = np.cos(np.deg2rad(45.0))
-"""The second edge is turned by more than 45° against the first."""
+"""The second edge differs from the first by more than 45° in direction."""
 OFF = np.sin(np.deg2rad(30.0))
-"""The way to it leaves the tangent plane by less than 30°: else it runs through the body, round which nobody measures."""
+"""The direction to it is within 30° of the tangent plane; otherwise it would go through the body."""
 
 
 @dataclass(frozen=True)
 class EdgeDimensions:
-    """Of k places the nearest edge of the face, and the nearest of those that run across it; NaN where there is none.
+    """For k positions the nearest edge of the face, and the nearest one across it; NaN without any.
 
     distance (k, 2) [m] in a straight line; foot (k, 2, 3) [m] nearest point of the edge; along (k, 2, 3) unit vector of the edge,
-    laid on the surface, NaN where it is along the normal; angle (k, 2) [deg] from the edge to the measuring direction,
-    right-handed about the outward normal, in (−90, 90], NaN of a direction along the normal.
+    projected on the surface, NaN if along the normal; angle (k, 2) [deg] from the edge to the measuring direction, right-handed
+    about the outward normal, in (−90, 90], NaN for a direction along the normal.
     """
 
     distance: np.ndarray
@@ -225,48 +226,48 @@ def edge_dimensions(
     directions: np.ndarray,
     normals: np.ndarray,
 ) -> EdgeDimensions:
-    """The nearest two edges of the face on which each place lies.
+    """The two nearest edges of the face of each position.
 
-    A face ends at sharp edges, where facets meet at more than 30° or an edge is not of two (`edges_of`). With t the edge, n the
-    normal, d the direction:
+    A face ends at sharp edges, where facets meet at more than 30° or the number of facets is not two (`edges_of`). With t the
+    edge, n the normal, d the direction:
 
-        α = atan2((t × d)·n, t·d)   in (−90°, 90°], as an edge has no sense
+        α = atan2((t × d)·n, t·d)   in (−90°, 90°], because an edge has no orientation
 
-    The second edge is one whose perpendicular through the place meets it, turned against the first by more than 45°, at most 30°
-    out of the tangent plane.
-    position (n, 3) [m] of nodes; facets: exterior ones; on (k,): key of the facet below each place, one that is not there has
-    no edges; points (k, 3) [m]; directions, normals (k, 3) unit.
+    The second edge contains the foot of the perpendicular from the position, differs from the first by more than 45° and is at
+    most 30° out of the tangent plane.
+    position (n, 3) [m] of nodes; facets: exterior ones; on (k,): key of the facet of each position, an unknown one has no edges;
+    points (k, 3) [m]; directions, normals (k, 3) unit.
     """
     edges = edges_of(position, facets)
     face = _smooth_faces(len(facets.kind), edges)
     index = {int(key): i for i, key in enumerate(facets.key)}
     of = np.array([face[index[int(key)]] if int(key) in index else -1 for key in on], dtype=np.int64)
-    found = no_edges(len(points))
-    for own in np.unique(of[of >= 0]):
-        rim = np.repeat(edges.sharp, edges.count) & (face == own)[edges.facet]
+    dimensions = no_edges(len(points))
+    for number in np.unique(of[of >= 0]):
+        rim = np.repeat(edges.sharp, edges.count) & (face == number)[edges.facet]
         segments = _through_middle(position, edges, rim)
-        for i in np.flatnonzero(of == own):
+        for i in np.flatnonzero(of == number):
             for j, (d, x, t) in enumerate(_nearest_two(segments, points[i], normals[i])):
-                found.distance[i, j], found.foot[i, j], found.along[i, j] = d, x, t
-                found.angle[i, j] = angle_from(t, directions[i], normals[i])
-    return found
+                dimensions.distance[i, j], dimensions.foot[i, j], dimensions.along[i, j] = d, x, t
+                dimensions.angle[i, j] = angle_from(t, directions[i], normals[i])
+    return dimensions
 
 
 def no_edges(count: int) -> EdgeDimensions:
-    """Of places without any."""
+    """Dimensions of positions without any edges."""
     nothing = (np.full((count, 2), np.nan), np.full((count, 2, 3), np.nan))
     return EdgeDimensions(nothing[0], nothing[1], nothing[1].copy(), nothing[0].copy())
 
 
 def facet_keys(element: np.ndarray, facet: np.ndarray) -> np.ndarray:
-    """Keys (k,) of facets by element ids and local numbers (k,), −1 of what lies on none (facet 0)."""
+    """Keys (k,) of facets by element ids and local numbers (k,), −1 without a facet (facet 0)."""
     return np.where(np.asarray(facet) > 0, facet_key(np.asarray(element), np.asarray(facet)), -1)
 
 
 def angle_from(t: np.ndarray, d: np.ndarray, n: np.ndarray) -> float:
-    """From the line t to the line d [deg], right-handed about n: in (−90, 90]; NaN where t is, and of a d along n or of no
-    length, which has no angle on the surface."""
-    if np.linalg.norm(np.cross(d, n)) <= ALIKE:
+    """Angle from the line t to the line d [deg], right-handed about n, in (−90, 90]; NaN for t NaN, and for a d along n or of
+    zero length, which has no angle on the surface."""
+    if np.linalg.norm(np.cross(d, n)) <= EQUAL:
         return float("nan")
     angle = float(np.rad2deg(np.arctan2(np.cross(t, d) @ n, t @ d)))
     rounded = round(angle, 9)
@@ -282,7 +283,7 @@ def _smooth_faces(count: int, edges: Edges) -> np.ndarray:
 def _nearest_two(
     segments: np.ndarray, point: np.ndarray, normal: np.ndarray
 ) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """(distance, foot, unit vector along the edge on the surface) of the nearest edge and of the nearest across it."""
+    """(distance, foot, unit vector along the edge on the surface) of the nearest edge and of the nearest edge across it."""
     if not len(segments):
         return []
     a, along = segments[:, 0], segments[:, 1] - segments[:, 0]
@@ -292,35 +293,35 @@ def _nearest_two(
     distance = np.linalg.norm(foot - point, axis=1)
     flat = along - np.outer(along @ normal, normal)
     size = np.linalg.norm(flat, axis=1)
-    # Where a corner is nearest, of the edges that meet there the one that lies most on the surface.
+    # if a corner is nearest, use the edge there that is closest to the surface
     lying = size / np.maximum(length, np.finfo(float).tiny)
     with np.errstate(invalid="ignore", divide="ignore"):
-        t = np.where(lying[:, None] > ALIKE, flat / size[:, None], np.nan)
+        t = np.where(lying[:, None] > EQUAL, flat / size[:, None], np.nan)
 
     def best(allowed: np.ndarray) -> int:
-        near = allowed & (distance <= distance[allowed].min() * (1 + ALIKE))
-        return int(np.flatnonzero(near & (lying >= lying[near].max() - ALIKE))[0])
+        near = allowed & (distance <= distance[allowed].min() * (1 + EQUAL))
+        return int(np.flatnonzero(near & (lying >= lying[near].max() - EQUAL))[0])
 
     first = best(np.ones(len(segments), dtype=bool))
-    found = [first]
+    indices = [first]
     with np.errstate(invalid="ignore"):
-        turned = np.abs(t @ t[first]) < ACROSS
+        is_across = np.abs(t @ t[first]) < ACROSS
     lies = np.abs((foot - point) @ normal) <= OFF * distance
-    across = turned & lies & (share >= -ALIKE) & (share <= 1 + ALIKE)
+    across = is_across & lies & (share >= -EQUAL) & (share <= 1 + EQUAL)
     if across.any():
-        found.append(best(across))
-    return [(float(distance[i]), foot[i], t[i]) for i in found]
+        indices.append(best(across))
+    return [(float(distance[i]), foot[i], t[i]) for i in indices]
 
 
 def bend_radius(position: np.ndarray, facets: Facets) -> np.ndarray:
-    """The least radius of curvature (f,) [m] of every facet, inf where it is flat:
+    """The smallest radius of curvature (f,) [m] of every facet, inf for flat facets:
 
         dn = S dx,     R = 1 / max |eig S|
 
-    S (2, 2), symmetric, from the normals at the corners of the facet by least squares, each the mean of those of all facets that
-    meet at the corner and whose own normal there is within 30° of the facet's: what is sharper is an edge, and no bend
-    (Rusinkiewicz, Estimating curvatures and their derivatives on triangle meshes, 3DPVT 2004). A flat facet beside a bend takes
-    part of it: the bend is spread over a facet on either side. position (n, 3) [m].
+    S (2, 2), symmetric, from the normals at the corners of the facet by least squares. Each is the mean of the normals of all
+    facets at the corner that are within 30° of that of the facet; sharper corners are edges (Rusinkiewicz, Estimating curvatures
+    and their derivatives on triangle meshes, 3DPVT 2004). A flat facet next to a curved surface gets part of its curvature,
+    which is spread over one facet on either side. position (n, 3) [m].
     """
     corners = _corners(position, facets)
     mean = _smooth(corners.node, corners.normal)
@@ -343,8 +344,8 @@ def bend_radius(position: np.ndarray, facets: Facets) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Corners:
-    """The corners of all facets, h of them: node (h,), position (h, 3) [m], normal (h, 3) of the facet there; of_facets: of every
-    kind of facet the facets (m,) and their corners (m, c)."""
+    """The h corners of all facets: node (h,), position (h, 3) [m], normal (h, 3) of the facet there; of_facets: for every kind
+    the facets (m,) and their corners (m, c)."""
 
     node: np.ndarray
     position: np.ndarray
@@ -366,29 +367,29 @@ def _corners(position: np.ndarray, facets: Facets) -> _Corners:
 
 
 def _smooth(node: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """The mean normal (h, 3) at every corner, over the corners at the same node that face within 30° of it."""
+    """The mean normal (h, 3) at every corner, over the corners at the same node within 30° of it."""
     h = len(node)
     at = csr_array((np.ones(h), (np.arange(h), node)), shape=(h, int(node.max(initial=-1)) + 1))
     pair = (at @ at.T).tocoo()
     one, other = pair.row, pair.col
-    alike = np.sum(normal[one] * normal[other], axis=1) > np.cos(SHARP)
+    is_smooth = np.sum(normal[one] * normal[other], axis=1) > np.cos(SHARP)
     total = np.zeros((h, 3))
-    np.add.at(total, one[alike], normal[other[alike]])
+    np.add.at(total, one[is_smooth], normal[other[is_smooth]])
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.asarray(total / np.where(length > 0, length, 1.0))
 
 
 def tight(position: np.ndarray, facets: Facets, radius: float) -> np.ndarray:
-    """Which facets (f,) bend tighter than a radius [m]."""
+    """Which facets (f,) have a radius of curvature below a limit [m]."""
     return np.asarray(bend_radius(position, facets) < radius * (1 - 1e-6))
 
 
 def sides(position: np.ndarray, facets: Facets, chosen: np.ndarray) -> np.ndarray:
-    """The straight sides and diagonals of the chosen facets (f,): segments (s, 2, 3) [m]. No point of a facet is farther from
-    them than a quarter of its size or so."""
-    found = [np.zeros((0, 2, 3))]
+    """The straight sides and diagonals of the selected facets (f,): segments (s, 2, 3) [m]. Points of a facet are at most about a
+    quarter of its size away from them."""
+    segments = [np.zeros((0, 2, 3))]
     for kind, which, nodes in by_kind(facets.kind, facets.nodes):
         x = position[nodes[chosen[which], : kind.corners]]
         pairs = [(a, b) for a in range(kind.corners) for b in range(a)]
-        found += [np.stack([x[:, a], x[:, b]], axis=1) for a, b in pairs]
-    return np.concatenate(found)
+        segments += [np.stack([x[:, a], x[:, b]], axis=1) for a, b in pairs]
+    return np.concatenate(segments)

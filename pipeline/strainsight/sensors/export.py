@@ -1,4 +1,4 @@
-"""A layout as a universal file (UFF) and the outline of its part."""
+"""Export of a layout as a universal file (UFF), and edge lines of its part."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ def uff_text(
     unit: str = "m",
     metres: float = 1.0,
 ) -> str:
-    """A node for each gauge, numbered 1 to k, whose displacement system of the same number shows how it is bonded:
+    """A node for each gauge, numbered 1 to k, with a displacement system of the same number that shows its orientation:
 
-        x along the measuring direction, laid on the surface;  z along the outward normal;  y = z × x
+        x along the measuring direction, projected on the surface;  z along the outward normal;  y = z × x
 
     Datasets 151 (header), 164 (units), 2420 (coordinate systems, with the labels as names: rows 1 to 3 of the matrix are
-    the axes, row 4 the origin) and 2411 (nodes), as SDRC and the University of Cincinnati describe them.
-    position (k, 3) in `unit`, of which one is so many metres; direction (k, 3), where it is along the normal x is any tangent;
-    normal (k, 3), zero where unknown: then z is any vector across x; labels (k,), cut to 80
-    characters. The file has no date, so that the same layout is the same file.
+    the axes, row 4 the origin) and 2411 (nodes), as documented by SDRC and the University of Cincinnati.
+    position (k, 3) in `unit`, of `metres` metres each; direction (k, 3): if along the normal, x is any tangent; normal (k, 3),
+    zero if unknown: then z is any vector perpendicular to x; labels (k,), cut to 80 characters. The file has no date, so that
+    equal layouts give equal files.
     """
     axes = frames(np.asarray(direction, dtype=float), np.asarray(normal, dtype=float))
     header = [TITLE, TITLE, PROGRAM, f"{STAMP}{0:10d}{0:10d}{0:10d}", STAMP, PROGRAM, STAMP]
     code, words = (SI, "SI: Meter (newton)") if unit == "m" else (USER_DEFINED, f"{unit} (newton)")
-    # What a number of the file is divided by to give SI: length, force, temperature.
+    # divisors that convert numbers of the file to SI: length, force, temperature
     units = [f"{code:10d}{words:<20}{2:10d}", _numbers([1.0 / metres, 1.0, 1.0]), _numbers([273.15])]
     systems, nodes = [f"{1:10d}", TITLE], []
     for number, (x, frame, label) in enumerate(zip(position, axes, labels, strict=True), start=1):
@@ -53,7 +53,8 @@ def uff_text(
 
 
 def frames(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Right-handed axes (k, 3, 3), rows x, y, z: z along n, x along d laid on its plane; where n is zero or along d, any."""
+    """Right-handed axes (k, 3, 3), rows x, y, z: z along n, x along d projected on its plane; arbitrary if n is zero or along
+    d."""
     frame = np.zeros((len(direction), 3, 3))
     for i, (d, n) in enumerate(zip(direction, normal, strict=True)):
         z = n if np.linalg.norm(n) > 0 else np.cross(d, farthest_axis(d))
@@ -71,24 +72,24 @@ def _numbers(values: Iterable[float]) -> str:
 
 
 def _name(label: str) -> str:
-    """The label, but never a line that would end the dataset or read as none."""
+    """The label, changed if it would end the dataset or count as empty."""
     return label if label.strip() not in ("", "-1") else f"{NOTHING} {label}".strip()
 
 
 def _block(number: int, lines: Sequence[str]) -> str:
-    """Every line in ASCII, at most 80 characters."""
+    """A dataset with lines in ASCII of at most 80 characters."""
     clean = [line.encode("ascii", "replace").decode()[:80].replace("\n", " ").replace("\r", " ") for line in lines]
     return "\n".join(["    -1", f"{number:6d}", *clean, "    -1"]) + "\n"
 
 
 LEVEL = 1e-6
-"""Cosine below which a facet is seen from its side."""
+"""Cosine below which a facet is viewed edge-on."""
 
 
 @dataclass(frozen=True)
 class EdgeLines:
-    """The e edges of a skin, each with both facets: path (e, 3, 3) [m] from end through the middle to end; normal (e, 2, 3) of
-    the facets left and right of it, unit, twice the same where there is but one; sharp (e,)."""
+    """The e edges of a skin, each with both facets: path (e, 3, 3) [m] from end through the middle to end; normal (e, 2, 3) unit,
+    of the facets left and right of it, repeated for an edge of one facet; sharp (e,)."""
 
     path: np.ndarray
     normal: np.ndarray
@@ -109,18 +110,17 @@ def edge_lines(position: np.ndarray, facets: Facets) -> EdgeLines:
 
 
 def seen_from(lines: EdgeLines, toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is drawn for a viewer in the direction `toward` (3,): edges in view and edges behind, as segments (s, 2, 3) [m].
+    """Edges for a viewer in the direction `toward` (3,): visible edges and hidden sharp edges, as segments (s, 2, 3) [m].
 
-    In view is a sharp edge of which a facet faces the viewer, or both are seen from their side, and a smooth one where the skin
-    turns away. That one part of the body covers another is not looked for: of a body that is not convex some edges in view are
-    hidden in truth.
+    Visible are sharp edges with a facet towards the viewer, or with both facets edge-on, and smooth edges of the contour.
+    Occlusion by other parts of the body is not evaluated: for bodies that are not convex some visible edges are in fact hidden.
     """
     facing = lines.normal @ toward
     front, back = facing.max(axis=1), facing.min(axis=1)
     behind = (front <= LEVEL) & (back < -LEVEL)
     turning = (front > LEVEL) & (back <= LEVEL)
-    seen = np.where(lines.sharp, ~behind, turning)
-    return _segments(lines.path[seen]), _segments(lines.path[lines.sharp & behind])
+    visible = np.where(lines.sharp, ~behind, turning)
+    return _segments(lines.path[visible]), _segments(lines.path[lines.sharp & behind])
 
 
 def _segments(path: np.ndarray) -> np.ndarray:

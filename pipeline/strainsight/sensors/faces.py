@@ -1,4 +1,4 @@
-"""Faces of a surface: what a designer would point at, found again in the facets of a mesh."""
+"""Faces of a surface, as a designer would select them, found in the facets of a mesh."""
 
 from __future__ import annotations
 
@@ -19,25 +19,26 @@ from strainsight.sensors.surface import angle_between, by_kind, facet_centres
 from strainsight.sensors.walk import Skin, locate, skin_of
 
 LEVEL = np.deg2rad(1.0)
-"""Neighbours whose normals part by less lie in one plane."""
+"""Largest angle between normals of neighbouring facets in one plane."""
 BENT = np.deg2rad(5.0)
-"""A face whose normals part from their mean by more is not flat."""
+"""Largest angle between a normal and the mean normal of a flat face."""
 CORNERS = np.array([kind.corners for kind in FACETS])
 Vector = tuple[float, float, float]
 ROUND = 0.02
-"""Share of its radius that a cylinder's nodes may be off."""
+"""Largest distance of a node from a cylinder, as a share of its radius."""
 TILTED = 0.25
-"""Largest RMS of what normals of a cylinder have along it, over what they have across."""
+"""Largest ratio of the RMS of the axial and radial components of the normals of a cylinder."""
 LARGEST = 1e3
-"""Radius of a cylinder over the size of its face: beyond it, nodes do not tell it from a plane."""
+"""Largest radius of a cylinder over the size of its face; a larger one cannot be distinguished from a plane by its nodes."""
 
 
 @dataclass(frozen=True)
 class Pick:
-    """What is meant by a face: all that is given has to hold.
+    """Selection of a face; all specified criteria must hold.
 
-    near: points [m], the face nearest to each of them; normal (3,) and angle [deg]: facets whose outward normal is that near
-    to it; box [m]: facets whose centre lies between its lower and upper corner; radius [m]: facets of cylinders of this radius.
+    near: points [m], the face nearest to each of them; normal (3,) and angle [deg]: facets whose outward normal is within this
+    angle of it; box [m]: facets whose centre lies between its lower and upper corner; radius [m]: facets of cylinders of this
+    radius.
     """
 
     near: tuple[Vector, ...] = ()
@@ -51,39 +52,39 @@ class Pick:
 class Faces:
     """The f exterior facets as n faces, the largest first.
 
-    point: the centre of the facet nearest to the centre of the face, rounded to a millionth of that facet's size; of (f,): the
-    face of each facet, which no file has.
+    point: the centre of the facet nearest to the centre of the face, rounded to a millionth of the size of the facet; of (f,):
+    the face of each facet, which is not written to files.
     """
 
     area: Annotated[np.ndarray, Column("m^2", "face", "area, the largest first")]
     centre: Annotated[np.ndarray, Column("m", "face × 3", "centre, weighted by area")]
-    normal: Annotated[np.ndarray, Column("1", "face × 3", "outward normal of a flat face, zero where it is bent")]
-    radius: Annotated[np.ndarray, Column("m", "face", "radius of a cylinder, zero of others")]
-    axis: Annotated[np.ndarray, Column("1", "face × 3", "axis of a cylinder, zero of others")]
+    normal: Annotated[np.ndarray, Column("1", "face × 3", "outward normal of a flat face, zero if curved")]
+    radius: Annotated[np.ndarray, Column("m", "face", "radius of a cylinder, zero for other faces")]
+    axis: Annotated[np.ndarray, Column("1", "face × 3", "axis of a cylinder, zero for other faces")]
     hollow: Annotated[np.ndarray, Column("1", "face", "whether a cylinder is a bore")]
     point: Annotated[np.ndarray, Column("m", "face × 3", "a point of each face")]
     of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def near(self, face: int) -> str:
-        """Its point, as a config names it by: "[x, y, z]"."""
+        """Its point, as in a config: "[x, y, z]"."""
         return "[" + ", ".join(f"{x:.12g}" for x in self.point[face] + 0.0) + "]"
 
     def in_words(self, face: int) -> str:
-        """What kind of face it is."""
+        """Type of the face, with its dimensions."""
         if self.normal[face].any():
             return "flat, normal ({:.3g}, {:.3g}, {:.3g})".format(*(self.normal[face].round(6) + 0.0))
         if self.radius[face]:
             what = "bore" if self.hollow[face] else "cylinder"
             axis = "({:.3g}, {:.3g}, {:.3g})".format(*(self.axis[face].round(6) + 0.0))
             return f"{what}, radius {self.radius[face]:.4g} m, axis {axis}"
-        return "bent"
+        return "curved"
 
 
 def faces_of(position: np.ndarray, facets: Facets) -> Faces:
     """The faces of a surface; position (n, 3) [m].
 
-    A flat face is what neighbours of one normal make up (to 1° each, 5° in all), if it has a node inside: a strip of a
-    cylinder is flat, too, but has none. What is left grows together over edges of less than 30°, and is a cylinder where its
+    A flat face consists of neighbours with equal normals (to 1° each, 5° in total), if it has a node inside; a strip of a
+    cylinder is flat too, but has none. The other facets are joined across edges of less than 30°, and form a cylinder if their
     nodes lie on one.
     """
     vector = facet_vectors(position, facets)
@@ -91,48 +92,50 @@ def faces_of(position: np.ndarray, facets: Facets) -> Faces:
     first = edges.start[(edges.count == 2) & ~edges.sharp]
     left, right = edges.facet[first], edges.facet[first + 1]
     level = angle_between(vector[left], vector[right]) < LEVEL
-    plane = _joined(len(vector), left[level], right[level])
-    flat = _has_a_node_inside(plane, facets) & ~_bent(plane, vector)
-    apart = flat[plane[left]] | flat[plane[right]]
-    smooth = np.where(apart, plane[left] == plane[right], True)
-    return _described(_joined(len(vector), left[smooth], right[smooth]), position, facets, vector)
+    plane = _join(len(vector), left[level], right[level])
+    flat = _has_a_node_inside(plane, facets) & ~_is_bent(plane, vector)
+    at_plane_face = flat[plane[left]] | flat[plane[right]]
+    smooth = np.where(at_plane_face, plane[left] == plane[right], True)
+    return _describe_faces(_join(len(vector), left[smooth], right[smooth]), position, facets, vector)
 
 
 def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np.ndarray:
-    """Indices (k,) of the facets that are meant, ascending; position (n, 3) [m].
+    """Indices (k,) of the selected facets, ascending; position (n, 3) [m].
 
-    Raises UserError where there is none, where a point is farther from the surface than the part is long, and where it is as
-    near to one face as to another and the rest does not say which.
+    Raises UserError if no facet is selected, if a point is farther from the surface than the part is long, and if it is equally
+    near to two faces that the other criteria do not distinguish.
     """
     centre, normal = facet_centres(position, facets.kind, facets.nodes)
-    found = np.ones(len(faces.of), dtype=bool)
+    selected = np.ones(len(faces.of), dtype=bool)
     if pick.normal is not None:
         axis = np.asarray(pick.normal, dtype=float)
-        found &= angle_between(normal, np.tile(axis, (len(normal), 1))) <= np.deg2rad(pick.angle)
-        found &= normal.any(axis=1)
+        selected &= angle_between(normal, np.tile(axis, (len(normal), 1))) <= np.deg2rad(pick.angle)
+        selected &= normal.any(axis=1)
     if pick.box is not None:
-        found &= np.all((centre >= pick.box[0]) & (centre <= pick.box[1]), axis=1)
+        selected &= np.all((centre >= pick.box[0]) & (centre <= pick.box[1]), axis=1)
     if pick.radius is not None:
-        alike = np.abs(faces.radius - pick.radius) <= ROUND * pick.radius
-        found &= alike[faces.of]
-        if not alike.any():
+        has_radius = np.abs(faces.radius - pick.radius) <= ROUND * pick.radius
+        selected &= has_radius[faces.of]
+        if not has_radius.any():
             radii = sorted({f"{r:.4g}" for r in faces.radius[faces.radius > 0]}, key=float)
-            known = f"cylinders here have {', '.join(radii[:8])} m" if radii else "this surface has no cylinders"
+            known = f"Available radii: {', '.join(radii[:8])} m." if radii else "This surface has no cylinders."
             raise UserError(f"no face has a radius of {pick.radius:g} m", remedy=known)
     if pick.near:
-        skin, likely = skin_of(position, facets), faces.of[found]
-        found &= np.isin(faces.of, [_nearest(np.asarray(point), faces, skin, likely) for point in pick.near])
-    if not found.any():
+        skin, likely = skin_of(position, facets), faces.of[selected]
+        selected &= np.isin(faces.of, [_nearest(np.asarray(point), faces, skin, likely) for point in pick.near])
+    if not selected.any():
         picks = [name for name in ("near", "normal", "box", "radius") if getattr(pick, name)]
-        where = f"{' and '.join(picks)} hold together nowhere" if len(picks) > 1 else "lengths are in m"
-        raise UserError(
-            "no facet of the surface is meant", remedy=f"{where}; `strainsight init` lists the faces of a deck"
+        where = (
+            f"No facet meets all of {' and '.join(picks)}" if len(picks) > 1 else "Check the lengths, which are in m"
         )
-    return np.flatnonzero(found)
+        raise UserError(
+            "no facet of the surface is selected", remedy=f"{where}. `strainsight init` lists the faces of a deck."
+        )
+    return np.flatnonzero(selected)
 
 
 def pointed_at(face: int, faces: Faces, position: np.ndarray, facets: Facets) -> str:
-    """What `mesh.faces` picks a flat face by: "near: [x, y, z]", with its normal where another face touches it there."""
+    """Entry of `mesh.faces` that selects a flat face: "near: [x, y, z]", with its normal if another face touches it there."""
     point = faces.near(face)
     try:
         picked(Pick(near=(tuple(faces.point[face].tolist()),)), faces, position, facets)
@@ -142,15 +145,15 @@ def pointed_at(face: int, faces: Faces, position: np.ndarray, facets: Facets) ->
 
 
 def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) -> int:
-    """The face nearest to a point (3,) [m]; of two as near, as where parts touch, the one that is among the likely ones."""
+    """The face nearest to a point (3,) [m]; of two equally near, such as parts in contact, the one among the likely ones."""
     long = float(np.linalg.norm(np.ptp(skin.position, axis=0)))
     hit = locate(skin, point[None])
     face, distance = int(faces.of[hit.facet[0]]), float(hit.distance[0])
     where = "({:g}, {:g}, {:g}) m".format(*point)
     if distance > long:
         raise UserError(
-            f"the point {where} is {distance:.4g} m away from a part that is {long:.4g} m long",
-            remedy="coordinates are in m, whatever the unit of the deck",
+            f"the point {where} is {distance:.4g} m away from a part that is only {long:.4g} m long",
+            remedy="Coordinates are in m, whatever the unit of the deck.",
         )
     others = faces.of != face
     if others.any():
@@ -160,8 +163,8 @@ def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) ->
             if (other in likely) != (face in likely):
                 return other if other in likely else face
             raise UserError(
-                f"the point {where} is as near to one face ({faces.in_words(face)}) as to another ({faces.in_words(other)})",
-                remedy="give a point inside the face that is meant, or its normal too",
+                f"the point {where} is equally near to two faces: {faces.in_words(face)} and {faces.in_words(other)}",
+                remedy="Specify a point inside the intended face, or also its normal.",
             )
     return face
 
@@ -177,19 +180,19 @@ def facet_vectors(position: np.ndarray, facets: Facets) -> np.ndarray:
     return vector
 
 
-def _joined(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Number (count,) of the group of each, where a and b (m,) belong together; groups in the order of their first."""
+def _join(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Number (count,) of the group of each item, with pairs a and b (m,) in one group; groups in the order of their first."""
     _, first, member = np.unique(component_labels(count, a, b), return_index=True, return_inverse=True)
     return np.asarray(np.argsort(np.argsort(first))[member])
 
 
 def _has_a_node_inside(group: np.ndarray, facets: Facets) -> np.ndarray:
-    """Whether a corner lies between facets of the group (n,) alone."""
-    corner, own = [], []
+    """Whether a corner belongs only to facets of the group (n,)."""
+    corner, groups = [], []
     for kind, which, _ in by_kind(facets.kind, facets.nodes):
         corner.append(facets.corners[which, : kind.corners].ravel())
-        own.append(np.repeat(group[which], kind.corners))
-    node, of = np.concatenate(corner), np.concatenate(own)
+        groups.append(np.repeat(group[which], kind.corners))
+    node, of = np.concatenate(corner), np.concatenate(groups)
     low, high = np.full(node.max() + 1, len(group)), np.full(node.max() + 1, -1)
     np.minimum.at(low, node, of)
     np.maximum.at(high, node, of)
@@ -198,8 +201,8 @@ def _has_a_node_inside(group: np.ndarray, facets: Facets) -> np.ndarray:
     return inside
 
 
-def _bent(group: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Whether a facet's normal parts from the mean of its group by more than `BENT`: (n,) bool."""
+def _is_bent(group: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Whether a facet normal differs from the mean of its group by more than `BENT`: (n,) bool."""
     mean = np.zeros((group.max() + 1, 3))
     np.add.at(mean, group, vector)
     bent = np.zeros(len(mean), dtype=bool)
@@ -207,7 +210,7 @@ def _bent(group: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return bent
 
 
-def _described(group: np.ndarray, position: np.ndarray, facets: Facets, vector: np.ndarray) -> Faces:
+def _describe_faces(group: np.ndarray, position: np.ndarray, facets: Facets, vector: np.ndarray) -> Faces:
     size, count = np.linalg.norm(vector, axis=1), int(group.max()) + 1
     middle, _ = facet_centres(position, facets.kind, facets.nodes)
     area, total, moment = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
@@ -218,28 +221,28 @@ def _described(group: np.ndarray, position: np.ndarray, facets: Facets, vector: 
     of = np.argsort(order)[group]
     area, total = area[order], total[order]
     centre = moment[order] / np.where(area > 0, area, 1.0)[:, None]
-    bent = _bent(group, vector)[order]
+    bent = _is_bent(group, vector)[order]
     length = np.linalg.norm(total, axis=1, keepdims=True)
     normal = np.where(bent[:, None] | (length == 0), 0.0, total / np.where(length > 0, length, 1.0))
     radius, axis, hollow = np.zeros(count), np.zeros((count, 3)), np.zeros(count, dtype=bool)
     point = np.zeros((count, 3))
     corner = np.where(np.arange(4) < CORNERS[facets.kind][:, None], facets.nodes[:, :4], -1)
-    for face, own in enumerate(np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))[:-1])):
-        first = own[first_of_largest(-np.linalg.norm(middle[own] - centre[face], axis=1))]
+    for face, members in enumerate(np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))[:-1])):
+        first = members[first_of_largest(-np.linalg.norm(middle[members] - centre[face], axis=1))]
         point[face] = middle[first].round(int(np.ceil(6 - 0.5 * np.log10(max(size[first], 1e-24)))))
         if bent[face]:
-            nodes = np.unique(corner[own])
+            nodes = np.unique(corner[members])
             on_it = position[nodes[nodes >= 0]]
-            radius[face], axis[face], hollow[face] = cylinder(on_it, middle[own], vector[own])
+            radius[face], axis[face], hollow[face] = cylinder(on_it, middle[members], vector[members])
     return Faces(area, centre, normal, radius, axis, hollow, point, of)
 
 
 def cylinder(x: np.ndarray, middle: np.ndarray, vector: np.ndarray) -> tuple[float, np.ndarray, bool]:
-    """Radius [m], axis (3,) and whether it is seen from inside, of the cylinder on which the points x (k, 3) [m] lie.
+    """Radius [m], axis (3,) and whether it is a bore, of the cylinder through the points x (k, 3) [m].
 
-    It begins with the axis that the normals stand on and the circle of least squares, |x|² = 2 c·x + R² − |c|², and is then
-    fitted to the points: normals of plane facets on a coarse cylinder are tilted along it. Zero where a point is off it by more
-    than 2 % of its radius. middle (m, 3) [m] and vector (m, 3) [m²] of its facets.
+    The start is the axis perpendicular to the normals and the circle of least squares, |x|² = 2 c·x + R² − |c|². It is then
+    fitted to the points, because the normals of flat facets on a coarse cylinder are inclined to it. Zero if a point is off by
+    more than 2 % of the radius. middle (m, 3) [m] and vector (m, 3) [m²] of its facets.
     """
     none = (0.0, np.zeros(3), False)
     _, s, V = np.linalg.svd(vector / np.linalg.norm(vector, axis=1, keepdims=True).clip(1e-300), full_matrices=False)
@@ -265,7 +268,7 @@ def cylinder(x: np.ndarray, middle: np.ndarray, vector: np.ndarray) -> tuple[flo
 
 
 def _frame(p: np.ndarray, V: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axis (3,) along V₃ + p₀ V₁ + p₁ V₂ through p₂ V₁ + p₃ V₂, and what leads from it to the points y (k, 3)."""
+    """Axis (3,) along V₃ + p₀ V₁ + p₁ V₂ through p₂ V₁ + p₃ V₂, and vectors from it to the points y (k, 3)."""
     axis = V[2] + p[:2] @ V[:2]
     axis /= np.linalg.norm(axis)
     arm = y - p[2:4] @ V[:2]

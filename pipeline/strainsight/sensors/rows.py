@@ -1,4 +1,4 @@
-"""What a gauge reads of a displacement field, and the points of the surface that it averages over."""
+"""Strain operator (matrix H) of gauges: readings in a displacement field, and the surface points that they average."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from strainsight.sensors.walk import Skin, Trail, local_at, skin_of, walk
 
 GAUSS = 0.5 + np.sqrt(1 / 12) * np.array([-1.0, 1.0])
 WEIGHT = np.array([0.5, 0.5])
-"""Gauss-Legendre on [0, 1], exact to degree 3, which is that of the strain along a line on a straight facet."""
+"""Gauss-Legendre on [0, 1], exact to degree 3, the degree of the strain along a line on a straight facet."""
 
 
 @dataclass(frozen=True)
 class ChannelPoints:
     """p points: channel (p,), element (p,) its id, kind (p,), nodes (p, 8), local (p, 2) ξ, direction (p, 3), quantity (p,),
-    weight (p,), which adds up to 1 over a grid, of a bridge to the sign of the grid."""
+    weight (p,), with the sum 1 over a grid, times the sign of the grid in a bridge."""
 
     channel: np.ndarray
     element: np.ndarray
@@ -36,7 +36,7 @@ class ChannelPoints:
     weight: np.ndarray
 
     def take(self, index: np.ndarray) -> ChannelPoints:
-        """Those at `index`."""
+        """The points at `index`."""
         return ChannelPoints(*(getattr(self, entry.name)[index] for entry in fields(self)))
 
     @classmethod
@@ -46,7 +46,7 @@ class ChannelPoints:
 
 
 def surface_of(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None) -> Skin:
-    """The surface that the candidates lie on; without facets that of the facets that carry one."""
+    """The surface of the candidates; without facets it consists of the facets that carry a candidate."""
     if isinstance(facets, Skin):
         return facets
     if facets is None:
@@ -63,17 +63,17 @@ def surface_of(position: np.ndarray, candidates: Candidates, facets: Facets | Sk
 
 
 def stays(skin: Skin, candidates: Candidates) -> np.ndarray:
-    """Which gauges (gauges,) have all their grids on the surface, not over a sharp edge or its end."""
+    """Which gauges (gauges,) have all their grids on the surface, without crossing a sharp edge or its end."""
     which = np.flatnonzero(candidates.length > 0)
-    trail, _ = _ways(skin, candidates, which)
+    trail, _ = _grid_trails(skin, candidates, which)
     bad = np.zeros(candidates.gauges, dtype=bool)
     bad[candidates.gauge[np.tile(which, 2)[~trail.reached]]] = True
     return ~bad
 
 
-def _ways(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[Trail, np.ndarray]:
-    """The walks from the centres of the channels `which` (k,) forward to the ends of their grids, then those backward, and
-    their directions (2k, 3)."""
+def _grid_trails(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[Trail, np.ndarray]:
+    """The trails from the centres of the channels `which` (k,) forward to the ends of their grids, then those backward, and their
+    directions (2k, 3)."""
     both = np.tile(which, 2)
     ahead = np.repeat([1.0, -1.0], len(which))[:, None] * candidates.direction[both]
     start = skin.index_of(candidates.element[which], candidates.facet[which])
@@ -91,13 +91,13 @@ def _grids(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[Chann
     """The points of the channels `which` (k,), and whether their grids stay on the surface (k,)."""
     k, both = len(which), np.tile(which, 2)
     origin, normal = candidates.position[both], candidates.normal[both]
-    trail, ahead = _ways(skin, candidates, which)
+    trail, ahead = _grid_trails(skin, candidates, which)
     covered = trail.end - trail.begin
     piece = np.repeat(np.flatnonzero(covered > 0), len(GAUSS))
     walker, facet = trail.walker[piece], trail.facet[piece]
     u = trail.begin[piece] + np.tile(GAUSS, len(piece) // len(GAUSS)) * covered[piece]
     plane = np.stack([ahead[walker], np.cross(normal[walker], ahead[walker])], axis=1)
-    local, found = local_at(skin, facet, origin[walker], plane, np.column_stack([u, np.zeros(len(u))]))
+    local, is_inside = local_at(skin, facet, origin[walker], plane, np.column_stack([u, np.zeros(len(u))]))
     channel = both[walker]
     points = ChannelPoints(
         channel,
@@ -109,9 +109,9 @@ def _grids(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[Chann
         candidates.quantity[channel],
         np.tile(WEIGHT, len(piece) // len(GAUSS)) * covered[piece] / candidates.length[channel],
     )
-    well = trail.reached[:k] & trail.reached[k:]
-    well[walker[~found] % k] = False
-    return points, well
+    complete = trail.reached[:k] & trail.reached[k:]
+    complete[walker[~is_inside] % k] = False
+    return points, complete
 
 
 HALVINGS = 12
@@ -124,12 +124,12 @@ def misplaced(
     offset: np.ndarray | None = None,
     rotation: np.ndarray | None = None,
 ) -> tuple[Candidates, np.ndarray]:
-    """The gauges moved over the surface and turned, and which of them (gauges,) were held back by a sharp edge.
+    """Move gauges over the surface and rotate them; also returns which of them (gauges,) a sharp edge limits.
 
-    offset (gauges, 2) [m] along the `installation_axes` of each gauge, in its tangent plane;
-    rotation (gauges,) [deg], right-handed about the normal. All channels of a gauge move as one, and their directions are
-    carried along without turning about the normal. A point gauge stops at a sharp edge; one with a grid, or several, is moved
-    and turned by the largest share of what was asked for that leaves its grids on the surface.
+    offset (gauges, 2) [m] along the `installation_axes` of each gauge, in its tangent plane; rotation (gauges,) [deg],
+    right-handed about the normal. All channels of a gauge move as one, and their directions follow the surface without rotation
+    about the normal. A point gauge stops at a sharp edge; a gauge with grids is moved and rotated by the largest share of the
+    target that leaves its grids on the surface.
     position (n, 3) [m]; candidates: grids of bridges are gauges here (`Candidates.grids`); facets of the whole surface (None:
     those that carry candidates).
     """
@@ -137,31 +137,31 @@ def misplaced(
     offset = np.zeros((gauges, 2)) if offset is None else np.asarray(offset, dtype=float)
     rotation = np.zeros(gauges) if rotation is None else np.asarray(rotation, dtype=float)
     skin = surface_of(position, candidates, facets)
-    moved, held = _moved(skin, candidates, offset, rotation)
-    spread = np.zeros(gauges, dtype=bool)
-    spread[candidates.gauge[candidates.length > 0]] = True
-    if not spread.any():
-        return moved, held
-    stuck = np.flatnonzero((held | ~stays(skin, moved)) & spread)
-    if not len(stuck):
-        return moved, held
-    part = candidates.take(candidates.channels(stuck))
-    low, high = np.zeros(len(stuck)), np.ones(len(stuck))
+    moved, limited = _move(skin, candidates, offset, rotation)
+    has_grid = np.zeros(gauges, dtype=bool)
+    has_grid[candidates.gauge[candidates.length > 0]] = True
+    if not has_grid.any():
+        return moved, limited
+    to_shorten = np.flatnonzero((limited | ~stays(skin, moved)) & has_grid)
+    if not len(to_shorten):
+        return moved, limited
+    part = candidates.take(candidates.channels(to_shorten))
+    low, high = np.zeros(len(to_shorten)), np.ones(len(to_shorten))
     for _ in range(HALVINGS):
         share = 0.5 * (low + high)
-        tried, blocked = _moved(skin, part, share[:, None] * offset[stuck], share * rotation[stuck])
-        well = ~blocked & stays(skin, tried)
-        low, high = np.where(well, share, low), np.where(well, high, share)
+        tried, blocked = _move(skin, part, share[:, None] * offset[to_shorten], share * rotation[to_shorten])
+        feasible = ~blocked & stays(skin, tried)
+        low, high = np.where(feasible, share, low), np.where(feasible, high, share)
     share = np.ones(gauges)
-    share[stuck] = low
-    moved, held = _moved(skin, candidates, share[:, None] * offset, share * rotation)
-    held[stuck] = True
-    return moved, held
+    share[to_shorten] = low
+    moved, limited = _move(skin, candidates, share[:, None] * offset, share * rotation)
+    limited[to_shorten] = True
+    return moved, limited
 
 
 def installation_axes(candidates: Candidates) -> tuple[np.ndarray, np.ndarray]:
-    """Unit tangents e₁ and e₂ = n × e₁ (gauges, 3) that offsets of a gauge are along: e₁ ∥ d − (d·n) n of its first channel,
-    along `tangents` where d is within 10° of n."""
+    """Unit tangents e₁ and e₂ = n × e₁ (gauges, 3), the axes of offsets: e₁ ∥ d − (d·n) n of the first channel of a gauge, or
+    from `tangents` if d is within 10° of n."""
     first = candidates.take(candidates.first)
     n = first.normal
     upright = np.abs(np.sum(first.direction * n, axis=1)) > np.cos(np.deg2rad(STEEPEST))
@@ -169,7 +169,7 @@ def installation_axes(candidates: Candidates) -> tuple[np.ndarray, np.ndarray]:
     return e1, np.cross(n, e1)
 
 
-def _moved(
+def _move(
     skin: Skin, candidates: Candidates, offset: np.ndarray, rotation: np.ndarray
 ) -> tuple[Candidates, np.ndarray]:
     first = candidates.take(candidates.first)
@@ -183,10 +183,10 @@ def _moved(
     plane = np.stack([ahead[go], np.cross(n[go], ahead[go])], axis=1)
     target = np.column_stack([trail.length, np.zeros(len(go))])
     local, facet = first.local.copy(), start
-    found, ok = local_at(skin, trail.last, first.position[go], plane, target)
-    local[go[ok]], facet[go[ok]] = found[ok], trail.last[ok]
-    held = np.zeros(len(first), dtype=bool)
-    held[go] = ~(trail.reached & ok)
+    new_local, ok = local_at(skin, trail.last, first.position[go], plane, target)
+    local[go[ok]], facet[go[ok]] = new_local[ok], trail.last[ok]
+    limited = np.zeros(len(first), dtype=bool)
+    limited[go] = ~(trail.reached & ok)
     x, after = skin.frames(facet, local)
     g = candidates.gauge
     return replace(
@@ -196,7 +196,7 @@ def _moved(
         normal=after[g],
         direction=turned(carried(candidates.direction, n[g], after[g]), after[g], rotation[g]),
         local=local[g],
-    ), held
+    ), limited
 
 
 def channel_rows(
@@ -207,16 +207,16 @@ def channel_rows(
     facets: Facets | Skin | None = None,
     thickness: Thickness | None = None,
 ) -> np.ndarray:
-    """What every channel reads in every displacement field: `channel_matrix` times the field.
+    """Readings of every channel in every displacement field: `channel_matrix` times the field.
 
-    field (3n, r) [m per unit], row 3·node + component. An accelerometer has the row of a displacement sensor, for accelerations.
-    Returns (m, r) [strain or m per unit]. Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
+    field (3n, r) [m per unit], row 3·node + component. An accelerometer has the row of a displacement sensor, to be applied to
+    accelerations. Returns (m, r) [strain or m per unit]. Raises InfeasibleError if the grid of a gauge crosses a sharp edge.
     """
     return channel_matrix(position, candidates, facets, thickness) @ np.asarray(field).reshape(3 * len(position), -1)
 
 
 def fits(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> np.ndarray:
-    """Whether the grids of each channel's gauge (m,) lie on the surface without running over a sharp edge (over 30°)."""
+    """Whether the grids of the gauge of each channel (m,) are on the surface without crossing a sharp edge (over 30°)."""
     if not np.any(candidates.grids.length > 0):
         return np.ones(len(candidates), dtype=bool)
     grids = candidates.grids
@@ -229,28 +229,28 @@ def channel_matrix(
     facets: Facets | Skin | None = None,
     thickness: Thickness | None = None,
 ) -> sparse.csr_array:
-    """Rows (m, 3n) of the facets' own shape functions, for displacements z of the nodes, row 3·node + component:
+    """Strain operator H (m, 3n) from the shape functions of the facets, for nodal displacements z, row 3·node + component:
 
         strain at a point     ε = dᵀ sym(∇z) d = d·(∂z/∂s),    ∂Nₖ/∂s = d · J(JᵀJ)⁻¹ ∂Nₖ/∂ξ,    J = ∂x/∂ξ
         over a grid of length L     the mean of ε over −L/2 ≤ s ≤ L/2 along d, facet by facet
         motion     d·z = d·Σ Nₖ zₖ
         a bridge   Σₖ sₖ εₖ over its arms
 
-    A gauge's d is tangent to the facet, so the surface gradient is all of ∇z that counts; along a grid it is carried with
-    the surface.
-    position (n, 3) [m]; candidates (m); facets of the whole surface, where a grid may reach beyond the facet of its
-    centre (without them the facets that carry candidates are the surface); thickness: of shells that are thicker than those
-    of the mesh, whose faces move as displacements of the nodes of the mesh say; gauges sit at the same ξ of the same facet.
-    Raises InfeasibleError where a grid runs over a sharp edge or the end of the surface.
+    The direction d of a gauge is tangent to the facet, so only the surface gradient of z counts; along a grid it follows the
+    surface.
+    position (n, 3) [m]; candidates (m); facets of the whole surface, where a grid may extend over several facets (default: the
+    facets that carry candidates); thickness: of shells that are thicker than those of the mesh, whose faces follow the
+    displacements of its nodes; gauges keep ξ and facet. Raises InfeasibleError if a grid crosses a sharp edge or the end of the
+    surface.
     """
     return matrix_of(position, points_within(position, candidates, facets), len(candidates), thickness)
 
 
 def points_within(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> ChannelPoints:
-    """The points that every channel sums or averages over.
+    """The points that every channel sums or averages.
 
-    A channel without a grid has the point of its ξ. A grid is walked from its centre both ways, and every piece of it on one
-    facet has the two points of Gauss, so that the jumps of strain from facet to facet are averaged and not sampled.
+    A channel without a grid has the point ξ. A grid is followed from its centre in both directions, and each of its pieces on one
+    facet has two Gauss points, so that the jumps of strain between facets are averaged.
     Raises InfeasibleError as `channel_matrix`.
     """
     grids = candidates.grids
@@ -258,15 +258,15 @@ def points_within(position: np.ndarray, candidates: Candidates, facets: Facets |
     columns = (getattr(grids, entry.name)[at] for entry in fields(ChannelPoints)[1:-1])
     points = ChannelPoints(*(at, *columns, np.ones(len(at))))
     if len(which):
-        along, well = _grids(surface_of(position, grids, facets), grids, which)
-        if not well.all():
-            first = int(which[np.argmin(well)])
+        along, complete = _grids(surface_of(position, grids, facets), grids, which)
+        if not complete.all():
+            first = int(which[np.argmin(complete)])
             raise InfeasibleError(
-                f"the grid of {np.count_nonzero(~well)} of {len(grids)} channels runs over a sharp edge "
+                f"the grid of {np.count_nonzero(~complete)} of {len(grids)} channels crosses a sharp edge "
                 f"(element {grids.element[first]}, facet {grids.facet[first]}, "
                 f"grid {grids.length[first]:.3g} m long)",
-                remedy="a shorter grid, or none near edges: "
-                f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}]",
+                remedy="Use a shorter grid, or exclude positions near edges: "
+                f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}].",
             )
         points = ChannelPoints.joined([points, along])
     if candidates.arms is None:
@@ -280,12 +280,12 @@ def matrix_of(
 ) -> sparse.csr_array:
     """The rows of `channel_matrix` (channels, 3n) from the points of the channels."""
     if thickness is not None:
-        found, ratio = sparse.csr_array((channels, 3 * len(position))), thickness.ratio_of(points.element)
-        for own in np.unique(ratio):
-            G = thickness.moved(own)
-            moved = (G @ position.ravel()).reshape(position.shape)
-            found = found + matrix_of(moved, points.take(ratio == own), channels) @ G
-        return sparse.csr_array(found)
+        total, ratio = sparse.csr_array((channels, 3 * len(position))), thickness.ratio_of(points.element)
+        for value in np.unique(ratio):
+            G = thickness.moved(value)
+            moved_position = (G @ position.ravel()).reshape(position.shape)
+            total = total + matrix_of(moved_position, points.take(ratio == value), channels) @ G
+        return sparse.csr_array(total)
     entries = [_entries(position, points.take(part), kind) for kind, part, _ in by_kind(points.kind, points.nodes)]
     value, row, column = (
         (np.concatenate(parts) for parts in zip(*entries, strict=True)) if entries else (np.zeros(0),) * 3
@@ -302,24 +302,24 @@ def _entries(position: np.ndarray, points: ChannelPoints, kind: Kind) -> tuple[n
     strain = points.quantity == STRAIN
     if strain.any() and not len(kind.read_at):
         _, J = facet_points(kind, position[nodes[strain]], points.local[strain])
-        # d in the dual base of the tangents: solve (JᵀJ) s = Jᵀd.
+        # d in the dual basis of the tangents: solve (JᵀJ) s = Jᵀd
         s = np.linalg.solve(np.swapaxes(J, 1, 2) @ J, np.einsum("mca,mc->ma", J, d[strain])[..., None])
         N[strain] = (kind.gradient(points.local[strain]) @ s)[..., 0]
     value = (points.weight[:, None] * N)[..., None] * d[:, None]
     if strain.any() and len(kind.read_at):
-        own = _read(kind, position[nodes[strain]], points.local[strain], d[strain])
-        value[strain] = points.weight[strain, None, None] * own
+        gradient = _strain_from_reading_points(kind, position[nodes[strain]], points.local[strain], d[strain])
+        value[strain] = points.weight[strain, None, None] * gradient
     row = np.broadcast_to(points.channel[:, None, None], value.shape)
     column = 3 * nodes[..., None] + np.arange(3)
     return value.ravel(), row.ravel(), column.ravel()
 
 
-def _read(kind: Kind, corners: np.ndarray, xi: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """Rows (m, k, 3) of the strain along d (m, 3) at xi (m, 2), from the points where the facet's strain is read, d carried there
-    over the bent surface, of triangles from strains along their sides; corners (m, k, 3) [m] all nodes of the facets."""
+def _strain_from_reading_points(kind: Kind, corners: np.ndarray, xi: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Rows (m, k, 3) of the strain along d (m, 3) at xi (m, 2), from the points where the strain of the facet is evaluated; d
+    follows the curved surface; for triangles from strains along their sides; corners (m, k, 3) [m] all nodes of the facets."""
     _, J = facet_points(kind, corners, xi)
     normal, share = normals(J), kind.reading(xi)
-    found, along_side = np.zeros(corners.shape), d[:, None]
+    rows, along_side = np.zeros(corners.shape), d[:, None]
     if kind.read_along:
         _, J = facet_points(kind, corners, np.broadcast_to(kind.centre, xi.shape))
         centre = normals(J)
@@ -333,5 +333,5 @@ def _read(kind: Kind, corners: np.ndarray, xi: np.ndarray, d: np.ndarray) -> np.
         along = carried(along_side[:, side], normal, normals(J))
         s = np.linalg.solve(np.swapaxes(J, 1, 2) @ J, np.einsum("mca,mc->ma", J, along)[..., None])
         slope = (kind.gradient(at) @ s)[..., 0]
-        found += (weight[:, None] * slope)[..., None] * along[:, None]
-    return found
+        rows += (weight[:, None] * slope)[..., None] * along[:, None]
+    return rows

@@ -1,4 +1,4 @@
-"""The nearest point of a surface, and straight ahead over it from facet to facet."""
+"""Nearest points of a surface, and straight paths over it from facet to facet."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from strainsight.sensors.edges import edges_of
 from strainsight.sensors.surface import by_kind, facet_centres, facet_frames, facet_points, on_reference
 
 TURNS = 60.0
-"""Degrees: a surface that has turned by more than this away from where the walk began ends it as an edge would."""
+"""Largest rotation [deg] of the surface normal along a path; it ends there as at an edge."""
 SLACK = 1e-8
-"""Share of a facet's size within which a point lies on its edge."""
-MOST_STEPS = 10_000
+"""Largest distance of a point on an edge, as a share of the facet size."""
+MAX_STEPS = 10_000
 
 
 @dataclass(frozen=True)
 class Skin:
-    """A surface whose facets know one another: position (n, 3) [m] of the nodes; facets, f of them; beyond (f, 4) the facet
-    across each edge, −1 where the edge is sharp (over 30°) or the surface ends; side (f, 4) the edge's number there;
-    curve (f, 4, 3, 3) [m] the edges x(t) = c₀ + c₁ t + c₂ t², −1 ≤ t ≤ 1, nan where a facet has no such edge; size (f,) [m];
-    normal (f, 3) at the centres."""
+    """A surface with the connectivity of its facets: position (n, 3) [m] of the nodes; facets, f of them; beyond (f, 4) the facet
+    across each edge, −1 if the edge is sharp (over 30°) or the surface ends; side (f, 4) the number of the edge there; curve
+    (f, 4, 3, 3) [m] the edges x(t) = c₀ + c₁ t + c₂ t², −1 ≤ t ≤ 1, NaN without such an edge; size (f,) [m]; normal (f, 3) at
+    the centres."""
 
     position: np.ndarray
     facets: Facets
-    beyond: np.ndarray
+    neighbour: np.ndarray
     side: np.ndarray
     curve: np.ndarray
     size: np.ndarray
@@ -40,7 +40,7 @@ class Skin:
         return facet_frames(self.position, self.facets.kind[facet], self.facets.nodes[facet], local)
 
     def index_of(self, element: np.ndarray, facet: np.ndarray) -> np.ndarray:
-        """Indices of the facets with these element ids and local numbers (m,). Raises UserError for one that is not there."""
+        """Indices of the facets with these element ids and local numbers (m,). Raises UserError if one does not exist."""
         known, wanted = self.facets.key, facet_key(element, facet)
         order = np.argsort(known, kind="stable")
         index = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(order) - 1)]
@@ -48,20 +48,20 @@ class Skin:
             first = int(np.argmax(known[index] != wanted))
             raise UserError(
                 f"element {element[first]} has no facet {facet[first]} on this surface",
-                remedy="take the exterior facets of the mesh that the gauges lie on",
+                remedy="Use the exterior facets of the mesh that the gauges lie on.",
             )
         return index
 
 
 def skin_of(position: np.ndarray, facets: Facets) -> Skin:
-    """The surface that the facets make; position (n, 3) [m]."""
+    """The surface of the facets; position (n, 3) [m]."""
     f = len(facets.element_id)
-    beyond, side = np.full((f, 4), -1), np.full((f, 4), -1)
+    neighbour, side = np.full((f, 4), -1), np.full((f, 4), -1)
     curve, size = np.full((f, 4, 3, 3), np.nan), np.zeros(f)
     edges = edges_of(position, facets)
     smooth = edges.start[(edges.count == 2) & ~edges.sharp]
     for a, b in ((smooth, smooth + 1), (smooth + 1, smooth)):
-        beyond[edges.facet[a], edges.side[a]] = edges.facet[b]
+        neighbour[edges.facet[a], edges.side[a]] = edges.facet[b]
         side[edges.facet[a], edges.side[a]] = edges.side[b]
     for kind, which, nodes in by_kind(facets.kind, facets.nodes):
         x = position[nodes]
@@ -72,13 +72,13 @@ def skin_of(position: np.ndarray, facets: Facets) -> Skin:
             middle = x[:, kind.corners + a] if kind.edges else mean
             curve[which, a] = np.stack([middle, 0.5 * (right - left), mean - middle], axis=1)
     _, normal = facet_centres(position, facets.kind, facets.nodes)
-    return Skin(position, facets, beyond, side, curve, size, normal)
+    return Skin(position, facets, neighbour, side, curve, size, normal)
 
 
 @dataclass(frozen=True)
 class Trail:
-    """Where w walkers went, in s pieces, each on one facet: walker (s,), facet (s,) index, begin and end (s,) [m] along the
-    way; reached (w,) whether it got to its end; last (w,) facet and length (w,) [m] where it stopped."""
+    """Paths of w walkers in s pieces, each on one facet: walker (s,), facet (s,) index, begin and end (s,) [m] along the path;
+    reached (w,) whether it reached its end; last (w,) facet and length (w,) [m] where it stopped."""
 
     walker: np.ndarray
     facet: np.ndarray
@@ -92,13 +92,13 @@ class Trail:
 def walk(
     skin: Skin, facet: np.ndarray, origin: np.ndarray, normal: np.ndarray, ahead: np.ndarray, length: np.ndarray
 ) -> Trail:
-    """Walk over the surface above the straight line x₀ + u e, 0 ≤ u ≤ L, of the tangent plane of n at x₀:
+    """Follow the surface above the straight line x₀ + u e, 0 ≤ u ≤ L, of the tangent plane of n at x₀:
 
         (x − x₀)·(n × e) = 0,     u = (x − x₀)·e
 
-    so that the line leaves a facet where one of its edges, a parabola in t, meets the first equation at the least u ahead.
-    facet (w,) index where it begins; origin x₀ (w, 3) [m] on it; normal n (w, 3); ahead e (w, 3) unit, across n;
-    length L (w,) [m]. It stops at a sharp edge, and where the surface has turned away by 60°.
+    so that the line leaves a facet where one of its edges, a parabola in t, meets the first equation at the smallest u ahead.
+    facet (w,) index at the start; origin x₀ (w, 3) [m] on it; normal n (w, 3); ahead e (w, 3) unit, perpendicular to n; length
+    L (w,) [m]. A path stops at a sharp edge, and where the surface normal has rotated by 60°.
     """
     w = len(facet)
     across = np.cross(normal, ahead)
@@ -106,7 +106,7 @@ def walk(
     reached = np.zeros(w, dtype=bool)
     pieces: list[tuple[np.ndarray, ...]] = []
     active = np.arange(w)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         if not len(active):
             break
         g = here[active]
@@ -117,9 +117,9 @@ def walk(
         pieces.append((active, g, u[active], end))
         u[active] = end
         reached[active[arrives]] = True
-        following = skin.beyond[g, edge]
-        turned = np.sum(skin.normal[following] * normal[active], axis=1) < np.cos(np.deg2rad(TURNS))
-        on = ~arrives & (edge >= 0) & (following >= 0) & ~turned
+        following = skin.neighbour[g, edge]
+        too_steep = np.sum(skin.normal[following] * normal[active], axis=1) < np.cos(np.deg2rad(TURNS))
+        on = ~arrives & (edge >= 0) & (following >= 0) & ~too_steep
         onward = active[on]
         here[onward], came[onward] = following[on], skin.side[g[on], edge[on]]
         active = onward
@@ -136,7 +136,7 @@ def _exit(
     u: np.ndarray,
     came: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the line leaves each facet g (k,): u (k,) [m] and the edge's number (k,), −1 (at the old u) for nowhere."""
+    """Exit of the line from each facet g (k,): u (k,) [m] and number of the edge (k,), −1 (at the old u) without an exit."""
     curve = skin.curve[g].copy()
     curve[:, :, 0] -= origin[:, None]
     aside = np.einsum("kepc,kc->kep", curve, across)
@@ -148,7 +148,7 @@ def _exit(
     gap = np.where(np.abs(t) <= 1 + 1e-7, gap, np.nan).reshape(len(g), -1)
     far = np.where(gap > slack[:, None], gap, np.inf)
     number = np.repeat(np.arange(4), 2)
-    # Through a corner the line only touches a facet: it goes on over the other edge that meets there.
+    # through a corner the line only touches a facet and continues over the other edge there
     near = (np.abs(gap) <= slack[:, None]) & (number != came[:, None])
     first = np.argmin(far, axis=1)
     some_far, some_near = np.isfinite(far.min(axis=1)), near.any(axis=1)
@@ -159,7 +159,7 @@ def _exit(
 
 
 def _roots(p: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """Real roots of p₀ + p₁ t + p₂ t², nan where there are none or the line runs along the edge: p (k, 4, 3), slack (k,)."""
+    """Real roots of p₀ + p₁ t + p₂ t², NaN without any or if the line runs along the edge: p (k, 4, 3), slack (k,)."""
     c, b, a = p[..., 0], p[..., 1], p[..., 2]
     with np.errstate(all="ignore"):
         q = -0.5 * (b + np.where(b < 0, -1.0, 1.0) * np.sqrt(b * b - 4 * a * c))
@@ -173,13 +173,15 @@ def local_at(
 ) -> tuple[np.ndarray, np.ndarray]:
     """ξ (p, 2) of the point of each facet above a point of a plane, (x(ξ) − x₀)·[e₁, e₂] = target, by Newton's method.
 
-    facet (p,) index; origin x₀ (p, 3) [m]; plane (p, 2, 3) unit e₁, e₂; target (p, 2) [m]. Returns ξ and found (p,).
+    facet (p,) index; origin x₀ (p, 3) [m]; plane (p, 2, 3) unit e₁, e₂; target (p, 2) [m]. Returns ξ and converged (p,).
     """
-    xi, found = np.zeros((len(facet), 2)), np.zeros(len(facet), dtype=bool)
+    xi, converged = np.zeros((len(facet), 2)), np.zeros(len(facet), dtype=bool)
     for kind, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
-        corners, own = skin.position[nodes], plane[which]
-        xi[which], found[which] = _newton(kind, corners, origin[which], own, target[which], skin.size[facet[which]])
-    return xi, found
+        corners, facet_plane = skin.position[nodes], plane[which]
+        xi[which], converged[which] = _newton(
+            kind, corners, origin[which], facet_plane, target[which], skin.size[facet[which]]
+        )
+    return xi, converged
 
 
 def _newton(
@@ -187,31 +189,31 @@ def _newton(
 ) -> tuple[np.ndarray, np.ndarray]:
     xi = np.tile(kind.centre, (len(corners), 1))
     enough = 1e-11 * size + 4e-16 * np.abs(origin).max(axis=1, initial=0.0)
-    left = np.arange(len(corners))
+    remaining = np.arange(len(corners))
     for _ in range(25):
-        x, J = facet_points(kind, corners[left], xi[left])
-        miss = target[left] - np.einsum("mac,mc->ma", plane[left], x - origin[left])
-        off = np.abs(miss).max(axis=1, initial=0.0) >= enough[left]
-        left, J, miss = left[off], J[off], miss[off]
-        if not len(left):
+        x, J = facet_points(kind, corners[remaining], xi[remaining])
+        miss = target[remaining] - np.einsum("mac,mc->ma", plane[remaining], x - origin[remaining])
+        off = np.abs(miss).max(axis=1, initial=0.0) >= enough[remaining]
+        remaining, J, miss = remaining[off], J[off], miss[off]
+        if not len(remaining):
             break
-        A = plane[left] @ J
+        A = plane[remaining] @ J
         det = A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0]
-        inverse = 1 / np.where(np.abs(det) > 1e-12 * size[left] ** 2, det, np.inf)
+        inverse = 1 / np.where(np.abs(det) > 1e-12 * size[remaining] ** 2, det, np.inf)
         step = inverse[:, None] * np.column_stack(
             [A[:, 1, 1] * miss[:, 0] - A[:, 0, 1] * miss[:, 1], A[:, 0, 0] * miss[:, 1] - A[:, 1, 0] * miss[:, 0]]
         )
-        # A step of at most half the local range: a bad start must not throw the search out of the facet for good.
-        xi[left] = np.clip(xi[left] + np.clip(step, -0.5, 0.5), -1.5, 1.5)
-    found = np.ones(len(corners), dtype=bool)
-    found[left] = False
-    return xi, found
+        # limited to half the local range, so that a bad start cannot leave the facet for good
+        xi[remaining] = np.clip(xi[remaining] + np.clip(step, -0.5, 0.5), -1.5, 1.5)
+    converged = np.ones(len(corners), dtype=bool)
+    converged[remaining] = False
+    return xi, converged
 
 
 FIRST = 6
-"""Facets by their centres that give a first bound on the distance."""
+"""Number of facets by their centres that give a first bound of the distance."""
 REACH = 1.3
-"""How far a bent facet may reach beyond its nodes, as a share of their distance from its centre."""
+"""Factor of the sphere about a curved facet relative to the distance of its nodes from its centre."""
 
 
 @dataclass(frozen=True)
@@ -227,8 +229,8 @@ class Located:
 def locate(skin: Skin, points: np.ndarray) -> Located:
     """The point of the surface nearest to each of the points (p, 3) [m].
 
-    The nearest of a few facets bounds the distance from above; every facet whose sphere comes nearer is then projected onto,
-    so that a large facet beside small ones is not missed. Of facets equally near (to 1e-9 of their size) the first counts.
+    The nearest of a few facets bounds the distance; then the points are projected on every facet whose sphere is nearer, so that
+    a large facet next to small ones is found. Of equally near facets (to 1e-9 of their size) the first counts.
     """
     centre, _ = facet_centres(skin.position, skin.facets.kind, skin.facets.nodes)
     radius = radius_of(skin, centre)
@@ -236,18 +238,18 @@ def locate(skin: Skin, points: np.ndarray) -> Located:
     _, some = tree.query(points, k=min(FIRST, len(centre)))
     pair_point = np.repeat(np.arange(len(points)), some.size // max(1, len(points)))
     best = _nearest(skin, points, pair_point, some.ravel())
-    # Twice the rounding of the bound, so that the facet which gave it stays among those asked.
+    # larger than the rounding of the bound, so that its facet stays among the candidates
     bound = best.distance * (1 + 1e-9) + 1e-12 * radius.max()
     near = tree.query_ball_point(points, bound + radius.max())
     pair_point = np.repeat(np.arange(len(points)), [len(facets) for facets in near])
     pair_facet = np.concatenate([np.sort(np.asarray(facets, dtype=np.int64)) for facets in near])
-    apart = np.linalg.norm(points[pair_point] - centre[pair_facet], axis=1)
-    worth = apart - radius[pair_facet] <= bound[pair_point]
+    distance = np.linalg.norm(points[pair_point] - centre[pair_facet], axis=1)
+    worth = distance - radius[pair_facet] <= bound[pair_point]
     return _nearest(skin, points, pair_point[worth], pair_facet[worth])
 
 
 def radius_of(skin: Skin, centre: np.ndarray) -> np.ndarray:
-    """Radius (f,) [m] of a sphere about the centre (f, 3) of each facet that all of it lies in."""
+    """Radius (f,) [m] of a bounding sphere about the centre (f, 3) of each facet."""
     radius = np.zeros(len(centre))
     for kind, which, nodes in by_kind(skin.facets.kind, skin.facets.nodes):
         far = np.linalg.norm(skin.position[nodes] - centre[which, None], axis=2).max(axis=1)
@@ -256,7 +258,7 @@ def radius_of(skin: Skin, centre: np.ndarray) -> np.ndarray:
 
 
 def _nearest(skin: Skin, points: np.ndarray, of: np.ndarray, facet: np.ndarray) -> Located:
-    """The best facet of every point among pairs of a point (k,) and a facet (k,)."""
+    """The nearest facet of every point, among pairs of a point (k,) and a facet (k,)."""
     local, x = np.zeros((len(of), 2)), np.zeros((len(of), 3))
     for kind, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
         local[which], x[which] = project(kind, skin.position[nodes], points[of[which]])
@@ -268,12 +270,12 @@ def _nearest(skin: Skin, points: np.ndarray, of: np.ndarray, facet: np.ndarray) 
 
 
 def project(kind: Kind, corners: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """ξ (k, 2) and x(ξ) (k, 3) of the point of each facet, its edges included, that is nearest to its point (k, 3).
+    """ξ (k, 2) and x(ξ) (k, 3) of the point of each facet, including its edges, nearest to its point (k, 3).
 
-    Inside, Newton's method for min |x(ξ) − p|² from the nearest of a few samples; on every edge, a parabola in t, the same in
-    one dimension. corners (k, n, 3) [m] all nodes of the facets.
+    In the interior, Newton's method for min |x(ξ) − p|² from the nearest of a few samples; on every edge, a parabola in t, the
+    same in one dimension. corners (k, n, 3) [m] all nodes of the facets.
     """
-    local, best = _inside(kind, corners, points)
+    local, best = _nearest_in_facet(kind, corners, points)
     x, _ = facet_points(kind, corners, local)
     least = np.linalg.norm(x - points, axis=1)
     least[~best] = np.inf
@@ -283,17 +285,17 @@ def project(kind: Kind, corners: np.ndarray, points: np.ndarray) -> tuple[np.nda
         left, right = corners[:, a], corners[:, b]
         mean = 0.5 * (left + right)
         middle = corners[:, count + a] if kind.edges else mean
-        t = _along(middle - points, 0.5 * (right - left), mean - middle)
+        t = _nearest_on_edge(middle - points, 0.5 * (right - left), mean - middle)
         xi = 0.5 * (reference[a] + reference[b]) + 0.5 * t[:, None] * (reference[b] - reference[a])
         at, _ = facet_points(kind, corners, xi)
-        apart = np.linalg.norm(at - points, axis=1)
-        nearer = apart < least
-        local[nearer], x[nearer], least[nearer] = xi[nearer], at[nearer], apart[nearer]
+        distance = np.linalg.norm(at - points, axis=1)
+        nearer = distance < least
+        local[nearer], x[nearer], least[nearer] = xi[nearer], at[nearer], distance[nearer]
     return local, x
 
 
-def _along(c: np.ndarray, b: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """t (k,) in [−1, 1] that minimises |c + b t + a t²|, all (k, 3): Newton from the least of nine samples."""
+def _nearest_on_edge(c: np.ndarray, b: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """t (k,) in [−1, 1] that minimises |c + b t + a t²|, all (k, 3): Newton's method from the least of nine samples."""
     samples = np.linspace(-1, 1, 9)
     value = c[:, None] + b[:, None] * samples[:, None] + a[:, None] * samples[:, None] ** 2
     t = samples[np.argmin(np.sum(value**2, axis=2), axis=1)]
@@ -306,15 +308,15 @@ def _along(c: np.ndarray, b: np.ndarray, a: np.ndarray) -> np.ndarray:
     return t
 
 
-def _inside(kind: Kind, corners: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """ξ (k, 2) of the nearest point of the facet's interior, and whether it is one (k,)."""
+def _nearest_in_facet(kind: Kind, corners: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """ξ (k, 2) of the nearest point in the interior of the facet, and whether it is inside (k,)."""
     simplex, line = kind.corners == 3, (np.arange(4) + 0.5) / 4
     if simplex:
         samples = np.array([(u, v) for u in line for v in line if u + v < 1])
     else:
         samples = np.array([(u, v) for u in 2 * line - 1 for v in 2 * line - 1])
-    apart = np.stack([facet_points(kind, corners, np.tile(s, (len(corners), 1)))[0] - points for s in samples], axis=1)
-    xi = samples[np.argmin(np.sum(apart**2, axis=2), axis=1)]
+    offset = np.stack([facet_points(kind, corners, np.tile(s, (len(corners), 1)))[0] - points for s in samples], axis=1)
+    xi = samples[np.argmin(np.sum(offset**2, axis=2), axis=1)]
     for _ in range(20):
         x, J = facet_points(kind, corners, xi)
         miss = x - points

@@ -1,4 +1,4 @@
-"""Parts of the surface: boxes, cylinders, normals, surroundings of edges and sets; facets that may carry a gauge."""
+"""Zones of a surface: boxes, cylinders, normals, distances from edges and sets; admissible facets for gauges."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from strainsight.sensors.surface import facet_centres, unit_vector
 
 Vector = tuple[float, float, float]
 TOUCHING = 1e-9
-"""Of the size of the mesh: centres of facets that are no farther apart are in one place."""
+"""Distance of coincident facet centres, as a share of the size of the mesh."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Every centre nearer than radius [m] to the line through point (3,) [m] along axis (3,), endless both ways."""
+    """Every centre nearer than radius [m] to the infinite line through point (3,) [m] along axis (3,)."""
 
     point: Vector
     axis: Vector
@@ -62,7 +62,7 @@ class NearSet:
 
 @dataclass(frozen=True)
 class On:
-    """Every facet of a face, a set of elements or a set of nodes (with all its nodes), and what lies on it."""
+    """Every facet of a face, an element set or a node set (with all its nodes), and gauges on it."""
 
     name: str
 
@@ -85,17 +85,16 @@ Zone = Box | Cylinder | NormalCone | NearEdges | NearSet | On | ShellFace | OnEl
 
 
 def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Which gauges a zone takes in: (m,) bool for their centre (m, 3) [m] and normal (m, 3), zero where they have none.
+    """Which gauges are in a zone: (m,) bool for their centre (m, 3) [m] and normal (m, 3), zero if unknown.
 
-    Without facets there are no edges to be near to; a point is on the face whose facet's centre is nearest of all, of two that
-    touch back to back the one that faces as it does. Raises UserError for a set that is not there, an axis of no length, and a
-    face where there are no facets.
+    Without facets there are no edges; a point belongs to the facet with the nearest centre, of two back to back the one with the
+    same orientation. Raises UserError for a set that does not exist, an axis of zero length, and a face without facets.
     """
     if isinstance(zone, On | ShellFace | OnElements):
         if facets is None:
             raise UserError(
-                "the mesh has no solids, shells or beams, and so no surface that a zone could be on",
-                remedy="give a near_set, or a box",
+                "the mesh has no solids, shells or beams, and so no surface for this zone",
+                remedy="Use near_set or a box instead.",
             )
         match zone:
             case On():
@@ -122,8 +121,8 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
 
 
 def _facets_below(mesh: Mesh, facets: Facets, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """The facet (m,) whose centre is nearest to a point (m, 3) [m]; of two whose centres are in one place, as of parts that touch
-    and are meshed alike, the one that faces more along its normal (m, 3)."""
+    """The facet (m,) whose centre is nearest to a point (m, 3) [m]; of two coincident centres, as of matching meshes in contact,
+    the one whose orientation agrees with its normal (m, 3)."""
     centre, outward = facet_centres(mesh.position, facets.kind, facets.nodes)
     distance, near = map(np.asarray, cKDTree(centre).query(point, k=[1, 2][: len(centre)]))
     twice = distance[:, -1] - distance[:, 0] <= TOUCHING * np.ptp(mesh.position, axis=0).max()
@@ -132,39 +131,41 @@ def _facets_below(mesh: Mesh, facets: Facets, point: np.ndarray, normal: np.ndar
 
 
 def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
-    """The facets (f,) bool of a face, of elements of a set, or those all nodes of which are in a set.
+    """The facets (f,) bool of a face, of an element set, or with all nodes in a node set.
 
-    Raises UserError for a name that is not there, and for one that is both a set of elements and one of nodes.
+    Raises UserError for a name that does not exist, and for a name of both an element set and a node set.
     """
     if name in mesh.faces:
         return np.isin(facets.key, facet_key(*mesh.faces[name].T))
     elements, nodes = name in mesh.element_sets, name in mesh.node_sets
     if elements and nodes:
-        raise UserError(f"{name!r} is both an element set and a node set", remedy="rename one of them in the mesh file")
+        raise UserError(
+            f"{name!r} is both an element set and a node set", remedy="Rename one of them in the mesh file."
+        )
     if elements:
         return np.isin(facets.element_id, mesh.element_sets[name])
     if nodes:
         chosen = np.isin(mesh.node_ids, mesh.node_sets[name])
         return np.all(chosen[facets.nodes] | (facets.nodes < 0), axis=1)
     known = sorted({*mesh.element_sets, *mesh.node_sets})
-    remedy = did_you_mean(name, known, f"its faces and sets: {', '.join(known) or 'none'}; mesh.faces names a face")
-    raise UserError(f"the set {name!r} is not in the mesh", remedy=remedy)
+    remedy = did_you_mean(name, known, f"Its faces and sets: {', '.join(known) or 'none'}. Define faces in mesh.faces.")
+    raise UserError(f"the set {name!r} does not exist in the mesh", remedy=remedy)
 
 
 def _nodes(mesh: Mesh, name: str) -> np.ndarray:
-    """Indices of the nodes of a set of nodes, or of the elements of a set."""
-    found = np.zeros(len(mesh.position), dtype=bool)
+    """Indices of the nodes of a node set, or of the elements of an element set."""
+    in_set = np.zeros(len(mesh.position), dtype=bool)
     if name in mesh.node_sets:
-        found |= np.isin(mesh.node_ids, mesh.node_sets[name])
+        in_set |= np.isin(mesh.node_ids, mesh.node_sets[name])
     if name in mesh.element_sets:
         for block in mesh.elements:
-            found[block.nodes[np.isin(block.ids, mesh.element_sets[name])]] = True
-        found = mesh.above(found)
-    if not found.any():
+            in_set[block.nodes[np.isin(block.ids, mesh.element_sets[name])]] = True
+        in_set = mesh.above(in_set)
+    if not in_set.any():
         known = sorted({*mesh.node_sets, *mesh.element_sets})
-        remedy = did_you_mean(name, known, f"sets: {', '.join(known) or 'none'}")
-        raise UserError(f"the set {name!r} is not in the mesh, or is empty", remedy=remedy)
-    return np.flatnonzero(found)
+        remedy = did_you_mean(name, known, f"Sets: {', '.join(known) or 'none'}.")
+        raise UserError(f"the set {name!r} does not exist in the mesh, or is empty", remedy=remedy)
+    return np.flatnonzero(in_set)
 
 
 def admissible(
@@ -179,24 +180,23 @@ def admissible(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Indices (k,) of the facets that may carry gauges; centre (f, 3) [m] and outward normal (f, 3) of all facets.
 
-    surface "all" or the name of a face, an element or node set (a facet belongs to a node set with all its nodes); facets on
-    which another element lies that does not have their nodes are left out, and unless on_constraints those that touch an SPC,
-    RBE2 or RBE3 node; include: in at least one of these zones, none: everywhere; exclude: in none of these. key: the section of
-    the config that asks, to name what leaves no facet.
-    Raises UserError for a set that is not there, InfeasibleError where no facet is left.
+    surface "all" or the name of a face, an element or node set (a facet needs all its nodes in the node set). Facets under
+    another element with separate nodes are left out, and unless on_constraints those with an SPC, RBE2 or RBE3 node. include: in
+    at least one of these zones, empty: everywhere; exclude: in none of these. key: section of the config, for errors.
+    Raises UserError for a set that does not exist, InfeasibleError if no facet remains.
     """
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
-    left = np.ones(len(facets.element_id), dtype=bool)
-    trail = [f"{len(left)} exterior"]
+    remaining = np.ones(len(facets.element_id), dtype=bool)
+    trail = [f"{len(remaining)} exterior"]
 
     def steps() -> Iterator[tuple[str, str, np.ndarray]]:
         with blame(f"{key}.surface"):
-            every = np.ones(len(left), dtype=bool)
+            every = np.ones(len(remaining), dtype=bool)
             chosen = every if surface == "all" else on_surface(mesh, facets, surface)
         yield f"{key}.surface", f"on the surface {surface!r}", chosen
         yield f"{key}.surface", "with an area", np.any(normal != 0, axis=1)
         if (lies := covered(mesh, facets)).any():
-            yield "mesh.file", "that nothing lies on", ~lies
+            yield "mesh.file", "not covered by another part", ~lies
         if not on_constraints:
             tied = constrained_nodes(mesh, references=True)[facets.nodes] & (facets.nodes >= 0)
             yield f"{key}.surface", "away from constrained nodes", ~np.any(tied, axis=1)
@@ -206,16 +206,17 @@ def admissible(
             yield f"{key}.include", "in zones to include", np.any(zones, axis=0)
         for i, zone in enumerate(exclude):
             with blame(f"{key}.exclude.{i}"):
-                taken = inside(zone, mesh, facets, centre, normal)
-            yield f"{key}.exclude.{i}", f"outside exclude.{i}", ~taken
+                in_zone = inside(zone, mesh, facets, centre, normal)
+            yield f"{key}.exclude.{i}", f"outside exclude.{i}", ~in_zone
 
     for where, what, mask in steps():
-        before, left = left, left & mask
-        trail.append(f"{np.count_nonzero(left)} {what}")
-        if not left.any():
+        before, remaining = remaining, remaining & mask
+        trail.append(f"{np.count_nonzero(remaining)} {what}")
+        if not remaining.any():
             raise InfeasibleError(
-                f"no facet is left for a gauge, {where} takes the last {np.count_nonzero(before)}: {', '.join(trail)}",
+                f"no admissible facet remains for a gauge; {where} excludes the last {np.count_nonzero(before)}: "
+                f"{', '.join(trail)}",
                 key=where,
-                remedy="choose another surface, larger zones to include or smaller zones to exclude",
+                remedy="Choose another surface, larger zones to include or smaller zones to exclude.",
             )
-    return np.flatnonzero(left), centre, normal
+    return np.flatnonzero(remaining), centre, normal

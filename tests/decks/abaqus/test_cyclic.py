@@ -247,9 +247,9 @@ def test_axis_nodes_are_merged_despite_rounding(read, off):
 
 
 test_invalid_sectors_are_refused = refusal_table(lambda more: wheel(1, more=more), [
-    (SECTOR.replace("N=5", "N=7"), "do not meet where one is turned by 360°/7"),
+    (SECTOR.replace("N=5", "N=7"), "do not match after a rotation by 360°/7"),
     (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "the number of sectors or the axis differs from that at"),
     (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "the number of sectors or the axis differs from that at"),
     # nodes 2 and 6 of the first cut face
-    (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* is one with a node of the opposite cut face"),
+    (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* coincides with a node of the opposite cut face"),
 ], placed=False)

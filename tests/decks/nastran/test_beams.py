@@ -212,8 +212,8 @@ test_errors_have_file_and_line = refusal_table(lambda card, pbar: deck(card, pba
     ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.03", r"the wall thickness is 0\.03, but the outer diameter is", 6),
     ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.01,,.05", "OD2 differs from OD: conical tubes are not supported", 6),
     (BEAM, ENDS + ",NO,.5,.02\n,NO,1.,.02", "A is 0.02 at X/XB = 0.5, but linear variation", 6),
-    (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section BOXES is not known", 6),
-    (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "cannot have the dimensions 1, -1", 6),
+    (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section shape BOXES is unknown", 6),
+    (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "has impossible dimensions 1, -1", 6),
     (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "the shear centre of T is not the centroid: such CBEAM sections are not", 6),
     (BEAM, LBEAM + ",NO,.5,.03,.02\n,NO,1.,.05,.02", "A is 0.00157.* at X/XB = 0.5", 6),
 ])

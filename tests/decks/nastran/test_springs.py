@@ -135,7 +135,7 @@ def test_free_rotation_about_cbush_is_reported(read, tetrahedron):
 
 def test_spring_on_missing_rotation_is_refused_unless_fixed(read, tetrahedron):
     card = "CELAS2,99,7.,4,5\nSPC1,1,12,4\n"
-    with pytest.raises(DeckError, match="CELAS2 99 acts on rotations of node 4, which has none"):
+    with pytest.raises(DeckError, match="CELAS2 99 acts on rotations of node 4, which has no rotations"):
         build_model(read(f"{tetrahedron}{card}ENDDATA\n"))
     held = build_model(read(f"{tetrahedron}{card}SPC1,1,456,4\nENDDATA\n"))
     without = build_model(read(f"{tetrahedron}SPC1,1,12,4\nENDDATA\n"))

@@ -21,24 +21,26 @@ from strainsight.fem.shells.tria import (
 )
 
 STIFF_IN_SHEAR = 1000.0
-"""Of the A₆₆ of `in_shear`, what stands for a laminate that does not shear across: a plate of it has no more than a
-thousandth of the deflection by shear that a homogeneous one has."""
+"""A shear stiffness of this many `in_shear` A₆₆ replaces a rigid one: the shear deflection of such a plate is at most a
+thousandth of that of a homogeneous one."""
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
-"""In a ply, where the square of the shear stress is of fourth degree in z."""
+"""Gauss points in a ply, where the square of the shear stress is of fourth degree in z."""
 
 
 @dataclass(frozen=True)
 class Resistance:
-    """N = A ε + B κ, M = B ε + D κ, Q = S γ of a shell: A (..., 3, 3) [N/m], B [N], D [N m], S (..., 2, 2) [N/m] of xz, yz."""
+    """Shell stiffness, N = A ε + B κ, M = B ε + D κ, Q = S γ.
+
+    A (..., 3, 3) [N/m], B [N], D [N m], S (..., 2, 2) [N/m] of xz, yz."""
 
     A: np.ndarray
     B: np.ndarray
     D: np.ndarray
     S: np.ndarray
 
-    def seen_at(self, angle: np.ndarray) -> Resistance:
-        """Along axes from which its own x is turned by the angle (e,) [rad] about the normal: (e, ...) of one or (e, ...)."""
-        R, r = strain_turned(angle), _shear_turned(angle)
+    def rotate(self, angle: np.ndarray) -> Resistance:
+        """Rotate to axes from which x of this shell is rotated by the angle (e,) [rad] about the normal: (e, ...)."""
+        R, r = strain_rotation(angle), _shear_rotation(angle)
         A, B, D, S = (T.swapaxes(-1, -2) @ X @ T for X, T in ((self.A, R), (self.B, R), (self.D, R), (self.S, r)))
         return Resistance(A, B, D, S)
 
@@ -53,20 +55,20 @@ def plane_stress(e1: float, e2: float, nu12: float, g12: float) -> np.ndarray:
 def laminate_resistance(
     thickness: np.ndarray, angle: np.ndarray, Q: np.ndarray, shear_flexibility: np.ndarray
 ) -> Resistance:
-    """Of plies from the lower face up, along x and y of the laminate, about its middle:
+    """Resistance of a laminate of plies, from the lower face up, along its x and y, about its middle:
 
         (A, B, D) = ∫ (1, z, z²) Q̄ dz,     S⁻¹ = ∫ fᵀ Ḡ⁻¹ f dz,     τ(z) = f(z) (Q_x, Q_y)
 
-    τ is what equilibrium across the thickness asks for, ∂τ_xz/∂z = −∂σ_xx/∂x − ∂τ_xy/∂y and the same along y, where the
-    moments change by Q_x = ∂M_xx/∂x and Q_y = ∂M_yy/∂y alone, x and y those of the laminate, and no force in the plane changes:
-    σ = Q̄ (b + z d) M with [a b; bᵀ d] = [A B; B D]⁻¹.
-    So S stores the energy of that τ: 5/6 G t of a homogeneous shell, and the core's of a sandwich.
+    τ follows from equilibrium across the thickness, ∂τ_xz/∂z = −∂σ_xx/∂x − ∂τ_xy/∂y and similarly along y. The moments change
+    by Q_x = ∂M_xx/∂x and Q_y = ∂M_yy/∂y only, in-plane forces are constant, and σ = Q̄ (b + z d) M with
+    [a b; bᵀ d] = [A B; B D]⁻¹. So S stores the energy of that τ: 5/6 G t for a homogeneous shell, the shear stiffness of the
+    core for a sandwich.
 
     thickness (n,) [m]; angle (n,) [rad] of axis 1 from x; Q (n, 3, 3) [Pa] along the axes of each ply; shear_flexibility
-    (n, 2) 1/G₁z, 1/G₂z [1/Pa], 0 where it does not shear. Source: K. Rohwer, Improved transverse shear stiffnesses for layered
+    (n, 2) 1/G₁z, 1/G₂z [1/Pa], 0 if rigid. Source: K. Rohwer, Improved transverse shear stiffnesses for layered
     finite elements, DFVLR-FB 88-32 (1988).
     """
-    T, r = strain_turned(angle), _shear_turned(angle)
+    T, r = strain_rotation(angle), _shear_rotation(angle)
     Q = T.swapaxes(1, 2) @ Q @ T
     flexible = r.swapaxes(1, 2) @ (shear_flexibility[:, :, None] * r)
     z = np.concatenate([[0.0], np.cumsum(thickness)]) - 0.5 * np.sum(thickness)
@@ -91,8 +93,8 @@ def laminate_resistance(
     return Resistance(A, B, D, V / np.maximum(lam, 1 / (STIFF_IN_SHEAR * in_shear(A))) @ V.T)
 
 
-def strain_turned(angle: np.ndarray) -> np.ndarray:
-    """R (..., 3, 3): strains along x, y → along axes that are turned by the angle (...) [rad] from them."""
+def strain_rotation(angle: np.ndarray) -> np.ndarray:
+    """R (..., 3, 3): strains along x, y → along axes rotated by the angle (...) [rad] from them."""
     c, s = np.cos(angle), np.sin(angle)
     rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
@@ -103,78 +105,87 @@ def in_shear(X: np.ndarray) -> np.ndarray:
     return np.asarray(X[..., 0, 0] + X[..., 1, 1] - 2 * X[..., 0, 1] + 4 * X[..., 2, 2]) / 8
 
 
-def _shear_turned(angle: np.ndarray) -> np.ndarray:
-    """r (..., 2, 2) of γ_xz, γ_yz, as `strain_turned`."""
+def _shear_rotation(angle: np.ndarray) -> np.ndarray:
+    """r (..., 2, 2) of γ_xz, γ_yz, as `strain_rotation`."""
     c, s = np.cos(angle), np.sin(angle)
     return np.moveaxis(np.array([[c, s], [-s, c]]), (0, 1), (-2, -1))
 
 
 DRILLING = 6.0
-"""What holds the rotation about the normal of a quad is this times D₃₃/area: at an edge between two planes it takes up the
-bending moment that turns the other element about its normal, and is as stiff as that is. It is none to a thin shell, which
-a part of A₃₃ alone would lock where it is curved both ways."""
+"""Drilling stiffness of a quad as a multiple of D₃₃/area. At an edge between two planes it carries the bending moment that
+rotates the other element about its normal. It vanishes for a thin shell, which a share of A₃₃
+would lock if doubly curved."""
 
 LEAST_DRILLING, MOST_DRILLING = 1e-4, 0.1
-"""And these times A₃₃: for membranes, and where elements are smaller than the shell is thick."""
+"""Bounds of the drilling stiffness as shares of A₃₃: for membranes, and for elements smaller than the thickness."""
 
 TWIST, MOST_TWIST = 0.1, 0.01
-"""The d of MITC3+ is the first times √(D₃₃/(S area)), which is a part of t/h: the motion that it alone resists is then held by
-some hundredths of the stiffness in bending, and nothing locks however thin the shell is; and at most the second."""
+"""d of MITC3+ is TWIST √(D₃₃/(S area)), which is proportional to t/h, and at most MOST_TWIST. The motion that only d resists
+then has some hundredths of the bending stiffness, so that shells of any thickness do not lock."""
 CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 GAUSS = CORNERS / np.sqrt(3)
 """Points with weights of one."""
 
 SIDES = ((0, 1), (1, 2), (3, 2), (0, 3))
-"""Along ξ or η; shear is tied at their middles."""
+"""Sides along ξ or η; shear is tied at their middles."""
 
 
 def shell_stiffnesses(
-    position: np.ndarray, resistance: Resistance, offset: np.ndarray, ids: np.ndarray, beside: np.ndarray | None = None
+    position: np.ndarray,
+    resistance: Resistance,
+    offset: np.ndarray,
+    ids: np.ndarray,
+    along_beams: np.ndarray | None = None,
 ) -> np.ndarray:
     """Stiffness of shells, A, B, D, S of their resistance:
 
         K = ∫ (ε, κ)ᵀ [A B; B D] (ε, κ) + γᵀ S γ + c ((θ_z − ω)² + |ε⁰ − ε|²) dA,     c = ab/√(a² + b²) + 10⁻⁴ A₃₃
 
-    a = 6 D₃₃/area and b = A₃₃/10, with ε, κ, γ and θ_z − ω of `quad_strains`, `tria_strains` and, of eight or six nodes,
-    `curved_strains`, and A₃₃ and D₃₃ of `in_shear`; c is zero for three nodes, whose membrane turns with its nodes. ε⁰ − ε is
-    there for eight alone, whose ε is held without it so that nothing locks. Inner motions are condensed, K_uu − K_ui K_ii⁻¹ K_iu:
-    K scales with (A, B, D, S) together and is no sum over them.
+    a = 6 D₃₃/area and b = A₃₃/10, with ε, κ, γ and θ_z − ω of `quad_strains`, `tria_strains` and, for eight or six nodes,
+    `curved_strains`, and A₃₃ and D₃₃ of `in_shear`. c is zero for three nodes, whose membrane has drilling rotations. ε⁰ − ε
+    applies to eight nodes only, whose ε is otherwise free so that nothing locks. Inner motions are condensed,
+    K_uu − K_ui K_ii⁻¹ K_iu.
+    K scales with (A, B, D, S) together, but is no sum over them.
 
     position (e, k, 3) [m], k = 3, 4, 6 or 8, corners first; A, B, D, S (e, ...) along the axes of `shell_axes`, on a curved
-    element turned onto its tangent planes, S finite (a shell that does not shear: a thousand times that of one that does; nothing
-    locks); offset (e,) [m] of the middle surface
-    from the nodes along the normal, by rigid arms; ids (e,) for the error message; beside (e, k), the nodes that beams run along,
-    whose rotation about the normal is let go (`let_go`). Returns (e, 6k, 6k), rows 6·node + component, three translations [m]
-    and three rotations [rad] along the basic axes. Assumes small strain; nodes of a warped quad of four are linked to its mean
-    plane by rigid arms. Raises what `shell_axes` does, and DeckError for a second-order element that is folded."""
+    element rotated onto its tangent planes, S finite (for a shell rigid in shear a thousand times that of a flexible one);
+    offset (e,) [m] of the middle surface from the nodes along the normal, by rigid arms; ids (e,) for the error message;
+    along_beams (e, k): nodes along beams, whose drilling rotation is released (`release_drilling`). Returns (e, 6k, 6k), rows
+    6·node + component, three translations [m] and three rotations [rad] along the basic axes. Assumes small strain; nodes of
+    a warped quad of four are linked to its mean plane by rigid arms.
+    Raises what `shell_axes` does, and DeckError for a second-order element that is folded."""
     e, k = position.shape[:2]
     A, B, D, S = resistance.A, resistance.B, resistance.D, resistance.S
     C = np.zeros((e, 9, 9))
     C[:, :3, :3], C[:, :3, 3:6], C[:, 3:6, :3], C[:, 3:6, 3:6], C[:, 6:8, 6:8] = A, B, B.swapaxes(1, 2), D, S
     if k in TIES:
         ties = TIES[k]
-        own = surface_of(ties, position, offset, ids)
-        G, det = curved_strains(ties, own, ties.rule[0])
+        surface = surface_of(ties, position, offset, ids)
+        G, det = curved_strains(ties, surface, ties.rule[0])
         weight = det * ties.rule[1]
         C[:, 8, 8] = _drilling(A, D, weight)
-        if ties.held:
-            C = _with_held(C, np.where(in_shear(D) > 0, C[:, 8, 8] - LEAST_DRILLING * in_shear(A), in_shear(A)))
-        K = to_nodes(_condensed(_integral(G, C, weight), 6 * k), own)
-        return K if beside is None else let_go(K, own.normal, beside, _least(A, weight))
+        if ties.stabilised:
+            C = _with_stabilisation(
+                C, np.where(in_shear(D) > 0, C[:, 8, 8] - LEAST_DRILLING * in_shear(A), in_shear(A))
+            )
+        K = to_nodes(_condense_inner(_integral(G, C, weight), 6 * k), surface)
+        return K if along_beams is None else release_drilling(K, surface.normal, along_beams, _least(A, weight))
     plane = plane_of(position, offset, ids)
     if k == 4:
         G, weight = quad_strains(plane.xy, GAUSS[None])
         C[:, 8, 8] = _drilling(A, D, weight)
     else:
-        G, area = tria_strains(plane.xy, POINTS[None], _poisson(A), _twist(plane.xy, D, S), beside)
+        G, area = tria_strains(plane.xy, POINTS[None], _poisson(A), _twist(plane.xy, D, S), along_beams)
         C, weight = C[:, :8, :8], area[:, None] * WEIGHTS
-    K = _condensed(_integral(G, C, weight), 6 * k)
-    if beside is None:
+    K = _condense_inner(_integral(G, C, weight), 6 * k)
+    if along_beams is None:
         return to_basic(K, plane)
     if k == 3:
-        return to_basic(sprung(K, plane.xy, beside, _least(A, weight)), plane)
-    return let_go(to_basic(K, plane), np.repeat(plane.axes[:, None, :, 2], k, axis=1), beside, _least(A, weight))
+        return to_basic(release_drilling_trias(K, plane.xy, along_beams, _least(A, weight)), plane)
+    return release_drilling(
+        to_basic(K, plane), np.repeat(plane.axes[:, None, :, 2], k, axis=1), along_beams, _least(A, weight)
+    )
 
 
 def shell_masses(
@@ -184,10 +195,10 @@ def shell_masses(
 
         M_ab = ∫ N_a N_b dA (m I on translations of the middle surface, ρt³/12 (n_a·n_b I − n_b n_aᵀ) on rotations)
 
-    n the normal, of flat shells one; inner motions of second-order shells carry none. Where the nodes of a flat mesh lie on the
-    middle surface, rotation about the normal has no inertia, and M is singular. position (e, k, 3) [m]; per_area m (e,) [kg/m²];
-    rotary ρt³/12 (e,) [kg]; offset (e,) [m] as in `shell_stiffnesses`; ids (e,). Returns (e, 6k, 6k) [kg, kg m, kg m²]. Raises
-    what `shell_axes` does."""
+    n the normal, constant for flat shells; inner motions of second-order shells have no mass. If the nodes of a flat mesh lie
+    on the middle surface, rotation about the normal has no inertia, and M is singular. position (e, k, 3) [m]; per_area m (e,)
+    [kg/m²]; rotary ρt³/12 (e,) [kg]; offset (e,) [m] as in `shell_stiffnesses`; ids (e,). Returns (e, 6k, 6k) [kg, kg m, kg m²].
+    Raises what `shell_axes` does."""
     e, k = position.shape[:2]
     if k in TIES:
         return _curved_masses(position, per_area, rotary, offset, ids)
@@ -214,42 +225,42 @@ def _drilling(A: np.ndarray, D: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 def _least(A: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """The spring (e,) [N m] that is left between the rotation of a node that beams run along and that of an element."""
+    """Spring (e,) [N m] that remains between the rotation of a node along a beam and that of an element."""
     return np.asarray(LEAST_DRILLING * in_shear(A) * weight.sum(axis=1))
 
 
-def _with_held(C: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """C (e, 12, 12) that holds ε⁰ − ε too."""
-    found = np.zeros((len(C), 12, 12))
-    found[:, :9, :9] = C
-    found[:, range(9, 12), range(9, 12)] = c[:, None] * [1.0, 1.0, 0.5]
-    return found
+def _with_stabilisation(C: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """C (e, 12, 12) with the stabilisation of ε⁰ − ε."""
+    extended = np.zeros((len(C), 12, 12))
+    extended[:, :9, :9] = C
+    extended[:, range(9, 12), range(9, 12)] = c[:, None] * [1.0, 1.0, 0.5]
+    return extended
 
 
 def _curved_masses(
     position: np.ndarray, per_area: np.ndarray, rotary: np.ndarray, offset: np.ndarray, ids: np.ndarray
 ) -> np.ndarray:
     ties = TIES[position.shape[1]]
-    own = surface_of(ties, position, offset, ids)
+    surface = surface_of(ties, position, offset, ids)
     xi, w = ties.rule
-    at = points_of(ties, own, xi)
+    at = points_of(ties, surface, xi)
     m = np.matmul(at.N.swapaxes(1, 2), (at.det * w)[..., None] * at.N)
     e, k = position.shape[:2]
     M = np.zeros((e, k, 6, k, 6))
     for c in range(3):
         M[:, :, c, :, c] = per_area[:, None, None] * m
-    M[:, :, 3:, :, 3:] = np.einsum("e,eab,eaci,ebcj->eaibj", rotary, m, own.turned, own.turned, optimize=True)
-    return to_nodes(M.reshape(e, 6 * k, 6 * k), own)
+    M[:, :, 3:, :, 3:] = np.einsum("e,eab,eaci,ebcj->eaibj", rotary, m, surface.turned, surface.turned, optimize=True)
+    return to_nodes(M.reshape(e, 6 * k, 6 * k), surface)
 
 
 def _twist(xy: np.ndarray, D: np.ndarray, S: np.ndarray) -> np.ndarray:
-    """d of triangles."""
+    """d of triangles, see `TWIST`."""
     area = np.linalg.det(xy[:, 1:] - xy[:, :1]) / 2
     return _lesser(TWIST * np.sqrt(_ratio(in_shear(D), area * (S[:, 0, 0] + S[:, 1, 1]) / 2)), MOST_TWIST)
 
 
 def _lesser(a: np.ndarray, b: np.ndarray | float) -> np.ndarray:
-    """ab/√(a² + b²) of a, b ≥ 0: the lesser where they lie apart, and without a kink, so that K is smooth in the thickness."""
+    """ab/√(a² + b²) of a, b ≥ 0: nearly the smaller one, without a kink, so that K is smooth in the thickness."""
     return _ratio(a * b, np.hypot(a, b))
 
 
@@ -260,7 +271,7 @@ def _poisson(A: np.ndarray) -> np.ndarray:
 
 
 def _ratio(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a/b, and 0 where b is."""
+    """a/b, and 0 where b is 0."""
     return np.divide(a, b, out=np.zeros(len(a)), where=b > 0)
 
 
@@ -271,38 +282,40 @@ def _integral(G: np.ndarray, C: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.matmul(G.reshape(e, q * r, n).swapaxes(1, 2), stress.reshape(e, q * r, n))
 
 
-def _condensed(K: np.ndarray, kept: int) -> np.ndarray:
-    """K_uu − K_ui K_ii⁻¹ K_iu (e, kept, kept); inner motions that nothing resists stay out."""
-    inner = K[:, kept:, kept:].copy()
+def _condense_inner(K: np.ndarray, count: int) -> np.ndarray:
+    """K_uu − K_ui K_ii⁻¹ K_iu (e, count, count); inner motions without stiffness are left out."""
+    inner = K[:, count:, count:].copy()
     i = np.arange(inner.shape[1])
     inner[:, i, i] += inner[:, i, i] == 0
-    return K[:, :kept, :kept] - K[:, :kept, kept:] @ np.linalg.solve(inner, K[:, kept:, :kept])
+    return K[:, :count, :count] - K[:, :count, count:] @ np.linalg.solve(inner, K[:, count:, :count])
 
 
-def let_go(K: np.ndarray, normal: np.ndarray, which: np.ndarray, spring: np.ndarray) -> np.ndarray:
-    """K with a spring between the rotation p about the normal of some nodes and that of the element there, which follows it
-    alone,
+def release_drilling(K: np.ndarray, normal: np.ndarray, which: np.ndarray, spring: np.ndarray) -> np.ndarray:
+    """K with a spring between the rotation p about the normal of some nodes and the element there, in place of a rigid
+    connection,
 
         K − K p pᵀK/(pᵀK p + s).
 
     normal (e, k, 3); which (e, k); spring s (e,) [N m]."""
     for node in np.flatnonzero(which.any(axis=0)):
-        own = np.flatnonzero(which[:, node])
+        elements = np.flatnonzero(which[:, node])
         at = slice(6 * node + 3, 6 * node + 6)
-        column = np.einsum("eac,ec->ea", K[own, :, at], normal[own, node])
-        pivot = np.einsum("ec,ec->e", column[:, at], normal[own, node]) + spring[own]
+        column = np.einsum("eac,ec->ea", K[elements, :, at], normal[elements, node])
+        pivot = np.einsum("ec,ec->e", column[:, at], normal[elements, node]) + spring[elements]
         share = np.divide(column, pivot[:, None], out=np.zeros(column.shape), where=pivot[:, None] > 0)
-        K[own] -= share[:, :, None] * column[:, None, :]
+        K[elements] -= share[:, :, None] * column[:, None, :]
     return K
 
 
-def sprung(K: np.ndarray, xy: np.ndarray, which: np.ndarray, spring: np.ndarray) -> np.ndarray:
-    """The same of triangles K (e, 18, 18) on the plane that do not feel these rotations: a spring from each to ½(v,x − u,y) of
+def release_drilling_trias(K: np.ndarray, xy: np.ndarray, which: np.ndarray, spring: np.ndarray) -> np.ndarray:
+    """The same for triangles K (e, 18, 18) on the plane that ignore these rotations: a spring from each to ½(v,x − u,y) of
     linear u and v."""
-    apart = np.zeros((*which.shape, 18))
-    apart[:, [0, 1, 2], [5, 11, 17]] = 1.0
-    apart[..., 0::6], apart[..., 1::6] = (-linear_turn(xy)[:, None, :, component] for component in (0, 1))
-    return np.asarray(K + apart.swapaxes(1, 2) @ ((spring[:, None] * which)[..., None] * apart))
+    relative_turn = np.zeros((*which.shape, 18))
+    relative_turn[:, [0, 1, 2], [5, 11, 17]] = 1.0
+    relative_turn[..., 0::6], relative_turn[..., 1::6] = (
+        -linear_turn(xy)[:, None, :, component] for component in (0, 1)
+    )
+    return np.asarray(K + relative_turn.swapaxes(1, 2) @ ((spring[:, None] * which)[..., None] * relative_turn))
 
 
 def quad_shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -315,9 +328,9 @@ def quad_shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def quad_strains(xy: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The nine rows (ε_xx, ε_yy, γ_xy; κ_xx, κ_yy, κ_xy; γ_xz, γ_yz; θ_z − ω) of motions of four nodes and four inner ones.
 
-    In the plane u, v are bilinear with modes (1 − ξ²), (1 − η²) that neighbours do not share, whose gradients are
+    In the plane u, v are bilinear with modes (1 − ξ²), (1 − η²) that neighbours do not share. Their gradients are
     (|J₀|/|J|) J₀⁻ᵀ ∂P/∂ξ so that constant strain passes (Taylor, Beresford & Wilson 1976), and ω = ½(v,x − u,y) of both.
-    Across it w and θ are bilinear, κ = (θ_y,x, −θ_x,y, θ_y,y − θ_x,x), and shear along ξ and η is tied at the middles of sides,
+    Transversely w and θ are bilinear, κ = (θ_y,x, −θ_x,y, θ_y,y − θ_x,x), and shear along ξ and η is tied at the side middles,
 
         γ_ξ = (1 − η)/2 γ_ξ(0, −1) + (1 + η)/2 γ_ξ(0, 1),     γ_η = (1 − ξ)/2 γ_η(−1, 0) + (1 + ξ)/2 γ_η(1, 0),
 
@@ -350,7 +363,7 @@ def quad_strains(xy: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _in_plane(u: np.ndarray, v: np.ndarray, g: np.ndarray) -> None:
-    """ε and −ω of functions with the slopes g (e, q, n, 2), into the rows of u and v (e, q, 9, n)."""
+    """ε and −ω of functions with the gradients g (e, q, n, 2), into the rows of u and v (e, q, 9, n)."""
     u[:, :, 0] = v[:, :, 2] = g[..., 0]
     v[:, :, 1] = u[:, :, 2] = g[..., 1]
     u[:, :, 8] = g[..., 1] / 2

@@ -1,4 +1,4 @@
-"""Strains of shells of three nodes on their plane: the optimal membrane triangle in it, MITC3+ across."""
+"""Strains of flat three-node shells: optimal membrane triangle in the plane, MITC3+ for bending."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
 """Points (r, s) and shares of the area, a rule of fourth degree (Dunavant 1985)."""
 
 BETA = np.array([[1.0, 2.0, 1.0], [0.0, 1.0, -1.0], [-1.0, -1.0, -2.0]])
-"""β₁ … β₉ of the optimal triangle; Q₁ but for lengths, and Q₂, Q₃ by turning nodes and sides."""
+"""β₁ … β₉ of the optimal triangle; Q₁ without lengths; Q₂, Q₃ follow by cyclic exchange of nodes and sides."""
 
 LEAST_BETA0 = 0.01
-"""Of ν near 1/2, where (1 − 4ν²)/2 vanishes and with it what holds the rotations of the nodes (Felippa 2003)."""
+"""Least β₀ = (1 − 4ν²)/2, which vanishes with the drilling stiffness for ν near 1/2 (Felippa 2003)."""
 
 
 def tria_strains(
-    xy: np.ndarray, at: np.ndarray, nu: np.ndarray, twist: np.ndarray, beside: np.ndarray | None = None
+    xy: np.ndarray, at: np.ndarray, nu: np.ndarray, twist: np.ndarray, along_beams: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The eight rows (ε_xx, ε_yy, γ_xy; κ_xx, κ_yy, κ_xy; γ_xz, γ_yz) of motions of three nodes and two inner rotations.
 
     xy (e, 3, 2) [m] anticlockwise; at (e or 1, q, 2) area coordinates r, s of the second and third node; nu (e,) Poisson's
-    ratio; twist d (e,), see `_shear`; beside (e, 3), nodes whose rotation about the normal is without effect. Returns
+    ratio; twist d (e,), see `_shear`; along_beams (e, 3), nodes whose rotation about the normal has no effect. Returns
     (e, q, 8, 18 + 2), columns 6·node + component and the inner ones, and the area (e,) [m²].
     """
     e, q = len(xy), at.shape[1]
-    area, mean, varying = _membrane(xy, np.maximum((1 - 4 * nu**2) / 2, LEAST_BETA0), beside)
+    area, mean, varying = _membrane(xy, np.maximum((1 - 4 * nu**2) / 2, LEAST_BETA0), along_beams)
     J = xy[:, 1:] - xy[:, :1]
     inverse = np.stack([J[:, 1, 1], -J[:, 0, 1], -J[:, 1, 0], J[:, 0, 0]], axis=-1).reshape(e, 2, 2)
     inverse /= 2 * area[:, None, None]
@@ -53,15 +53,15 @@ def tria_strains(
 
 
 def _membrane(
-    xy: np.ndarray, beta0: np.ndarray, beside: np.ndarray | None
+    xy: np.ndarray, beta0: np.ndarray, along_beams: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """ε_xx, ε_yy and γ_xy in triangles that move by u, v and a rotation θ about the normal at each node:
 
         ε(ζ) = ε̄ + Σᵢ ζᵢ εᵢ,     ε̄ = Lᵀq/area,     εᵢ = (3/2) √β₀ T_e Q_i θ̃,     Σᵢ εᵢ = 0
 
-    ε̄ is what lumps constant stress into forces on the nodes, sides moved along a cubic by θ (α_b = 3/2), and θ̃ the rotations
-    of the nodes less that of the triangle with linear u, v. ∫ εᵀAε has a rank of 9 − 3; a rectangle of two bends in its plane
-    as a beam does at any slenderness if β₀ = (1 − 4ν²)/2. Sides of a node whose θ is without effect stay straight, so that
+    ε̄ lumps constant stress into forces on the nodes, with sides bent along a cubic by θ (α_b = 3/2); θ̃ are the rotations
+    of the nodes minus that of the triangle with linear u, v. ∫ εᵀAε has a rank of 9 − 3; a rectangle of two triangles bends in
+    its plane as a beam of any slenderness if β₀ = (1 − 4ν²)/2. Sides of a node whose θ has no effect stay straight, so that
     constant stress passes next to other triangles, and its θ̃ is zero.
 
     Returns area (e,) [m²], ε̄ (e, 3, 9) and εᵢ (e, 3, 3, 9) with i second, columns u₁ v₁ θ₁ u₂ …. Source: C. A. Felippa,
@@ -75,35 +75,39 @@ def _membrane(
     mean = np.zeros((e, 3, 3, 3))
     mean[:, 0, :, 0] = mean[:, 2, :, 1] = Y
     mean[:, 1, :, 1] = mean[:, 2, :, 0] = -X
-    bows = np.ones((e, 3)) if beside is None else 1.0 * ~(np.roll(beside, -1, axis=1) | np.roll(beside, -2, axis=1))
+    bows = (
+        np.ones((e, 3))
+        if along_beams is None
+        else 1.0 * ~(np.roll(along_beams, -1, axis=1) | np.roll(along_beams, -2, axis=1))
+    )
     bb, ba = (np.roll(bows, by, axis=1) for by in (-1, -2))
     mean[:, 0, :, 2] = (bb * Yb**2 - ba * Ya**2) / 4
     mean[:, 1, :, 2] = (bb * Xb**2 - ba * Xa**2) / 4
     mean[:, 2, :, 2] = (ba * Xa * Ya - bb * Xb * Yb) / 2
     mean /= (2 * area)[:, None, None, None]
 
-    turned = np.zeros((e, 3, 3, 3))
-    turned[..., :2] = -linear_turn(xy)[:, None]
-    turned[:, range(3), range(3), 2] = 1.0
-    if beside is not None:
-        turned[beside] = 0.0
+    rotation = np.zeros((e, 3, 3, 3))
+    rotation[..., :2] = -linear_turn(xy)[:, None]
+    rotation[:, range(3), range(3), 2] = 1.0
+    if along_beams is not None:
+        rotation[along_beams] = 0.0
 
-    # T_e diag(l²): strains along the sides 12, 23, 31; 1/l² stands in Q
+    # T_e diag(l²): strains along the sides 12, 23, 31; 1/l² is part of Q
     natural = np.stack([-Y * Yb, -X * Xb, Y * Xb + X * Yb], axis=1) * (np.sqrt(beta0) / (4 * area))[:, None, None]
     Q = np.stack([np.roll(BETA, i, axis=(0, 1)) for i in range(3)])
-    varying = np.matmul(np.matmul(natural[:, None], Q).reshape(e, 9, 3), turned.reshape(e, 3, 9))
+    varying = np.matmul(np.matmul(natural[:, None], Q).reshape(e, 9, 3), rotation.reshape(e, 3, 9))
     return area, mean.reshape(e, 3, 9), varying.reshape(e, 3, 3, 9)
 
 
 def linear_turn(xy: np.ndarray) -> np.ndarray:
-    """½(v,x − u,y) (e, 3, 2) [1/m] of linear u and v, of those of each node."""
+    """½(v,x − u,y) (e, 3, 2) [1/m] of linear u and v, per u and v of each node."""
     side = np.roll(xy, -1, axis=1) - np.roll(xy, -2, axis=1)
     area = np.linalg.det(xy[:, 1:] - xy[:, :1]) / 2
     return np.asarray(side / (4 * area)[:, None, None])
 
 
 def place_curvature(x: np.ndarray, y: np.ndarray, g: np.ndarray) -> None:
-    """κ = (θ_y,x, −θ_x,y, θ_y,y − θ_x,x) of functions with slopes g (e, q, n, 2), into rows of θ_x, θ_y (e, q, 8 or 9, n)."""
+    """κ = (θ_y,x, −θ_x,y, θ_y,y − θ_x,x) of functions with gradients g (e, q, n, 2), into rows of θ_x, θ_y (e, q, 8 or 9, n)."""
     y[:, :, 3] = g[..., 0]
     x[:, :, 4] = -g[..., 1]
     y[:, :, 5] = g[..., 1]
@@ -111,16 +115,16 @@ def place_curvature(x: np.ndarray, y: np.ndarray, g: np.ndarray) -> None:
 
 
 def _shear(xy: np.ndarray, at: np.ndarray, inverse: np.ndarray, twist: np.ndarray) -> np.ndarray:
-    """γ (e, q, 2, 11) of w₁ θx₁ θy₁ w₂ … and of rotations b within, w linear and θ linear with 27 r s (1 − r − s) b besides.
+    """γ (e, q, 2, 11) of w₁ θx₁ θy₁ w₂ … and of inner rotations b: w linear, θ linear plus 27 r s (1 − r − s) b.
 
-    Shear along r and s is held to
+    Shear along r and s is tied to
 
         e_r = 2/3 (e_r − e_s/2)(B) + 1/3 (e_r + e_s)(C) + ĉ (3s − 1)/3,
         e_s = 2/3 (e_s − e_r/2)(A) + 1/3 (e_r + e_s)(C) + ĉ (1 − 3r)/3,     ĉ = 3d (e_r,s − e_s,r),
 
-    A (1/6, 2/3), B (2/3, 1/6), C (1/6, 1/6). d alone resists rotations θ = c (x, y) about the centre of a triangle: with d = 1,
+    A (1/6, 2/3), B (2/3, 1/6), C (1/6, 1/6). Only d resists rotations θ = c (x, y) about the centre of a triangle; with d = 1,
     as in MITC3, it locks. Source: Y. Lee, P.-S. Lee & K.-J. Bathe, The MITC3+ shell element and its performance, Comput.
-    Struct. 138 (2014) 12-23, who take d = 10⁻⁴ of all.
+    Struct. 138 (2014) 12-23, with d = 10⁻⁴ for all elements.
     """
     A, B, C = (_covariant(xy, r, s) for r, s in ((1 / 6, 2 / 3), (2 / 3, 1 / 6), (1 / 6, 1 / 6)))
     ends = _covariant(xy, 0.0, 0.0), _covariant(xy, 1.0, 0.0), _covariant(xy, 0.0, 1.0)
@@ -134,17 +138,17 @@ def _shear(xy: np.ndarray, at: np.ndarray, inverse: np.ndarray, twist: np.ndarra
 def _covariant(xy: np.ndarray, r: float, s: float) -> np.ndarray:
     """(e_r, e_s) = w,r + x,r θ_y − y,r θ_x and along s (e, 2, 11), of the rotations at a point."""
     J = xy[:, 1:] - xy[:, :1]
-    found = np.zeros((len(xy), 2, 11))
-    found[:, :, 0] = -1.0
-    found[:, 0, 3] = found[:, 1, 6] = 1.0
+    rows = np.zeros((len(xy), 2, 11))
+    rows[:, :, 0] = -1.0
+    rows[:, 0, 3] = rows[:, 1, 6] = 1.0
     for column, N in ((1, 1 - r - s), (4, r), (7, s), (9, 27 * r * s * (1 - r - s))):
-        found[:, :, column] = -N * J[:, :, 1]
-        found[:, :, column + 1] = N * J[:, :, 0]
-    return found
+        rows[:, :, column] = -N * J[:, :, 1]
+        rows[:, :, column + 1] = N * J[:, :, 0]
+    return rows
 
 
 LEAST_CORNER = 1e-6
-"""Of the square of the largest side, what the two sides at a corner must span; below it an element is degenerate."""
+"""Least cross product of the two sides at a corner, as a share of the square of the largest side; below, degenerate."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +166,7 @@ def shell_axes(position: np.ndarray, ids: np.ndarray) -> np.ndarray:
     the first node to the second, projected on the plane across z, and y = z × x.
 
     position (e, k, 3) [m], of second-order elements the corners first; ids (e,) for the error message. Returns (e, 3, 3), an
-    axis in a column. Raises DeckError for an element without area, or with a corner that turns back.
+    axis in a column. Raises DeckError for an element without area, or with a reentrant corner.
     """
     position = position[:, : CORNERS[position.shape[1]]]
     size = np.linalg.norm(position - np.roll(position, 1, axis=1), axis=2).max(axis=1)
@@ -173,14 +177,14 @@ def shell_axes(position: np.ndarray, ids: np.ndarray) -> np.ndarray:
     z = normal / length[:, None]
     sides = np.roll(position, -1, axis=1) - position
     corner = np.einsum("ekc,ec->ek", np.cross(np.roll(sides, 1, axis=1), sides), z).min(axis=1)
-    _refuse(corner > LEAST_CORNER * size**2, corner, position, ids, "have a corner that turns back")
+    _refuse(corner > LEAST_CORNER * size**2, corner, position, ids, "have a reentrant corner")
     x = sides[:, 0] - np.einsum("ec,ec->e", sides[:, 0], z)[:, None] * z
     x /= np.linalg.norm(x, axis=1)[:, None]
     return np.stack([x, np.cross(z, x), z], axis=2)
 
 
 def plane_of(position: np.ndarray, offset: np.ndarray, ids: np.ndarray) -> Plane:
-    """The mean plane of elements: nodes of a warped one are h above and below it by turns.
+    """The mean plane of elements: the nodes of a warped one are alternately h above and below it.
 
     position (e, k, 3) [m]; offset (e,) [m] of the middle surface from the nodes along the normal; ids (e,). Raises what
     `shell_axes` does.
@@ -196,7 +200,7 @@ def to_basic(K: np.ndarray, plane: Plane) -> np.ndarray:
 
         u = Rᵀ(u_a + φ_a × d z),    φ = Rᵀ φ_a
 
-    Rigid motions stay free of strain whatever the warp and the offset. Returns (e, 6k, 6k).
+    Rigid motions cause no strain for any warp and offset. Returns (e, 6k, 6k).
     """
     return rows_to_basic(rows_to_basic(K, plane).swapaxes(1, 2), plane).swapaxes(1, 2)
 
@@ -211,7 +215,7 @@ def rows_to_basic(rows: np.ndarray, plane: Plane) -> np.ndarray:
 
 
 def _across(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The diagonals of four nodes, or two sides of three."""
+    """The diagonals of a quad, or two sides of a triangle."""
     if position.shape[1] == 4:
         return position[:, 2] - position[:, 0], position[:, 3] - position[:, 1]
     return position[:, 1] - position[:, 0], position[:, 2] - position[:, 0]
@@ -224,7 +228,7 @@ def _refuse(good: np.ndarray, area: np.ndarray, position: np.ndarray, ids: np.nd
     names = ", ".join(str(id) for id in ids[~good][:5]) + (", …" if (~good).sum() > 5 else "")
     raise DeckError(
         f"{(~good).sum()} shells of {position.shape[1]} nodes {what}: {names} "
-        f"(the least cross product of sides or diagonals is {area[worst]:.3g} m² in element {ids[worst]})",
-        remedy="check the order of their nodes around the element, and whether two of them are one",
+        f"(least cross product of sides or diagonals: {area[worst]:.3g} m² in element {ids[worst]})",
+        remedy="Check the node order around the element, and whether two of its nodes coincide.",
         entity=("element", int(ids[worst])),
     )

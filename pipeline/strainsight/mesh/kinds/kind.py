@@ -1,4 +1,4 @@
-"""What the package knows of one kind of facet or element, in one record; and the facets: triangles and quadrangles."""
+"""Definition of a kind of facet or element in one record; and the facets: triangles and quadrangles."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from strainsight.mesh.model import FloatArray, IntArray
 
 Edges = tuple[tuple[int, int], ...]
 Order = tuple[int, ...]
-"""Node a of ours is node order[a] of another numbering; () where the two agree."""
+"""Node a of ours is node order[a] of another numbering; () if the two agree."""
 Rule = tuple[FloatArray, FloatArray]
-"""∫ f dξ ≈ Σ w_q f(ξ_q): points (q, d) [-] and positive weights (q,) [-] that sum to the domain's measure."""
+"""∫ f dξ ≈ Σ w_q f(ξ_q): points (q, d) [-] and positive weights (q,) [-] whose sum is the measure of the domain."""
 Split = tuple[tuple[str, FloatArray], ...]
 """Name of the kind and corners (c, d) [-] of each part."""
 Values = tuple[FloatArray, FloatArray]
-"""Of shape functions: N_a (q, k) [-] and ∂N_a/∂ξ_d (q, k, d) [-]."""
+"""Shape functions: N_a (q, k) [-] and ∂N_a/∂ξ_d (q, k, d) [-]."""
 
 HYBRID = "without its hybrid pressure"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Kind:
-    """A facet, and what every element has too; nodes in VTK order.
+    """A facet, and the common part of elements; nodes in VTK order.
 
-    nodes (k, d) [-] of the reference domain, first those at its corners; edges: the corners between which each of the
-    others lies; centre (d,) [-], the centroid; functions: ξ (q, d) [-] → N_a (q, k) and ∂N_a/∂ξ_d (q, k, d), with
-    N_a(ξ_b) = δ_ab; stiffness, mass: rules that integrate ∇N ∇Nᵀ and N Nᵀ exactly where the Jacobian is constant; vtk: the
-    number of the cell there; split: the parts that it is cut into at the middle of its edges, in the reference domain;
-    read_at: points (r, 2) whose strain goes on over the facet, bilinearly from four; none where strain is that at every point
-    itself. read_along: of a triangle the side along which the strain of each of nine points is taken, 0 and 1 from the first
-    corner to the second and third, 2 between these; it goes on linearly from the three of a side.
+    nodes (k, d) [-] of the reference domain, corners first; edges: the corners between which each mid-side node lies; centre
+    (d,) [-], the centroid; functions: ξ (q, d) [-] → N_a (q, k) and ∂N_a/∂ξ_d (q, k, d), with N_a(ξ_b) = δ_ab; stiffness,
+    mass: rules that integrate ∇N ∇Nᵀ and N Nᵀ exactly for a constant Jacobian; vtk: number of the VTK cell; split: the parts
+    of a subdivision at the middle of its edges, in the reference domain; read_at: points (r, 2) whose strain is interpolated
+    over the facet, bilinearly from four; empty if the strain is evaluated at every point itself. read_along: for triangles the
+    side of the strain at each of nine points, 0 and 1 from the first corner to the second and third, 2 between these; it is
+    interpolated linearly from the three points of a side.
     Reference domains: simplices 0 ≤ ξᵢ, Σξᵢ ≤ 1; squares and cubes [−1, 1]ᵈ; wedges triangle × [−1, 1]; pyramids
     |ξ|, |η| ≤ 1 − ζ, 0 ≤ ζ.
     """
@@ -54,7 +54,7 @@ class Kind:
 
     @property
     def corners(self) -> int:
-        """How many of the nodes lie at corners."""
+        """Number of corner nodes."""
         return len(self.nodes) - len(self.edges)
 
     def shape(self, xi: FloatArray) -> FloatArray:
@@ -62,10 +62,10 @@ class Kind:
         return self.functions(np.atleast_2d(xi))[0]
 
     def reading(self, xi: FloatArray) -> FloatArray:
-        """Weights (q, r) of the strains at `read_at` in that at xi (q, 2)."""
+        """Weights (q, r) of the strains at `read_at` for the strain at xi (q, 2)."""
         size = 3 if self.read_along else 4
         groups = self.read_at.reshape(-1, size, 2)
-        return np.hstack([_bilinear(xi, size) @ np.linalg.inv(_bilinear(own, size)) for own in groups])
+        return np.hstack([_bilinear(xi, size) @ np.linalg.inv(_bilinear(points, size)) for points in groups])
 
     def gradient(self, xi: FloatArray) -> FloatArray:
         """∂N_a/∂ξ_d: xi (q, d) [-] → (q, k, d) [-]."""
@@ -76,14 +76,13 @@ class Kind:
 class ElementKind(Kind):
     """A solid.
 
-    family: in messages, "tetrahedra"; facets: kind and local nodes of each, normal outward, in the order of Abaqus'
-    S1, S2, …; sides: a corner and three corners beside it, right-handed; regular: |J| there over the product of the three
-    sides, in the regular element; mirrored: the order of the same element counted the other way round about its axis;
-    either_way: files of every program number it so or mirrored; bubble_gradient: ξ (q, 3) → ∂P_i/∂ξ_d (q, p, 3) of
-    incompatible modes beside the nodes, condensed in each element.
-    nastran: the card; gmsh: the number of the type; abaqus: types in VTK order → how each is reinterpreted; meshio: names
-    of the cell → order of its nodes; orders: formats whose order meshio passes on as it is. A program
-    that has no such element is left out.
+    family: name in messages, "tetrahedra"; facets: kind and local nodes of each, normal outward, in the order of S1, S2, … of
+    Abaqus; sides: a corner and its three neighbours, right-handed; regular: |J| there over the product of the three sides, in
+    the regular element; mirrored: node order of the same element in the opposite direction about its axis; either_way: files
+    of every program use both directions; bubble_gradient: ξ (q, 3) → ∂P_i/∂ξ_d (q, p, 3) of incompatible modes, condensed in
+    each element. nastran: the card; gmsh: the number of the type; abaqus: types in VTK order → how each is reinterpreted;
+    meshio: names of the cell → order of its nodes; orders: formats whose order meshio does not convert. A program without such
+    an element is left out.
     """
 
     family: str
@@ -103,17 +102,17 @@ class ElementKind(Kind):
 
 
 def _bilinear(xi: FloatArray, terms: int) -> FloatArray:
-    """(q, terms): 1, ξ, η and, of four, ξη."""
+    """(q, terms): 1, ξ, η and, for four, ξη."""
     return np.column_stack([np.ones(len(xi)), xi, xi[:, 0] * xi[:, 1]])[:, :terms]
 
 
 def halves(corners: FloatArray) -> tuple[FloatArray, ...]:
-    """The domain at half its size, drawn to each of its corners (c, d)."""
+    """The domain at half its size, moved to each of its corners (c, d)."""
     return tuple(0.5 * (corner + corners) for corner in corners)
 
 
-def alike(name: str, parts: Iterable[FloatArray]) -> Split:
-    """Parts that are all of one kind."""
+def of_same_kind(name: str, parts: Iterable[FloatArray]) -> Split:
+    """Parts that all have the same kind."""
     return tuple((name, part) for part in parts)
 
 
@@ -123,13 +122,13 @@ def with_midsides(corners: FloatArray, edges: Edges) -> FloatArray:
 
 
 def with_edge_nodes(corners: Order, edges: Edges, along: Edges) -> Order:
-    """Corners of an element, and its nodes on those of its edges that lie between the corners at these places."""
+    """Corners of an element, and the mid-side nodes of its edges between these corners."""
     place = {frozenset(edge): 1 + max(map(max, edges)) + i for i, edge in enumerate(edges)}
     return (*corners, *(place[frozenset((corners[a], corners[b]))] for a, b in along))
 
 
 def in_order(nodes: IntArray, order: Order) -> IntArray:
-    """Nodes (n, k) of elements, their columns in an order."""
+    """Nodes (n, k) of elements, with columns in the given order."""
     return nodes[:, list(order)] if order else nodes
 
 
@@ -225,7 +224,7 @@ TRI3 = Kind(
     stiffness=triangle(2),
     mass=triangle(2),
     vtk=5,
-    split=alike("tri3", TRIANGLE_PARTS),
+    split=of_same_kind("tri3", TRIANGLE_PARTS),
 )
 TRI6 = Kind(
     name="tri6",
@@ -236,10 +235,10 @@ TRI6 = Kind(
     stiffness=triangle(4),
     mass=triangle(4),
     vtk=22,
-    split=alike("tri6", TRIANGLE_PARTS),
+    split=of_same_kind("tri6", TRIANGLE_PARTS),
 )
 FIRST, SECOND = 0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12)
-"""Points of Gauss of 0 … 1."""
+"""Gauss points on 0 … 1."""
 INSIDE = 1 / np.sqrt(3)
 ALONG_SIDES = np.array(
     [
@@ -248,10 +247,10 @@ ALONG_SIDES = np.array(
         *([SECOND, FIRST], [FIRST, SECOND], [FIRST, FIRST]),
     ]
 )
-"""Where strain along the sides from the first corner to the second and third, and between these, is that of a curved surface
-that bends (Lee & Bathe, Comput. Struct. 82 (2004) 945-962)."""
+"""Points where strain along the sides from the first corner to the second and third, and between these, is that of a curved
+surface in bending (Lee & Bathe, Comput. Struct. 82 (2004) 945-962)."""
 SHELL6 = replace(TRI6, name="shell6", read_at=ALONG_SIDES, read_along=(0, 0, 0, 1, 1, 1, 2, 2, 2))
-"""On a shell of the second order, see `SHELL8`."""
+"""Face of a second-order shell, see `SHELL8`."""
 
 
 QUADRANGLE_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
@@ -267,7 +266,7 @@ QUAD4 = Kind(
     stiffness=gauss(2, 2),
     mass=gauss(2, 2),
     vtk=9,
-    split=alike("quad4", halves(QUADRANGLE_CORNERS)),
+    split=of_same_kind("quad4", halves(QUADRANGLE_CORNERS)),
 )
 QUAD8 = Kind(
     name="quad8",
@@ -278,22 +277,22 @@ QUAD8 = Kind(
     stiffness=gauss(3, 2),
     mass=gauss(3, 2),
     vtk=23,
-    split=alike("quad8", halves(QUADRANGLE_CORNERS)),
+    split=of_same_kind("quad8", halves(QUADRANGLE_CORNERS)),
 )
 SHELL8 = replace(QUAD8, name="shell8", read_at=gauss(2, 2)[0])
-"""On a shell of the second order. Curved, it bends without stretch in the mean only: between nodes the strain of its functions
-is off by up to h²/(12 R t) of that on its faces, and right at the points of Gauss (Barlow, Int. J. Numer. Meth. Engng 10 (1976)
-243-251)."""
+"""Face of a second-order shell. A curved element bends without stretch only on average. Between nodes the strain of its
+functions is off by up to h²/(12 R t) of the strain on its faces, and correct at the Gauss points (Barlow, Int. J. Numer.
+Meth. Engng 10 (1976) 243-251)."""
 
 
 SECOND_ORDER = {"tri3": TRI6, "quad4": QUAD8}
-"""Facet of an element of the first order → that of the second."""
+"""Facet of a first-order element → that of the second-order one."""
 
 
 def second_order(
     linear: ElementKind, name: str, edges: Edges, functions: Callable[[FloatArray], Values], **entries: Any
 ) -> ElementKind:
-    """The same element with a node in the middle of each edge; entries: rules, and its numbers and orders in other programs."""
+    """The same element with a node in the middle of each edge; entries: rules, numbers and orders in other programs."""
     facets = [(SECOND_ORDER[facet.name], corners) for facet, corners in linear.facets]
     programs = {"nastran_order": (), "gmsh_order": (), "orders": {}, "bubble_gradient": None} | entries
     return replace(
@@ -304,6 +303,6 @@ def second_order(
         functions=functions,
         facets=tuple((facet, with_edge_nodes(corners, edges, facet.edges)) for facet, corners in facets),
         mirrored=with_edge_nodes(linear.mirrored, edges, edges),
-        split=alike(name, (part for _, part in linear.split)),
+        split=of_same_kind(name, (part for _, part in linear.split)),
         **programs,
     )

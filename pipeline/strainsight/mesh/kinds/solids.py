@@ -23,11 +23,11 @@ from strainsight.mesh.kinds.kind import (
     Rule,
     Split,
     Values,
-    alike,
     barycentric,
     gauss,
     halves,
     multilinear,
+    of_same_kind,
     orbits,
     quadratic_simplex,
     second_order,
@@ -45,7 +45,7 @@ TET_MIRRORED = (0, 2, 1, 3)
 
 
 def _tetrahedron_parts() -> tuple[FloatArray, ...]:
-    """Four at the corners, and the octahedron between them cut along the middles of edges 02 and 13."""
+    """Four at the corners, and the octahedron between them, cut along the middles of edges 02 and 13."""
     middle = {(a, b): 0.5 * (TET_CORNERS[a] + TET_CORNERS[b]) for a in range(4) for b in range(a + 1, 4)}
     ring = [middle[edge] for edge in ((0, 1), (1, 2), (2, 3), (0, 3))]
     between = [np.array([middle[0, 2], middle[1, 3], ring[i], ring[(i + 1) % 4]]) for i in range(4)]
@@ -87,7 +87,7 @@ TET4 = ElementKind(
     regular=0.5**0.5,
     mirrored=TET_MIRRORED,
     vtk=10,
-    split=alike("tet4", TET_PARTS),
+    split=of_same_kind("tet4", TET_PARTS),
     nastran="CTETRA",
     gmsh=4,
     abaqus={"C3D4": "", "C3D4H": HYBRID},
@@ -128,8 +128,8 @@ HEX_MIRRORED = (0, 3, 2, 1, 4, 7, 6, 5)
 UPRIGHTS_SECOND = (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)
 """Mid-sides bottom, uprights, top (Nastran, Exodus); ours are bottom, top, uprights."""
 _MODES = "with incompatible modes"
-_APART = "; frequencies of coarse meshes differ for it, from those of CalculiX by up to {} %"
-"""How far, on the two decks of its users where most."""
+_FREQUENCIES_DIFFER = "; frequencies of coarse meshes differ from those of CalculiX by up to {} %"
+"""Largest difference on two example decks."""
 _REDUCED = f"{_MODES}: full integration, no hourglass control"
 
 
@@ -159,11 +159,11 @@ HEX8 = ElementKind(
     regular=1.0,
     mirrored=HEX_MIRRORED,
     vtk=12,
-    split=alike("hex8", halves(HEX_CORNERS)),
+    split=of_same_kind("hex8", halves(HEX_CORNERS)),
     nastran="CHEXA",
     gmsh=5,
     abaqus={
-        "C3D8": f"{_MODES}, as C3D8I{_APART.format(18)}",
+        "C3D8": f"{_MODES}, as C3D8I{_FREQUENCIES_DIFFER.format(18)}",
         "C3D8I": "",
         "C3D8S": f"{_MODES}, as C3D8I",
         "C3D8R": _REDUCED,
@@ -189,7 +189,7 @@ HEX20 = second_order(
     gmsh_order=(*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15),
     abaqus={
         "C3D20": "",
-        "C3D20R": f"integrated fully{_APART.format(17)}",
+        "C3D20R": f"integrated fully{_FREQUENCIES_DIFFER.format(17)}",
         "C3D20H": HYBRID,
         "C3D20RH": f"integrated fully, {HYBRID}",
     },
@@ -265,7 +265,7 @@ WEDGE6 = ElementKind(
     mirrored=WEDGE_MIRRORED,
     either_way=True,
     vtk=13,
-    split=alike("wedge6", WEDGE_PARTS),
+    split=of_same_kind("wedge6", WEDGE_PARTS),
     nastran="CPENTA",
     gmsh=6,
     abaqus={"C3D6": "", "C3D6H": HYBRID},
@@ -285,7 +285,7 @@ WEDGE15 = second_order(
     gmsh_order=(*range(6), 6, 9, 7, 12, 14, 13, 8, 10, 11),
     abaqus={"C3D15": "", "C3D15H": HYBRID},
     meshio={"wedge15": ()},
-    # in VTK the normal of nodes 0-1-2 points away from 3-4-5 (vtkWedge, vtkQuadraticWedge); meshio turns only the linear one
+    # in VTK the normal of nodes 0-1-2 points away from 3-4-5 (vtkWedge, vtkQuadraticWedge); meshio converts only the linear one
     orders=dict.fromkeys(("vtu", "vtk"), with_edge_nodes(WEDGE_MIRRORED, WEDGE_EDGES, WEDGE_EDGES)),
 )
 
@@ -296,7 +296,7 @@ BASE, APEX = QUADRANGLE_CORNERS, np.array([0.0, 0.0, 1.0])
 def pyramid_linear(xi: FloatArray) -> Values:
     """Base ¼(1 − ζ)(1 + ξ_a u)(1 + η_a v) with u = ξ/(1 − ζ), v = η/(1 − ζ); apex ζ (Bedrosian 1992).
 
-    At the apex, where the gradient depends on the way there, it is that along the axis, u = v = 0.
+    At the apex, where the gradient depends on the direction, it is the limit along the axis, u = v = 0.
     """
     t = 1 - xi[:, 2:]
     u, v = np.divide(xi[:, :2], t, out=np.zeros_like(xi[:, :2]), where=t != 0).T[:, :, None]
@@ -321,7 +321,7 @@ PYRAMID_NODES = np.vstack([np.column_stack([BASE, np.zeros(4)]), APEX])
 
 
 def _pyramid_parts() -> Split:
-    """Pyramids at the five corners and one upside down below the apex, four tetrahedra between."""
+    """Pyramids at the five corners and an inverted one below the apex, four tetrahedra between."""
     foot, upright, side = (
         np.zeros(3),
         0.5 * (PYRAMID_NODES[:4] + APEX),
@@ -329,7 +329,7 @@ def _pyramid_parts() -> Split:
     )
     pyramids = (*halves(PYRAMID_NODES), np.vstack([upright[::-1], foot]))
     between = [np.array([foot, side[a], upright[(a + 1) % 4], upright[a]]) for a in range(4)]
-    return (*alike("pyra5", pyramids), *alike("tet4", between))
+    return (*of_same_kind("pyra5", pyramids), *of_same_kind("tet4", between))
 
 
 PYRA5 = ElementKind(
