@@ -37,7 +37,7 @@ PLACEMENTS = [
         "E is reached by no process noise",
         {"parameters.E.process_noise_scale": 1e-30, "screen.keep": "all"},
     ),
-    ("filter.drift", "constants in a bank", {"filter.drift": True}),
+    ("filter.drift", "constants in a grid filter", {"filter.drift": True}),
     ("process_noise.model_error", "at most 1e+06", {"process_noise.model_error": 1e30}),
     (DAMPING, "nothing would move", {DAMPING: {"type": "rayleigh", "alpha": 1e30, "beta": 0.0}}),
     ("rom.modes", "200 modes of a model with 30 unknowns", {"rom.modes": 200}),

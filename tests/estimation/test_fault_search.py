@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import none_considered
+from strainsight.estimation.fault_evidence import BROAD, CheckRecord, explained
 from strainsight.estimation.fault_search import diagnosed, examined
 from strainsight.estimation.faults import ANGLES, FORESEEN, Fault, shifted
+from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.peak import peak_of
-from strainsight.estimation.record import BankRecord
-from strainsight.estimation.suspect import BROAD, Suspect, explained
+from strainsight.estimation.record import GridRecord
 
 from ..shared import slowly
 from .chain import NOISE, STEPS, driven_chain, driven_start, forces, joint, loaded_chain, log_normal, start
@@ -39,14 +39,14 @@ def suspect(model, P, known, samples, turned_row=None):
         H[channel] = 0
         H[channel, :2] = turned_row
         changed = replace(model, H=H)
-        return changed, no_nuisances(changed)
+        return changed, none_considered(changed)
 
     if turned_row is not None:
         rows[0] = 0
         rows[0, :, :2] = turned_row
     mean = np.zeros(model.size)
-    record = model, mean, P, known, samples, no_nuisances(model)
-    return Suspect(*record, turned_rows=rows, turned=turned, load=np.arange(known.shape[-1]))
+    record = model, mean, P, known, samples, none_considered(model)
+    return CheckRecord(*record, turned_rows=rows, turned=turned, load=np.arange(known.shape[-1]))
 
 
 @pytest.fixture(scope="module")
@@ -116,11 +116,11 @@ def test_laplace_at_the_peak_is_what_the_bank_integrates():
     model, P = driven_chain(), driven_start()
     steps = 200
     _, y = draw_truth(model, np.zeros(6), P, forces(steps), [5])
-    none = no_nuisances(model)
-    bank = filter_bank(BankRecord(model, np.zeros(6), P, forces(steps), y[:, 0], no_nuisances(model)))
-    peak = peak_of(BankRecord(model, np.zeros(6), P, forces(steps), y[:, 0], none, NO_OFFSETS, None))
-    assert peak.evidence == pytest.approx(float(bank.run.log_likelihood[0]), abs=0.1)
-    mean, std = bank.run.mean[-1, 0, 4:], bank.run.std[-1, 0, 4:]
+    none = none_considered(model)
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(6), P, forces(steps), y[:, 0], none_considered(model)))
+    peak = peak_of(GridRecord(model, np.zeros(6), P, forces(steps), y[:, 0], none, NO_OFFSETS, None))
+    assert peak.evidence == pytest.approx(float(grid_run.run.log_likelihood[0]), abs=0.1)
+    mean, std = grid_run.run.mean[-1, 0, 4:], grid_run.run.std[-1, 0, 4:]
     np.testing.assert_array_less(np.abs(peak.point - mean), 0.3 * std)
 
 
@@ -191,11 +191,11 @@ def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four):
     rows[0] = [read(angle).H[0] for angle in ANGLES]
 
     def turned(channel, angle):
-        return read(angle), no_nuisances(model)
+        return read(angle), none_considered(model)
 
     mean = np.zeros(model.size)
-    record, load = (straight, mean, P, forces(LONG), samples, no_nuisances(model)), np.arange(1)
-    given = Suspect(*record, turned_rows=rows, turned=turned, load=load)
+    record, load = (straight, mean, P, forces(LONG), samples, none_considered(model)), np.arange(1)
+    given = CheckRecord(*record, turned_rows=rows, turned=turned, load=load)
     found = examined(given)
     assert found.contradicts
     assert found.named.fault == Fault("angle", 0, 60.0)

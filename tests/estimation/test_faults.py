@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.estimation.bank import filter_records
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import none_considered
+from strainsight.estimation.fault_evidence import explained
 from strainsight.estimation.fault_search import examined
 from strainsight.estimation.faults import (
     FORESEEN,
@@ -23,9 +23,9 @@ from strainsight.estimation.faults import (
     shifted,
     undone,
 )
+from strainsight.estimation.grid_filter import filter_records
 from strainsight.estimation.load_faults import without_load_fault
-from strainsight.estimation.record import BankRecord, Settled
-from strainsight.estimation.suspect import explained
+from strainsight.estimation.record import GridRecord, Settled
 
 from ..shared import slowly
 from .chain import driven_chain, driven_start
@@ -225,8 +225,8 @@ def test_a_birge_ratio_bounds_how_often_a_grid_is_laid(record):
 
 
 def loaded(model, known, samples, tones):
-    return BankRecord(
-        model, np.zeros(model.size), np.eye(model.size), known, samples, no_nuisances(model), settled=tones
+    return GridRecord(
+        model, np.zeros(model.size), np.eye(model.size), known, samples, none_considered(model), settled=tones
     )
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from strainsight.errors import ConfigError
-from strainsight.estimation import bank_filters
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_filters import noise_alone
-from strainsight.estimation.conditional import _linear_about, no_nuisances
+from strainsight.estimation import grid_filter_points
+from strainsight.estimation.conditional import _linear_about, none_considered
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.grid_filter_points import noise_alone
 from strainsight.estimation.parallel_filters import LinearModels
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.loads.input_models import (
     WALK,
     IntegratedRandomWalk,
@@ -58,8 +58,8 @@ def test_they_are_judged_by_what_no_load_could_cause(case):
     """A square of points 0.9 σ apart, each of one dense density of all readings."""
     model, P, y = case
     with finer(0.8, 16.0):
-        bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model)))
-    mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
+        grid_run = filter_on_grid(GridRecord(model, np.zeros(7), P, forces(), y, none_considered(model)))
+    mean, std = grid_run.run.mean[-1, 0, 5:], grid_run.run.std[-1, 0, 5:]
     axis = 0.9 * np.arange(-6, 7)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     prior = np.diag(P)[5:]
@@ -71,7 +71,7 @@ def test_they_are_judged_by_what_no_load_could_cause(case):
     np.testing.assert_allclose(std, np.sqrt(w @ (point - expected) ** 2), rtol=1e-4)
     # the first spring, on which a load of any size may pull, is known by how that was stated to move
     walked = replace(model, free_loads=False)
-    stated = filter_bank(BankRecord(walked, np.zeros(7), P, forces(), y, no_nuisances(walked))).run.std[-1, 0, 5:]
+    stated = filter_on_grid(GridRecord(walked, np.zeros(7), P, forces(), y, none_considered(walked))).run.std[-1, 0, 5:]
     assert std[0] > 5 * stated[0]
     assert std[1] == pytest.approx(stated[1], rel=0.02)
 
@@ -92,12 +92,12 @@ def test_gains_beside_them_are_integrated_out():
     truth, _ = draw_truth(model, np.r_[np.zeros(5), true[0]], np.zeros((6, 6)), held, [3])
     y = (1 + spread * true[1:]) * (truth[1:, 0, :2] @ ROWS.T)
     y += NOISE * np.random.default_rng(4).standard_normal(y.shape)
-    none = no_nuisances(model)
+    none = none_considered(model)
     rows = spread * np.eye(2)[:, :, None] * np.pad(ROWS, [(0, 0), (0, 3)])
     gains = replace(none, source=("gain", "gain"), D=rows, E=np.zeros((2, 2, 1)), offset=np.zeros((2, 2)))
-    bank = filter_bank(BankRecord(model, np.zeros(6), P[np.ix_(states, states)], held, y, gains))
-    (mean,), cov = bank.posterior
-    nu, nu_std = bank.nuisances[0], np.sqrt(np.diag(bank.nuisances[1]))
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(6), P[np.ix_(states, states)], held, y, gains))
+    (mean,), cov = grid_run.posterior
+    nu, nu_std = grid_run.nu_moments[0], np.sqrt(np.diag(grid_run.nu_moments[1]))
     std, noise = np.sqrt(cov[0, 0]), NOISE**2 * np.eye(2 * steps)
     axis, weight, point = np.linspace(-4, 4, 11), [], []
     for p in mean + std * axis:
@@ -224,15 +224,15 @@ def test_the_mean_is_that_of_unit_readings_one_after_the_other():
 def test_where_nothing_changes_any_more_steps_are_those_before():
     model = replace(chain(), free_loads=True)
     first = replace(model, every=2), np.zeros(7), start()
-    record = BankRecord(*first, forces(800), np.zeros((400, 2)), damping(model))
-    problem = bank_filters.BankProblem((record,), judged=True)
+    record = GridRecord(*first, forces(800), np.zeros((400, 2)), damping(model))
+    problem = grid_filter_points.GridProblem((record,), judged=True)
     (found,) = problem.noise_alone
     pairs = found.reshape(400, 2, -1).sum(axis=1)
     np.testing.assert_allclose(pairs[200:300], np.tile(pairs[250], (100, 1)), rtol=1e-6)
 
 
 def damping(model, spread=0.5):
-    return replace(no_nuisances(model), damping=spread)
+    return replace(none_considered(model), damping=spread)
 
 
 def test_noise_does_not_speak_for_a_damping():
@@ -244,7 +244,7 @@ def test_noise_does_not_speak_for_a_damping():
     means = []
     for seed in range(2):
         y = truth[1:, 0] @ model.H.T + NOISE * np.random.default_rng(seed).standard_normal((steps, 2))
-        bank = filter_bank(BankRecord(model, np.zeros(6), P, forces(steps), y, damping(model)))
-        means.append(bank.nuisances[0])
-    left = np.sqrt(np.diag(bank.nuisances[1]))
+        grid_run = filter_on_grid(GridRecord(model, np.zeros(6), P, forces(steps), y, damping(model)))
+        means.append(grid_run.nu_moments[0])
+    left = np.sqrt(np.diag(grid_run.nu_moments[1]))
     assert np.all(np.abs(np.mean(means, axis=0)) < 1.4 * left / np.sqrt(2))

@@ -14,9 +14,9 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation import consistency
 from strainsight.estimation.consistency import input_error, load_scale, scale_noise, settling_time, tune
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.lattice import lattice_about
 from strainsight.estimation.mixture import marginal, peaks_of
 from strainsight.estimation.model import input_hold, inputs_of, loads_of, physical, process_covariance
+from strainsight.estimation.parameter_grid import build_grid_about
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.update import covariance_factor, predict
 from strainsight.loads.input_models import (
@@ -179,12 +179,12 @@ def test_a_normal_posterior_on_a_lattice_of_its_own_standard_deviation_is_normal
 
 def test_each_parameter_of_a_correlated_normal_posterior_has_its_marginal():
     mean, covariance = np.array([0.1, -0.2]), np.array([[4.0, 2.9], [2.9, 2.5]])
-    lattice = lattice_about(mean, covariance, 1.0, 5.0)
-    off = lattice.point - mean
+    grid = build_grid_about(mean, covariance, 1.0, 5.0)
+    off = grid.point - mean
     weight = np.exp(-0.5 * np.sum(off @ np.linalg.inv(covariance) * off, axis=1))
     weight /= weight.sum()
     for i in range(2):
-        own = marginal(lattice.point[:, i], weight, float(lattice.step[i]), (0.0, 10.0))
+        own = marginal(grid.point[:, i], weight, float(grid.step[i]), (0.0, 10.0))
         exact = norm.pdf(own.value, mean[i], np.sqrt(covariance[i, i]))
         np.testing.assert_allclose(own.density, exact, atol=2e-3 * exact.max())
 

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.estimation import record_check
-from strainsight.estimation import suspect as suspects
-from strainsight.estimation.conditional import known_ends, no_nuisances
+from strainsight.estimation import fault_evidence, record_check
+from strainsight.estimation.conditional import known_ends, none_considered
+from strainsight.estimation.fault_evidence import at_rest, loudest_stretches, moving_part_of, part_of, with_intensity
 from strainsight.estimation.faults import misfits
 from strainsight.estimation.load_faults import residual_pattern
 from strainsight.estimation.record import Settled
 from strainsight.estimation.record_check import SPIKE, check_record, spikes_of
-from strainsight.estimation.suspect import at_rest, loudest_stretches, moving_part_of, part_of, with_intensity
 
 from ..shared import slowly
 from .chain import NOISE, H, forces, loaded_chain, start
@@ -37,7 +36,7 @@ def record():
 
 @pytest.fixture(autouse=True)
 def short_stretches(monkeypatch):
-    monkeypatch.setattr(suspects, "LONGEST", SHORT)
+    monkeypatch.setattr(fault_evidence, "LONGEST", SHORT)
     monkeypatch.setattr(record_check, "LONGEST", SHORT)
 
 
@@ -79,13 +78,13 @@ def test_channels_that_read_at_different_times_have_a_stretch_each(record):
 
 
 def test_a_drift_goes_on_in_a_stretch(record):
-    none = no_nuisances(record.model)
+    none = none_considered(record.model)
     E = np.zeros((1, 4, 2))
     E[0, 1, -1] = 0.3
     drifting = replace(none, source=("drift",), D=np.zeros((1, 4, 5)), E=E, offset=np.zeros((1, 4)))
-    part = part_of(replace(record, nuisances=drifting), 100, 180)
-    share = known_ends(part.known, part.nuisances)[:, -1]
-    read = part.nuisances.offset[0, 1] + part.nuisances.E[0, 1, -1] * share
+    part = part_of(replace(record, considered=drifting), 100, 180)
+    share = known_ends(part.known, part.considered)[:, -1]
+    read = part.considered.offset[0, 1] + part.considered.E[0, 1, -1] * share
     np.testing.assert_allclose(read, 0.3 * np.arange(101, 181) / (REST + MOVING), rtol=1e-12)
 
 
@@ -104,8 +103,8 @@ def test_a_sound_record_behind_rest_agrees(record):
 def scalable(record, std):
     model = record.model
     D, E = std * model.H[None], np.zeros((1, 4, record.known.shape[-1]))
-    nuisances = replace(no_nuisances(model), source=("gain",), D=D, E=E, offset=np.zeros((1, 4)))
-    return replace(record, nuisances=nuisances)
+    considered = replace(none_considered(model), source=("gain",), D=D, E=E, offset=np.zeros((1, 4)))
+    return replace(record, considered=considered)
 
 
 def test_a_sudden_load_of_a_sound_record_is_no_reason_to_search_its_rest(record):

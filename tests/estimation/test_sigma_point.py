@@ -1,4 +1,5 @@
-"""The sigma-point filter against brute force by dense quadrature, the Kalman filter, the textbook smoother and the bank."""
+"""The sigma-point filter against brute force by dense quadrature, the Kalman filter, the textbook smoother and the grid
+filter."""
 
 from __future__ import annotations
 

@@ -180,4 +180,4 @@ def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason():
 
 def test_a_bank_refuses():
     _, said = estimated(EACH, "estimate.method.parameters=bank", ends=2)
-    assert "a bank says nothing of channels that are left out" in said
+    assert "a grid filter says nothing of channels that are left out" in said

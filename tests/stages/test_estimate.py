@@ -234,7 +234,7 @@ def test_a_biased_time_step_says_what_it_does(project):
     longer = 100 * lam * H**2 / 12
     stated = float(re.search(r"first mode by ([\d.e+-]+) %", said.replace("\n", " ")).group(1))
     assert stated == pytest.approx(longer, rel=0.1)
-    # by the bank without tolerances: with them the damping is open, and E is what the gauges read rather than the period
+    # by the grid filter without tolerances: with them the damping is open, and E is what the gauges read rather than the period
     assert result(project)["/compared/estimate/E"][0] > exact
 
 

@@ -169,7 +169,9 @@ def _resolved(asked: Mapping[str, float], step: float, of: str) -> Iterator[Prob
 def _filter(config: PlacementConfig) -> Iterator[Problem]:
     if config.filter.method == "bank" and config.filter.drift:
         yield Problem(
-            "filter.drift", "parameters are constants in a bank", "leave it out, or take method extended or sigma-point"
+            "filter.drift",
+            "parameters are constants in a grid filter",
+            "leave it out, or take method extended or sigma-point",
         )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 
-from strainsight.estimation.conditional import Nuisances, considers, discrepancy, known_ends, linear_models
+from strainsight.estimation.conditional import ConsideredParameters, considers, discrepancy, known_ends, linear_models
 from strainsight.estimation.model import FilterModel, augmented_jacobian, measured_jacobian, theta_of
 from strainsight.estimation.record import Settled, start_errors
 from strainsight.estimation.update import corrected, gain, predict, schmidt_gain, standard_deviation, transposed
@@ -38,17 +38,17 @@ class ErrorStep:
 
 
 def steps_along(
-    model: FilterModel, trajectory: np.ndarray, u: np.ndarray, nuisances: Nuisances | None, sets: int
+    model: FilterModel, trajectory: np.ndarray, u: np.ndarray, considered: ConsideredParameters | None, sets: int
 ) -> Iterator[ErrorStep]:
     """A* and the rows at the motion and θ = guess (p = 0), step by step; with `discrepancy` in the variance of the samples.
 
     trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u) hold coefficients of all inputs of the model [N], unknown ones too; sets B,
     which with nuisances differ by their noise alone.
     """
-    constants = None if nuisances is None else _Constants(model, nuisances, u)
+    constants = None if considered is None else _Constants(model, considered, u)
     R = np.broadcast_to(model.noise, (*model.noise.shape[:-2], sets, model.H.shape[-2]))
-    if nuisances is not None and constants is not None:
-        R = R + discrepancy(model, nuisances, constants.reading(trajectory[1:], u))
+    if considered is not None and constants is not None:
+        R = R + discrepancy(model, considered, constants.reading(trajectory[1:], u))
     theta = theta_of(model, np.zeros(model.size))
     modal = modal_step(model.model, theta, model.h, model.scheme)
     sensed = None if model.accelerometers is None else acceleration_map(model.model, theta)
@@ -77,17 +77,17 @@ def steps_along(
 class _Constants:
     """What one of every nuisance does to the motion and to the readings, at the guess."""
 
-    def __init__(self, model: FilterModel, nuisances: Nuisances, u: np.ndarray):
+    def __init__(self, model: FilterModel, considered: ConsideredParameters, u: np.ndarray):
         at_guess = np.zeros((1, len(model.unknowns.parameters)))
-        self.model, self.linear = model, linear_models(model, at_guess, nuisances)
+        self.model, self.linear = model, linear_models(model, at_guess, considered)
         self.unknown, self.known = model.columns
-        self.ends = known_ends(u[:, :, self.known], nuisances)
+        self.ends = known_ends(u[:, :, self.known], considered)
 
     def along(self, span: slice, start: np.ndarray, end: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A_ν x + G_ν w (L, d, n*) and D x + E w₁ + o (L, d, m) of a span of L steps from and to [q, q̇] (L, 2n),
         u (L, HOLD, n_u)."""
         linear, states, last = self.linear, self.model.parameter_states.start, u.sum(axis=1)
-        pushed, moving = np.zeros((len(u), linear.nuisances, self.model.size)), linear.moving
+        pushed, moving = np.zeros((len(u), linear.considered_count, self.model.size)), linear.moving
         x, w = self._states(start, u[:, 0]), u[:, :, self.known].reshape(len(u), -1)
         pushed[:, :moving, :states] = np.einsum("eij,tj->tei", linear.A_nu[0], x, optimize=True)
         pushed[:, :moving, :states] += np.einsum("eij,tj->tei", linear.G_nu[0], w, optimize=True)
@@ -127,7 +127,7 @@ def covariance_recursion(
     trajectory: np.ndarray,
     u: np.ndarray,
     covariance: np.ndarray,
-    nuisances: Nuisances | None = None,
+    considered: ConsideredParameters | None = None,
 ) -> ClaimedStd:
     """Standard deviation of x* that the extended filter will claim along a given motion, for B sets of sensors at once.
 
@@ -143,13 +143,13 @@ def covariance_recursion(
     channel of infinite noise has none.
     Sources: Schmidt, Advances in Control Systems 3 (1966); JCGM 100:2008 (GUM), section 5.1 (parts of a variance).
     """
-    source = () if nuisances is None else nuisances.sources(model.model.size)
+    source = () if considered is None else considered.sources(model.model.size)
     P, parts, Q = starts(model, covariance)
     errors = _Errors(P, np.zeros((len(P), len(source), model.size)), parts)
     variance, part = np.empty((len(u) + 1, *P.shape[:2])), np.empty((len(u) + 1, *parts.shape[:2]))
     shift = np.zeros((len(u) + 1, len(source), model.size))
     variance[0], part[0] = standard_deviation(P) ** 2, standard_deviation(parts) ** 2
-    for k, step in enumerate(steps_along(model, trajectory, u, nuisances, len(P)), start=1):
+    for k, step in enumerate(steps_along(model, trajectory, u, considered, len(P)), start=1):
         errors.predict(step.A, model.process, Q, step.pushed)
         if step.sampled:
             H, R = (step.H, step.variance) if source else few(step.H, step.variance)
@@ -198,15 +198,15 @@ BLOCK = 16
 """Reflections at a time."""
 
 
-def bank_claim(
+def predict_grid_std(
     model: FilterModel,
     trajectory: np.ndarray,
     u: np.ndarray,
     covariance: np.ndarray,
-    nuisances: Nuisances,
+    considered: ConsideredParameters,
     settled: Settled | None = None,
 ) -> ClaimedStd:
-    """Standard deviation of x* = [s, p] that the bank will claim along a given motion, for B sets of sensors at once.
+    """Standard deviation of x* = [s, p] that the grid filter will claim along a given motion, for B sets of sensors at once.
 
     Laplace's approximation of its posterior at the guess: that of constants c = [ν, p] beside a Kalman filter of s = [q, q̇, ζ]
     that takes them for known, in the gains K of which c has no part. Errors are w + V c, and innovations e = ε c + white noise:
@@ -219,14 +219,14 @@ def bank_claim(
 
         σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
 
-    Arguments and parts as of `covariance_recursion`, settled as of `filter_bank`; p is not correlated with s at t = 0, ν has
+    Arguments and parts as of `covariance_recursion`, settled as of `filter_on_grid`; p is not correlated with s at t = 0, ν has
     mean zero and variance one.
     Raises NumericalError where the covariance of an innovation is not positive definite.
     R and z by orthogonal factors: the sums would lose what confounded constants leave open under readings of small noise.
     Source: Friedland, IEEE Trans. Automatic Control 14 (1969); `parallel_filters.advance` and `Mixture` take the same steps.
     """
-    source = nuisances.sources(model.model.size)
-    covariance, V0 = start_errors(model, nuisances, covariance, settled)
+    source = considered.sources(model.model.size)
+    covariance, V0 = start_errors(model, considered, covariance, settled)
     whole, parts, Q = starts(model, covariance)
     B, d, n = len(whole), len(source), model.parameter_states.start
     c = d + model.size - n
@@ -234,7 +234,7 @@ def bank_claim(
     prior[:, d:] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
     Q = Q[:, :n, :n]
     errors = _Errors(whole[:, :n, :n], np.tile(V0, (B, 1, 1)), parts[:, :n, :n])
-    followed = _Followed(prior, 0 if nuisances.learned else d, n)
+    followed = _Followed(prior, 0 if considered.learned else d, n)
     apart = model.beside_free_loads
     stated = model.process[:n, :n], Q
     if apart:
@@ -242,11 +242,11 @@ def bank_claim(
         judged = free.process[:n, :n], starts(free, covariance)[2][:, :n, :n]
     else:
         judged = stated
-    ahead = considers(model, nuisances)
+    ahead = considers(model, considered)
     beside = _Errors(errors.P, errors.V, errors.parts) if ahead or apart else None
     claimed = _Claimed(model.size, len(u) + 1, source, followed)
     claimed.after(0, errors)
-    for k, step in enumerate(steps_along(model, trajectory, u, nuisances, B), start=1):
+    for k, step in enumerate(steps_along(model, trajectory, u, considered, B), start=1):
         A, pushed = step.A[:n, :n], np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
         errors.predict(A, *judged, pushed)
         followed.predict(A)
@@ -366,7 +366,7 @@ class _Claimed:
         self.constant = np.empty((instants, constants, size))
 
     def after(self, k: int, errors: _Errors, beside: bool = False) -> None:
-        """At instant k. beside: of a filter beside that of z; that the two share noise is not in the σ of the bank."""
+        """At instant k. beside: of a filter beside that of z; that the two share noise is not in the σ of the grid filter."""
         P, V, followed = errors.P, errors.V, self.followed
         n, d, first = P.shape[-1], len(self.source), followed.first
         at, prior = slice(first, None), np.sqrt(followed.prior[0])

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank_filters import BankProblem, LinearStanding, filtered_at, refuse_lost
-from strainsight.estimation.lattice import DEPTH, LEFT, NARROW, SPACING
+from strainsight.estimation.grid_filter_points import GridProblem, WeightedFilters, filtered_at, refuse_lost
 from strainsight.estimation.parallel_filters import joined
+from strainsight.estimation.parameter_grid import DEPTH, LEFT, NARROW, SPACING
 
 FINE = 0.1
 """Of the differences, in standard deviations across a column."""
@@ -209,14 +209,14 @@ class ColumnWeights:
         return each[:, 0], (each[:, 1 : 1 + c] - each[:, middle : middle + c]) / (2 * FINE)
 
 
-def next_columns(problem: BankProblem, now: LinearStanding[Columns]) -> LinearStanding[Columns]:
+def next_columns(problem: GridProblem, now: WeightedFilters[Columns]) -> WeightedFilters[Columns]:
     """For the posterior as it is now."""
     weights, point = _weights(now), now.cover.point
     middle = weights.mean[0] @ point
     return columns_for(problem, middle, weights.covariance(point[:, None], middle)[0], now.step)
 
 
-def columns_for(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> LinearStanding[Columns]:
+def columns_for(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> WeightedFilters[Columns]:
     """Columns about the largest density after `step` steps, looked for from a guess; as many as it reaches along its weakest
     direction, each about its own largest density."""
     mean, covariance = _summit(problem, mean, covariance, step)
@@ -248,7 +248,7 @@ def columns_for(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, 
     return replace(whole, cover=cover.as_they_are(whole.log_weight))
 
 
-def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
+def _summit(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
     """Where the density is largest, and its covariance there, by Newton's method, which halves steps that lead down."""
     precision = np.linalg.inv(problem.prior[1])
     start, top, move = mean, -np.inf, np.zeros(len(mean))
@@ -273,7 +273,7 @@ def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step
     )
 
 
-def _centred(problem: BankProblem, centre: np.ndarray, across: np.ndarray, step: int) -> LinearStanding[Columns]:
+def _centred(problem: GridProblem, centre: np.ndarray, across: np.ndarray, step: int) -> WeightedFilters[Columns]:
     """A column about its largest density, as nearly as a few steps come to it."""
     precision = np.linalg.inv(problem.prior[1])
     for _ in range(FEW_TURNS):
@@ -285,7 +285,7 @@ def _centred(problem: BankProblem, centre: np.ndarray, across: np.ndarray, step:
     return now
 
 
-def _weights(now: LinearStanding[Columns]) -> ColumnWeights:
+def _weights(now: WeightedFilters[Columns]) -> ColumnWeights:
     return now.cover.weights(now.log_weight[None])
 
 

@@ -17,7 +17,7 @@ DIFFERENCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Nuisances:
+class ConsideredParameters:
     """Constants ν of mean zero and variance one, jointly with states and parameters. For the states x (n,) = [q, q̇, ζ] of the
     filter, the loads w₁ known at the instant and all loads u:
 
@@ -64,26 +64,28 @@ class Nuisances:
         return modes * (self.damping > 0) + len(self.frequency)
 
 
-def no_nuisances(model: FilterModel) -> Nuisances:
+def none_considered(model: FilterModel) -> ConsideredParameters:
     """Everything exact."""
     m = model.H.shape[-2]
-    return Nuisances(
+    return ConsideredParameters(
         (), np.zeros((0, m, model.parameter_states.start)), np.zeros((0, m, len(model.known_inputs))), np.zeros((0, m))
     )
 
 
-def each_its_own(nuisances: Nuisances, count: int, renewed: tuple[str, ...]) -> tuple[Nuisances, ...]:
+def each_its_own(
+    considered: ConsideredParameters, count: int, renewed: tuple[str, ...]
+) -> tuple[ConsideredParameters, ...]:
     """Of `count` records that follow one another: ν of the sources `renewed` are constants of one record, all others of all.
 
     What is renewed stands behind the rest, once for every record, and does nothing in the others. It is of the readings alone.
     """
     if count == 1:
-        return (nuisances,)
-    renews = np.array([source in renewed for source in nuisances.source], dtype=bool)
+        return (considered,)
+    renews = np.array([source in renewed for source in considered.source], dtype=bool)
     shared, own_of = np.flatnonzero(~renews), np.flatnonzero(renews)
     order = np.concatenate([shared, *[own_of] * count])
 
-    def of_record(record: int) -> Nuisances:
+    def of_record(record: int) -> ConsideredParameters:
         idle = len(shared) + np.flatnonzero(np.repeat(np.arange(count) != record, len(own_of)))
 
         def stacked(rows: np.ndarray) -> np.ndarray:
@@ -91,51 +93,52 @@ def each_its_own(nuisances: Nuisances, count: int, renewed: tuple[str, ...]) -> 
             rows[idle] = 0.0
             return rows
 
-        D, E, offset = (stacked(rows) for rows in (nuisances.D, nuisances.E, nuisances.offset))
-        B, source = None if nuisances.B is None else stacked(nuisances.B), tuple(nuisances.source[i] for i in order)
-        return replace(nuisances, source=source, D=D, E=E, offset=offset, B=B)
+        D, E, offset = (stacked(rows) for rows in (considered.D, considered.E, considered.offset))
+        B, source = None if considered.B is None else stacked(considered.B), tuple(considered.source[i] for i in order)
+        return replace(considered, source=source, D=D, E=E, offset=offset, B=B)
 
     return tuple(of_record(record) for record in range(count))
 
 
-def known_ends(known: np.ndarray, nuisances: Nuisances) -> np.ndarray:
+def known_ends(known: np.ndarray, considered: ConsideredParameters) -> np.ndarray:
     """w₁ (T, p₁) at the end of every step: the known loads [N], and the share t/T of the record behind them where something
     drifts; known (T, HOLD, n_known) of the whole record."""
     loads, steps = np.asarray(known.sum(axis=1)), len(known)
-    if nuisances.E.shape[-1] == loads.shape[1]:
+    if considered.E.shape[-1] == loads.shape[1]:
         return loads
     return np.column_stack([loads, np.arange(1, steps + 1) / steps])
 
 
 def conditional_states(model: FilterModel, offsets: int = 0) -> np.ndarray:
-    """Where the states of the filters of a bank, [q, q̇, ζ] and the offsets of channels, stand in x* and what is behind it."""
+    """Where the states of the filters of a grid filter, [q, q̇, ζ] and the offsets of channels, stand in x* and what is behind
+    it."""
     return np.concatenate([np.arange(model.parameter_states.start), np.arange(model.size, model.size + offsets)])
 
 
-def considers(model: FilterModel, nuisances: Nuisances) -> bool:
+def considers(model: FilterModel, considered: ConsideredParameters) -> bool:
     """Whether motion and loads are followed with gains that consider ν: where a load is unknown, which follows the samples, and
     ν is not learned."""
-    return bool(model.unknowns.inputs and nuisances.sources(model.model.size)) and not nuisances.learned
+    return bool(model.unknowns.inputs and considered.sources(model.model.size)) and not considered.learned
 
 
-def discrepancy(model: FilterModel, nuisances: Nuisances, measurement: np.ndarray) -> np.ndarray:
+def discrepancy(model: FilterModel, considered: ConsideredParameters, measurement: np.ndarray) -> np.ndarray:
     """Variance (m,) of the discrepancy of a measurement's samples (T, m), NaN where missing; zero where a load is unknown, which
     has to follow the samples, and where no parameter is."""
     if model.unknowns.inputs or not model.unknowns.parameters:
         return np.zeros(measurement.shape[1])
     count = np.maximum(np.isfinite(measurement).sum(axis=0), 1)
-    return nuisances.discrepancy**2 * np.nansum(measurement**2, axis=0) / count
+    return considered.discrepancy**2 * np.nansum(measurement**2, axis=0) / count
 
 
 def linear_models(
-    model: FilterModel, point: np.ndarray, nuisances: Nuisances, biased: np.ndarray | None = None
+    model: FilterModel, point: np.ndarray, considered: ConsideredParameters, biased: np.ndarray | None = None
 ) -> LinearModels:
     """The filter's model without its parameters, at each of B values p (B, k) of them; noise as the model has it at the guess.
 
     biased (b,): channels with an offset of their own, b states more behind [q, q̇, ζ].
     """
     theta, B, process = theta_at(model, point), len(point), model.process
-    model, shift = tuned(damped(model, nuisances), nuisances, point)
+    model, shift = tuned(damped(model, considered), considered, point)
     states, m = model.parameter_states.start, model.H.shape[-2]
     modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme), B)
     read = model.rows_at(theta)
@@ -143,24 +146,24 @@ def linear_models(
     if model.accelerometers is not None:
         moving = model.accelerometers
         H[:, moving], F[:, moving] = acceleration_rows(model, theta, read[..., moving, : model.model.size])
-    motion = _motion(model, modal, nuisances, theta)
+    motion = _motion(model, modal, considered, theta)
     e = motion.pairs_nu.shape[1]
-    f = len(nuisances.load) if nuisances.B is not None and nuisances.B.any() else 0
-    beyond = np.zeros((len(nuisances.D), m, 0)) if nuisances.B is None or f == 0 else nuisances.B
-    rows, fed = on_loads(model, np.eye(len(model.model.inputs))[nuisances.load[:f]])
+    f = len(considered.load) if considered.B is not None and considered.B.any() else 0
+    beyond = np.zeros((len(considered.D), m, 0)) if considered.B is None or f == 0 else considered.B
+    rows, fed = on_loads(model, np.eye(len(model.model.inputs))[considered.load[:f]])
     D, E, offset, B_nu = (
-        np.concatenate([np.zeros((e - len(nuisances.shape), *array.shape[1:])), array])
-        for array in (nuisances.D, nuisances.E, nuisances.offset, beyond)
+        np.concatenate([np.zeros((e - len(considered.shape), *array.shape[1:])), array])
+        for array in (considered.D, considered.E, considered.offset, beyond)
     )
-    of_modes, drifts = nuisances.of_modes(model.model.size), nuisances.E.shape[-1] - F.shape[-1]
-    frequencies = slice(of_modes - len(nuisances.frequency), of_modes)
-    if model.accelerometers is not None and len(nuisances.frequency):
-        on_states, on_known = _accelerations_by_frequency(model, nuisances, point)
+    of_modes, drifts = considered.of_modes(model.model.size), considered.E.shape[-1] - F.shape[-1]
+    frequencies = slice(of_modes - len(considered.frequency), of_modes)
+    if model.accelerometers is not None and len(considered.frequency):
+        on_states, on_known = _accelerations_by_frequency(model, considered, point)
         D[frequencies, moving], E[frequencies, moving, : F.shape[-1]] = on_states, on_known
-    about, shifts = np.pad(nuisances.about, (0, len(D) - len(nuisances.about))), np.zeros((B, len(D)))
+    about, shifts = np.pad(considered.about, (0, len(D) - len(considered.about))), np.zeros((B, len(D)))
     held = about != 0
     shifts[:, frequencies] = shift
-    held[frequencies] |= nuisances.centre is not None
+    held[frequencies] |= considered.centre is not None
     models = LinearModels(
         motion,
         np.broadcast_to(process[:states, :states], (B, states, states)),
@@ -206,18 +209,18 @@ def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
     return replace(models, motion=models.motion.with_constants(b), H=H, Q=wider(models.Q, b, -1, -2), D=D, U=U)
 
 
-def damped(model: FilterModel, nuisances: Nuisances) -> FilterModel:
+def damped(model: FilterModel, considered: ConsideredParameters) -> FilterModel:
     """With the damping about which the nuisances are linear, c exp(σν) of every mode."""
-    if nuisances.damping == 0 or not nuisances.about.any():
+    if considered.damping == 0 or not considered.about.any():
         return model
     damping = model.model.damping
-    factors = np.exp(nuisances.damping * nuisances.about[: model.model.size]) * (
+    factors = np.exp(considered.damping * considered.about[: model.model.size]) * (
         np.array(damping.factors) if damping.factors else 1.0
     )
     return replace(model, model=replace(model.model, damping=damping.scaled(factors.tolist())))
 
 
-def tuned(model: FilterModel, nuisances: Nuisances, point: np.ndarray) -> tuple[FilterModel, np.ndarray]:
+def tuned(model: FilterModel, considered: ConsideredParameters, point: np.ndarray) -> tuple[FilterModel, np.ndarray]:
     """With the natural frequencies about which the nuisances are linear at each of B values p (B, k) of the parameters, and by
     how much (B, k′) their ν is away from `about` there.
 
@@ -228,18 +231,18 @@ def tuned(model: FilterModel, nuisances: Nuisances, point: np.ndarray) -> tuple[
 
     where slopes at ν = 0 reach a fraction of the width of a resonance.
     """
-    frequency = nuisances.frequency
+    frequency = considered.frequency
     shift, about = (
         np.zeros((len(point), len(frequency))),
-        np.pad(nuisances.about, (0, model.model.size + len(frequency))),
+        np.pad(considered.about, (0, model.model.size + len(frequency))),
     )
-    about = about[nuisances.of_modes(model.model.size) - len(frequency) :][: len(frequency)]
-    if not frequency.any() or (nuisances.centre is None and not about.any()):
+    about = about[considered.of_modes(model.model.size) - len(frequency) :][: len(frequency)]
+    if not frequency.any() or (considered.centre is None and not about.any()):
         return model, shift
     lam, _ = modal_basis(model.model, theta_at(model, point))
     lam = np.broadcast_to(lam, (len(point), model.model.size))
-    if nuisances.centre is not None:
-        of_centre, _ = modal_basis(model.model, theta_at(model, nuisances.centre[None]))
+    if considered.centre is not None:
+        of_centre, _ = modal_basis(model.model, theta_at(model, considered.centre[None]))
         felt = (frequency != 0).sum(axis=0) == (frequency != 0).sum(axis=0).max()
         shift = 0.5 * np.log(of_centre / lam)[:, felt] @ np.linalg.pinv(frequency[:, felt])
     factors = np.exp(np.einsum("bk,kbj->bj", shift + about, frequency[:, first_of_equal(lam)]))
@@ -247,13 +250,13 @@ def tuned(model: FilterModel, nuisances: Nuisances, point: np.ndarray) -> tuple[
 
 
 def _accelerations_by_frequency(
-    model: FilterModel, nuisances: Nuisances, point: np.ndarray
+    model: FilterModel, considered: ConsideredParameters, point: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """What one of every ν of the frequencies adds to what accelerometers read: rows (k, m′, states), and (k, m′, n_known) on
     known loads; at the centre, or the first of the points (B, k)."""
-    moving, here = model.accelerometers, point[:1] if nuisances.centre is None else nuisances.centre[None]
+    moving, here = model.accelerometers, point[:1] if considered.centre is None else considered.centre[None]
     theta = theta_at(model, here)
-    model, _ = tuned(replace(model, model=replace(model.model, frequency_factors=None)), nuisances, here)
+    model, _ = tuned(replace(model, model=replace(model.model, frequency_factors=None)), considered, here)
     factors = np.ones((1, model.model.size)) if model.model.frequency_factors is None else model.model.frequency_factors
     first = first_of_equal(modal_basis(model.model, theta)[0])
     shape = np.broadcast_to(model.rows_at(theta), (1, *model.H.shape))[:, moving, : model.model.size]
@@ -264,7 +267,7 @@ def _accelerations_by_frequency(
         return on_states[0], on_known[0]
 
     slopes = []
-    for each in nuisances.frequency:
+    for each in considered.frequency:
         ends = [read(step * each[first]) for step in (DIFFERENCE, -DIFFERENCE)]
         slopes.append([(ahead - behind) / (2 * DIFFERENCE) for ahead, behind in zip(*ends, strict=True)])
     on_states, on_known = (np.array(parts) for parts in zip(*slopes, strict=True))
@@ -311,7 +314,9 @@ def _with_batch(modal: ModalMap, count: int = 1) -> ModalMap:
     return ModalMap(*(np.repeat(each[None], count, axis=0) for each in parts), *(*tables, modal.table_damped))
 
 
-def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Mapping[str, np.ndarray]) -> ModalMotion:
+def _motion(
+    model: FilterModel, modal: ModalMap, considered: ConsideredParameters, theta: Mapping[str, np.ndarray]
+) -> ModalMotion:
     """A step in the coordinates of the modes, and σ times its derivative in ln c of each of them, in their frequencies, in the
     logarithm of the stiffness, and in the input shape.
 
@@ -339,21 +344,21 @@ def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Ma
     pairs, beside, fed = step(modal.table, forces)
     beside[:, :, moving:] = model.transition.T
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    if nuisances.damping > 0:
-        table = nuisances.damping * _slope(lambda s: scheme_step(lam, damping.scaled(1 + s), model.h, model.scheme)[0])
+    if considered.damping > 0:
+        table = considered.damping * _slope(lambda s: scheme_step(lam, damping.scaled(1 + s), model.h, model.scheme)[0])
         same = first_of_equal(lam)
         slopes += [step(table * (same == j), forces) for j in range(q)]
-    if len(nuisances.frequency):
+    if len(considered.frequency):
         # λ → λ(1 + s)² and forces → (1 + s)² times them, damped as at that λ
         table = _slope(
             lambda s: _with_forces(scheme_step(lam * (1 + s) ** 2, damping, model.h, model.scheme)[0], (1 + s) ** 2)
         )
-        slopes += [step(table * each[first_of_equal(lam)], forces) for each in nuisances.frequency]
-    if nuisances.stiffness > 0:
+        slopes += [step(table * each[first_of_equal(lam)], forces) for each in considered.frequency]
+    if considered.stiffness > 0:
         # λ → λ(1 + s) of every mode, damped as at that λ
-        table = nuisances.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), damping, model.h, model.scheme)[0])
+        table = considered.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), damping, model.h, model.scheme)[0])
         slopes.append(step(table, forces))
-    for change in nuisances.shape:
+    for change in considered.shape:
         _, pushed, loaded = step(modal.table, Phi_T @ change)
         slopes.append((0 * pairs, pushed, loaded))
     basis, inverse = np.tile(np.eye(n), (2, B, 1, 1))

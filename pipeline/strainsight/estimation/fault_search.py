@@ -1,5 +1,5 @@
 """Which fault of a channel or of a known load explains measurements that are inconsistent with the model: the evidence of every
-fault, by the bank."""
+fault, by the grid filter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,14 @@ from itertools import combinations
 
 import numpy as np
 
-from strainsight.estimation.bank import BankRun
+from strainsight.estimation.fault_evidence import (
+    CheckRecord,
+    ShiftedMode,
+    explained,
+    missed_of,
+    shifted_mode,
+    suspected,
+)
 from strainsight.estimation.faults import (
     ANGLES,
     BELIEVABLE,
@@ -26,8 +33,8 @@ from strainsight.estimation.faults import (
     faults_for_a_time,
     roughly,
 )
+from strainsight.estimation.grid_filter import GridRun
 from strainsight.estimation.load_faults import Innovations, ResidualPattern, innovations_of, tried_of_loads
-from strainsight.estimation.suspect import ShiftedMode, Suspect, explained, missed_of, shifted_mode, suspected
 
 TURNS = 3
 """Angles of a channel, the best by what the others foresee, that are ranked among its faults."""
@@ -74,10 +81,10 @@ class Diagnosis:
 
 
 def examined(
-    suspect: Suspect,
+    suspect: CheckRecord,
     discrepancy: float = 0.0,
     progress: Callable[[float], None] = lambda share: None,
-    first: tuple[Explained, BankRun | None] | None = None,
+    first: tuple[Explained, GridRun | None] | None = None,
 ) -> Diagnosis:
     """Whether a record contradicts its model, and which faults explain it, looked for where `suspected`; first: the record
     without a fault, where that is known already.
@@ -86,29 +93,29 @@ def examined(
     BELIEVABLE times as large as claimed and larger than `discrepancy`, the share of a reading that may be missed, and where
     the frequency of a mode has to be further from the model than STRETCHED of its tolerance (`shifted_mode`).
     """
-    as_it_is, bank = first or explained(suspect, None)
-    if bank is not None and not suspected(as_it_is, bank):
-        return Diagnosis(False, as_it_is, _check_ahead(suspect, bank), searched=False)
-    finding = diagnosed(suspect, progress, (as_it_is, bank))
-    beyond = not as_it_is.ratio <= BELIEVABLE and missed_of(bank) > discrepancy
+    as_it_is, grid_run = first or explained(suspect, None)
+    if grid_run is not None and not suspected(as_it_is, grid_run):
+        return Diagnosis(False, as_it_is, _check_ahead(suspect, grid_run), searched=False)
+    finding = diagnosed(suspect, progress, (as_it_is, grid_run))
+    beyond = not as_it_is.ratio <= BELIEVABLE and missed_of(grid_run) > discrepancy
     more_channels = suspect.samples.shape[1] > len(suspect.model.unknowns.inputs)
-    shifted = shifted_mode(suspect, bank) if more_channels and not (finding.contradicts or beyond) else None
+    shifted = shifted_mode(suspect, grid_run) if more_channels and not (finding.contradicts or beyond) else None
     return replace(finding, contradicts=finding.contradicts or beyond or shifted is not None, shifted=shifted)
 
 
-def _check_ahead(suspect: Suspect, bank: BankRun) -> ChannelCheck:
+def _check_ahead(suspect: CheckRecord, grid_run: GridRun) -> ChannelCheck:
     """Every channel against its prediction one step ahead, where it moves."""
     span = slice(*suspect.span or (None,))
-    samples, whitened = suspect.samples[span], bank.run.whitened[suspect.sampled, 0][span]
-    foreseen = samples - bank.run.innovation[suspect.sampled, 0][span]
+    samples, whitened = suspect.samples[span], grid_run.run.whitened[suspect.sampled, 0][span]
+    foreseen = samples - grid_run.run.innovation[suspect.sampled, 0][span]
     residual = np.sqrt(np.nansum(whitened**2, axis=0) / np.maximum(np.isfinite(whitened).sum(axis=0), 1))
     return replace(channel_check(samples, foreseen, np.ones_like(foreseen)), residual=residual)
 
 
 def diagnosed(
-    suspect: Suspect,
+    suspect: CheckRecord,
     progress: Callable[[float], None] = lambda share: None,
-    first: tuple[Explained, BankRun | None] | None = None,
+    first: tuple[Explained, GridRun | None] | None = None,
 ) -> Diagnosis:
     """Try every fault of a known load and of a channel on a record; first: what it is without a fault.
 
@@ -118,14 +125,14 @@ def diagnosed(
     of a channel. None is named or a candidate where there are no more channels than unknown loads.
     """
     m = suspect.samples.shape[1]
-    as_it_is, bank = explained(suspect, None) if first is None else first
+    as_it_is, grid_run = explained(suspect, None) if first is None else first
     tried: list[Explained] = []
     innovations: Innovations | None = None
     if m > len(suspect.model.unknowns.inputs):
         tried, innovations = _loads_tried(suspect)
     named, candidates = chosen(as_it_is.evidence, tried)
-    if bank is not None and innovations is not None and _of_loads_alone(innovations, candidates):
-        check = _check_ahead(suspect, bank)
+    if grid_run is not None and innovations is not None and _of_loads_alone(innovations, candidates):
+        check = _check_ahead(suspect, grid_run)
         return Diagnosis(bool(candidates), as_it_is, check, tried=tuple(tried), named=named, candidates=candidates)
     left_out = _each_left_out(suspect, lambda share: progress(0.4 * share))
     check, without = _by_others(suspect, left_out)
@@ -151,7 +158,7 @@ def diagnosed(
     return Diagnosis(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates)
 
 
-def _loads_tried(suspect: Suspect) -> tuple[list[Explained], Innovations | None]:
+def _loads_tried(suspect: CheckRecord) -> tuple[list[Explained], Innovations | None]:
     """Faults of known loads that are worth a closer look, and what they were ranked by; none without known loads."""
     if not suspect.known.shape[-1]:
         return [], None
@@ -173,12 +180,12 @@ def _of_channel(fault: Fault) -> Fault:
     return Fault(fault.kind, 0, amount)
 
 
-def checked_by_others(suspect: Suspect, progress: Callable[[float], None]) -> tuple[ChannelCheck, np.ndarray]:
+def checked_by_others(suspect: CheckRecord, progress: Callable[[float], None]) -> tuple[ChannelCheck, np.ndarray]:
     """Every channel against what all others foresee of it, and the ratio (m,) of innovations of the record without it."""
     return _by_others(suspect, _each_left_out(suspect, progress))
 
 
-def _each_left_out(suspect: Suspect, progress: Callable[[float], None]) -> list[PredictedChannel]:
+def _each_left_out(suspect: CheckRecord, progress: Callable[[float], None]) -> list[PredictedChannel]:
     left_out, m = [], suspect.samples.shape[1]
     for j in range(m):
         left_out.append(_left_out(suspect, j))
@@ -186,7 +193,7 @@ def _each_left_out(suspect: Suspect, progress: Callable[[float], None]) -> list[
     return left_out
 
 
-def _by_others(suspect: Suspect, left_out: Sequence[PredictedChannel]) -> tuple[ChannelCheck, np.ndarray]:
+def _by_others(suspect: CheckRecord, left_out: Sequence[PredictedChannel]) -> tuple[ChannelCheck, np.ndarray]:
     span = slice(*suspect.span or (None,))
     predicted = np.column_stack([one.predicted for one in left_out])[span]
     std = np.hypot(np.column_stack([one.std for one in left_out]), suspect.noise)[span]
@@ -205,19 +212,19 @@ class PredictedChannel:
     evidence: float
 
 
-def _left_out(suspect: Suspect, j: int) -> PredictedChannel:
-    without, bank = explained(suspect, Fault("dead", j))
-    if bank is None:
+def _left_out(suspect: CheckRecord, j: int) -> PredictedChannel:
+    without, grid_run = explained(suspect, Fault("dead", j))
+    if grid_run is None:
         none = np.full(len(suspect.samples), np.nan)
         return PredictedChannel(none, none, np.full((len(none), len(ANGLES)), np.nan), np.inf, -np.inf)
     n, sampled = suspect.model.parameter_states.start, suspect.sampled
-    states = bank.run.mean[1:, 0][sampled, :n]
-    predicted, std = bank.run.gauge_mean[sampled, 0, j], bank.run.gauge_std[sampled, 0, j]
+    states = grid_run.run.mean[1:, 0][sampled, :n]
+    predicted, std = grid_run.run.gauge_mean[sampled, 0, j], grid_run.run.gauge_std[sampled, 0, j]
     others = without.evidence - dead_density(suspect.samples[:, j], float(suspect.noise[j]))
     return PredictedChannel(predicted, std, states @ suspect.turned_rows[j, :, :n].T, without.ratio, others)
 
 
-def _worth_it(suspect: Suspect, left_out: Sequence[PredictedChannel], channels: np.ndarray) -> list[Fault]:
+def _worth_it(suspect: CheckRecord, left_out: Sequence[PredictedChannel], channels: np.ndarray) -> list[Fault]:
     """Faults of some channels that are worth a closer look."""
     ranked: list[tuple[float, Fault]] = []
     for j in channels:
@@ -229,7 +236,7 @@ def _worth_it(suspect: Suspect, left_out: Sequence[PredictedChannel], channels: 
     return list(dict.fromkeys(wanted + [other for fault in wanted for other in fault.beside]))
 
 
-def _later_of_all(suspect: Suspect, wanted: Sequence[Fault], tried: Sequence[Explained]) -> list[Explained]:
+def _later_of_all(suspect: CheckRecord, wanted: Sequence[Fault], tried: Sequence[Explained]) -> list[Explained]:
     """Delays beyond those that were tried of each channel or load, as long as the last one is the best."""
     more: list[Explained] = []
     for family in dict.fromkeys(fault.family for fault in wanted if fault.kind == "late"):
@@ -245,7 +252,7 @@ def _later_of_all(suspect: Suspect, wanted: Sequence[Fault], tried: Sequence[Exp
     return more
 
 
-def _ranked(suspect: Suspect, others: PredictedChannel, j: int) -> list[tuple[float, Fault]]:
+def _ranked(suspect: CheckRecord, others: PredictedChannel, j: int) -> list[tuple[float, Fault]]:
     """Faults of a channel, with ln of their density, by what the others foresee of it."""
     y, noise = suspect.samples[:, j], float(suspect.noise[j])
     if not np.isfinite(others.predicted).all() or not np.isfinite(y).any():

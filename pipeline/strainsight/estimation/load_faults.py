@@ -8,16 +8,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, filtered_at, on, passed
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.consistency import whiteness_band
 from strainsight.estimation.decision import SLACK
 from strainsight.estimation.faults import LOAD_SCALES, MOST_LATE, Fault
-from strainsight.estimation.lattice import loose_points
+from strainsight.estimation.grid_filter_points import GridProblem, filtered_at, on, passed
 from strainsight.estimation.parallel_filters import KEPT
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.parameter_grid import scattered_points
+from strainsight.estimation.record import GridRecord
 
-R = TypeVar("R", bound=BankRecord)
+R = TypeVar("R", bound=GridRecord)
 
 PLACES = (-1.0, -0.5, 0.5, 1.0)
 """Values of every parameter, in its σ before the samples, at which faults are ranked, beside its first estimate."""
@@ -102,12 +102,12 @@ class Innovations:
         return int(np.sum(change.min(axis=0) > SEVERAL))
 
 
-def innovations_of(record: BankRecord, load: np.ndarray) -> Innovations:
+def innovations_of(record: GridRecord, load: np.ndarray) -> Innovations:
     """A filter for each load; load (p,): which of them every column of `known` belongs to."""
     mean, covariance = record.prior
     sigma, k = np.sqrt(np.diag(covariance)), len(mean)
     point = mean + sigma * np.vstack([np.zeros((1, k)), *(x * np.eye(k) for x in PLACES)])
-    record = replace(record, nuisances=no_nuisances(record.model), settled=None)
+    record = replace(record, considered=none_considered(record.model), settled=None)
     silent = 0 * record.known
     unloaded, log_prior = _whitened(replace(record, known=silent), point)
     nothing = replace(record, mean=0 * record.mean, samples=np.where(np.isnan(record.samples), np.nan, 0.0))
@@ -121,10 +121,10 @@ def innovations_of(record: BankRecord, load: np.ndarray) -> Innovations:
     return Innovations(unloaded, [[effect(i, j) for j in loads] for i in loads], log_prior)
 
 
-def _whitened(record: BankRecord, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _whitened(record: GridRecord, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Innovations (B, T, m) over their σ, zero where no sample is, and ln of the density of the points and of that σ (B,)."""
-    problem = BankProblem((record,))
-    now, parts = filtered_at(problem, loose_points(point), 0), []
+    problem = GridProblem((record,))
+    now, parts = filtered_at(problem, scattered_points(point), 0), []
     while now.step < record.steps:
         ahead = min(record.steps - now.step, max(1, KEPT // now.models.kept_a_step))
         passage = passed(problem, now, ahead, keep=True)

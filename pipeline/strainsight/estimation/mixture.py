@@ -11,7 +11,7 @@ from strainsight.columns import Column
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import conditional_states
 from strainsight.estimation.parallel_filters import LinearModels, Passage, States
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.update import standard_deviation
 
@@ -40,7 +40,7 @@ class Weights(Protocol):
 
     def sampled(self, nu: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Points (b, k) of positive weights (b,) with the moments of the posterior at the last instant, and mean (b, d) and
-        covariance (b, d, d) of ν there; nu (B, d), left (B, d, d) at the points of the bank."""
+        covariance (b, d, d) of ν there; nu (B, d), left (B, d, d) at the points of the grid filter."""
 
 
 class Cover(Protocol):
@@ -65,7 +65,7 @@ C = TypeVar("C", bound=Cover)
 
 
 @dataclass(frozen=True)
-class Standing(Generic[C]):
+class PosteriorWeights(Generic[C]):
     """Of all points of a cover after some steps: prior and fit (B,), the logarithms of the prior and of the likelihood of all
     samples so far."""
 
@@ -98,13 +98,13 @@ ROUNDING = 1e-12
 
 
 class Mixture:
-    """Mean and covariance over the points of a bank along a record, while it runs. With keep "parameters" all else is NaN after
-    t = 0."""
+    """Mean and covariance over the points of a grid filter along a record, while it runs. With keep "parameters" all else is
+    NaN after t = 0."""
 
-    def __init__(self, record: BankRecord, keep: Keep):
+    def __init__(self, record: GridRecord, keep: Keep):
         model, steps, n, m = record.model, record.steps, len(record.mean), record.samples.shape[1]
         at = conditional_states(model, len(record.biased))
-        self.record, self.size, self.learned = record, len(at), record.nuisances.learned
+        self.record, self.size, self.learned = record, len(at), record.considered.learned
         self.parameters_alone = keep == "parameters"
         # states of the filters first, then the parameters; x* has them the other way round where there are offsets
         order = np.concatenate([at, np.arange(n)[model.parameter_states]])

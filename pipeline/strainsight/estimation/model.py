@@ -37,7 +37,7 @@ class FilterModel:
     h [s] time step; quantity (m,) or (B, m): what every channel measures, STRAIN where not given;
     change (m, n) or (B, m, n): what θ adds to the first n columns of H, which is then that of the reference, where a free
     thickness moves the faces that gauges sit on;
-    free_loads: whether a bank weighs parameters by what no unknown load could cause (`judge`), or under loads as Q says;
+    free_loads: whether a grid filter weighs parameters by what no unknown load could cause (`judge`), or under loads as Q says;
     scheme of the step; every: a sample is taken at every·h, 2 every·h …
     Raises ConfigError for an input both known and unknown, or a parameter neither fixed nor estimated.
     """

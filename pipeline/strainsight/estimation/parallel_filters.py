@@ -1,4 +1,4 @@
-"""Linear Kalman filters side by side, each of a model of its own, on one measurement: the inner loop of the bank."""
+"""Linear Kalman filters side by side, each of a model of its own, on one measurement: the inner loop of the grid filter."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class LinearModels:
         return len(self.H)
 
     @property
-    def nuisances(self) -> int:
+    def considered_count(self) -> int:
         return len(self.D)
 
     @property
@@ -150,7 +150,7 @@ class LinearModels:
     @property
     def kept_a_step(self) -> int:
         """How many numbers the states of the filters are at one instant."""
-        n, d = self.H.shape[-1], self.nuisances
+        n, d = self.H.shape[-1], self.considered_count
         return self.count * (n * (n + 1 + d) + d**2)
 
     def of(self, points: slice) -> LinearModels:
@@ -308,7 +308,7 @@ def filters_of(
     T = np.swapaxes(inverse, 1, 2)
     x, P, V = (x[:, None] @ T)[:, 0], inverse @ covariance @ T, V @ T
     gain, variance, S, calm = np.zeros((B, m, n)), np.zeros((B, m)), np.zeros((B, m, m)), np.zeros(B, dtype=np.int64)
-    nu, left = -models.about - models.shift, np.tile(np.eye(models.nuisances), (B, 1, 1))
+    nu, left = -models.about - models.shift, np.tile(np.eye(models.considered_count), (B, 1, 1))
     x_c, P_c, V_c = (each[:second].copy() for each in (x, P, V))
     return Filters(x, P, V, gain, variance, S, calm, nu, left, x_c, P_c, V_c, models.motion.basis)
 
@@ -332,8 +332,8 @@ def advance(
     Sources: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
     """
     B, m, n = models.H.shape
-    less = np.zeros((0, models.nuisances)) if less is None else less
-    L, d, second = len(data.samples), models.nuisances, len(filters.x_c)
+    less = np.zeros((0, models.considered_count)) if less is None else less
+    L, d, second = len(data.samples), models.considered_count, len(filters.x_c)
     kept, whole = L if keep else 0, L if keep and states else 0
     sizes = {"B": B, "c": B if second else 0, "d": d, "m": m, "n": n, "L": L, "p": models.motion.fed.shape[-1]}
     agree(filters, "x Bn, P Bnn, V Bdn, x_c cn, P_c cnn, V_c cdn", sizes)

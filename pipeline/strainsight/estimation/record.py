@@ -1,4 +1,4 @@
-"""A record, and the bank that filters it; the motion that it begins in."""
+"""A record, and the grid filter that filters it; the motion that it begins in."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.estimation.conditional import (
     DIFFERENCE,
-    Nuisances,
+    ConsideredParameters,
     conditional_states,
     discrepancy,
     known_ends,
@@ -40,7 +40,8 @@ def periodic_start(model: FilterModel, models: LinearModels, settled: Settled) -
 
         (zI − A) X = G W,     (zI − A) X_ν = A_ν X + G_ν W
 
-    Where the start is unknown instead, a bank takes noise for a free vibration, the frequency of which speaks for parameters.
+    Where the start is unknown instead, a grid filter takes noise for a free vibration, the frequency of which speaks for
+    parameters.
     """
     moving, e = 2 * model.model.size, models.moving
     z, w = np.exp(1j * settled.frequency * model.h), settled.held.reshape(len(settled.held), -1)
@@ -59,7 +60,7 @@ def beginning(
     """Filters at t = 0: x (B, n), P (n, n), and V (B, d, n), what one of ν adds to the error x̂ − x; mean (n,), covariance (n, n)
     of their states where the motion is not settled."""
     B, n = models.count, len(mean)
-    x, P, V = np.tile(mean, (B, 1)), covariance.copy(), np.zeros((B, models.nuisances, n))
+    x, P, V = np.tile(mean, (B, 1)), covariance.copy(), np.zeros((B, models.considered_count, n))
     if settled is None:
         return x, P, V
     moving = slice(0, 2 * model.model.size)
@@ -69,14 +70,14 @@ def beginning(
 
 
 def start_errors(
-    model: FilterModel, nuisances: Nuisances, covariance: np.ndarray, settled: Settled | None
+    model: FilterModel, considered: ConsideredParameters, covariance: np.ndarray, settled: Settled | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """At the guess, covariance (n*, n*) of x* at t = 0 with constants as they are, and V (d + k, n), what one of every nuisance
     and parameter adds to the error of the states before the parameters."""
     n = model.parameter_states.start
     k = model.size - n
     ends = DIFFERENCE * np.concatenate([np.zeros((1, k)), *(step * np.eye(k) for step in (-2, -1, 1, 2))])
-    x, _, V = beginning(model, linear_models(model, ends, nuisances), np.zeros(n), covariance[:n, :n], settled)
+    x, _, V = beginning(model, linear_models(model, ends, considered), np.zeros(n), covariance[:n, :n], settled)
     far, near, nearer, farther = x[1:].reshape(4, k, n)
     by_parameters = (8 * (nearer - near) - (farther - far)) / (12 * DIFFERENCE)
     P = covariance if settled is None else _about(covariance, settled)
@@ -92,8 +93,8 @@ def _about(covariance: np.ndarray, settled: Settled) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class BankRecord:
-    """A record, and what its bank knows before.
+class GridRecord:
+    """A record, and what its grid filter knows before.
 
     model: of one set of channels, no drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0, no parameter known
     exactly nor correlated with a state; known (T, HOLD, n_known) [N]; samples (T/every, m), NaN where missing; biased (b,):
@@ -106,7 +107,7 @@ class BankRecord:
     covariance: np.ndarray
     known: np.ndarray
     samples: np.ndarray
-    nuisances: Nuisances
+    considered: ConsideredParameters
     biased: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     settled: Settled | None = None
 
@@ -125,9 +126,9 @@ class BankRecord:
         noise = self.model.noise
         noise = noise[:, 0] if noise.ndim == 3 else np.broadcast_to(noise, (self.steps, noise.shape[-1]))
         held = self.known.reshape(self.steps, self.known.shape[1] * self.known.shape[2])
-        more = discrepancy(self.model, self.nuisances, self.samples)
+        more = discrepancy(self.model, self.considered, self.samples)
         samples = self.model.by_step(self.samples)
-        return Data(held, known_ends(self.known, self.nuisances), samples, np.ascontiguousarray(noise), more)
+        return Data(held, known_ends(self.known, self.considered), samples, np.ascontiguousarray(noise), more)
 
     @property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
@@ -145,7 +146,7 @@ class BankRecord:
         """As of `beginning`."""
         return beginning(self.model, models, *self.start, self.settled)
 
-    def known_at(self, point: np.ndarray) -> BankRecord:
+    def known_at(self, point: np.ndarray) -> GridRecord:
         """The same with its parameters known to be those of a point (k,)."""
         theta = {name: float(value[0]) for name, value in theta_at(self.model, point[None]).items()}
         mean, covariance = self.start

@@ -9,14 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.decision import judged
-from strainsight.estimation.fault_search import Diagnosis, checked_by_others, examined
-from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, chosen
-from strainsight.estimation.load_faults import ResidualPattern, residual_pattern
-from strainsight.estimation.suspect import (
+from strainsight.estimation.fault_evidence import (
     LONGEST,
-    Suspect,
+    CheckRecord,
     at_rest,
     explained,
     loudest_channel,
@@ -30,6 +26,10 @@ from strainsight.estimation.suspect import (
     too_large,
     with_intensity,
 )
+from strainsight.estimation.fault_search import Diagnosis, checked_by_others, examined
+from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, chosen
+from strainsight.estimation.grid_filter import GridRun, filter_on_grid
+from strainsight.estimation.load_faults import ResidualPattern, residual_pattern
 
 INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
 """Factors on the intensity of unknown loads, the most likely of which a stretch at rest is checked with."""
@@ -52,8 +52,8 @@ SILENT = 3
 SUDDEN = 1e6
 """Factor on the intensity of unknown loads, with which they may change from one sample to the next."""
 
-Fit = tuple[Explained, BankRun | None]
-"""How a record fits, and what its bank estimated, None where that fails."""
+Fit = tuple[Explained, GridRun | None]
+"""How a record fits, and what its grid filter estimated, None where that fails."""
 Progress = Callable[[float], None]
 
 
@@ -63,12 +63,14 @@ class RecordCheck:
     size over σ; part: the samples of the record that the check of channels is of, the first and the one behind the last."""
 
     finding: Diagnosis
-    stretch: Suspect
+    stretch: CheckRecord
     worst: tuple[int, int, float]
     part: tuple[int, int]
 
 
-def check_record(suspect: Suspect, discrepancy: float = 0.0, progress: Progress = lambda share: None) -> RecordCheck:
+def check_record(
+    suspect: CheckRecord, discrepancy: float = 0.0, progress: Progress = lambda share: None
+) -> RecordCheck:
     """Check a record against its model, as `examined` does a stretch.
 
     A record that agrees where its channels read most is filtered as a whole, with the parameters that are most likely there:
@@ -92,7 +94,7 @@ def check_record(suspect: Suspect, discrepancy: float = 0.0, progress: Progress 
     return _check_all(suspect, checks, discrepancy, progress)
 
 
-def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: Progress) -> RecordCheck:
+def _check_stretch(part: CheckRecord, whole: CheckRecord, discrepancy: float, progress: Progress) -> RecordCheck:
     """Faults are looked for in a part of a stretch; what is as good as another one there is weighed by all of it."""
     as_it_is = explained(part, None)
     worst = _worst_of(part, as_it_is[1])
@@ -120,19 +122,19 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
     return RecordCheck(finding, stretch, worst, _moving(part))
 
 
-def _unmodelled_load(part: Suspect, fit: Fit, finding: Diagnosis) -> ResidualPattern | None:
+def _unmodelled_load(part: CheckRecord, fit: Fit, finding: Diagnosis) -> ResidualPattern | None:
     """The pattern of a load that the model does not have.
 
     None where a fault leaves innovations as large as claimed, where a fault or loads of the model that change faster than stated
     explain the measurements as well, and where channels are too few to tell a pattern.
     """
-    as_it_is, bank = fit
+    as_it_is, grid_run = fit
     inputs = part.model.unknowns.inputs
     samples = int(np.isfinite(part.samples).sum())
     explains = any(not judged(one.ratio, samples).overconfident for one in finding.candidates)
-    if bank is None or explains or part.samples.shape[1] < len(inputs) + 2:
+    if grid_run is None or explains or part.samples.shape[1] < len(inputs) + 2:
         return None
-    white, innovation = bank.run.whitened[part.sampled, 0], bank.run.innovation[part.sampled, 0]
+    white, innovation = grid_run.run.whitened[part.sampled, 0], grid_run.run.innovation[part.sampled, 0]
     pattern = residual_pattern(white, innovation, part.noise, BELIEVABLE)
     if pattern is None:
         return None
@@ -142,11 +144,11 @@ def _unmodelled_load(part: Suspect, fit: Fit, finding: Diagnosis) -> ResidualPat
     return pattern if evidence > max([as_it_is.evidence + MARGIN, *(other + APART for other in others)]) else None
 
 
-def _agrees(part: Suspect, fit: Fit) -> bool:
+def _agrees(part: CheckRecord, fit: Fit) -> bool:
     return not suspected(*fit) and _worst_of(part, fit[1])[2] <= SPIKE
 
 
-def _intensity_at_rest(part: Suspect) -> float:
+def _intensity_at_rest(part: CheckRecord) -> float:
     """Factor on the intensity of unknown loads that is most likely in a stretch at rest.
 
     Loads as intense as in a motion would be an error of the model there: whatever makes channels read less of them, as a dead
@@ -163,18 +165,20 @@ def _intensity_at_rest(part: Suspect) -> float:
     return max(INTENSITIES, key=lambda each: explained(with_intensity(others, each), None)[0].evidence)
 
 
-def _moving(part: Suspect) -> tuple[int, int]:
+def _moving(part: CheckRecord) -> tuple[int, int]:
     first, behind = part.span or (0, len(part.samples))
     return part.begin + first, part.begin + behind
 
 
-def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: float, progress: Progress) -> RecordCheck:
+def _check_all(
+    suspect: CheckRecord, checks: Sequence[RecordCheck], discrepancy: float, progress: Progress
+) -> RecordCheck:
     """All samples of a record, whose checked stretches agree with the model, or the last of them does but for spikes."""
     check = checks[-1]
     named = check.finding.named if _has_spikes(check.finding) else None
     point = np.array((named or check.finding.as_it_is).point)
 
-    def fit(record: Suspect) -> Fit:
+    def fit(record: CheckRecord) -> Fit:
         return _filtered_at(record, point)
 
     whole = fit(suspect)
@@ -206,12 +210,14 @@ def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: flo
     return local if local.finding.contradicts else check
 
 
-def _stretch_elsewhere(suspect: Suspect, bank: BankRun, checks: Sequence[RecordCheck]) -> tuple[int, int] | None:
+def _stretch_elsewhere(
+    suspect: CheckRecord, grid_run: GridRun, checks: Sequence[RecordCheck]
+) -> tuple[int, int] | None:
     """The stretch about the largest innovation outside the checked ones, up to them; None where that is within SPIKE.
 
     What is large in a stretch that agrees is a load that changes at once.
     """
-    size, _ = sizes_of(suspect, bank)
+    size, _ = sizes_of(suspect, grid_run)
     checked = [(one.stretch.begin, one.stretch.begin + len(one.stretch.samples)) for one in checks]
     for first, behind in checked:
         size[first:behind] = 0.0
@@ -222,30 +228,30 @@ def _stretch_elsewhere(suspect: Suspect, bank: BankRun, checks: Sequence[RecordC
     return max([begin, *(b for _, b in checked if b <= k)]), min([end, *(a for a, _ in checked if a > k)])
 
 
-def _filtered_at(suspect: Suspect, point: np.ndarray) -> Fit:
+def _filtered_at(suspect: CheckRecord, point: np.ndarray) -> Fit:
     """How a record fits with its parameters known: ratio of innovations over the LONGEST samples where it is largest."""
-    record = replace(suspect, nuisances=replace(suspect.nuisances, learned=True)).known_at(point)
+    record = replace(suspect, considered=replace(suspect.considered, learned=True)).known_at(point)
     try:
-        bank = filter_bank(record, "mean")
+        grid_run = filter_on_grid(record, "mean")
     except NumericalError:
         return Explained(None, -np.inf, np.inf, point=tuple(point)), None
-    begin, every = _loudest_innovations(suspect, bank), suspect.model.every
-    ratio = ratio_of(bank, slice(begin * every, (begin + LONGEST) * every))
-    return Explained(None, float(bank.run.log_likelihood[0]), ratio, point=tuple(point)), bank
+    begin, every = _loudest_innovations(suspect, grid_run), suspect.model.every
+    ratio = ratio_of(grid_run, slice(begin * every, (begin + LONGEST) * every))
+    return Explained(None, float(grid_run.run.log_likelihood[0]), ratio, point=tuple(point)), grid_run
 
 
-def _loudest_innovations(suspect: Suspect, bank: BankRun) -> int:
+def _loudest_innovations(suspect: CheckRecord, grid_run: GridRun) -> int:
     """First of the LONGEST samples whose innovations are largest over their σ, the first such."""
-    whole = np.concatenate([[0.0], np.cumsum(np.nansum(bank.run.whitened[suspect.sampled, 0] ** 2, axis=1))])
+    whole = np.concatenate([[0.0], np.cumsum(np.nansum(grid_run.run.whitened[suspect.sampled, 0] ** 2, axis=1))])
     length = min(LONGEST, len(whole) - 1)
     return int(np.argmax(whole[length:] - whole[:-length]))
 
 
-def _worst_of(suspect: Suspect, bank: BankRun | None) -> tuple[int, int, float]:
+def _worst_of(suspect: CheckRecord, grid_run: GridRun | None) -> tuple[int, int, float]:
     """Sample of the record and channel of the largest innovation, and its size over σ."""
-    if bank is None:
+    if grid_run is None:
         return 0, 0, 0.0
-    size, each = sizes_of(suspect, bank)
+    size, each = sizes_of(suspect, grid_run)
     k = int(np.argmax(size))
     return suspect.begin + k, int(np.argmax(each[k])), float(size[k])
 
@@ -255,18 +261,18 @@ def _has_spikes(finding: Diagnosis) -> bool:
     return fault is not None and fault.kind == "spikes"
 
 
-def sizes_of(suspect: Suspect, bank: BankRun) -> tuple[np.ndarray, np.ndarray]:
+def sizes_of(suspect: CheckRecord, grid_run: GridRun) -> tuple[np.ndarray, np.ndarray]:
     """Size (T,) of the innovations of all channels together over their σ; and every one (T, m) over what is usual of its
     channel."""
-    size = np.sqrt(np.nansum(bank.run.whitened[suspect.sampled, 0] ** 2, axis=1))
-    innovation = np.abs(np.nan_to_num(bank.run.innovation[suspect.sampled, 0]))
+    size = np.sqrt(np.nansum(grid_run.run.whitened[suspect.sampled, 0] ** 2, axis=1))
+    innovation = np.abs(np.nan_to_num(grid_run.run.innovation[suspect.sampled, 0]))
     usual = np.maximum(suspect.noise, 1.5 * np.median(innovation, axis=0))
     return size, innovation / usual
 
 
 def spikes_of(
-    suspect: Suspect, fit: Callable[[Suspect], Fit] = lambda record: explained(record, None)
-) -> tuple[Suspect, Explained] | None:
+    suspect: CheckRecord, fit: Callable[[CheckRecord], Fit] = lambda record: explained(record, None)
+) -> tuple[CheckRecord, Explained] | None:
     """The record without few samples, without which it agrees with its model, and how it fits with that fault; None where it does
     not come to agree. fit: how a record does.
 

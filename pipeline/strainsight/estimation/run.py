@@ -12,7 +12,8 @@ from strainsight.estimation.reduced import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
 Keep = Literal["parameters", "mean", "first", "all"]
-"""Whether what a smoother needs is kept of no run, of the first one or of all; a bank can do without all but its parameters."""
+"""Whether what a smoother needs is kept of no run, of the first one or of all; a grid filter can do without all but its
+parameters."""
 
 
 @dataclass(frozen=True)

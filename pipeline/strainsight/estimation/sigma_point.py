@@ -17,7 +17,8 @@ Outcome = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Regression:
-    """f(x) ≈ mean + slope (x − x̂) + r: mean (B, r), slope (B, r, n), rest (B, r, r) covariance of r, which x does not explain."""
+    """f(x) ≈ mean + slope (x − x̂) + r: mean (B, r), slope (B, r, n), rest (B, r, r) covariance of r, which x does not
+    explain."""
 
     mean: np.ndarray
     slope: np.ndarray

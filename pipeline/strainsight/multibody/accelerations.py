@@ -99,7 +99,8 @@ def balance(
 
 
 def element_load(element: Element, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray, u: np.ndarray) -> Load:
-    """Of an element's relations, ρ and ρ̇ (k,), from θ (nθ,) and u of the system. Raises NumericalError that names the element."""
+    """Of an element's relations, ρ and ρ̇ (k,), from θ (nθ,) and u of the system. Raises NumericalError that names the
+    element."""
     force = element.force
     try:
         return force.law.load(rho, rho_dot, np.concatenate([theta[element.parameters], u[element.inputs]]))

@@ -128,8 +128,8 @@ Force = RelativeElement | PointForce | PointMoment | Gravity
 
 
 SIGNATURE = int64(int64, int64, *[types.CPointer(float64)] * 9)  # type: ignore[no-untyped-call]
-"""Of a force law: answer = law(k, p, numbers, memory, ρ (k), ρ̇ (k), θ (p), F (k), ∂F/∂ρ (k, k), ∂F/∂ρ̇ (k, k), ∂F/∂θ (k, p)); what
-it fills is given as zeros. numbers, memory: its own (`CompiledLaw`)."""
+"""Of a force law: answer = law(k, p, numbers, memory, ρ (k), ρ̇ (k), θ (p), F (k), ∂F/∂ρ (k, k), ∂F/∂ρ̇ (k, k), ∂F/∂θ (k, p));
+what it fills is given as zeros. numbers, memory: its own (`CompiledLaw`)."""
 NONE, STILL, MOVING = 0, 1, 2
 """Its answers: there is no such load; ∂F/∂ρ̇ is zero, and was left alone; all are given."""
 ABORT = -1

@@ -310,7 +310,7 @@ class BallsThen:
 
 @record
 class RingEstimate:
-    """What a bearing does by the estimate of the first run; not there where a bank filters."""
+    """What a bearing does by the estimate of the first run; omitted with a grid filter."""
 
     displacement: np.ndarray = dataset("m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring")
     std: np.ndarray = dataset("m or rad", "/time × 5", "their claimed σ")

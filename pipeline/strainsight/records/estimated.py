@@ -117,7 +117,7 @@ class VirtualStrain:
     direction: np.ndarray = dataset("1", "grid × 3", "along what")
 
 
-BANK, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
+GRID_FILTER, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
 """Filters that are compared."""
 
 
@@ -125,13 +125,13 @@ BANK, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
 class Compared:
     """The filters of a structure or a bench on the same samples, tolerances left out."""
 
-    filter: tuple[str, ...] = dataset("1", "/filter", "bank, sigma-point (of a structure) and extended filter")
+    filter: tuple[str, ...] = dataset("1", "/filter", "bank (grid filter), sigma-point (structures only), extended")
     estimate: dict[str, np.ndarray] = dataset(
         "unit of <name>", "/filter", "estimate of <name> at the end by every filter, NaN of one that diverged"
     )
     std: dict[str, np.ndarray] = dataset("unit of <name>", "/filter", "its claimed standard deviation")
     ratio: dict[str, np.ndarray] = dataset(
-        "1", "/filter", "RMS error that the bank's posterior expects of the estimate, over that"
+        "1", "/filter", "RMS error that the grid filter's posterior expects of the estimate, over that"
     )
 
 

@@ -176,7 +176,7 @@ def quasi_static(model: ReducedModel, basis: np.ndarray) -> tuple[ReducedModel, 
 
     All coordinates have one frequency, ω_s = 100 ω₁, and are damped by 0.7 of critical: under a load of frequency ω they
     lag behind their static response by 1.4 ω/ω_s, 1.4e-3 at a tenth of the first mode, and have forgotten how they began
-    before the first sample. So filter, bank and placement are those of a model with inertia. What inertia adds, (ω/ω₁)², is
+    before the first sample. So filters and placement are those of a model with inertia. What inertia adds, (ω/ω₁)², is
     left out. model modal at the reference; basis Ψ (n_free, r) [1/√kg]; densities change nothing but their loads.
     """
     stiffness = np.diag(model.stiffness.at(model.reference))

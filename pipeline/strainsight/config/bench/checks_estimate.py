@@ -48,7 +48,7 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
 
 
 FEW = 3
-"""Parameters of a bank."""
+"""Parameters of a grid filter."""
 FEWEST_STEPS, MOST_STEPS = 2, 1_000_000
 FARTHEST = 100.0
 """Ratio of a guess to the bench's own value beyond which it is in another unit: GPa for Pa, mm for m."""
@@ -80,7 +80,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
-    yield from _bank(estimate)
+    yield from _check_grid_filter(estimate)
     times = config.filter_duration, config.filter_step
     yield from step_problems("estimate.time_step", *times, FEWEST_STEPS, MOST_STEPS, "estimate.duration")
     yield from truth_problems(config, estimate)
@@ -223,29 +223,29 @@ def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Ite
             yield Problem(f"estimate.parameters.{free['preload']}", what, "estimate one of them", at_key=True)
 
 
-def _bank(estimate: BenchEstimateSection) -> Iterator[Problem]:
-    """A bank is of few constants, and of iterated filters."""
+def _check_grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
+    """A grid filter is of few constants, and of iterated filters."""
     if estimate.method.parameters != "bank":
         return
     key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
     extended = "or set estimate.method.parameters: extended"
     if estimate.tolerances is not None:
-        what = "a bank has no errors of gauges"
+        what = "a grid filter has no errors of gauges"
         yield Problem("estimate.tolerances", what, f"leave it out, {extended}", at_key=True)
     if estimate.hold_out is not None:
-        what = "a bank says nothing of channels that are left out"
+        what = "a grid filter says nothing of channels that are left out"
         yield Problem("estimate.hold_out", what, f"leave it out, {extended}")
     if not free:
         yield Problem(key, "no parameter is estimated", "give one of estimate.parameters a std, or leave it out")
     if len(free) > FEW:
-        what = f"{len(free)} parameters, a bank is of {FEW} at most"
+        what = f"{len(free)} parameters, a grid filter is of {FEW} at most"
         yield Problem(key, what, f"leave out the std of {len(free) - FEW} of them, {extended}")
     if estimate.method.update != "iterated":
         what = f"'{estimate.method.update}' is a form of the extended filter"
         yield Problem("estimate.method.update", what, f"set iterated, {extended}")
     for name in free:
         if estimate.parameters[name].increment > 0:
-            what = "in a bank parameters are constants"
+            what = "in a grid filter parameters are constants"
             yield Problem(f"estimate.parameters.{name}.increment", what, f"leave increment out, {extended}")
 
 

@@ -49,7 +49,7 @@ def moved_mean(x, pairs, beside, G, w, ahead):  # type: ignore[no-untyped-def]
 
 
 @loop
-def moved_nuisances(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
+def move_considered(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
     """V ← A V − (A_ν x + G_ν w), x before it has moved; V (n, d), a row a state, as ν are many; behind (s, d): work space."""
     n, d = V.shape
     q, s = pairs.shape[1], len(beside)
@@ -114,7 +114,7 @@ def corrected(x, V, nu, out):  # type: ignore[no-untyped-def]
 
 
 @loop
-def updated_nuisances(V, H, sensed, K, S, channels, whitened, nu, left, slope, W, small):  # type: ignore[no-untyped-def]
+def update_considered(V, H, sensed, K, S, channels, whitened, nu, left, slope, W, small):  # type: ignore[no-untyped-def]
     """V ← V + K ε of one channel after the other, and ν by least squares on the innovations of all at once; returns what the
     squares add to the log-likelihood.
 
@@ -320,7 +320,7 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
             for k in range(d):  # ν that is counted from elsewhere than zero has its slopes there
                 free[k] = nus[i, k] if about[k] == 0.0 else 0.0
             corrected(x, V, free, likely)
-            moved_nuisances(likely, V, pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], behind)
+            move_considered(likely, V, pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], behind)
             moved_mean(x, pairs[i], beside[i], G[i], known[t], row)
             if not steady:
                 copied_matrix(P, before)
@@ -355,7 +355,7 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
                     x[a] += K[c, a] * innovation
                 whitened[c] = innovation / np.sqrt(S[c])
                 fits[i, t] -= 0.5 * np.log(2 * np.pi * S[c])
-            fits[i, t] += updated_nuisances(
+            fits[i, t] += update_considered(
                 V, H[i], sensed, K, S, channels, whitened, nus[i], lefts[i], slope, gain, small
             )
             if len(less):
@@ -364,7 +364,7 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
                 mirrored(P)
                 calms[i] = calms[i] + 1 if complete and unmoved(P, before, row) else 0
             if len(xcs):
-                moved_nuisances(xcs[i], V_c, pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], behind)
+                move_considered(xcs[i], V_c, pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], behind)
                 moved_mean(xcs[i], pairs[i], beside[i], G[i], known[t], row)
                 predicted(Pcs[i], pairs[i], beside[i], Q[i], work)
                 in_states(basis[i], xcs[i], seen)

@@ -31,6 +31,7 @@ from strainsight.experiment.structure.clearance import (
     notes_at_gauges,
     tested_hot_spots,
 )
+from strainsight.experiment.structure.considered import not_held_in_words, tolerated
 from strainsight.experiment.structure.cost import of_pool_in_words
 from strainsight.experiment.structure.expectation import (
     alike_gauges,
@@ -41,7 +42,6 @@ from strainsight.experiment.structure.expectation import (
     unresolved_gauges,
     worst_case,
 )
-from strainsight.experiment.structure.nuisances import not_held_in_words, tolerated
 from strainsight.experiment.structure.problem import (
     Problem,
     placed_instants,

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.consistency import after_start, nees, nis, settling_time, verdict, whiteness
 from strainsight.estimation.decision import (
     WITHHELD,
@@ -23,26 +23,26 @@ from strainsight.estimation.decision import (
     without_sigma,
 )
 from strainsight.estimation.model import FilterModel, physical, surface_reading
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.layout.gauge_list import layout_labels
+from strainsight.experiment.structure.considered import budget_of, tolerated
 from strainsight.experiment.structure.filtering import (
     beyond_ranges,
-    by_bank,
     compared,
     excluded,
     excluded_in_words,
+    grid_filter_values,
     histories,
     posterior_doubts,
     posterior_numbers,
     posteriors_of,
     widen,
 )
-from strainsight.experiment.structure.nuisances import budget_of, tolerated
 from strainsight.experiment.structure.problem import (
     filter_model,
     judged_as_stated_in_words,
@@ -128,7 +128,7 @@ def validation_of(
     run, smoothed = filtered.run, trial.smoothed(model, measured, filtered)
     compare = problem.method == "bank" and config.filter.compare is not False
     samples = trial.covariance, trial.known, measured
-    record = BankRecord(model, np.zeros(model.size), *samples, no_nuisances(model), settled=trial.settled)
+    record = GridRecord(model, np.zeros(model.size), *samples, none_considered(model), settled=trial.settled)
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies, lost = studies_of(
         trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch
@@ -150,7 +150,7 @@ def validation_of(
         ),
         field=_field(trial, model, run),
         sweep=swept,
-        posterior=posteriors_of(problem, trial.covariance, filtered.banks[0] if filtered.banks else None),
+        posterior=posteriors_of(problem, trial.covariance, filtered.grid_runs[0] if filtered.grid_runs else None),
         compared=compared(problem, record) if compare else None,
         budget=budget_of_shares(budget),
     )
@@ -212,7 +212,7 @@ def _decision(config: PlacementConfig, validation: Validation) -> Decision:
     """Whether σ is given: not of parameters beyond their ranges, nor where another filter excludes the estimate."""
     accuracy, trial = validation.validated, validation.trial
     ends = {name: (accuracy.smoothed[name][-1], accuracy.smoothed_std[name][-1]) for name in accuracy.smoothed}
-    apart = excluded(ends, by_bank(accuracy.compared)) if tolerances_of(config.tolerances) == NONE else ""
+    apart = excluded(ends, grid_filter_values(accuracy.compared)) if tolerances_of(config.tolerances) == NONE else ""
     beyond = beyond_ranges(
         config, trial.problem, {name: accuracy.estimate for name, accuracy in validation.accuracy.items()}
     )

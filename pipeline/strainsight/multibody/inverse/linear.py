@@ -21,8 +21,8 @@ from strainsight.multibody.system import System
 
 @dataclass(frozen=True)
 class LinearBench:
-    """η̈ + C η̇ + diag(λ) η = B u + w about an equilibrium, q + T η, and the unknown inputs u as random walks; unknown parameters ξ
-    are inputs behind them, for to first order a parameter is a force that deforms the bench at rest.
+    """η̈ + C η̇ + diag(λ) η = B u + w about an equilibrium, q + T η, and the unknown inputs u as random walks; unknown
+    parameters ξ are inputs behind them, for to first order a parameter is a force that deforms the bench at rest.
 
     T (n, r) [unit of q per m √kg], TᵀMT = 1; C (r, r) [1/s]; stiffness λ (r,) [rad²/s²], ascending, none of them zero;
     B (r, nu) [m √kg/s² per unit of an input]; increment (nu,) σ of the change of every input in a step of h [s]; force (n,)
@@ -141,9 +141,9 @@ def in_steps(
         thesis        z' = X z + b(u + δ) + b w,                      X, b of one stage of h
         second_order  z' = X (z + c (k − z)) + b(u + δ) + b w,        k = X z + b(u + γδ) + b w,   of stages of γh,  c = (1 − γ)/γ
 
-    z = (η, η̇), u' = u + δ, the step with δ = 0 where `printed`. scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇ in
-    what stores the energy that the largest increment does at rest. There no motion grows in a step, whatever the units, and one
-    that no input moves has no unit of rounding. drawn (nu,): σ of the changes in a step, where it is not the increment, which
+    z = (η, η̇), u' = u + δ, the step with δ = 0 where `printed`. scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇
+    in what stores the energy that the largest increment does at rest. There no motion grows in a step, whatever the units, and
+    one that no input moves has no unit of rounding. drawn (nu,): σ of the changes in a step, where it is not the increment, which
     then is a unit.
     """
     r, nu = bench.B.shape

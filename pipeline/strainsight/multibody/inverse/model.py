@@ -11,9 +11,9 @@ import numpy as np
 from strainsight.errors import NumericalError, UserError
 from strainsight.multibody.accelerations import measured, unit_rows
 from strainsight.multibody.initial import constraints_at, nearest_state, static_equilibrium
-from strainsight.multibody.inverse.left_out import Begun, Plant, Start, begun
 from strainsight.multibody.inverse.loads import LoadProcess
 from strainsight.multibody.inverse.parameters import ParameterCoordinates, Zero, static_response
+from strainsight.multibody.inverse.unmodelled_dynamics import Begun, Plant, Start, begun
 from strainsight.multibody.sensors import CompiledSensors
 from strainsight.multibody.step import Advance, Method, advance, slopes
 from strainsight.multibody.system import System

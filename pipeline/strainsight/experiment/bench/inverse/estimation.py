@@ -16,11 +16,11 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.filtering import (
     FilteredRuns,
-    by_bank,
     by_extended,
     predicted,
     ring_watch,
     rings_estimated,
+    run_grid_filter,
 )
 from strainsight.experiment.bench.inverse.problem import (
     BenchProblem,
@@ -230,7 +230,8 @@ class BenchEstimation:
 
     @cached_property
     def smoothed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Load → its estimate by all samples and σ in the first run (T + 1,), σ NaN where it is withheld; none of a bank."""
+        """Load → its estimate by all samples and σ in the first run (T + 1,), σ NaN where it is withheld; none of a grid
+        filter."""
         loads = self.filtered.smoothed
         each = () if loads is None else zip(loads.mean.T, loads.std.T, strict=True)
         return dict(zip(self.problem.estimate.inputs, each, strict=False))
@@ -287,8 +288,8 @@ def estimate_bench(
         using.progress(what, 0.3 + 0.7 * (until + (1 - until) * share))
 
     watch = ring_watch(bench, trial.model, problem.steps)
-    bank = estimate.method.parameters == "bank" and problem.unknowns.free
-    filtered = by_bank(trial, y, filtering) if bank else by_extended(trial, y, filtering, watch)
+    uses_grid = estimate.method.parameters == "bank" and problem.unknowns.free
+    filtered = run_grid_filter(trial, y, filtering) if uses_grid else by_extended(trial, y, filtering, watch)
     mean = filtered.mean[:, 0]
     doubts = (*undistinguished(trial, mean), *unfollowed(trial, reality, mean, filtered.std[:, 0]))
     without = None

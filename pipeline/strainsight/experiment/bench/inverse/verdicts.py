@@ -308,12 +308,12 @@ def loud_sensors(estimate: BenchEstimateSection, record: BenchEstimated) -> Iter
 
 
 def bench_disagreements(estimation: BenchEstimation) -> list[str]:
-    """Where the extended filter does not allow for what the bank finds, and when it is the bank that is wrong."""
+    """Where the extended filter does not allow for what the grid filter finds, and when it is the grid filter that is wrong."""
     words = disagreements_in_words(estimation.filtered.compared)
     if words and estimation.problem.estimate.inputs:
         words.append(
-            "a bank judges parameters by how much the unknown loads move, too: where they move less than their increments say, "
-            "it is the bank that is wrong; make a load known, or correct the increments"
+            "a grid filter also weighs parameters by how much the unknown loads vary: if they vary less than their increments, "
+            "the grid filter is wrong; make a load known, or correct the increments"
         )
     return words
 
@@ -335,7 +335,7 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
         "violation": float(np.nanmax(result.record.violation)),
         "method": METHODS[estimate.method.update]
         + (", Q* as printed" if estimate.method.noise == "as_printed" else "")
-        + ("" if filtered.compared is None else ", a bank over parameters"),
+        + ("" if filtered.compared is None else ", a grid filter over parameters"),
         "truth": _truth(estimate),
         **result.numbers,
         **{

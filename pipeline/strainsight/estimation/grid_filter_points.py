@@ -1,4 +1,4 @@
-"""Filters of a bank at points of the parameters: how they begin, and how they are taken through the samples.
+"""Filters of a grid filter at points of the parameters: how they begin, and how they are taken through the samples.
 
 An unknown load is modelled as a random walk, and a real one is none. The likelihood of the walk as stated depends on the size of
 the readings, and speaks for parameters at which they are larger or smaller. So the walk is free enough to follow a line in the
@@ -16,9 +16,8 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.conditional import Nuisances, considers, linear_models, no_nuisances, tuned
-from strainsight.estimation.lattice import one_point
-from strainsight.estimation.mixture import C, Standing, log_normal
+from strainsight.estimation.conditional import ConsideredParameters, considers, linear_models, none_considered, tuned
+from strainsight.estimation.mixture import C, PosteriorWeights, log_normal
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import (
     KEPT,
@@ -30,7 +29,8 @@ from strainsight.estimation.parallel_filters import (
     advance,
     filters_of,
 )
-from strainsight.estimation.record import BankRecord, beginning
+from strainsight.estimation.parameter_grid import one_point
+from strainsight.estimation.record import GridRecord, beginning
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.run import Keep
 
@@ -40,8 +40,8 @@ SLIGHT = 1e-3
 
 @dataclass(frozen=True)
 class Judge:
-    """Filters of free loads at the points of a bank; and those of what these loads alone read, under noises that are SLIGHT more
-    and less than the gauges'. `alone` knows neither ν nor offsets of channels."""
+    """Filters of free loads at the points of a grid filter; and those of what these loads alone read, under noises that are
+    SLIGHT more and less than the gauges'. `alone` knows neither ν nor offsets of channels."""
 
     models: LinearModels
     filters: Filters
@@ -50,15 +50,15 @@ class Judge:
     quieter: Filters
 
 
-def judge_of(record: BankRecord, stated: LinearModels, point: np.ndarray) -> Judge:
+def judge_of(record: GridRecord, stated: LinearModels, point: np.ndarray) -> Judge:
     """At points (B, k) before any step of a record, where the filters of loads as stated have the models `stated`."""
     (free, alone), (mean, covariance) = record.free, record.start
     offsets, loads = len(record.biased), np.zeros(len(mean), dtype=bool)
     states, loads[free.input_states] = free.parameter_states.start, True
     Q = np.pad(free.process[:states, :states], (0, offsets))
     models = replace(stated, Q=np.broadcast_to(Q, stated.Q.shape))
-    alone = tuned(alone, record.nuisances, point)[0]
-    of_loads = linear_models(alone, point, no_nuisances(free), record.biased)
+    alone = tuned(alone, record.considered, point)[0]
+    of_loads = linear_models(alone, point, none_considered(free), record.biased)
     start = np.zeros((len(point), len(mean))), np.where(np.outer(loads, loads), covariance, 0.0)
     return Judge(
         models,
@@ -116,7 +116,11 @@ def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray,
     """
     A, H, A_nu = models.A[0], models.H[0], models.A_nu[0]
     steps = _forward(A, H, models.Q[0], covariance, noise, every)
-    Y, one, beta = [np.zeros_like(A)] * (len(steps) + 1), np.eye(len(A)), np.zeros((len(noise), models.nuisances))
+    Y, one, beta = (
+        [np.zeros_like(A)] * (len(steps) + 1),
+        np.eye(len(A)),
+        np.zeros((len(noise), models.considered_count)),
+    )
     for t in reversed(range(len(steps))):
         now, after, later = steps[t], Y[t + 1], t + every
         if later < len(steps) and now is steps[later] and _settled(after, Y[later + 1], after):
@@ -179,8 +183,8 @@ which it is nothing to them."""
 
 
 @dataclass(frozen=True)
-class BankProblem:
-    """What a bank has to solve: records that follow one another, with one mean and covariance at t = 0; keep and progress
+class GridProblem:
+    """What a grid filter has to solve: records that follow one another, with one mean and covariance at t = 0; keep and progress
     as of `filter_records`.
 
     Parameters and ν are the same in all records. Motion, loads and offsets begin anew in each, as mean and covariance say.
@@ -190,7 +194,7 @@ class BankProblem:
     divided by its square, so that σ of the parameters is as many times as large.
     """
 
-    records: tuple[BankRecord, ...]
+    records: tuple[GridRecord, ...]
     keep: Keep = "all"
     progress: Callable[[float], None] | None = None
     judged: bool = False
@@ -214,8 +218,8 @@ class BankProblem:
 
     @property
     def centre(self) -> np.ndarray | None:
-        """That of the frequencies, as of `Nuisances`."""
-        return self.records[0].nuisances.centre
+        """That of the frequencies, as of `ConsideredParameters`."""
+        return self.records[0].considered.centre
 
     @property
     def beside_loads(self) -> bool:
@@ -226,9 +230,9 @@ class BankProblem:
     def bilinear(self) -> bool:
         """Whether parameters are judged beside ν over which readings are far from linear: a damping or a frequency that is not
         exact, or anything beside unknown loads."""
-        nuisances, unknowns = self.records[0].nuisances, self.model.unknowns
-        of_modes = nuisances.of_modes(self.model.model.size)
-        return bool(unknowns.parameters) and (of_modes > 0 or (self.beside_loads and len(nuisances.D) > 0))
+        considered, unknowns = self.records[0].considered, self.model.unknowns
+        of_modes = considered.of_modes(self.model.model.size)
+        return bool(unknowns.parameters) and (of_modes > 0 or (self.beside_loads and len(considered.D) > 0))
 
     @cached_property
     def noise_alone(self) -> tuple[np.ndarray, ...]:
@@ -241,9 +245,9 @@ class BankProblem:
             by_record.append(noise_alone(judge.models, record.start[1], noise, record.model.every))
         return tuple(by_record)
 
-    def with_nuisances(self, of: Callable[[Nuisances], Nuisances]) -> BankProblem:
+    def map_considered(self, of: Callable[[ConsideredParameters], ConsideredParameters]) -> GridProblem:
         """The same with others in every record."""
-        return replace(self, records=tuple(replace(each, nuisances=of(each.nuisances)) for each in self.records))
+        return replace(self, records=tuple(replace(each, considered=of(each.considered)) for each in self.records))
 
     def log_prior(self, point: np.ndarray) -> np.ndarray:
         """Of points (B, k), but for a constant."""
@@ -251,11 +255,11 @@ class BankProblem:
 
 
 @dataclass(frozen=True)
-class LinearStanding(Standing[C]):
+class WeightedFilters(PosteriorWeights[C]):
     """Linear filters at all points of a cover after some steps, the last of which are of record number `record`; judge: filters
     by which the points are weighed, None where those are."""
 
-    SHARED: ClassVar[tuple[str, ...]] = (*Standing.SHARED, "record")
+    SHARED: ClassVar[tuple[str, ...]] = (*PosteriorWeights.SHARED, "record")
 
     models: LinearModels
     filters: Filters
@@ -286,11 +290,11 @@ class Passed:
     states: States
 
 
-def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
+def filtered_at(problem: GridProblem, cover: C, step: int) -> WeightedFilters[C]:
     """Filters at the points of a cover, from the start through `step` steps."""
     models, filters, judge = _begun(problem, cover, 0)
     B = models.count
-    now = LinearStanding(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters, 0, judge)
+    now = WeightedFilters(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters, 0, judge)
     while now.step < step:
         now = entered(problem, now)
         passage = passed(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
@@ -298,21 +302,21 @@ def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
     return now
 
 
-def _begun(problem: BankProblem, cover: C, number: int) -> tuple[LinearModels, Filters, Judge | None]:
+def _begun(problem: GridProblem, cover: C, number: int) -> tuple[LinearModels, Filters, Judge | None]:
     """Filters at the beginning of a record, nothing known of ν, and who judges."""
     record = problem.records[number]
-    models, judge = linear_models(record.model, cover.point, record.nuisances, record.biased), None
+    models, judge = linear_models(record.model, cover.point, record.considered, record.biased), None
     if problem.beside_loads:
         judge = judge_of(record, models, cover.point)
         if not problem.along:  # nobody asks for loads as they are stated
             return judge.models, judge.filters, judge
     filters = filters_of(
-        models, *record.begun(models), consider=problem.along and considers(record.model, record.nuisances)
+        models, *record.begun(models), consider=problem.along and considers(record.model, record.considered)
     )
     return models, filters, judge
 
 
-def entered(problem: BankProblem, now: LinearStanding[C]) -> LinearStanding[C]:
+def entered(problem: GridProblem, now: WeightedFilters[C]) -> WeightedFilters[C]:
     """At the beginning of the next record, where a record has ended: states are as they are before any sample, independent of
     those before, and what the samples so far say of ν is kept."""
     if now.step < problem.first[now.record + 1]:
@@ -323,7 +327,7 @@ def entered(problem: BankProblem, now: LinearStanding[C]) -> LinearStanding[C]:
     return replace(now, models=models, filters=with_nu(filters, now.filters), record=now.record + 1, judge=judge)
 
 
-def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> BankProblem:
+def about_samples(problem: GridProblem, point: np.ndarray, nu: np.ndarray) -> GridProblem:
     """Linear about the damping and the frequencies that all samples speak for, beside unknown loads about all of ν that act on
     motion and rows; the same where that is hardly MOVED from where it is linear.
 
@@ -335,7 +339,7 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
     for _ in range(TURNS):
         if not moved(problem, nu):
             break
-        problem = problem.with_nuisances(partial(replace, about=_about(problem, nu)))
+        problem = problem.map_considered(partial(replace, about=_about(problem, nu)))
         now = filtered_at(problem, here, problem.first[-1])
         if abs(now.fit[0] - fit) <= NOTICED:
             break
@@ -343,27 +347,27 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
     return problem
 
 
-def moved(problem: BankProblem, nu: np.ndarray) -> bool:
+def moved(problem: GridProblem, nu: np.ndarray) -> bool:
     """Whether the mean of ν (d,) is MOVED from where readings are linear: by ln c in the damping, by σ in all else."""
-    nuisances, about = problem.records[0].nuisances, _about(problem, nu)
-    off = np.abs(about - np.pad(nuisances.about, (0, len(about) - len(nuisances.about))))
-    modes = problem.model.model.size * (nuisances.damping > 0)
-    return bool(nuisances.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
+    considered, about = problem.records[0].considered, _about(problem, nu)
+    off = np.abs(about - np.pad(considered.about, (0, len(about) - len(considered.about))))
+    modes = problem.model.model.size * (considered.damping > 0)
+    return bool(considered.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
 
 
-def _about(problem: BankProblem, nu: np.ndarray) -> np.ndarray:
+def _about(problem: GridProblem, nu: np.ndarray) -> np.ndarray:
     """ν about which readings are to be linear: of damping and frequency of every mode, beside unknown loads of all that acts on
     motion and rows; in what adds to readings whatever the motion is they are linear."""
     about = np.clip(nu, -FARTHEST, FARTHEST)
     if not problem.beside_loads:
-        return np.asarray(about[: problem.records[0].nuisances.of_modes(problem.model.model.size)])
+        return np.asarray(about[: problem.records[0].considered.of_modes(problem.model.model.size)])
     # of several records, what adds to readings of one does nothing in the others
-    offset = np.any([(record.nuisances.offset != 0).any(axis=1) for record in problem.records], axis=0)
+    offset = np.any([(record.considered.offset != 0).any(axis=1) for record in problem.records], axis=0)
     about[len(nu) - len(offset) :][offset] = 0.0
     return np.asarray(about)
 
 
-def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passed:
+def passed(problem: GridProblem, now: WeightedFilters[C], steps: int, keep: bool) -> Passed:
     """The next steps, as far as the record goes."""
     before = problem.first[now.record]
     span = slice(now.step - before, now.step - before + steps)
@@ -378,12 +382,12 @@ def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool)
     return Passed(passage, power * verdict.fit, with_nu(passage.states, verdict.states))
 
 
-def on(now: LinearStanding[C], passage: Passed, steps: int) -> LinearStanding[C]:
+def on(now: WeightedFilters[C], passage: Passed, steps: int) -> WeightedFilters[C]:
     """After the first steps of a passage."""
     return replace(now, fit=now.fit + passage.fit[:, :steps].sum(axis=1), step=now.step + steps)
 
 
-def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:
+def refuse_lost(problem: GridProblem, point: np.ndarray) -> None:
     """Raises NumericalError where a parameter (k,) is further from its guess than anyone may be mistaken: by a factor of
     exp(LOST), or of exp(ABSURD) and by UNLIKELY σ of what it is known to before the samples."""
     centre, prior = problem.prior

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.conditional import ConsideredParameters
 from strainsight.estimation.decision import judged
 from strainsight.estimation.faults import BELIEVABLE, FORESEEN, Explained, Fault, dead_density, of_any_size, undone
+from strainsight.estimation.grid_filter import GridRun, filter_on_grid
 from strainsight.estimation.load_faults import without_load_fault
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.peak import peak_of
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 
 IMPOSSIBLE = -1e200
 """ln evidence below which a record is beyond what numbers can hold."""
@@ -26,8 +26,8 @@ BROAD = np.sqrt(3.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Suspect(BankRecord):
-    """A record whose channels and known loads may be wrong, and the bank that it is judged by.
+class CheckRecord(GridRecord):
+    """A record whose channels and known loads may be wrong, and the grid filter that it is judged by.
 
     turned_rows (m, angles, n*): what a channel would read turned by each of ANGLES, NaN where it cannot be; turned: channel and
     degrees → model and nuisances with it turned. load (n_known,): number of the load that each column of `known` belongs to.
@@ -36,7 +36,7 @@ class Suspect(BankRecord):
     """
 
     turned_rows: np.ndarray
-    turned: Callable[[int, float], tuple[FilterModel, Nuisances]]
+    turned: Callable[[int, float], tuple[FilterModel, ConsideredParameters]]
     load: np.ndarray
     moving: np.ndarray | None = None
     begin: int = 0
@@ -57,8 +57,8 @@ class ShiftedMode:
     size: float
 
 
-def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun | None]:
-    """Evidence of a record (T, m) under a fault, and what the bank found, None where it fails:
+def explained(suspect: CheckRecord, fault: Fault | None) -> tuple[Explained, GridRun | None]:
+    """Evidence of a record (T, m) under a fault, and what the grid filter found, None where it fails:
 
         ln p(y | fault) = ln p(T y) + ln |det T|,    y in units of the noise of a sample
 
@@ -72,13 +72,13 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
         samples, change = undone(fault, suspect.samples)
         record = replace(suspect, samples=samples)
     if fault is not None and fault.kind == "angle":
-        model, nuisances = suspect.turned(fault.channel, fault.amount)
-        record = replace(record, model=model, nuisances=nuisances)
+        model, considered = suspect.turned(fault.channel, fault.amount)
+        record = replace(record, model=model, considered=considered)
     # likelihood and innovations are the same whether states follow what is learned of ν, which is the quicker
-    nuisances = replace(record.nuisances, learned=True)
+    considered = replace(record.considered, learned=True)
     if fault is not None and fault.kind in ("offset", "drift"):
         unit = BROAD * float(np.sqrt(np.nanmean(record.samples[:, fault.channel] ** 2)))
-        nuisances = _with_zero(nuisances, fault, unit, suspect)
+        considered = _with_zero(considered, fault, unit, suspect)
     measured = np.isfinite(record.samples)
     missing = np.isfinite(suspect.samples).sum(axis=0) - measured.sum(axis=0)
     if fault is not None:
@@ -89,89 +89,91 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
     try:
         # parameters explain frequencies that are off, and are no result here
         tuned = bool(record.model.unknowns.parameters)
-        exact = replace(nuisances, frequency=0 * nuisances.frequency) if tuned else nuisances
-        peak = peak_of(replace(record, nuisances=exact))
+        exact = replace(considered, frequency=0 * considered.frequency) if tuned else considered
+        peak = peak_of(replace(record, considered=exact))
         if peak.evidence < IMPOSSIBLE:
             return Explained(fault, -np.inf, np.inf), None
         if peak.about is not None:
-            nuisances = replace(nuisances, about=peak.about)
-        bank = filter_bank(replace(record, nuisances=nuisances).known_at(peak.point))
+            considered = replace(considered, about=peak.about)
+        grid_run = filter_on_grid(replace(record, considered=considered).known_at(peak.point))
     except NumericalError:
         return Explained(fault, -np.inf, np.inf), None
     evidence = peak.evidence + change + float(measured.sum(axis=0) @ np.log(suspect.noise))
     evidence += FORESEEN * float(missing.sum())
     amount, std = 0.0 if fault is None else fault.amount, 0.0
     if unit:
-        nu, left = bank.nuisances
+        nu, left = grid_run.nu_moments
         amount, std = unit * float(nu[-1]), unit * float(np.sqrt(left[-1, -1]))
-    return Explained(fault, evidence, ratio_of(bank, _steps(suspect)), amount, std, tuple(peak.point)), bank
+    return Explained(fault, evidence, ratio_of(grid_run, _steps(suspect)), amount, std, tuple(peak.point)), grid_run
 
 
-def _steps(suspect: Suspect) -> slice:
+def _steps(suspect: CheckRecord) -> slice:
     """The steps in which the structure moves."""
     every = suspect.model.every
     return slice(None) if suspect.span is None else slice(suspect.span[0] * every, suspect.span[1] * every)
 
 
-def _with_zero(nuisances: Nuisances, fault: Fault, unit: float, suspect: Suspect) -> Nuisances:
+def _with_zero(
+    considered: ConsideredParameters, fault: Fault, unit: float, suspect: CheckRecord
+) -> ConsideredParameters:
     """One constant more: the offset of a channel, or its drift since the beginning of the record by the end of these samples."""
-    (_, m, n), width = nuisances.D.shape, nuisances.E.shape[-1]
+    (_, m, n), width = considered.D.shape, considered.E.shape[-1]
     row, drifts = np.zeros((1, m)), fault.kind == "drift"
-    E = np.pad(nuisances.E, [(0, 1), (0, 0), (0, int(drifts and width == suspect.known.shape[-1]))])
+    E = np.pad(considered.E, [(0, 1), (0, 0), (0, int(drifts and width == suspect.known.shape[-1]))])
     before = suspect.begin / (suspect.begin + len(suspect.samples)) if drifts else 1.0
     row[0, fault.channel] = unit * before
     if drifts:
         E[-1, fault.channel, -1] = unit * (1 - before)
     return replace(
-        nuisances,
-        source=(*nuisances.source, fault.kind),
-        D=np.concatenate([nuisances.D, np.zeros((1, m, n))]),
+        considered,
+        source=(*considered.source, fault.kind),
+        D=np.concatenate([considered.D, np.zeros((1, m, n))]),
         E=E,
-        offset=np.concatenate([nuisances.offset, row]),
-        B=None if nuisances.B is None else np.pad(nuisances.B, [(0, 1), (0, 0), (0, 0)]),
+        offset=np.concatenate([considered.offset, row]),
+        B=None if considered.B is None else np.pad(considered.B, [(0, 1), (0, 0), (0, 0)]),
     )
 
 
-def ratio_of(bank: BankRun, part: slice = slice(None)) -> float:
+def ratio_of(grid_run: GridRun, part: slice = slice(None)) -> float:
     """Innovations over their claim, RMS, of all steps or of a part of them, the larger; NaN where nothing was measured."""
-    squares = bank.run.whitened**2
+    squares = grid_run.run.whitened**2
     parts = [each[np.isfinite(each)] for each in (squares, squares[part])]
     ratios = [np.sqrt(np.mean(each)) for each in parts if each.size]
     return float(max(ratios)) if ratios else np.nan
 
 
-def missed_of(bank: BankRun | None) -> float:
-    """The largest RMS innovation of a channel over its RMS reading, infinite where the bank failed."""
-    if bank is None:
+def missed_of(grid_run: GridRun | None) -> float:
+    """The largest RMS innovation of a channel over its RMS reading, infinite where the grid filter failed."""
+    if grid_run is None:
         return np.inf
-    read = bank.run.innovation[:, 0]
-    foreseen = bank.run.gauge_mean[:, 0]
+    read = grid_run.run.innovation[:, 0]
+    foreseen = grid_run.run.gauge_mean[:, 0]
     finite = np.isfinite(read)
     of = np.where(finite, read, 0.0), np.where(finite, foreseen, 0.0)
     missed, whole = (np.sqrt(np.sum(each**2, axis=0)) for each in (of[0], np.hypot(*of)))
     return float(np.max(missed / np.maximum(whole, np.finfo(float).tiny), initial=0.0))
 
 
-def too_large(fit: Explained, bank: BankRun | None) -> bool:
+def too_large(fit: Explained, grid_run: GridRun | None) -> bool:
     """Whether the innovations of a record are larger than claimed, beyond the band of `decision.judged`."""
-    if bank is None or not fit.ratio <= BELIEVABLE:
+    if grid_run is None or not fit.ratio <= BELIEVABLE:
         return True
-    return judged(fit.ratio, int(np.isfinite(bank.run.whitened).sum())).overconfident
+    return judged(fit.ratio, int(np.isfinite(grid_run.run.whitened).sum())).overconfident
 
 
-def suspected(as_it_is: Explained, bank: BankRun | None) -> bool:
+def suspected(as_it_is: Explained, grid_run: GridRun | None) -> bool:
     """Whether the faults of a record are to be looked for: its innovations are too large, or a tolerance is stretched beyond
     STRETCHED of its σ before the samples to explain it."""
-    return bank is None or too_large(as_it_is, bank) or bool(np.any(np.abs(bank.nuisances[0]) > STRETCHED))
+    return grid_run is None or too_large(as_it_is, grid_run) or bool(np.any(np.abs(grid_run.nu_moments[0]) > STRETCHED))
 
 
-def shifted_mode(suspect: Suspect, bank: BankRun | None) -> ShiftedMode | None:
+def shifted_mode(suspect: CheckRecord, grid_run: GridRun | None) -> ShiftedMode | None:
     """The mode whose frequency is farthest from the model over its tolerance; None where that is within STRETCHED."""
-    rows, modes = suspect.nuisances.frequency, suspect.model.model.size
-    if bank is None or not len(rows):
+    rows, modes = suspect.considered.frequency, suspect.model.model.size
+    if grid_run is None or not len(rows):
         return None
-    behind = suspect.nuisances.of_modes(modes)
-    change = bank.nuisances[0][behind - len(rows) : behind] @ rows
+    behind = suspect.considered.of_modes(modes)
+    change = grid_run.nu_moments[0][behind - len(rows) : behind] @ rows
     size = np.abs(change) / np.sqrt(np.sum(rows**2, axis=0))
     j = int(np.argmax(size))
     return ShiftedMode(j, float(np.exp(change[j])), float(size[j])) if size[j] > STRETCHED else None
@@ -189,7 +191,7 @@ LEAD = 0.25
 """Share of a stretch that lies before the instant for which it was chosen; of rest beside the part that moves."""
 
 
-def loudest_stretches(suspect: Suspect) -> tuple[tuple[int, int], ...]:
+def loudest_stretches(suspect: CheckRecord) -> tuple[tuple[int, int], ...]:
     """First sample of a stretch and the one behind its last, MOST of them at most: where the channels read most, then where
     those read most that read less than half of that in the stretches before. The whole record where it is no longer than one."""
     energy = _energy(suspect)
@@ -205,23 +207,23 @@ def loudest_stretches(suspect: Suspect) -> tuple[tuple[int, int], ...]:
     return tuple(stretches)
 
 
-def stretch_at(suspect: Suspect, sample: int) -> tuple[int, int]:
+def stretch_at(suspect: CheckRecord, sample: int) -> tuple[int, int]:
     """The stretch about a sample, a quarter of it before that."""
     first = max(0, min(sample - int(LEAD * LONGEST), len(suspect.samples) - LONGEST))
     return first, min(first + LONGEST, len(suspect.samples))
 
 
-def at_rest(part: Suspect) -> bool:
+def at_rest(part: CheckRecord) -> bool:
     """Whether no two channels of a stretch read more than noise together, but for a few samples."""
     return bool(np.count_nonzero(_second_largest(_energy(part))) < FEWEST)
 
 
-def loudest_channel(part: Suspect) -> int:
+def loudest_channel(part: CheckRecord) -> int:
     """The channel that reads most over its noise."""
     return int(np.argmax(_energy(part).sum(axis=0)))
 
 
-def with_intensity(part: Suspect, factor: float) -> Suspect:
+def with_intensity(part: CheckRecord, factor: float) -> CheckRecord:
     """A stretch whose unknown loads are less intense by a factor: Q and the covariance of the motion are multiplied by it."""
     n = part.model.parameter_states.start
 
@@ -230,9 +232,9 @@ def with_intensity(part: Suspect, factor: float) -> Suspect:
         Q[..., :n, :n] *= factor
         return replace(model, Q=Q)
 
-    def turned(channel: int, angle: float) -> tuple[FilterModel, Nuisances]:
-        model, nuisances = part.turned(channel, angle)
-        return scaled(model), nuisances
+    def turned(channel: int, angle: float) -> tuple[FilterModel, ConsideredParameters]:
+        model, considered = part.turned(channel, angle)
+        return scaled(model), considered
 
     covariance = _wider_motion(part.covariance, n, np.sqrt(factor))
     return replace(part, model=scaled(part.model), covariance=covariance, turned=turned)
@@ -246,7 +248,7 @@ def _wider_motion(covariance: np.ndarray, n: int, factor: float) -> np.ndarray:
     return P
 
 
-def moving_part_of(part: Suspect) -> Suspect:
+def moving_part_of(part: CheckRecord) -> CheckRecord:
     """Where a stretch moves, with a quarter of that before and behind it; all of it where more than half does."""
     if part.span is None:
         return part
@@ -256,7 +258,7 @@ def moving_part_of(part: Suspect) -> Suspect:
     return replace(part_of(part, begin, min(len(part.samples), behind + more)), span=(first - begin, behind - begin))
 
 
-def part_of(suspect: Suspect, begin: int, end: int) -> Suspect:
+def part_of(suspect: CheckRecord, begin: int, end: int) -> CheckRecord:
     """Samples from begin to before end, with the part of them that moves.
 
     A stretch that is not the beginning of its record begins in an unknown motion, as wide as its readings ask for; a periodic
@@ -275,16 +277,16 @@ def part_of(suspect: Suspect, begin: int, end: int) -> Suspect:
         return part
     loads = suspect.known.shape[-1]
 
-    def within(nuisances: Nuisances) -> Nuisances:
-        if nuisances.E.shape[-1] == loads:
-            return nuisances
-        E, drift = nuisances.E.copy(), nuisances.E[..., -1]
+    def within(considered: ConsideredParameters) -> ConsideredParameters:
+        if considered.E.shape[-1] == loads:
+            return considered
+        E, drift = considered.E.copy(), considered.E[..., -1]
         E[..., -1] = drift * (end - begin) / whole
-        return replace(nuisances, E=E, offset=nuisances.offset + drift * begin / whole)
+        return replace(considered, E=E, offset=considered.offset + drift * begin / whole)
 
-    def turned(channel: int, angle: float) -> tuple[FilterModel, Nuisances]:
-        model, nuisances = suspect.turned(channel, angle)
-        return model, within(nuisances)
+    def turned(channel: int, angle: float) -> tuple[FilterModel, ConsideredParameters]:
+        model, considered = suspect.turned(channel, angle)
+        return model, within(considered)
 
     settled = suspect.settled
     if settled is not None:
@@ -293,13 +295,13 @@ def part_of(suspect: Suspect, begin: int, end: int) -> Suspect:
     return replace(
         part,
         covariance=suspect.covariance if begin == 0 else _unknown_motion(suspect, samples),
-        nuisances=within(suspect.nuisances),
+        considered=within(suspect.considered),
         settled=settled,
         turned=turned,
     )
 
 
-def _energy(suspect: Suspect) -> np.ndarray:
+def _energy(suspect: CheckRecord) -> np.ndarray:
     """Squares (T, m) of the readings over their noise, less what is rest; those of single samples count for nothing."""
     y = suspect.samples
     if len(suspect.biased):
@@ -334,7 +336,7 @@ def _moving_part(energy: np.ndarray) -> tuple[int, int] | None:
     return (int(first), int(last) + 1) if FEWEST <= last + 1 - first <= 0.5 * len(energy) else None
 
 
-def _unknown_motion(suspect: Suspect, samples: np.ndarray) -> np.ndarray:
+def _unknown_motion(suspect: CheckRecord, samples: np.ndarray) -> np.ndarray:
     """The covariance of a motion that nothing is known of, widened where the channels (T, m) read more than it foresees."""
     covariance = suspect.covariance if suspect.moving is None else suspect.moving
     model, n = suspect.model, suspect.model.parameter_states.start

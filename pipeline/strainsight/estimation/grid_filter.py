@@ -1,4 +1,4 @@
-"""A bank of linear filters over the parameters: exact Bayes for a model that is linear once its parameters are known.
+"""A parameter grid of linear filters over the parameters: exact Bayes for a model that is linear once its parameters are known.
 
     p(θ | y) ∝ p(θ) Πₖ p(yₖ | y₁ … yₖ₋₁, θ),     x̂ = Σ wᵢ x̂ᵢ,     P = Σ wᵢ (Pᵢ + (x̂ᵢ − x̂)(x̂ᵢ − x̂)ᵀ)
 
@@ -14,10 +14,11 @@ from functools import partial
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import (
-    BankProblem,
-    LinearStanding,
+from strainsight.estimation.columns import columns_for, next_columns
+from strainsight.estimation.grid_filter_points import (
+    GridProblem,
     Passed,
+    WeightedFilters,
     about_samples,
     entered,
     filtered_at,
@@ -25,12 +26,17 @@ from strainsight.estimation.bank_filters import (
     passed,
     refuse_lost,
 )
-from strainsight.estimation.columns import columns_for, next_columns
-from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice, one_point
 from strainsight.estimation.mixture import C, Mixture, Weights
 from strainsight.estimation.parallel_filters import KEPT
+from strainsight.estimation.parameter_grid import (
+    GridConstruction,
+    ParameterGrid,
+    build_first_grid,
+    build_next_grid,
+    one_point,
+)
 from strainsight.estimation.peak import best_points, density_of, peaks_of_problem
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun, Keep
 
 FEW = 3
@@ -44,16 +50,17 @@ COARSE, REACH, TRIED, MOST_TRIED = 0.05, 3.0, 0.01, 80
 """Where resonances are looked for: share of a reading, RMS, that is believed, σ of a parameter to either side, step of its
 logarithm, and most steps."""
 AGAIN, STAY = 3, 0.2
-"""Most times that a bank beside frequencies is done once more, and the change of a parameter, in σ, below which it stays."""
+"""Most times that a grid filter beside frequencies is done once more, and the change of a parameter, in σ, below which it
+stays."""
 
 
 @dataclass(frozen=True)
-class BankRun:
-    """What a bank found: at the end, and along the samples of a record.
+class GridRun:
+    """What a grid filter found: at the end, and along the samples of a record.
 
     point (B, k) and weight (B,): the posterior of the parameters; nu (B, d) and left (B, d, d): mean and covariance of ν at each
     point, of frequencies beyond those that the centre asks for; about (d,): the ν about which readings are linear, centre (k,):
-    the parameters, as of `Nuisances`; laid: how often the lattice was; step (k,): its steps along every
+    the parameters, as of `ConsideredParameters`; laid: how often the lattice was; step (k,): its steps along every
     parameter, infinite of columns; run: as a filter's, of one run; its σ holds what the nuisances add.
     """
 
@@ -75,14 +82,14 @@ class BankRun:
         return mean, (off * self.weight[:, None]).T @ off
 
     @property
-    def nuisances(self) -> tuple[np.ndarray, np.ndarray]:
+    def nu_moments(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean (d,) and covariance (d, d) of ν."""
         mean = self.weight @ self.nu
         off = self.nu - mean
         return mean, np.einsum("b,bdk->dk", self.weight, self.left) + (off * self.weight[:, None]).T @ off
 
 
-def filter_bank(record: BankRecord, keep: Keep = "all") -> BankRun:
+def filter_on_grid(record: GridRecord, keep: Keep = "all") -> GridRun:
     """Posterior of the parameters, which are constant, and of all states along the samples.
 
     keep: "all" keeps the covariance of every instant, "parameters" nothing but these, in half the time.
@@ -96,12 +103,12 @@ def filter_bank(record: BankRecord, keep: Keep = "all") -> BankRun:
 
 
 def filter_records(
-    records: Sequence[BankRecord],
+    records: Sequence[GridRecord],
     keep: Keep = "all",
     *,
     progress: Callable[[float], None] | None = None,
     birge_ratio: float = 1.0,
-) -> tuple[BankRun, ...]:
+) -> tuple[GridRun, ...]:
     """Posterior of parameters that several records share: a run of each, the posterior at the end of all of them in every one.
 
         p(θ, ν | y) ∝ p(θ) p(ν) Πᵣ p(yᵣ | θ, ν)
@@ -110,12 +117,12 @@ def filter_records(
     and offsets begin in each as mean and covariance of the first one say, independent of the others: at a boundary their step
     has a transition of zero and the covariance of the prior. Records may differ in step and noise; unknowns, channels and ν are
     the same. progress: called with the share of the steps done.
-    birge_ratio: as of `BankProblem`, above 1 of measurements that are inconsistent with the model. Their parameters move by many
+    birge_ratio: as of `GridProblem`, above 1 of measurements that are inconsistent with the model. Their parameters move by many
     σ from sample to sample: the ratio is doubled after every FOLLOWED grids, which bounds their number.
-    Other arguments as of `filter_bank`.
+    Other arguments as of `filter_on_grid`.
     """
     along = keep != "parameters"
-    problem = BankProblem(tuple(records), keep, progress, True, along, birge_ratio)
+    problem = GridProblem(tuple(records), keep, progress, True, along, birge_ratio)
     if problem.bilinear:
         problem = _centred(problem)
     ends = replace(problem, along=False)
@@ -132,50 +139,50 @@ def filter_records(
         mean, covariance = runs[0].posterior
         if problem.centre is not None and np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
             break
-        again = about_samples(problem, mean, runs[0].nuisances[0])
+        again = about_samples(problem, mean, runs[0].nu_moments[0])
         if again is problem:
             break
         problem, before, runs = again, mean, _covered(replace(again, progress=None), held)
     return runs
 
 
-def _centred(problem: BankProblem) -> BankProblem:
+def _centred(problem: GridProblem) -> GridProblem:
     """With frequencies about those at the most likely of parameters that are tried one after the other, each with frequencies
     about its own: the resonances that the samples show. A lattice that narrows with the first samples may take the resonance of
     another mode for them. Readings are believed to COARSE of their RMS, as slopes in a frequency are no better."""
-    if not problem.records[0].nuisances.frequency.any():
+    if not problem.records[0].considered.frequency.any():
         return problem
-    coarse = problem.with_nuisances(lambda each: replace(each, discrepancy=max(each.discrepancy, COARSE)))
+    coarse = problem.map_considered(lambda each: replace(each, discrepancy=max(each.discrepancy, COARSE)))
     coarse, (centre, covariance) = replace(coarse, along=False), problem.prior
     for i, std in enumerate(np.sqrt(np.diag(covariance))):
         count = int(np.clip(2 * REACH * std / TRIED, 2, MOST_TRIED))
         points = centre + np.linspace(-REACH * std, REACH * std, count + 1)[:, None] * np.eye(len(centre))[i]
         centre = points[best_points(points, density_of(coarse), problem.first[-1])[0][0]]
-    return problem.with_nuisances(partial(replace, centre=centre))
+    return problem.map_considered(partial(replace, centre=centre))
 
 
-def _covered(problem: BankProblem, held: np.ndarray) -> tuple[BankRun, ...]:
+def _covered(problem: GridProblem, held: np.ndarray) -> tuple[GridRun, ...]:
     """A run of every record, by a lattice over few parameters, by columns over more.
 
     A lattice follows the posterior as the record grows, and few samples may have peaks far from those of all: between resonances,
     or beyond the prior. It keeps hold of the peaks (q, k) of the whole record from its second laying on."""
     if len(problem.model.unknowns.parameters) > FEW:
         return _filtered(problem, columns_for(problem, *problem.prior, 0), next_columns, at_end=True)
-    first = first_lattice(_bank(problem, held))
-    return _filtered(problem, first, lambda problem, now: next_lattice(_bank(problem, held), now))
+    first = build_first_grid(_construction(problem, held))
+    return _filtered(problem, first, lambda problem, now: build_next_grid(_construction(problem, held), now))
 
 
-def _bank(problem: BankProblem, held: np.ndarray) -> Bank[LinearStanding[Lattice]]:
+def _construction(problem: GridProblem, held: np.ndarray) -> GridConstruction[WeightedFilters[ParameterGrid]]:
     at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
-    return Bank(problem.prior, at, refuse, held=held)
+    return GridConstruction(problem.prior, at, refuse, held=held)
 
 
 def _filtered(
-    problem: BankProblem,
-    now: LinearStanding[C],
-    following: Callable[[BankProblem, LinearStanding[C]], LinearStanding[C]],
+    problem: GridProblem,
+    now: WeightedFilters[C],
+    following: Callable[[GridProblem, WeightedFilters[C]], WeightedFilters[C]],
     at_end: bool = False,
-) -> tuple[BankRun, ...]:
+) -> tuple[GridRun, ...]:
     """Through all samples, from points of the parameters laid at first, with those that follow; at_end: and once more at the
     end, where what they say is the better, the nearer they are."""
     steps, laid, mixtures = problem.first[-1], 1, [_mixture(problem, now)]
@@ -211,10 +218,10 @@ def _filtered(
     states, about = now.states, now.models.about
     point, weight, nu, left = now.weights.sampled(states.nu[:, 0], states.left[:, 0])
     end = point, weight, nu + about, left, about, problem.centre, laid, now.cover.step
-    return tuple(BankRun(*end, run=mixture.finished()) for mixture in mixtures)
+    return tuple(GridRun(*end, run=mixture.finished()) for mixture in mixtures)
 
 
-def _likely(now: LinearStanding[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:
+def _likely(now: WeightedFilters[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:
     """ln p of these steps under the loads as stated: by the mass that the points lose; with a judge, whose weights are none of
     that density, by Σₜ ln Σᵢ wᵢ p(yₜ | y₁ … yₜ₋₁, θᵢ) with those before each step."""
     if now.judge is None:
@@ -224,7 +231,7 @@ def _likely(now: LinearStanding[C], passage: Passed, before: Weights, after: Wei
     return float(np.logaddexp.reduce(each, axis=1).sum())
 
 
-def _mixture(problem: BankProblem, now: LinearStanding[C]) -> Mixture:
+def _mixture(problem: GridProblem, now: WeightedFilters[C]) -> Mixture:
     """Of a record that begins."""
     first, record = problem.records[0], problem.records[now.record]
     mixture = Mixture(replace(record, mean=first.mean, covariance=first.covariance), problem.keep)

@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.mixture import Standing
+from strainsight.estimation.mixture import PosteriorWeights
 from strainsight.estimation.parallel_filters import joined
 from strainsight.mesh.unjoined import component_labels
 
@@ -27,7 +27,7 @@ SHARP = 0.25
 
 
 @dataclass(frozen=True)
-class Lattice:
+class ParameterGrid:
     """B points  p = centre + frame z  at integers z: centre (k,), frame (k, k), node z (B, k). spacing: of neighbours, in
     standard deviations of what it was laid for; sharp: the least variance of the highest peak that it is good for.
 
@@ -86,12 +86,12 @@ class Lattice:
         drop = top - 0.5 * (values[..., 0, :] + values[..., 1, :])
         return np.asarray(np.where(drop > 0, 0.5 / np.where(drop > 0, drop, 1.0), np.inf))
 
-    def weights(self, log_weight: np.ndarray) -> LatticeWeights:
+    def weights(self, log_weight: np.ndarray) -> GridWeights:
         """Of points with log-densities (L, B)."""
         largest = log_weight.max(axis=-1, keepdims=True)
         w = np.exp(log_weight - largest)
         mass = w.sum(axis=-1, keepdims=True)
-        return LatticeWeights(self.point, w / mass, (largest + np.log(mass))[..., 0])
+        return GridWeights(self.point, w / mass, (largest + np.log(mass))[..., 0])
 
     def holds(self, log_weight: np.ndarray) -> np.ndarray:
         """Whether it still holds the density of log-weights (..., B): not too narrow for it, nor at its edge."""
@@ -122,19 +122,19 @@ class Lattice:
         inverse = np.linalg.inv(self.frame)
         return np.linalg.eigvalsh(inverse @ covariance @ inverse.T)
 
-    def with_nodes(self, node: np.ndarray) -> Lattice:
+    def with_nodes(self, node: np.ndarray) -> ParameterGrid:
         """With those of some nodes (any, k) that it does not have yet."""
         present = {tuple(z) for z in self.node.tolist()}
         new = [z for z in node.tolist() if tuple(z) not in present]
         return self.grown(np.array(new, dtype=int).reshape(-1, self.node.shape[1]))
 
-    def grown(self, node: np.ndarray) -> Lattice:
+    def grown(self, node: np.ndarray) -> ParameterGrid:
         """With more nodes, behind the others."""
         return replace(self, node=np.concatenate([self.node, node]))
 
 
 @dataclass(frozen=True)
-class LatticeWeights:
+class GridWeights:
     """Of B points (B, k) at L instants: mean (L, B), all positive; log_mass (L,) of the density, but for a constant."""
 
     point: np.ndarray
@@ -153,25 +153,25 @@ class LatticeWeights:
         return self.point, self.mean[-1], nu, left
 
 
-def lattice_about(mean: np.ndarray, covariance: np.ndarray, spacing: float, radius: float) -> Lattice:
+def build_grid_about(mean: np.ndarray, covariance: np.ndarray, spacing: float, radius: float) -> ParameterGrid:
     """All points within `radius` standard deviations of a mean (k,) with covariance (k, k), `spacing` of them apart."""
     k, most = len(mean), int(radius / spacing)
     wide = 2 * most + 1
     cube = np.indices((wide,) * k).reshape(k, wide**k).T - most
     ball = cube[spacing**2 * np.sum(cube**2, axis=1) <= radius**2]
-    return Lattice(np.asarray(mean, dtype=float), spacing * np.linalg.cholesky(covariance), ball, spacing)
+    return ParameterGrid(np.asarray(mean, dtype=float), spacing * np.linalg.cholesky(covariance), ball, spacing)
 
 
-def one_point(point: np.ndarray) -> Lattice:
+def one_point(point: np.ndarray) -> ParameterGrid:
     """A lattice of one point (k,)."""
     k = len(point)
-    return Lattice(point, np.eye(k), np.zeros((1, k), dtype=int))
+    return ParameterGrid(point, np.eye(k), np.zeros((1, k), dtype=int))
 
 
-def loose_points(point: np.ndarray) -> Lattice:
+def scattered_points(point: np.ndarray) -> ParameterGrid:
     """Points (B, k) as they are, that are no lattice."""
     k = point.shape[1]
-    return Lattice(np.zeros(k), np.eye(k), point)
+    return ParameterGrid(np.zeros(k), np.eye(k), point)
 
 
 def moments(point: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -197,17 +197,17 @@ MOST_LAID = 60
 """Lattices on the way to one that resolves the posterior."""
 
 
-S = TypeVar("S", bound=Standing[Lattice])
+S = TypeVar("S", bound=PosteriorWeights[ParameterGrid])
 
 
 @dataclass(frozen=True)
-class Bank(Generic[S]):
+class GridConstruction(Generic[S]):
     """What lattices are laid for: the prior, mean (k,) and covariance (k, k); at: lattice, step → the filters at its points after
     so many steps; refuse_lost: raises where a point (k,) is one that nobody means; most points of a lattice; held (q, k): points
     that every lattice but the first has a node next to, whatever the samples so far say."""
 
     prior: tuple[np.ndarray, np.ndarray]
-    at: Callable[[Lattice, int], S]
+    at: Callable[[ParameterGrid, int], S]
     refuse_lost: Callable[[np.ndarray], None]
     most: int = MOST_POINTS
     held: np.ndarray | None = None
@@ -217,13 +217,13 @@ class _TooMany(NumericalError):
     """The lattice would need more points than it may have."""
 
 
-def first_lattice(bank: Bank[S]) -> S:
+def build_first_grid(construction: GridConstruction[S]) -> S:
     """For the prior."""
-    return _laid(bank, *bank.prior, 0)
+    return _laid(construction, *construction.prior, 0)
 
 
 def _laid(
-    bank: Bank[S],
+    construction: GridConstruction[S],
     mean: np.ndarray,
     covariance: np.ndarray,
     step: int,
@@ -235,44 +235,46 @@ def _laid(
     Where the largest density stays at its edge the posterior lies elsewhere: it is laid about that point, three times as wide.
     other (q, k): points of other peaks, which it is to hold as well.
     """
-    bank.refuse_lost(mean)
-    most = min(bank.most, most or bank.most)
-    lattice = _lattice(bank, mean, covariance, other)
-    parts, outside = [bank.at(lattice, step)], 0
+    construction.refuse_lost(mean)
+    most = min(construction.most, most or construction.most)
+    grid = _build_grid(construction, mean, covariance, other)
+    parts, outside = [construction.at(grid, step)], 0
     while True:
-        log_weight, edge = np.concatenate([part.log_weight for part in parts]), lattice.edge
+        log_weight, edge = np.concatenate([part.log_weight for part in parts]), grid.edge
         heavy = edge & (log_weight > log_weight.max() - DEPTH)
         if not heavy.any():
-            return parts[0] if len(parts) == 1 else replace(joined(parts), cover=lattice)
+            return parts[0] if len(parts) == 1 else replace(joined(parts), cover=grid)
         best = int(np.argmax(log_weight))
         outside = outside + 1 if edge[best] else 0
         if outside > PATIENCE:
-            centre, covariance = lattice.point[best], 9 * covariance
-            bank.refuse_lost(centre)
-            lattice = _lattice(bank, centre, covariance, other)
-            parts, outside = [bank.at(lattice, step)], 0
+            centre, covariance = grid.point[best], 9 * covariance
+            construction.refuse_lost(centre)
+            grid = _build_grid(construction, centre, covariance, other)
+            parts, outside = [construction.at(grid, step)], 0
             continue
-        more = replace(lattice, node=lattice.beside(heavy))
-        if len(lattice.node) + len(more.node) > most:
+        more = replace(grid, node=grid.beside(heavy))
+        if len(grid.node) + len(more.node) > most:
             raise _TooMany(
                 f"the posterior of the parameters spreads over more than {most} points of its lattice",
                 remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial standard deviation",
             )
-        lattice = lattice.grown(more.node)
-        parts.append(bank.at(more, step))
+        grid = grid.grown(more.node)
+        parts.append(construction.at(more, step))
 
 
-def _lattice(bank: Bank[S], mean: np.ndarray, covariance: np.ndarray, other: np.ndarray | None) -> Lattice:
+def _build_grid(
+    construction: GridConstruction[S], mean: np.ndarray, covariance: np.ndarray, other: np.ndarray | None
+) -> ParameterGrid:
     """About a guess, with the nodes next to other points (q, k)."""
-    lattice = lattice_about(mean, covariance, SPACING, np.sqrt(2 * DEPTH))
-    return lattice if other is None or not len(other) else lattice.with_nodes(lattice.nearest(other))
+    grid = build_grid_about(mean, covariance, SPACING, np.sqrt(2 * DEPTH))
+    return grid if other is None or not len(other) else grid.with_nodes(grid.nearest(other))
 
 
-def next_lattice(bank: Bank[S], now: S) -> S:
+def build_next_grid(construction: GridConstruction[S], now: S) -> S:
     """A lattice for the posterior as it is now; where that is too narrow for the old one, by way of finer ones, for a power of
     its density. Raises NumericalError where no lattice resolves it."""
     for _ in range(MOST_LAID):
-        share, lattice = 1.0, now.cover
+        share, grid = 1.0, now.cover
         while True:
             top = float(now.log_weight.max())
             # beyond the digits of a logarithm no depth of a lattice is left below its largest value
@@ -281,19 +283,19 @@ def next_lattice(bank: Bank[S], now: S) -> S:
                     "the readings are beyond what the model can make at any parameters",
                     remedy="check the units and scales of the channels",
                 )
-            first, *others = lattice.peaks(share * now.log_weight, DEPTH)
-            mean, covariance, narrow = _spread(bank, lattice, first, share * now.log_weight[first])
+            first, *others = grid.peaks(share * now.log_weight, DEPTH)
+            mean, covariance, narrow = _spread(construction, grid, first, share * now.log_weight[first])
             if narrow >= COLLAPSED:
                 break
             share *= 0.5
         if share < 1.0:
             covariance = min(1.0, NARROW / narrow) * covariance
-        other = lattice.point[np.concatenate(others)] if others else lattice.point[:0]
-        if bank.held is not None:
-            other = np.concatenate([other, bank.held])
-        now = _laid(bank, mean, covariance, now.step, other)
+        other = grid.point[np.concatenate(others)] if others else grid.point[:0]
+        if construction.held is not None:
+            other = np.concatenate([other, construction.held])
+        now = _laid(construction, mean, covariance, now.step, other)
         if share == 1.0:
-            return _sharpened(bank, now, other)
+            return _sharpened(construction, now, other)
     raise NumericalError(
         f"the posterior of the parameters is too uneven for {MOST_LAID} lattices one finer than the other",
         remedy="state a larger noise of the gauges, or a smaller initial standard deviation of the parameters",
@@ -301,7 +303,7 @@ def next_lattice(bank: Bank[S], now: S) -> S:
 
 
 def _spread(
-    bank: Bank[S], lattice: Lattice, which: np.ndarray, log_weight: np.ndarray
+    construction: GridConstruction[S], grid: ParameterGrid, which: np.ndarray, log_weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Mean and covariance to lay a lattice for, of points (q,) of this one, and the least variance in its own steps.
 
@@ -310,16 +312,16 @@ def _spread(
     """
 
     def least(covariance: np.ndarray) -> float:
-        return float(lattice.spread(covariance).min(initial=np.inf) * SPACING**2)
+        return float(grid.spread(covariance).min(initial=np.inf) * SPACING**2)
 
-    _, mean, plain = moments(lattice.point[which], log_weight)
-    squared = 2 * moments(lattice.point[which], 2 * log_weight)[2]
+    _, mean, plain = moments(grid.point[which], log_weight)
+    squared = 2 * moments(grid.point[which], 2 * log_weight)[2]
     if COLLAPSED <= least(squared) < least(plain):
         return mean, squared, least(squared)
     return mean, plain, least(plain)
 
 
-def _sharpened(bank: Bank[S], now: S, other: np.ndarray) -> S:
+def _sharpened(construction: GridConstruction[S], now: S, other: np.ndarray) -> S:
     """The lattice laid anew, as finely as its highest peak asks for and MOST_FINE allows."""
     for _ in range(MOST_LAID):
         narrow = now.cover.width(now.log_weight).min(initial=np.inf) * SPACING**2
@@ -330,7 +332,7 @@ def _sharpened(bank: Bank[S], now: S, other: np.ndarray) -> S:
         # far from the middle of a lattice that has moved on the way, or that is much too coarse
         middle = now.cover.centre if narrow >= COLLAPSED else now.cover.point[int(np.argmax(now.log_weight))]
         try:
-            now = _laid(bank, middle, covariance, now.step, other, MOST_FINE)
+            now = _laid(construction, middle, covariance, now.step, other, MOST_FINE)
         except _TooMany:
             break
     return replace(now, cover=replace(now.cover, sharp=min(SHARP, 0.5 * narrow)))

@@ -1,4 +1,4 @@
-"""Filters side by side: the bank over constants of a step against Bayes by brute force, and compiled linear filters."""
+"""Filters side by side: the grid filter over constants of a step against Bayes by brute force, and compiled linear filters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.parallel_filters import Data, advance, filters_of
-from strainsight.estimation.step_bank import StepBank, filter_constants
+from strainsight.estimation.step_grid_filter import StepGridProblem, filter_constants
 from strainsight.runner.where import Where, opened
 
 from .chain import finer
@@ -86,7 +86,7 @@ class Oscillator(StepToy):
         return xi, np.array(y)[:, None]
 
 
-def bank_of(mean, P, filters):
+def problem_of(mean, P, filters):
     """Constants known independently of the motion: given ξ, the rest is as before."""
 
     def begin(xi):
@@ -95,7 +95,7 @@ def bank_of(mean, P, filters):
         x[:, XI:] = xi
         return x, np.tile(own, (len(xi), 1, 1))
 
-    return StepBank(mean, P, slice(XI, XI + 1), np.array([U, XI]), begin, filters)
+    return StepGridProblem(mean, P, slice(XI, XI + 1), np.array([U, XI]), begin, filters)
 
 
 PRIOR = 0.3
@@ -136,7 +136,7 @@ def test_where_the_step_is_linear_at_fixed_constants_the_bank_is_bayes_by_brute_
     mean, P = start(model.walk)
     _, y = model.drawn(mean, P, np.random.default_rng(4))
     with finer(0.5, 20.0):
-        found = filter_constants(bank_of(mean, P, runs_of(model, **how)), y)
+        found = filter_constants(problem_of(mean, P, runs_of(model, **how)), y)
     grid = found.mean[-1, XI] + found.std[-1, XI] * np.arange(-7, 7.01, 0.5)
     log = np.array([joint_density(model, mean, P, xi, y) for xi in grid]) - 0.5 * grid**2 / PRIOR**2
     w = np.exp(log - log.max())
@@ -152,9 +152,9 @@ def test_its_sigma_holds_over_drawn_truths_where_the_extended_filter_is_overconf
     """RMS of the error over RMS of σ, 100 truths of the model itself: 0.85 to 1.15; the extended filter's is 1.25."""
     model, (mean, P) = WEAKLY_SEEN, start(WEAKLY_SEEN.walk)
     draws = [model.drawn(mean, P, np.random.default_rng(7000 + seed)) for seed in range(100)]
-    banks = [filter_constants(bank_of(mean, P, runs_of(model)), y) for _, y in draws]
-    error = np.array([bank.mean[-1, XI] - xi for bank, (xi, _) in zip(banks, draws, strict=True)])
-    std = np.array([bank.std[-1, XI] for bank in banks])
+    grid_runs = [filter_constants(problem_of(mean, P, runs_of(model)), y) for _, y in draws]
+    error = np.array([grid_run.mean[-1, XI] - xi for grid_run, (xi, _) in zip(grid_runs, draws, strict=True)])
+    std = np.array([grid_run.std[-1, XI] for grid_run in grid_runs])
     assert 0.85 < np.sqrt(np.mean(error**2) / np.mean(std**2)) < 1.15
     extended = filter_runs(model, mean, P, np.stack([y for _, y in draws], axis=1))
     off = extended.mean[-1, :, XI] - np.array([xi for xi, _ in draws])
@@ -179,13 +179,13 @@ class Breaking(Oscillator):
 def test_points_whose_filters_diverge_or_have_no_start_weigh_nothing(measured):
     model, mean, P, y = measured
     breaking = Breaking(**{name: getattr(model, name) for name in ("known", "white", "walk", "sigma")})
-    bank = bank_of(mean, P, runs_of(breaking))
+    grid_run = problem_of(mean, P, runs_of(breaking))
 
     def begin(xi):
-        x, own = bank.begin(xi)
+        x, own = grid_run.begin(xi)
         return np.where(xi > 0.7, np.nan, x), own
 
-    found = filter_constants(replace(bank, begin=begin), y)
+    found = filter_constants(replace(grid_run, begin=begin), y)
     assert found.without > 0
     assert np.isfinite(found.mean).all()
     assert np.isfinite(found.std).all()
@@ -199,7 +199,7 @@ def test_where_no_filter_is_left_it_is_refused_with_a_remedy(measured):
     breaking = Breaking(known=model.known)
     object.__setattr__(breaking, "least", np.inf)
     with pytest.raises(NumericalError, match="at all values of the parameters have diverged") as error:
-        filter_constants(bank_of(mean, P, runs_of(breaking)), y)
+        filter_constants(problem_of(mean, P, runs_of(breaking)), y)
     assert "guess" in error.value.remedy
 
 
@@ -207,7 +207,7 @@ def test_a_constant_without_prior_width_is_refused(measured):
     model, mean, P, y = measured
     P[XI, XI] = 0.0
     with pytest.raises(InfeasibleError, match="first σ of the parameters is zero"):
-        filter_constants(bank_of(mean, P, runs_of(model)), y)
+        filter_constants(problem_of(mean, P, runs_of(model)), y)
 
 
 A = np.array([[0.8, 0.1], [-0.1, 0.7]])
@@ -251,7 +251,7 @@ def test_threads_change_no_bit(monkeypatch):
     model = chain(tuple(REFERENCE)[:1])
     own, rng = constants(model), np.random.default_rng(6)
     at = linear_models(model, np.linspace(-0.2, 0.2, 5)[:, None], own)
-    (B, m, n), d, known = at.H.shape, at.nuisances, both_forces()[:40, :, :1]
+    (B, m, n), d, known = at.H.shape, at.considered_count, both_forces()[:40, :, :1]
     samples, found = rng.standard_normal((40, m)), []
     for jobs in (1, 2, 3):
         filters = filters_of(at, np.zeros((B, n)), np.eye(n), np.zeros((B, d, n)))
@@ -293,7 +293,7 @@ def test_a_step_of_modes_apart_is_that_of_full_matrices():
     found = []
     for each in (apart, full):
         filters = filters_of(
-            each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.nuisances, n)), consider=True
+            each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.considered_count, n)), consider=True
         )
         data = Data(known.reshape(50, -1), known_ends(known, own), samples, R, np.zeros(m))
         found.append(advance(each, filters, data, True))
