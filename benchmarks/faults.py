@@ -198,7 +198,7 @@ def with_fault(study: Study, what: str, realisation: int) -> tuple[np.ndarray, F
 
 def outcome(found: Diagnosis, fault: Fault | None) -> str:
     """What was made of a record that has this fault."""
-    if not found.contradicts:
+    if not found.inconsistent:
         return "not seen"
     if fault is None:
         return "accused"

@@ -85,7 +85,7 @@ def main() -> None:
             error = found.run.mean[-1, 0, states:] - truth[-1, 0, states:]
             shares = ", ".join(f"{e:.2f}" for e in error / found.run.std[-1, 0, states:])
             print(
-                f"{words}, {threads} threads: {took:.1f} s, laid {found.laid} times, {len(found.weight)} points, "
+                f"{words}, {threads} threads: {took:.1f} s, laid {found.grid_count} times, {len(found.weight)} points, "
                 f"error/σ {shares}",
                 flush=True,
             )

@@ -22,11 +22,11 @@ def rainflow(signal: np.ndarray) -> np.ndarray:
     Peaks between samples are not seen: of a sine of n samples a period a range is up to 1 − cos(π/n) too small.
     Raises ValueError for NaN. Source: ASTM E1049-85 (2017), 5.4.4.
     """
-    own = np.ascontiguousarray(signal, dtype=float)
-    if not np.isfinite(own).all():
-        raise ValueError("a signal with NaN has no cycles")
-    cycles = np.empty((len(own), 3))
-    return cycles[: _count(own, np.empty((2, len(own))), cycles)]
+    values = np.ascontiguousarray(signal, dtype=float)
+    if not np.isfinite(values).all():
+        raise ValueError("the signal contains NaN")
+    cycles = np.empty((len(values), 3))
+    return cycles[: _count(values, np.empty((2, len(values))), cycles)]
 
 
 @njit(cache=True, nogil=True)
@@ -48,7 +48,7 @@ def _reversals(signal, out):  # type: ignore[no-untyped-def]
 def _count(signal, work, cycles):  # type: ignore[no-untyped-def]
     """ASTM E1049 5.4.4 into cycles (T, 3): range, mean, ½ or 1; how many. work (2, T)."""
     turns = _reversals(signal, work[0])
-    stack, height, found = work[1], 0, 0
+    stack, height, count = work[1], 0, 0
     for i in range(turns):
         stack[height] = work[0, i]
         height += 1
@@ -57,21 +57,21 @@ def _count(signal, work, cycles):  # type: ignore[no-untyped-def]
             if last < before:
                 break
             first, second = stack[height - 3], stack[height - 2]
-            cycles[found, 0], cycles[found, 1] = before, 0.5 * (first + second)
+            cycles[count, 0], cycles[count, 1] = before, 0.5 * (first + second)
             if height == 3:
-                cycles[found, 2] = 0.5
+                cycles[count, 2] = 0.5
                 stack[0], stack[1] = stack[1], stack[2]
                 height = 2
             else:
-                cycles[found, 2] = 1.0
+                cycles[count, 2] = 1.0
                 stack[height - 3] = stack[height - 1]
                 height -= 2
-            found += 1
+            count += 1
     for i in range(height - 1):
-        cycles[found, 0], cycles[found, 1] = abs(stack[i + 1] - stack[i]), 0.5 * (stack[i] + stack[i + 1])
-        cycles[found, 2] = 0.5
-        found += 1
-    return found
+        cycles[count, 0], cycles[count, 1] = abs(stack[i + 1] - stack[i]), 0.5 * (stack[i] + stack[i + 1])
+        cycles[count, 2] = 0.5
+        count += 1
+    return count
 
 
 @njit(cache=True, nogil=True)
@@ -111,16 +111,16 @@ def _sums(signals, curve, rule, constant, out):  # type: ignore[no-untyped-def]
     steps = signals.shape[1]
     work, cycles = np.empty((2, steps)), np.empty((steps, 3))
     for p in range(len(signals)):
-        found = _count(signals[p], work, cycles)
+        count = _count(signals[p], work, cycles)
         miner, moment = 0.0, 0.0
-        for i in range(found):
-            own = _corrected(cycles[i, 0], cycles[i, 1], rule, constant)
-            power = (own / curve[0]) ** curve[2]
+        for i in range(count):
+            amplitude = _corrected(cycles[i, 0], cycles[i, 1], rule, constant)
+            power = (amplitude / curve[0]) ** curve[2]
             moment += cycles[i, 2] * power
-            if own >= curve[3] and own > curve[5]:
+            if amplitude >= curve[3] and amplitude > curve[5]:
                 miner += cycles[i, 2] * power / curve[1]
             else:
-                miner += cycles[i, 2] * _cycle_damage(own, curve)
+                miner += cycles[i, 2] * _cycle_damage(amplitude, curve)
         out[p, 0], out[p, 1] = miner, moment
 
 
@@ -191,7 +191,9 @@ class Curve:
 
     def damage(self, range_: np.ndarray) -> np.ndarray:
         """1/N [-] of one cycle of each range [Pa]."""
-        return np.array([_cycle_damage(float(own), self.numbers) for own in np.ravel(range_)]).reshape(np.shape(range_))
+        return np.array([_cycle_damage(float(value), self.numbers) for value in np.ravel(range_)]).reshape(
+            np.shape(range_)
+        )
 
 
 @dataclass(frozen=True)
@@ -234,11 +236,11 @@ def damage_of(signals: np.ndarray, curve: Curve, mean: MeanStress | None = None)
     over the cycles of each by rainflow. NaN of a history with NaN in it. Sources: Palmgren (1924); Miner, J. Applied Mechanics 12
     (1945).
     """
-    own, rule = np.ascontiguousarray(signals, dtype=float), MeanStress() if mean is None else mean
-    out, whole = np.empty((len(own), 2)), np.isfinite(own).all(axis=1)
+    values, rule = np.ascontiguousarray(signals, dtype=float), MeanStress() if mean is None else mean
+    out, whole = np.empty((len(values), 2)), np.isfinite(values).all(axis=1)
     if not whole.all():
-        own = np.where(whole[:, None], own, 0.0)
-    _sums(own, curve.numbers, rule.rule, rule.constant, out)
+        values = np.where(whole[:, None], values, 0.0)
+    _sums(values, curve.numbers, rule.rule, rule.constant, out)
     out[~whole] = np.nan
     return Damage(out[:, 0], out[:, 1])
 
@@ -259,9 +261,9 @@ def one_number(stress: np.ndarray, kind: str) -> np.ndarray:
 
     In pure shear the principal stresses of the largest size are two of opposite sign, and either is taken.
     """
-    own = np.ascontiguousarray(stress, dtype=float)
-    out = np.empty((own.shape[0], own.shape[2]))
-    _one_number(own, KINDS[kind], out)
+    values = np.ascontiguousarray(stress, dtype=float)
+    out = np.empty((values.shape[0], values.shape[2]))
+    _one_number(values, KINDS[kind], out)
     return out
 
 
@@ -286,7 +288,7 @@ def interval_of(draws: np.ndarray) -> Interval:
     Raises ValueError for fewer draws. Source: Weibull (1939); Hyndman and Fan, The American Statistician 50 (1996), type 6.
     """
     if len(draws) < FEWEST:
-        raise ValueError(f"{len(draws)} draws for an interval of 95 %, fewer than {FEWEST}")
+        raise ValueError(f"an interval of 95 % needs at least {FEWEST} draws, not {len(draws)}")
     ordered = np.sort(draws, axis=0)
     return Interval(*(_between(ordered, q) for q in (0.5, 0.025, 0.975)))
 
@@ -297,6 +299,6 @@ def _between(ordered: np.ndarray, q: float) -> np.ndarray:
     low, high = ordered[below], ordered[below + 1]
     share = place - below
     # an infinite draw above makes it infinite, and two make no difference of infinities
-    apart = np.isfinite(high) & np.isfinite(low)
-    step = np.where(apart, high, 0.0) - np.where(apart, low, 0.0)
-    return np.asarray(np.where(apart, low + share * step, high if share > 0 else low))
+    finite = np.isfinite(high) & np.isfinite(low)
+    step = np.where(finite, high, 0.0) - np.where(finite, low, 0.0)
+    return np.asarray(np.where(finite, low + share * step, high if share > 0 else low))

@@ -242,7 +242,7 @@ def test_an_undamped_training_run_is_the_closed_form(tmp_path, settle):
 
 def test_an_undamped_motion_that_nothing_excites_has_no_steady_filter(tmp_path):
     with pytest.raises(
-        InfeasibleError, match="an undamped motion of the structure is reached by no process noise"
+        InfeasibleError, match="an undamped motion of the structure has no process noise"
     ) as found:
         finished(tmp_path, "place", bricks(COUNTS), EVERY | {"damping.ratio": 0.0, "loads.tip.direction": [0, 0, 1]})
     assert "a ratio of 1e-4 will do" in found.value.remedy

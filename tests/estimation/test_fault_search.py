@@ -164,7 +164,7 @@ def test_a_fault_of_one_channel_is_named(four, kind):
     model, P, y = four
     samples, fault = broken(kind, y[:, 3])
     found = examined(suspect(model, P, forces(LONG), samples))
-    assert found.contradicts
+    assert found.inconsistent
     assert found.named.fault == fault
 
 
@@ -197,16 +197,16 @@ def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four):
     record, load = (straight, mean, P, forces(LONG), samples, none_considered(model)), np.arange(1)
     given = CheckRecord(*record, turned_rows=rows, turned=turned, load=load)
     found = examined(given)
-    assert found.contradicts
+    assert found.inconsistent
     assert found.named.fault == Fault("angle", 0, 60.0)
     sound = draw_truth(straight, np.zeros(5), P, forces(LONG), [3])[1][:, 0]
-    assert not examined(replace(given, samples=sound)).contradicts
+    assert not examined(replace(given, samples=sound)).inconsistent
 
 
 def test_a_search_for_faults_in_a_sound_record_finds_none(four):
     model, P, y = four
     for one in range(y.shape[1]):
-        assert not examined(suspect(model, P, forces(LONG), y[:, one])).contradicts, one
+        assert not examined(suspect(model, P, forces(LONG), y[:, one])).inconsistent, one
     found = diagnosed(suspect(model, P, forces(LONG), y[:, 0]))
     assert found.named is None
     assert found.candidates == ()
@@ -220,7 +220,7 @@ def test_of_two_channels_that_read_the_same_none_is_blamed_for_a_delay(four):
     samples = draw_truth(twin, np.zeros(5), P, calm, [2])[1][:, 0]
     samples[3:, 1] = samples[:-3, 1].copy()
     found = examined(suspect(twin, P, calm, samples))
-    assert found.contradicts
+    assert found.inconsistent
     assert found.named is None
     assert {own.fault.channel for own in found.candidates} == {0, 1}
 
@@ -230,5 +230,5 @@ def test_no_channel_is_blamed_where_any_reading_is_some_load(four):
     one = replace(model, H=model.H[:1], r=model.r[:1])
     samples = y[:, 0, :1] + 0.5 * np.sin(0.5 * np.arange(LONG))[:, None]
     found = examined(suspect(one, P, forces(LONG), samples))
-    assert found.contradicts
+    assert found.inconsistent
     assert found.candidates == ()

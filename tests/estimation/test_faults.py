@@ -170,14 +170,14 @@ WRONG = {
 
 
 def test_a_sound_record_is_consistent(record):
-    assert not examined(record).contradicts
+    assert not examined(record).inconsistent
 
 
 @pytest.mark.parametrize("name", ["sign", "kilonewtons", "pounds", "late", *slowly("early")])
 def test_the_fault_of_a_load_is_named(record, name):
     wrong, fault = WRONG[name]
     found = examined(replace(record, known=held(wrong)))
-    assert found.contradicts
+    assert found.inconsistent
     named = found.named.fault
     assert (named.kind, named.channel, named.of_load) == (fault.kind, fault.channel, True)
     assert named.amount == pytest.approx(fault.amount)
@@ -218,7 +218,7 @@ def test_a_birge_ratio_bounds_how_often_a_grid_is_laid(record):
     quiet = replace(record.model, r=1e-2 * record.model.r)
     late = replace(record, model=quiet, known=held(WIDE[:-7]))
     claimed, widened = (filter_records([late], birge_ratio=ratio)[0] for ratio in (1.0, 1.5))
-    assert widened.laid < claimed.laid / 3
+    assert widened.grid_count < claimed.grid_count / 3
     (mean,), ((variance,),) = widened.posterior
     assert variance > 1.5**2 * claimed.posterior[1][0, 0]
     assert abs(mean - claimed.posterior[0][0]) < np.sqrt(variance)
@@ -236,7 +236,7 @@ def test_swapped_loads_are_exchanged_with_their_tones():
     given = loaded(driven_chain(), known, np.zeros((20, 1)), tones)
     found = without_load_fault(given, np.array([0, 1, 0, 1]), Fault("swapped", 0, 1, of_load=True))
     np.testing.assert_array_equal(found.known, known[..., [1, 0, 3, 2]])
-    np.testing.assert_array_equal(found.settled.held, tones.held[..., [1, 0, 3, 2]])
+    np.testing.assert_array_equal(found.settled.hold, tones.hold[..., [1, 0, 3, 2]])
 
 
 @pytest.mark.parametrize("n", [3, -3])
@@ -249,7 +249,7 @@ def test_a_delay_moves_steps_and_tones_alike(n):
     given = loaded(model, sine, np.zeros((40, 2)), Settled(np.array([w]), W, np.zeros(2)))
     found = without_load_fault(given, np.zeros(1, dtype=int), Fault("late", 0, n, of_load=True))
     inside = slice(0, 37) if n > 0 else slice(3, None)
-    by_tones = np.real(found.settled.held[0] * np.exp(1j * w * model.h * np.arange(40))[:, None, None])
+    by_tones = np.real(found.settled.hold[0] * np.exp(1j * w * model.h * np.arange(40))[:, None, None])
     np.testing.assert_allclose(found.known[inside], by_tones[inside], atol=1e-12)
     missing = np.isnan(found.samples).all(axis=1)
     np.testing.assert_array_equal(np.flatnonzero(missing), [37, 38, 39] if n > 0 else [0, 1, 2])

@@ -190,7 +190,7 @@ def test_a_diverged_run_is_reported_and_leaves_the_others_alone():
     assert np.all(np.isfinite(run.mean[: run.lost[1], 1]))
     alone = run_filter(model, mean, P0, u, y[:, 0])
     np.testing.assert_allclose(run.mean[:, 0], alone.mean[:, 0], rtol=1e-8, atol=1e-10 * np.abs(alone.mean).max())
-    with pytest.raises(NumericalError, match="E left the guess"):
+    with pytest.raises(NumericalError, match="E deviated from the guess"):
         run_filter(model, mean, P0, u, wild[:, 1])
 
 

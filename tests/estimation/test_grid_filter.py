@@ -140,7 +140,7 @@ def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step
         mean, covariance = found.posterior
         np.testing.assert_allclose(mean, expected, atol=off * std.min())
         np.testing.assert_allclose(np.sqrt(np.diag(covariance)), std, rtol=wider)
-        assert found.laid < 30
+        assert found.grid_count < 30
 
 
 def test_what_samples_remove_of_a_covariance_is_one_less_what_they_leave_without_growth():

@@ -225,7 +225,7 @@ def test_where_nothing_changes_any_more_steps_are_those_before():
     model = replace(chain(), free_loads=True)
     first = replace(model, every=2), np.zeros(7), start()
     record = GridRecord(*first, forces(800), np.zeros((400, 2)), damping(model))
-    problem = grid_filter_points.GridProblem((record,), judged=True)
+    problem = grid_filter_points.GridProblem((record,), use_free_loads=True)
     (found,) = problem.noise_alone
     pairs = found.reshape(400, 2, -1).sum(axis=1)
     np.testing.assert_allclose(pairs[200:300], np.tile(pairs[250], (100, 1)), rtol=1e-6)

@@ -48,7 +48,7 @@ def changed(record, change):
 
 def named(record):
     found = check_record(record).finding
-    assert found.contradicts
+    assert found.inconsistent
     return found.named
 
 
@@ -93,11 +93,11 @@ def test_a_periodic_motion_goes_on_in_a_stretch(record):
     held = np.array([1 + 2j, 0.5j])[:, None, None] * np.ones((2, 3, 1))
     part = part_of(replace(record, settled=Settled(frequency, held, np.ones(4))), 100, 180)
     expected = np.exp(1j * frequency * 100 * H)[:, None, None] * held
-    np.testing.assert_allclose(part.settled.held, expected, rtol=1e-12)
+    np.testing.assert_allclose(part.settled.hold, expected, rtol=1e-12)
 
 
 def test_a_sound_record_behind_rest_agrees(record):
-    assert not check_record(record).finding.contradicts
+    assert not check_record(record).finding.inconsistent
 
 
 def scalable(record, std):
@@ -114,7 +114,7 @@ def test_a_sudden_load_of_a_sound_record_is_no_reason_to_search_its_rest(record)
     check = check_record(scalable(replace(record, model=model, samples=samples), 0.2))
     assert abs(check.worst[0] - REST) < 20
     assert check.worst[2] > SPIKE
-    assert not check.finding.contradicts
+    assert not check.finding.inconsistent
 
 
 def test_at_rest_unknown_loads_are_as_intense_as_is_most_likely(record):
@@ -154,7 +154,7 @@ def test_spikes_are_named_wherever_they_are(record):
 
 def test_what_is_wrong_in_the_rest_is_found(record):
     check = check_record(changed(record, lambda y: y.__setitem__((slice(100, 200), 2), y[100:200, 2] + 15 * NOISE)))
-    assert check.finding.contradicts
+    assert check.finding.inconsistent
     fault = check.finding.named.fault
     ((channel, first, behind),) = fault.spans
     assert (fault.kind, channel) == ("shift", 2)
@@ -165,7 +165,7 @@ def test_what_is_wrong_in_the_rest_is_found(record):
 def test_innovations_are_looked_at_to_the_end_of_the_record(record):
     noise = 10 * NOISE * np.random.default_rng(2).standard_normal((100, 4))
     check = check_record(changed(record, lambda y: y.__setitem__(slice(50, 150), y[50:150] + noise)))
-    assert check.finding.contradicts
+    assert check.finding.inconsistent
     assert check.finding.named is None
     assert 50 <= check.worst[0] <= 150
 
@@ -199,7 +199,7 @@ def sound():
 @pytest.mark.parametrize("strain", [(1, 1, -1, 1), (1, 0.5, 1, -1)])
 def test_additional_load_is_named_and_no_channel_accused(sound, strain):
     finding = check_record(replace(sound, samples=sound.samples + 2 * NOISE * np.outer(SLOW, strain))).finding
-    assert finding.contradicts
+    assert finding.inconsistent
     assert finding.pattern is not None
     assert not finding.candidates
     assert finding.pattern.share.sum() == pytest.approx(1)
@@ -208,7 +208,7 @@ def test_additional_load_is_named_and_no_channel_accused(sound, strain):
 
 def test_load_faster_than_its_process_noise_is_no_additional_load(sound):
     finding = check_record(with_intensity(sound, 0.01)).finding
-    assert finding.contradicts
+    assert finding.inconsistent
     assert finding.pattern is None
     assert not finding.candidates
 

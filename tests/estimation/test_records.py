@@ -292,7 +292,7 @@ def test_a_birge_ratio_of_root_two_makes_one_record_of_two_equal_ones(measured):
     with finer(0.5, 14.0):
         one = filter_records([record])[0]
         two = filter_records([record, record], birge_ratio=np.sqrt(2))[0]
-    assert two.laid < FOLLOWED
+    assert two.grid_count < FOLLOWED
     std = np.sqrt(np.diag(one.posterior[1]))
     np.testing.assert_allclose(two.posterior[0], one.posterior[0], atol=2e-3 * std.min())
     np.testing.assert_allclose(two.posterior[1], one.posterior[1], atol=5e-3 * std.min() ** 2)

@@ -198,7 +198,7 @@ def test_where_no_filter_is_left_it_is_refused_with_a_remedy(measured):
     model, mean, P, y = measured
     breaking = Breaking(known=model.known)
     object.__setattr__(breaking, "least", np.inf)
-    with pytest.raises(NumericalError, match="at all values of the parameters have diverged") as error:
+    with pytest.raises(NumericalError, match="at all parameter values diverged") as error:
         filter_constants(problem_of(mean, P, runs_of(breaking)), y)
     assert "guess" in error.value.remedy
 
@@ -206,7 +206,7 @@ def test_where_no_filter_is_left_it_is_refused_with_a_remedy(measured):
 def test_a_constant_without_prior_width_is_refused(measured):
     model, mean, P, y = measured
     P[XI, XI] = 0.0
-    with pytest.raises(InfeasibleError, match="first σ of the parameters is zero"):
+    with pytest.raises(InfeasibleError, match="initial σ of the parameters is zero"):
         filter_constants(problem_of(mean, P, runs_of(model)), y)
 
 

@@ -257,7 +257,7 @@ def test_slopes_of_an_accelerometer_are_its_differences(driven):
     second = np.array([2.0, -1.0, 3.0])
     frame = next(f.frame for f in system.forces if f.name == "push")
     rock = Frame("rock", "rock", np.array([0.1, 0.2, 0.3]))
-    plain = Accelerometer("plain", rock, own=False, gravity=False)
+    plain = Accelerometer("plain", rock, local_axes=False, gravity=False)
     both = readings(system, [Accelerometer("own", frame), plain, position_sensor("tip", frame)])
     found = measured(system, both, q, v, u, theta, second)
     assert both.channels[3:] == ("own 1", "own 2", "own 3", "plain 1", "plain 2", "plain 3")

@@ -74,7 +74,7 @@ def test_equilibrium_of_everything_is_where_the_damped_motion_ends(everything):
 def test_mechanism_that_nothing_holds_is_named():
     top = RigidBody("top", 1.0, np.zeros(3), np.eye(3))
     system = assemble([top], [revolute("pivot", Frame("wall"), Frame("end", "top"))], [DOWN])
-    with pytest.raises(InfeasibleError, match="nothing holds body top"):
+    with pytest.raises(InfeasibleError, match="no stiffness restrains body top"):
         static_equilibrium(system, state(system, {})[0], np.zeros(0), np.zeros(0))
 
 
@@ -216,7 +216,7 @@ def test_constraint_that_nothing_can_change_is_named():
 def test_motion_without_mass_is_named():
     loose = assemble([BALL, ROD], [spherical("joint", frame("nose", "ball", 1, 0, 0), frame("end", "rod"))])
     q, _ = state(loose, {"rod": Pose(np.array([1.0, 0, 0]))})
-    with pytest.raises(InfeasibleError, match="body rod can move without moving any mass"):
+    with pytest.raises(InfeasibleError, match="body rod can move without inertia"):
         project_position(loose, q)
     held = assemble([BALL, ROD], [revolute("joint", frame("nose", "ball", 1, 0, 0), frame("end", "rod"))])
     np.testing.assert_allclose(project_position(held, q), q, atol=1e-15)
@@ -225,7 +225,7 @@ def test_motion_without_mass_is_named():
 def test_a_body_out_of_all_proportion_is_named():
     planet = RigidBody("planet", 1e30, np.zeros(3), 1e30 * np.eye(3))
     system = assemble([BALL, planet], [spherical("joint", frame("wall", None), frame("end", "ball"))])
-    with pytest.raises(InfeasibleError, match="the inertia of body planet is too large beside the rest"):
+    with pytest.raises(InfeasibleError, match="the inertia of body planet is too large compared with the rest"):
         project_position(system, state(system, {})[0])
 
 

@@ -229,9 +229,9 @@ def three_walks(channels, noise, criterion):
 def test_no_unknown_is_lost_where_the_least_missed_gauge_is_the_one_that_sees_two(criterion):
     # gauge 0 sees two walks, badly: it is missed least, but without it no two gauges see three walks
     pools = three_walks([(1, 2), (1,), (2,), (3,)], [100.0, 1.0, 1.0, 1.0], criterion)
-    assert eliminate_from(pools, 3).kept.tolist() == [1, 2, 3]
-    assert eliminate_from(pools, 2).kept.tolist() == [0, 3]
-    assert eliminate_from(pools, limits_of(4, 3, fixed=(0,))).kept.tolist() in ([0, 1, 3], [0, 2, 3])
+    assert eliminate_from(pools, 3).selected.tolist() == [1, 2, 3]
+    assert eliminate_from(pools, 2).selected.tolist() == [0, 3]
+    assert eliminate_from(pools, limits_of(4, 3, fixed=(0,))).selected.tolist() in ([0, 1, 3], [0, 2, 3])
     with pytest.raises(InfeasibleError):
         eliminate_from(pools, 1)
 

@@ -123,7 +123,7 @@ def test_a_load_in_a_clamped_direction_is_refused_by_name():
     Q = process_intensity(model.size, unknowns, {"Fz": 20.0, "Fy": 40.0}, {})
     H = augment_rows(beam.rows, unknowns)
     scenario = Scenario(F, Q, H, gauge_intensity(np.full(20, 1e-6), 5e-4), np.ones(len(F)))
-    with pytest.raises(InfeasibleError, match=r"no gauge of the pool can tell Fy\n"):
+    with pytest.raises(InfeasibleError, match=r"no gauge of the pool can observe Fy\n"):
         eliminate([scenario], 4, names=unknowns.names)
 
 
@@ -146,8 +146,8 @@ def test_loads_modulus_and_density_together_are_never_placed(modes):
 @pytest.mark.parametrize(
     ("field", "at", "value", "words"),
     [
-        ("H", (3, 2), np.nan, "row of gauge 3 of the pool is not finite"),
-        ("H", (5, 0), np.inf, "row of gauge 5 of the pool is not finite"),
+        ("H", (3, 2), np.nan, "operator of gauge 3 of the pool is not finite"),
+        ("H", (5, 0), np.inf, "operator of gauge 5 of the pool is not finite"),
         ("r", 7, 0.0, "noise of gauge 7 of the pool is 0"),
         ("r", 2, -1e-12, "noise of gauge 2 of the pool is -1e-12"),
         ("r", 4, np.nan, "noise of gauge 4 of the pool is nan"),
@@ -242,14 +242,14 @@ def test_search_in_slow_motions_ends_where_that_in_all_ends(pools):
     slow = slow_metric(pools, found_in(pools))
     costs = []
     for searched in (slow, pools):
-        kept = eliminate_from(searched, 4).kept
+        kept = eliminate_from(searched, 4).selected
         costs.append(score(pools, exchange(searched, kept).gauges, "mean"))
     assert costs[0] == pytest.approx(costs[1], rel=2 * AGREES)
 
 
 def test_a_bound_that_begins_at_the_optimum_of_the_slow_motions_is_one_of_all(pools):
     slow = slow_metric(pools, found_in(pools))
-    gauges = exchange(pools, eliminate_from(pools, 4).kept).gauges
+    gauges = exchange(pools, eliminate_from(pools, 4).selected).gauges
     cost = score(pools, gauges, "mean")
     plain = certify(pools, gauges, cost)
     near = certify(slow, gauges, score(slow, gauges, "mean"))

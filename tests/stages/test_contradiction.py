@@ -40,7 +40,7 @@ def wrong(project, name, change):
 def test_a_record_that_agrees_ends_with_0_and_its_channels_are_listed(project):
     code, said, found = found_of(project, project / "results" / "blind" / "measured.csv")
     assert code == 0
-    assert "not to be trusted" not in said
+    assert "not reliable" not in said
     assert found["/trusted"]
     assert not found["/channel_check/by_others"]
     assert np.all(found["/channel_check/correlation"] > 0.99)

@@ -26,7 +26,7 @@ DESERTED = 60.0
 """[s] without any worker after which a sweep is given up: where workers die, others often follow."""
 SAME = ("strainsight", "numpy", "scipy", "numba", "dask", "distributed", "cloudpickle")
 """Packages that must have one version everywhere: the results come from the first four, the rest carries them."""
-CODE = "code of strainsight"
+CODE = "source code of strainsight"
 SILENT = 30.0
 """[s] that a scheduler may leave a question open in the middle of a sweep: it may be busy, or stand still."""
 CARRYING = 10
@@ -51,7 +51,7 @@ class _Watch:
     """When the workers were last looked for, and when one was there [s]; worker → its last heartbeat, and when that was new."""
 
     looked: float
-    seen: float
+    last_worker: float
     heartbeats: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -84,8 +84,8 @@ def _require_scheduler(address: str) -> None:
     from distributed.security import Security
 
     async def who() -> str:
-        async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
-            return str((await there.identity())["type"])
+        async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
+            return str((await scheduler.identity())["type"])
 
     try:
         kind = asyncio.run(asyncio.wait_for(who(), PATIENCE))
@@ -95,11 +95,13 @@ def _require_scheduler(address: str) -> None:
         raise UserError(
             f"no Dask scheduler at {address}: {why or type(error).__name__}",
             key="--dask",
-            remedy=f"start one (`dask scheduler`) and give the address that it prints; it has {PATIENCE:g} s to answer",
+            remedy=f"start a scheduler (`dask scheduler`) and pass the address that it prints; the timeout is {PATIENCE:g} s",
         ) from None
     if kind != "Scheduler":
         raise UserError(
-            f"{address} is a Dask {kind.lower()}, not a scheduler", key="--dask", remedy="give the scheduler's"
+            f"{address} is a Dask {kind.lower()}, not a scheduler",
+            key="--dask",
+            remedy="pass the address of the scheduler",
         )
 
 
@@ -108,34 +110,36 @@ def _require_workers(client: Any, address: str) -> None:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError:
         raise UserError(
-            f"the Dask scheduler at {address} has no workers", key="--dask", remedy=f"dask worker {address}"
+            f"the Dask scheduler at {address} has no workers",
+            key="--dask",
+            remedy=f"start a worker: dask worker {address}",
         ) from None
 
-    async def stated() -> tuple[Any, Any]:
+    async def collect_versions() -> tuple[Any, Any]:
         scheduler = await client.scheduler.versions(packages=SAME)
         return scheduler, await client.scheduler.broadcast(msg={"op": "versions", "packages": SAME}, on_error="ignore")
 
     try:
-        scheduler, workers = client.sync(stated, callback_timeout=ANSWER)
+        scheduler, workers = client.sync(collect_versions, callback_timeout=ANSWER)
     except TimeoutError:
         raise _frozen(f"a worker of the Dask scheduler at {address}", ANSWER) from None
     _refuse_others(scheduler["packages"], "scheduler")
-    for worker, own in workers.items():
-        _refuse_others(own["packages"], f"worker {worker}")
+    for worker, report in workers.items():
+        _refuse_others(report["packages"], f"worker {worker}")
 
 
 def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str, str | None] | None = None) -> None:
     """Raise UserError where a package has another version there."""
     other = [
-        f"{name} {_shown(theirs.get(name))} there, {_shown(own)} here"
-        for name, own in (ours or versions()).items()
-        if theirs.get(name) != own
+        f"{name} {_shown(theirs.get(name))} there, {_shown(version)} here"
+        for name, version in (ours or versions()).items()
+        if theirs.get(name) != version
     ]
     if other:
         raise UserError(
-            f"the Dask {who} is another installation: {', '.join(other)}",
+            f"the Dask {who} has a different installation: {', '.join(other)}",
             key="--dask",
-            remedy="install the same versions on all machines: results must not depend on where they are computed",
+            remedy="install the same versions on all machines: results must not depend on the machine",
         )
 
 
@@ -144,8 +148,8 @@ def versions() -> dict[str, str | None]:
     """Python and the packages that must agree."""
     from distributed.versions import get_package_info
 
-    found: dict[str, str | None] = get_package_info(SAME)
-    return {name: found[name] for name in ("python", *SAME)}
+    info: dict[str, str | None] = get_package_info(SAME)
+    return {name: info[name] for name in ("python", *SAME)}
 
 
 @cache
@@ -177,22 +181,24 @@ def _sweep(
     keys = [(run, place) for place in range(len(points))]
     ours = versions() | {CODE: sources()}
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
-        kept = client.submit(_kept, shared, key=f"shared-{run}")
-        futures = client.map(_one, list(points), key=keys, task=task, shared=kept, ours=ours, pure=False)
+        future = client.submit(_identity, shared, key=f"shared-{run}")
+        futures = client.map(_one, list(points), key=keys, task=task, shared=future, ours=ours, pure=False)
     try:
         return _collected(client, futures, progress)
     except _SilentError:
         why = f"the Dask scheduler has not answered for {SILENT:g} s"
-        raise _lost(why, "look whether its machine still runs, or start it anew") from None
+        raise _lost(why, "check that its machine is running, or restart it") from None
     except BaseException as error:
         # The client may still be trying to connect again when the first future tells that the connection is lost.
         if client.status != "running" or isinstance(error, CommClosedError | CancelledError):
-            raise _lost("the Dask scheduler has gone", "start it and its workers again") from error
+            raise _lost(
+                "the connection to the Dask scheduler was lost", "restart the scheduler and its workers"
+            ) from error
         client.cancel(futures, force=True)
         raise
 
 
-def _kept(shared: Any) -> Any:
+def _identity(shared: Any) -> Any:
     return shared
 
 
@@ -208,7 +214,7 @@ def _collected(client: Any, futures: Sequence[Any], progress: Progress) -> list[
     """The results in order; the error of a task ends them all."""
     from distributed import wait
 
-    found: dict[Any, Captured] = {}
+    results: dict[Any, Captured] = {}
     waiting, watch = set(futures), _Watch(time.monotonic(), time.monotonic())
     while waiting:
         try:
@@ -217,28 +223,28 @@ def _collected(client: Any, futures: Sequence[Any], progress: Progress) -> list[
         except TimeoutError:
             _look_for_workers(client, watch)
             continue
-        found |= _results(client, done)
+        results |= _results(client, done)
         waiting -= done
-        progress(len(found) / len(futures))
-    return [repeated(found[future.key]) for future in futures]
+        progress(len(results) / len(futures))
+    return [repeated(results[future.key]) for future in futures]
 
 
 def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
     from distributed import KilledWorker
 
     async def gathered() -> list[Captured]:
-        own: list[Captured] = await client.gather(list(done), asynchronous=True)
-        return own
+        values: list[Captured] = await client.gather(list(done), asynchronous=True)
+        return values
 
     try:
-        found = client.sync(gathered, callback_timeout=CARRYING * SILENT)
-        return dict(zip((future.key for future in done), found, strict=True))
+        values = client.sync(gathered, callback_timeout=CARRYING * SILENT)
+        return dict(zip((future.key for future in done), values, strict=True))
     except TimeoutError:
         _identities(client)
         raise _frozen("a Dask worker that holds results", CARRYING * SILENT) from None
     except KilledWorker:
         raise StrainsightError(
-            "several workers of the cluster were killed at the same task of a sweep, probably for lack of memory",
+            "several workers of the cluster were killed by the same task of a sweep, probably because memory ran out",
             remedy="start workers with more memory (dask worker --memory-limit) or fewer threads (--nthreads 1)",
         ) from None
 
@@ -246,10 +252,12 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
 def _identities(client: Any) -> dict[str, Any]:
     """Worker → what the scheduler knows of it; raises _SilentError where that does not answer."""
     try:
-        there: dict[str, Any] = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)["workers"]
+        workers: dict[str, Any] = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)[
+            "workers"
+        ]
     except TimeoutError:
         raise _SilentError from None
-    return there
+    return workers
 
 
 def _look_for_workers(client: Any, watch: _Watch) -> None:
@@ -259,10 +267,10 @@ def _look_for_workers(client: Any, watch: _Watch) -> None:
     workers = _identities(client)
     now = watch.looked = time.monotonic()
     if workers:
-        watch.seen = now
-    elif now - watch.seen > DESERTED:
+        watch.last_worker = now
+    elif now - watch.last_worker > DESERTED:
         raise _lost(f"the Dask cluster has had no worker for {DESERTED:g} s", "start workers")
-    beats = {worker: own["last_seen"] for worker, own in workers.items()}
+    beats = {worker: identity["last_seen"] for worker, identity in workers.items()}
     before = watch.heartbeats
     watch.heartbeats = {
         w: (beat, before[w][1] if before.get(w, (0, 0))[0] == beat else now) for w, beat in beats.items()
@@ -273,9 +281,9 @@ def _look_for_workers(client: Any, watch: _Watch) -> None:
 
 
 def _frozen(who: str, seconds: float) -> UserError:
-    remedy = "look whether its machine still runs, and end or start it anew"
+    remedy = "check that its machine is running, and restart the worker"
     return _lost(f"{who} has not answered for {seconds:g} s", remedy)
 
 
 def _lost(what: str, remedy: str) -> UserError:
-    return UserError(what, key="--dask", remedy=f"{remedy}, then run again: finished stages are kept")
+    return UserError(what, key="--dask", remedy=f"{remedy}, then run the command again: finished stages are reused")

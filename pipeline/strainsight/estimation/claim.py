@@ -235,23 +235,23 @@ def predict_grid_std(
     Q = Q[:, :n, :n]
     errors = _Errors(whole[:, :n, :n], np.tile(V0, (B, 1, 1)), parts[:, :n, :n])
     followed = _Followed(prior, 0 if considered.learned else d, n)
-    apart = model.beside_free_loads
-    stated = model.process[:n, :n], Q
-    if apart:
+    free_loads = model.has_free_loads
+    configured = model.process[:n, :n], Q
+    if free_loads:
         free = model.with_free_loads(len(u))
-        judged = free.process[:n, :n], starts(free, covariance)[2][:, :n, :n]
+        noise = free.process[:n, :n], starts(free, covariance)[2][:, :n, :n]
     else:
-        judged = stated
+        noise = configured
     ahead = considers(model, considered)
-    beside = _Errors(errors.P, errors.V, errors.parts) if ahead or apart else None
+    state_errors = _Errors(errors.P, errors.V, errors.parts) if ahead or free_loads else None
     claimed = _Claimed(model.size, len(u) + 1, source, followed)
     claimed.after(0, errors)
     for k, step in enumerate(steps_along(model, trajectory, u, considered, B), start=1):
         A, pushed = step.A[:n, :n], np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
-        errors.predict(A, *judged, pushed)
+        errors.predict(A, *noise, pushed)
         followed.predict(A)
-        if beside is not None:
-            beside.predict(A, *stated, pushed)
+        if state_errors is not None:
+            state_errors.predict(A, *configured, pushed)
         if step.sampled:
             H, R = step.H[..., :n], step.variance
             K, L = gain(errors.P, H, R, step.instant)
@@ -259,11 +259,11 @@ def predict_grid_std(
             read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
             followed.update(errors.parts, K[0], L, H[0], by_sensors(R), errors.slope(H, read))
             errors.update(K, H, R, read)
-            if beside is not None:
+            if state_errors is not None:
                 first = slice(d if ahead else 0)
-                slope = transposed(beside.slope(H, read)[:, first])
-                beside.update(schmidt_gain(beside.P, H, R, beside.V[:, first], slope), H, R, read)
-        claimed.after(k, errors if beside is None else beside, beside is not None)
+                slope = transposed(state_errors.slope(H, read)[:, first])
+                state_errors.update(schmidt_gain(state_errors.P, H, R, state_errors.V[:, first], slope), H, R, read)
+        claimed.after(k, errors if state_errors is None else state_errors, state_errors is not None)
     return claimed.claim()
 
 
@@ -385,10 +385,10 @@ class _Claimed:
             white = white - 2 * np.sum(followed.across[:, :, at] * on_z, axis=-1)
         self.white[k, :, :n] = np.maximum(white, 0.0)
         self.white[k, :, n:] = np.maximum(np.sum((tail[0, p] @ z) * tail[0, p], axis=-1), 0.0)
-        drawn = between[0] / prior[:, None]
-        self.constant[k, :, :n] = drawn @ along[0]
+        scaled = between[0] / prior[:, None]
+        self.constant[k, :, :n] = scaled @ along[0]
         self.constant[k, :first, :n] += free[0]
-        self.constant[k, :, n:] = drawn[:, p]
+        self.constant[k, :, n:] = scaled[:, p]
 
     def claim(self) -> ClaimedStd:
         d = len(self.source)

@@ -228,10 +228,10 @@ def columns_for(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, 
         while True:
             # a bent ridge is followed
             end = parts[-1 if forward else 0].cover.centre[0]
-            beside = end - (stride if forward else -stride)
+            neighbour = end - (stride if forward else -stride)
             if len(parts) > 1:
-                beside = parts[-2 if forward else 1].cover.centre[0]
-            part = _centred(problem, 2 * end - beside, across, step)
+                neighbour = parts[-2 if forward else 1].cover.centre[0]
+            part = _centred(problem, 2 * end - neighbour, across, step)
             parts = [*parts, part] if forward else [part, *parts]
             mass = _weights(part).column_mass[0, 0]
             top = max(top, mass)
@@ -239,7 +239,7 @@ def columns_for(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, 
                 break
             if len(parts) > MOST_COLUMNS:
                 raise NumericalError(
-                    f"the posterior of the parameters reaches over more than {MOST_COLUMNS} standard deviations",
+                    f"the posterior of the parameters extends over more than {MOST_COLUMNS} standard deviations",
                     remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial "
                     "standard deviation",
                 )
@@ -268,8 +268,8 @@ def _summit(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step
         mean = start + move
         refuse_lost(problem, mean)
     raise NumericalError(
-        f"no largest density of the parameters was found in {MOST_TURNS} steps",
-        remedy="state a larger noise of the gauges, or a smaller initial standard deviation of the parameters",
+        f"no maximum of the posterior of the parameters was found in {MOST_TURNS} steps",
+        remedy="increase the noise of the gauges, or reduce the initial standard deviation of the parameters",
     )
 
 

@@ -86,11 +86,11 @@ def each_its_own(
     order = np.concatenate([shared, *[own_of] * count])
 
     def of_record(record: int) -> ConsideredParameters:
-        idle = len(shared) + np.flatnonzero(np.repeat(np.arange(count) != record, len(own_of)))
+        inactive = len(shared) + np.flatnonzero(np.repeat(np.arange(count) != record, len(own_of)))
 
         def stacked(rows: np.ndarray) -> np.ndarray:
             rows = rows[order]
-            rows[idle] = 0.0
+            rows[inactive] = 0.0
             return rows
 
         D, E, offset = (stacked(rows) for rows in (considered.D, considered.E, considered.offset))
@@ -149,11 +149,11 @@ def linear_models(
     motion = _motion(model, modal, considered, theta)
     e = motion.pairs_nu.shape[1]
     f = len(considered.load) if considered.B is not None and considered.B.any() else 0
-    beyond = np.zeros((len(considered.D), m, 0)) if considered.B is None or f == 0 else considered.B
+    truncation = np.zeros((len(considered.D), m, 0)) if considered.B is None or f == 0 else considered.B
     rows, fed = on_loads(model, np.eye(len(model.model.inputs))[considered.load[:f]])
     D, E, offset, B_nu = (
         np.concatenate([np.zeros((e - len(considered.shape), *array.shape[1:])), array])
-        for array in (considered.D, considered.E, considered.offset, beyond)
+        for array in (considered.D, considered.E, considered.offset, truncation)
     )
     of_modes, drifts = considered.of_modes(model.model.size), considered.E.shape[-1] - F.shape[-1]
     frequencies = slice(of_modes - len(considered.frequency), of_modes)
@@ -161,9 +161,9 @@ def linear_models(
         on_states, on_known = _accelerations_by_frequency(model, considered, point)
         D[frequencies, moving], E[frequencies, moving, : F.shape[-1]] = on_states, on_known
     about, shifts = np.pad(considered.about, (0, len(D) - len(considered.about))), np.zeros((B, len(D)))
-    held = about != 0
+    fixed_slope = about != 0
     shifts[:, frequencies] = shift
-    held[frequencies] |= considered.centre is not None
+    fixed_slope[frequencies] |= considered.centre is not None
     models = LinearModels(
         motion,
         np.broadcast_to(process[:states, :states], (B, states, states)),
@@ -177,7 +177,7 @@ def linear_models(
         W=wider(fed, drifts, -1),
         about=about,
         shift=shifts,
-        held=held,
+        fixed_slope=fixed_slope,
     )
     models = _linear_about(models, of_modes)
     return models if biased is None or not len(biased) else _with_offsets(models, biased)
@@ -193,8 +193,8 @@ def _linear_about(models: LinearModels, of_modes: int) -> LinearModels:
     if not a.any():
         return models
     loads = slice(e - f, e)
-    beyond, turned = models.B * a[loads], np.einsum("k,kmj->jm", a, models.B)[..., None]
-    D, E = models.D + beyond @ models.U, models.E + beyond @ models.W
+    truncation, turned = models.B * a[loads], np.einsum("k,kmj->jm", a, models.B)[..., None]
+    D, E = models.D + truncation @ models.U, models.E + truncation @ models.W
     H, F = models.H + np.einsum("k,kmn->mn", a, D), models.F + np.einsum("k,kmp->mp", a, E)
     D[loads] += turned * models.U[:, None]
     E[loads] += turned * models.W[:, None]
@@ -325,24 +325,24 @@ def _motion(
     """
     damping, q, lam = model.model.damping.at(theta), model.model.size, modal.eigenvalue
     unknown, known = model.columns
-    B, n, held, moving = len(lam), model.parameter_states.start, HOLD, 2 * q
-    zeta = model.hold.reshape(held * len(unknown), n - moving)
+    B, n, hold, moving = len(lam), model.parameter_states.start, HOLD, 2 * q
+    zeta = model.hold.reshape(hold * len(unknown), n - moving)
     Phi_T = np.swapaxes(modal.modes, 1, 2)
 
     def step(table: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """pairs (B, 4, q), beside (B, s, n) and fed (B, n, p), of a table (2, 2 + HOLD, B, q) and modal forces (B, q, n_u)."""
+        """pairs (B, 4, q), augmented (B, s, n) and fed (B, n, p), of a table (2, 2 + HOLD, B, q) and modal forces (B, q, n_u)."""
         pairs = np.moveaxis(table[:, :2].reshape(4, B, q), 0, 1)
         # (B, 2q, HOLD, n_u)
-        pushed = (table[:, 2:, ..., None] * forces).transpose(2, 0, 3, 1, 4).reshape(B, moving, held, -1)
-        beside, fed = np.zeros((B, n - moving, n)), np.zeros((B, n, held * len(known)))
-        on_zeta = pushed[..., unknown].reshape(B, moving, held * len(unknown)) @ zeta
-        beside[:, :, :moving] = np.swapaxes(on_zeta, 1, 2)
-        fed[:, :moving] = pushed[..., known].reshape(B, moving, held * len(known))
-        return pairs, beside, fed
+        pushed = (table[:, 2:, ..., None] * forces).transpose(2, 0, 3, 1, 4).reshape(B, moving, hold, -1)
+        augmented, fed = np.zeros((B, n - moving, n)), np.zeros((B, n, hold * len(known)))
+        on_zeta = pushed[..., unknown].reshape(B, moving, hold * len(unknown)) @ zeta
+        augmented[:, :, :moving] = np.swapaxes(on_zeta, 1, 2)
+        fed[:, :moving] = pushed[..., known].reshape(B, moving, hold * len(known))
+        return pairs, augmented, fed
 
     forces = Phi_T @ modal.shape
-    pairs, beside, fed = step(modal.table, forces)
-    beside[:, :, moving:] = model.transition.T
+    pairs, augmented, fed = step(modal.table, forces)
+    augmented[:, :, moving:] = model.transition.T
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     if considered.damping > 0:
         table = considered.damping * _slope(lambda s: scheme_step(lam, damping.scaled(1 + s), model.h, model.scheme)[0])
@@ -364,9 +364,9 @@ def _motion(
     basis, inverse = np.tile(np.eye(n), (2, B, 1, 1))
     for own_states in (slice(0, q), slice(q, moving)):
         basis[:, own_states, own_states], inverse[:, own_states, own_states] = modal.modes, modal.dual
-    none = [(pairs[:, None][:, :0], beside[:, None][:, :0], fed[:, None][:, :0])]
+    none = [(pairs[:, None][:, :0], augmented[:, None][:, :0], fed[:, None][:, :0])]
     by_nu = [np.stack(each, axis=1) for each in zip(*slopes, strict=True)] if slopes else none[0]
-    return ModalMotion(basis, inverse, pairs, beside, fed, *by_nu)
+    return ModalMotion(basis, inverse, pairs, augmented, fed, *by_nu)
 
 
 def _with_forces(table: np.ndarray, factor: float) -> np.ndarray:

@@ -128,15 +128,15 @@ def _filter_errors(
     m) of a span; states: of the filter at its beginning and behind its steps."""
     B, count = error.shape[1:3]
 
-    def drawn(factors: list[np.ndarray]) -> np.ndarray:
+    def sample(factors: list[np.ndarray]) -> np.ndarray:
         return np.stack([rng.standard_normal((count, factor.shape[1])) @ factor.T for factor in factors])
 
     walk = [covariance_factor(Q) for Q in models.Q]
     if span.start == 0:
-        error[0] = drawn([covariance_factor(P) for P in states.P[:, 0]])
+        error[0] = sample([covariance_factor(P) for P in states.P[:, 0]])
     for t in range(span.start, span.stop):
         update, measured = _update_at(models, states, t - span.start, data, t), np.isfinite(data.samples[t])
-        ahead = error[t] @ transposed(models.A) + drawn(walk)
+        ahead = error[t] @ transposed(models.A) + sample(walk)
         noise = rng.standard_normal((B, count, measured.sum())) * np.sqrt(update.R)
         innovation[t][..., measured] = ahead @ transposed(update.H) + noise
         error[t + 1] = ahead - innovation[t][..., measured] @ transposed(update.K)

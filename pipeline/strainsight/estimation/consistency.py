@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from strainsight.errors import ConfigError, NumericalError
-from strainsight.estimation.decision import LEVEL, OVERCONFIDENT, SLACK, TOO_CAUTIOUS, judged
+from strainsight.estimation.decision import LEVEL, OVERCONFIDENT, SLACK, TOO_CAUTIOUS, check_ratio
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
 
@@ -21,7 +21,7 @@ CHECK = f"check channels, known loads and the model, and compare {NOISE} with th
 
 
 @dataclass(frozen=True)
-class Verdict:
+class InnovationCheck:
     """Innovations against the claim: ratio of their size to the claimed one, with the band of a true model; correlation
     of neighbours, with the largest that chance explains; and what both mean."""
 
@@ -70,7 +70,7 @@ def whiteness_band(steps: int, gauges: int, level: float = LEVEL) -> float:
     return float(ndtri(0.5 * (1 + level)) / np.sqrt(steps * gauges))
 
 
-def verdict(whitened: np.ndarray) -> Verdict:
+def check_innovations(whitened: np.ndarray) -> InnovationCheck:
     """What NIS and whiteness of one run or many say about the stated noise, in words.
 
     whitened (T, m) or (T, B, m) from `FilterRun.whitened`, NaN where nothing was measured or the run diverged. Ratio
@@ -79,33 +79,35 @@ def verdict(whitened: np.ndarray) -> Verdict:
     """
     samples = int(np.isfinite(whitened).sum())
     if not samples:
-        text = "nothing was measured: there is nothing to judge"
-        return Verdict(np.nan, (np.nan, np.nan), np.nan, np.nan, False, text)
+        text = "no samples were measured, so the innovations cannot be checked"
+        return InnovationCheck(np.nan, (np.nan, np.nan), np.nan, np.nan, False, text)
     power, chance = np.nansum(whitened**2), whiteness_band(samples, 1)
     ratio = float(np.sqrt(power / samples))
-    size = judged(ratio, samples)
+    size = check_ratio(ratio, samples)
     if not power:
-        text = "all innovations are zero, as of channels that are not connected: check the readings of the record"
-        return Verdict(0.0, size.band, 0.0, chance, False, text)
+        text = "all innovations are zero, as if the channels were not connected: check the readings of the record"
+        return InnovationCheck(0.0, size.band, 0.0, chance, False, text)
     correlation = float(whiteness(whitened.reshape(len(whitened), -1)))
-    large, small = size.verdict == OVERCONFIDENT, size.verdict == TOO_CAUTIOUS
-    alike, opposed = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
+    large, small = size.result == OVERCONFIDENT, size.result == TOO_CAUTIOUS
+    positive, negative = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
     by = (
         f"{ratio:.1f} times larger than" if large else f"{1 / ratio:.1f} times smaller than" if small else "as large as"
     )
-    finding = f"the innovations are {by} the noise you stated"
-    advice = CHECK if large or alike or opposed else ""
+    finding = f"the innovations are {by} the configured noise"
+    advice = CHECK if large or positive or negative else ""
     if small:
-        advice = f"lower {NOISE if alike else PROCESS if opposed else f'{NOISE} or {PROCESS}'}"
-    if alike:
-        resembles = f"and each resembles the one before (correlation {correlation:.2f})"
-        finding = f"{finding} {resembles}: the model lags or lacks something"
-    elif opposed:
-        finding = f"{finding} and each undoes the one before (correlation {correlation:.2f}): the filter overreacts"
+        advice = f"lower {NOISE if positive else PROCESS if negative else f'{NOISE} or {PROCESS}'}"
+    if positive:
+        resembles = f"and successive ones are correlated ({correlation:.2f})"
+        finding = f"{finding} {resembles}: the model is too slow or incomplete"
+    elif negative:
+        finding = (
+            f"{finding} and successive ones alternate (correlation {correlation:.2f}): the filter gain is too large"
+        )
     elif not advice:
-        finding += " and independent of one another: nothing speaks against the claimed σ"
-    text = ("; " if alike or opposed else ": ").join(filter(None, (finding, advice)))
-    return Verdict(ratio, size.band, correlation, chance, not advice, text)
+        finding += " and uncorrelated: consistent with the claimed σ"
+    text = ("; " if positive or negative else ": ").join(filter(None, (finding, advice)))
+    return InnovationCheck(ratio, size.band, correlation, chance, not advice, text)
 
 
 NONE = 1e-9
@@ -183,7 +185,10 @@ def tune(
 
     for part in parts:
         if part != "noise" and not np.any(_block(model, part)):
-            raise ConfigError(f"there is no process noise of {part} to tune", remedy="state some, or leave it out")
+            raise ConfigError(
+                f"the process noise of {part} is zero and cannot be tuned",
+                remedy="set this process noise, or tune other parts",
+            )
     count = len(parts)
     data = measurement if measurement.ndim == 3 else measurement[:, None, :]
     probes = np.concatenate([np.zeros((1, count)), DIFFERENCE * np.eye(count), -DIFFERENCE * np.eye(count)])
@@ -211,8 +216,8 @@ def tune(
     first = around[0]
     if _lost(around, count):
         raise NumericalError(
-            "the filter diverges with the noise as stated: there is nothing to tune from",
-            remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",
+            "the filter diverges with the configured noise, so the noise cannot be tuned",
+            remedy="choose a guess closer to the true value, a smaller initial standard deviation or a smaller time step",
         )
     # worse than anywhere on the way, and no more: the search interpolates, and next to infinity would leave it no step
     hopeless = abs(first) - first + 1.0
@@ -232,9 +237,9 @@ def _lost(value: np.ndarray, count: int) -> bool:
 def _slope(value: np.ndarray, count: int) -> np.ndarray:
     """Central differences (count,) of value (1 + 2 count,): at a point, beside it, and on the other side; of one side only
     where the run on the other is lost."""
-    beside = value[1:].reshape(2, count)
-    finite = np.isfinite(beside)
-    above, below = np.where(finite, beside, value[0])
+    probes = value[1:].reshape(2, count)
+    finite = np.isfinite(probes)
+    above, below = np.where(finite, probes, value[0])
     return np.asarray((above - below) / (DIFFERENCE * finite.sum(axis=0)))
 
 

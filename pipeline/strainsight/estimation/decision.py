@@ -19,12 +19,12 @@ SLACK = 0.1
 that every real model lies outside it."""
 CONSISTENT, OVERCONFIDENT, TOO_CAUTIOUS = "consistent", "overconfident", "too cautious"
 LOST, DIVERGED = "not identified", "diverged"
-WEAK, CONTRADICTED = "weakly observable", "contradicted by its sensors"
-BEYOND, WITHHELD = "beyond the range of the reduced model", "σ is withheld"
-BORNE_OUT, UNTESTED = "borne out by the sensors left out", "not contradicted"
-FAULTS = (DIVERGED, BEYOND, WITHHELD, LOST, CONTRADICTED, OVERCONFIDENT)
+WEAK, SENSORS_DISAGREE = "weakly observable", "inconsistent with the sensors"
+OUT_OF_RANGE, WITHHELD = "outside the range of the reduced model", "σ is withheld"
+CONFIRMED, NOT_TESTED = "confirmed by held-out sensors", "no inconsistency found"
+FAULTS = (DIVERGED, OUT_OF_RANGE, WITHHELD, LOST, SENSORS_DISAGREE, OVERCONFIDENT)
 """What may be wrong with the estimate of an unknown, the gravest first."""
-NOT_TRUSTED = "σ is not to be trusted"
+NOT_TRUSTED = "σ is not reliable"
 INCONSISTENT = "the measurements are inconsistent with the model"
 
 T = TypeVar("T")
@@ -42,11 +42,11 @@ class Claim:
     draws: int
     ratio: float
     band: tuple[float, float]
-    verdict: str
+    result: str
 
     @property
     def overconfident(self) -> bool:
-        return self.verdict == OVERCONFIDENT
+        return self.result == OVERCONFIDENT
 
     @property
     def severity(self) -> tuple[int, float]:
@@ -54,15 +54,15 @@ class Claim:
         low, high = self.band
         if self.overconfident:
             return 2, self.ratio / high
-        return (1, low / max(self.ratio, 1e-300)) if self.verdict == TOO_CAUTIOUS else (0, 0.0)
+        return (1, low / max(self.ratio, 1e-300)) if self.result == TOO_CAUTIOUS else (0, 0.0)
 
     def words(self, shown: Shown, *, limit: bool = True) -> str:
         """As "overconfident (error 6.6 times the claimed σ, at most 3.21 where it holds)"; limit: whether the most is named."""
         what = {"test": "error", "smoothed": "smoothed error"}.get(self.of, "RMS error of the repeats")
         most, limit = self.band[1], limit and self.overconfident
         digits = next((k for k in range(2, 9) if f"{self.ratio:.{k}g}" != f"{most:.{k}g}"), 9) if limit else 2
-        bound = f", at most {shown(most, max(digits, 3))} where it holds" * limit
-        return f"{self.verdict} ({what} {shown(self.ratio, digits)} times the claimed σ{bound})"
+        bound = f"; at most {shown(most, max(digits, 3))} if calibrated" * limit
+        return f"{self.result} ({what} {shown(self.ratio, digits)} times the claimed σ{bound})"
 
 
 def chi_square_band(dimension: int, samples: int = 1, level: float = LEVEL) -> tuple[float, float]:
@@ -82,7 +82,7 @@ def band_of(draws: int) -> tuple[float, float]:
     return min(low, 1 / (1 + SLACK)), max(high, 1 + SLACK)
 
 
-def judged(ratio: float, draws: int, of: str = "test") -> Claim:
+def check_ratio(ratio: float, draws: int, of: str = "test") -> Claim:
     """The verdict on an error of `ratio` times the claimed σ (RMS over so many independent draws, at least one)."""
     draws = max(draws, 1)
     band = band_of(draws)
@@ -94,28 +94,28 @@ def word_of(value: float, band: tuple[float, float]) -> str:
     return TOO_CAUTIOUS if value < band[0] else CONSISTENT if value <= band[1] else OVERCONFIDENT
 
 
-def claim_of(error: np.ndarray, std: np.ndarray, *, alike: float = 1.0, of: str = "test") -> Claim | None:
-    """Whether one draw or many keep to the σ that was claimed for them: `judged` RMS of e/σ.
+def claim_of(error: np.ndarray, std: np.ndarray, *, samples_per_draw: float = 1.0, of: str = "test") -> Claim | None:
+    """Whether one draw or many keep to the σ that was claimed for them: `check_ratio` RMS of e/σ.
 
-    error, std (...), or scalars, in one unit; what is not finite and what claims no σ are no draws; alike: so many of them are
-    one draw, as starts of one seed or samples in time (`samples_alike`). None without a draw.
+    error, std (...), or scalars, in one unit; what is not finite and what claims no σ are no draws; samples_per_draw: so many
+    of them are one draw, as starts of one seed or samples in time (`autocorrelation_time`). None without a draw.
     Errors that are means over time of their own are smaller than one draw, and σ then too cautious.
     """
     error, std = np.atleast_1d(error), np.atleast_1d(std)
-    drawn = np.isfinite(error) & np.isfinite(std) & (std > 0)
-    if not drawn.any():
+    valid = np.isfinite(error) & np.isfinite(std) & (std > 0)
+    if not valid.any():
         return None
-    ratio = float(np.sqrt(np.mean((error[drawn] / std[drawn]) ** 2)))
-    return judged(ratio, int(np.count_nonzero(drawn) / alike), of)
+    ratio = float(np.sqrt(np.mean((error[valid] / std[valid]) ** 2)))
+    return check_ratio(ratio, int(np.count_nonzero(valid) / samples_per_draw), of)
 
 
 def claim_in_time(error: np.ndarray, std: np.ndarray, *, starts: int = 1, of: str = "test") -> Claim | None:
-    """Whether errors (T, ...) in time keep to the σ claimed for them: as many draws as they are worth (`samples_alike`).
+    """Whether errors (T, ...) in time keep to the σ claimed for them: as many draws as they are worth (`autocorrelation_time`).
 
     starts: so many runs of one seed are one draw.
     """
     scaled = np.divide(error, std, out=np.full_like(error, np.nan), where=std > 0)
-    return claim_of(error, std, alike=samples_alike(scaled) * starts, of=of)
+    return claim_of(error, std, samples_per_draw=autocorrelation_time(scaled) * starts, of=of)
 
 
 def claims_of(
@@ -136,7 +136,7 @@ def claims_of(
     return tuple(sorted((one for one in claims if one is not None), key=lambda one: one.severity, reverse=True))
 
 
-def samples_alike(scaled: np.ndarray) -> float:
+def autocorrelation_time(scaled: np.ndarray) -> float:
     """How many samples of e/σ (T, ...) in time are worth one independent draw of its square: 1 + 2 Σ (1 − k/T) ρ_k², over all
     lags k, ρ_k the correlation at that lag, as far as it stands out of chance (two deviations of white noise).
 
@@ -159,7 +159,7 @@ ALLOWED = (0.5, 2.0)
 
 
 def expected_ratio(mean: float, std: float, posterior_mean: float, posterior_std: float) -> float:
-    """An approximate filter's claim against the exact posterior of the same samples, to be judged by `word_of` and ALLOWED:
+    """An approximate filter's claim against the exact posterior of the same samples, to be check_ratio by `word_of` and ALLOWED:
 
         √(E[(p − mean)² | y]) / std = √(posterior_std² + (posterior_mean − mean)²) / std
 
@@ -171,7 +171,7 @@ def expected_ratio(mean: float, std: float, posterior_mean: float, posterior_std
         return float(np.hypot(posterior_std, posterior_mean - mean) / np.float64(std))
 
 
-def comparison_verdict(ratio: float) -> str:
+def classify_ratio(ratio: float) -> str:
     """On an `expected_ratio`: consistent, overconfident, too cautious or diverged."""
     return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
 
@@ -201,7 +201,7 @@ class Benefit:
 
     as_well: int
     sets: int
-    verdict: str
+    result: str
 
 
 def benefit_of(error: float, random: np.ndarray) -> Benefit | None:
@@ -232,7 +232,7 @@ class Decision:
     fault: str = ""
     accept: bool = False
     reasons: tuple[str, ...] = ()
-    beyond: Mapping[str, str] = field(default_factory=dict)
+    out_of_range: Mapping[str, str] = field(default_factory=dict)
     remedy: str = ""
 
     @property
@@ -247,8 +247,8 @@ class Decision:
     def unfounded(self) -> str:
         """Why there is no σ even of consistent measurements; empty where there is one. What the model is off by beyond its range
         is in no σ."""
-        out_of_range = f"{'; '.join(self.beyond.values())}: {self.remedy}" if self.beyond else ""
-        return "; ".join(filter(None, (*self.reasons, out_of_range)))
+        range_error = f"{'; '.join(self.out_of_range.values())}: {self.remedy}" if self.out_of_range else ""
+        return "; ".join(filter(None, (*self.reasons, range_error)))
 
     @property
     def withheld(self) -> str:
@@ -256,7 +256,7 @@ class Decision:
         parameter beyond its range, and nothing is to be widened."""
         if self.trusted or self.accepted:
             return f"{WITHHELD}: {self.unfounded}" if self.unfounded else ""
-        return f"{NOT_TRUSTED}: {'; '.join((self.inconsistent, *self.beyond.values()))}"
+        return f"{NOT_TRUSTED}: {'; '.join((self.inconsistent, *self.out_of_range.values()))}"
 
     @property
     def message(self) -> str:
@@ -267,7 +267,7 @@ class Decision:
     @property
     def cell(self) -> str:
         """What stands in place of σ in a table."""
-        return "withheld" if self.trusted else "not to be trusted"
+        return "withheld" if self.trusted else "not reliable"
 
     @property
     def numbers(self) -> dict[str, str | bool]:
@@ -292,7 +292,7 @@ def out_of_range(
     """Parameter → that its value lies beyond its range, for those that do; ranges: of those that the model is not exact in [SI];
     stage: which has made the model."""
     return {
-        name: f"{name} came out at {values[name]:.4g}{'' if units[name] == '1' else f' {units[name]}'}, and {stage} made "
+        name: f"{name} was estimated as {values[name]:.4g}{'' if units[name] == '1' else f' {units[name]}'}, but {stage} built "
         f"the model for {low:.4g} to {high:.4g}"
         for name, (low, high) in ranges.items()
         if not low <= values[name] <= high
@@ -319,8 +319,8 @@ def _nothing(std: Any) -> Any:
     return None if std is None else np.full_like(std, np.nan)
 
 
-def record_verdict(trusted: bool, apart: bool, noise_fits: bool) -> str:
+def summarise_record(trusted: bool, inconsistent_records: bool, noise_fits: bool) -> str:
     """On one record: whether it is consistent with the model and, if so, with other records (apart: it is not) and its noise."""
     if not trusted:
-        return f"inconsistent with {'other records' if apart else 'the model'}"
-    return "fits" if noise_fits else "the noise does not fit"
+        return f"inconsistent with {'other records' if inconsistent_records else 'the model'}"
+    return "fits" if noise_fits else "innovations disagree with the noise"

@@ -1,4 +1,4 @@
-"""A record and the filter it is judged by: its evidence under a fault or none, whether it is believable, its loudest parts."""
+"""Evidence of a record with and without a fault, whether its innovations are plausible, and its parts with large readings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import ConsideredParameters
-from strainsight.estimation.decision import judged
+from strainsight.estimation.decision import check_ratio
 from strainsight.estimation.faults import BELIEVABLE, FORESEEN, Explained, Fault, dead_density, of_any_size, undone
 from strainsight.estimation.grid_filter import GridRun, filter_on_grid
 from strainsight.estimation.load_faults import without_load_fault
@@ -27,7 +27,7 @@ BROAD = np.sqrt(3.0)
 
 @dataclass(frozen=True, kw_only=True)
 class CheckRecord(GridRecord):
-    """A record whose channels and known loads may be wrong, and the grid filter that it is judged by.
+    """A record whose channels and known loads may be wrong, and the grid filter that it is check_ratio by.
 
     turned_rows (m, angles, n*): what a channel would read turned by each of ANGLES, NaN where it cannot be; turned: channel and
     degrees → model and nuisances with it turned. load (n_known,): number of the load that each column of `known` belongs to.
@@ -155,10 +155,10 @@ def missed_of(grid_run: GridRun | None) -> float:
 
 
 def too_large(fit: Explained, grid_run: GridRun | None) -> bool:
-    """Whether the innovations of a record are larger than claimed, beyond the band of `decision.judged`."""
+    """Whether the innovations of a record are larger than claimed, beyond the band of `decision.check_ratio`."""
     if grid_run is None or not fit.ratio <= BELIEVABLE:
         return True
-    return judged(fit.ratio, int(np.isfinite(grid_run.run.whitened).sum())).overconfident
+    return check_ratio(fit.ratio, int(np.isfinite(grid_run.run.whitened).sum())).overconfident
 
 
 def suspected(as_it_is: Explained, grid_run: GridRun | None) -> bool:
@@ -291,7 +291,7 @@ def part_of(suspect: CheckRecord, begin: int, end: int) -> CheckRecord:
     settled = suspect.settled
     if settled is not None:
         phase = np.exp(1j * settled.frequency * begin * every * suspect.model.h)
-        settled = replace(settled, held=settled.held * phase[:, None, None])
+        settled = replace(settled, hold=settled.hold * phase[:, None, None])
     return replace(
         part,
         covariance=suspect.covariance if begin == 0 else _unknown_motion(suspect, samples),

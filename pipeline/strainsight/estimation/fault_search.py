@@ -60,7 +60,7 @@ class Diagnosis:
     neither does; searched: whether there was a reason to look for a fault.
     """
 
-    contradicts: bool
+    inconsistent: bool
     as_it_is: Explained
     check: ChannelCheck
     without: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -97,10 +97,10 @@ def examined(
     if grid_run is not None and not suspected(as_it_is, grid_run):
         return Diagnosis(False, as_it_is, _check_ahead(suspect, grid_run), searched=False)
     finding = diagnosed(suspect, progress, (as_it_is, grid_run))
-    beyond = not as_it_is.ratio <= BELIEVABLE and missed_of(grid_run) > discrepancy
+    too_large = not as_it_is.ratio <= BELIEVABLE and missed_of(grid_run) > discrepancy
     more_channels = suspect.samples.shape[1] > len(suspect.model.unknowns.inputs)
-    shifted = shifted_mode(suspect, grid_run) if more_channels and not (finding.contradicts or beyond) else None
-    return replace(finding, contradicts=finding.contradicts or beyond or shifted is not None, shifted=shifted)
+    shifted = shifted_mode(suspect, grid_run) if more_channels and not (finding.inconsistent or too_large) else None
+    return replace(finding, inconsistent=finding.inconsistent or too_large or shifted is not None, shifted=shifted)
 
 
 def _check_ahead(suspect: CheckRecord, grid_run: GridRun) -> ChannelCheck:
@@ -233,7 +233,7 @@ def _worth_it(suspect: CheckRecord, left_out: Sequence[PredictedChannel], channe
     wanted = [fault for _, fault in ranked[:CLOSELY]]
     for j in channels:
         wanted += [fault for _, fault in ranked if fault.channel == j][:EACH]
-    return list(dict.fromkeys(wanted + [other for fault in wanted for other in fault.beside]))
+    return list(dict.fromkeys(wanted + [other for fault in wanted for other in fault.neighbours]))
 
 
 def _later_of_all(suspect: CheckRecord, wanted: Sequence[Fault], tried: Sequence[Explained]) -> list[Explained]:
@@ -244,11 +244,11 @@ def _later_of_all(suspect: CheckRecord, wanted: Sequence[Fault], tried: Sequence
         first = next(fault for fault in wanted if fault.family == family)
         for _ in range(MOST_LATE):
             best = max(known, key=lambda n: known[n].evidence)
-            beside = [n for n in (best - 1, best + 1) if n and n not in known and abs(n) <= 2 * MOST_LATE]
-            if not beside or not np.isfinite(known[best].evidence):
+            neighbours = [n for n in (best - 1, best + 1) if n and n not in known and abs(n) <= 2 * MOST_LATE]
+            if not neighbours or not np.isfinite(known[best].evidence):
                 break
-            known[beside[0]] = explained(suspect, replace(first, amount=beside[0]))[0]
-            more.append(known[beside[0]])
+            known[neighbours[0]] = explained(suspect, replace(first, amount=neighbours[0]))[0]
+            more.append(known[neighbours[0]])
     return more
 
 

@@ -77,7 +77,7 @@ class Fault:
         return -1.0 if self.kind == "sign" else 1 / self.amount
 
     @property
-    def beside(self) -> tuple[Fault, ...]:
+    def neighbours(self) -> tuple[Fault, ...]:
         """Delays by a sample less and more; none of another fault."""
         amounts = (self.amount - 1, self.amount + 1) if self.kind == "late" else ()
         return tuple(replace(self, amount=amount) for amount in amounts if amount)
@@ -174,7 +174,7 @@ def faults_for_a_time(samples: np.ndarray, predicted: np.ndarray, std: np.ndarra
 def _step_in(residual: np.ndarray, std: np.ndarray) -> tuple[int, int, float]:
     """Between which samples a constant explains most of residuals (T,) with σ (T,): the first, the one behind the last, and it.
 
-    Its gain in ln p is (Σ r/σ²)²/(2 Σ 1/σ²) over the part; ends are sought on a grid, then beside it.
+    Its gain in ln p is (Σ r/σ²)²/(2 Σ 1/σ²) over the part; ends are sought on a grid, then neighbours it.
     """
     measured = np.isfinite(residual)
     weight = np.where(measured, 1 / std**2, 0.0)

@@ -87,7 +87,7 @@ def refine(
 
     mu, nu = np.zeros_like(x), np.zeros_like(x)
     after, A, H, effective, cost = evaluate(mu, nu)
-    taken, going = np.zeros(len(x), dtype=int), np.ones(len(x), dtype=bool)
+    iterations, going = np.zeros(len(x), dtype=int), np.ones(len(x), dtype=bool)
     before = np.full(len(x), np.inf)
     for _ in range(most):
         towards_mu, towards_nu = _duals(A, H, prior, Q, R, effective)
@@ -99,7 +99,7 @@ def refine(
         last = going & (quick | (length < (LAST * SETTLED) ** 2))
         if last.any():
             moved = apply(A, apply(prior, d_mu)) + apply(Q, d_nu)
-            after, taken, going = np.where(last[:, None], after + moved, after), taken + last, going & ~last
+            after, iterations, going = np.where(last[:, None], after + moved, after), iterations + last, going & ~last
         before = np.where(going, length, before)
         share = np.where(going, 1.0, 0.0)
         for _ in range(HALVINGS if damped else 1):
@@ -115,7 +115,7 @@ def refine(
                 continue
             better = (trial[4] <= cost * (1 + 1e-12)) | ((length < SHORT**2) & np.isfinite(trial[4])) | (not damped)
             better &= share > 0
-            taken += better
+            iterations += better
             mu, nu = np.where(better[:, None], trial_mu, mu), np.where(better[:, None], trial_nu, nu)
             after, A, H, effective, cost = (
                 _chosen(better, new, old) for new, old in zip(trial, (after, A, H, effective, cost), strict=True)
@@ -124,7 +124,7 @@ def refine(
         going &= share == 0
         if not going.any():
             break
-    return RefinedState(after, A, H, effective, taken)
+    return RefinedState(after, A, H, effective, iterations)
 
 
 def _duals(
@@ -140,7 +140,7 @@ def _duals(
     except np.linalg.LinAlgError as error:
         raise NumericalError(
             "the innovation covariance is singular",
-            remedy="two sensors may be the same, or the noise stated is below what a number resolves",
+            remedy="remove duplicate sensors, or increase the sensor noise: it is below the floating-point resolution",
         ) from error
     return (transposed(HA) @ multiplier)[..., 0], (transposed(H) @ multiplier)[..., 0]
 
@@ -176,7 +176,7 @@ def run_filter(
     """
     core, samples = driven_with_offsets(model, known, biased), model.by_step(measurement)
     if len(known) < len(samples):
-        raise ValueError(f"known loads for {len(known)} steps, samples for {len(samples)}")
+        raise ValueError(f"the known loads cover {len(known)} steps, the samples {len(samples)}")
     points = sigma_points(model, core, known, biased) if by_points else None
     return filter_runs(core, mean, covariance, samples, keep, points=points, **options)
 

@@ -1,9 +1,9 @@
-"""A parameter grid of linear filters over the parameters: exact Bayes for a model that is linear once its parameters are known.
+"""Parameter grid filter (multiple-model filter): exact Bayes for a model that is linear at fixed parameters.
 
     p(θ | y) ∝ p(θ) Πₖ p(yₖ | y₁ … yₖ₋₁, θ),     x̂ = Σ wᵢ x̂ᵢ,     P = Σ wᵢ (Pᵢ + (x̂ᵢ − x̂)(x̂ᵢ − x̂)ᵀ)
 
-At fixed parameters the reduced model is linear, and the innovations of a Kalman filter give their likelihood, errors of
-installation and damping integrated out. The extended filter, which linearises their product with the motion, is overconfident.
+At fixed parameters the innovations of a Kalman filter give the likelihood, with errors of installation and damping integrated
+out. The extended filter is overconfident because it linearises their product with the motion.
 """
 
 from __future__ import annotations
@@ -40,28 +40,28 @@ from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun, Keep
 
 FEW = 3
-"""Parameters that a lattice is for; of more there are columns."""
+"""Largest number of parameters with a full grid; more parameters use columns."""
 SHORTEST, SHARE = 8, 8
-"""Fewest steps between two looks at the posterior, and the share of the steps so far, 1/SHARE, that is taken otherwise: it
-narrows as the record grows."""
+"""Fewest steps between two checks of the grid, and their share 1/SHARE of the steps so far: the posterior narrows as the record
+grows."""
 FOLLOWED = 10
-"""Grids over the parameters of inconsistent measurements after which σ of the parameters is doubled."""
+"""Number of grids for inconsistent measurements after which σ of the parameters is doubled."""
 COARSE, REACH, TRIED, MOST_TRIED = 0.05, 3.0, 0.01, 80
-"""Where resonances are looked for: share of a reading, RMS, that is believed, σ of a parameter to either side, step of its
-logarithm, and most steps."""
+"""Scan for resonances: assumed relative RMS error of the readings, range in σ of a parameter, step of its logarithm, most steps.
+"""
 AGAIN, STAY = 3, 0.2
-"""Most times that a grid filter beside frequencies is done once more, and the change of a parameter, in σ, below which it
-stays."""
+"""Most repetitions of the filter with considered frequencies, and the change of a parameter, in σ, below which it has converged.
+"""
 
 
 @dataclass(frozen=True)
 class GridRun:
-    """What a grid filter found: at the end, and along the samples of a record.
+    """Result of the grid filter: the posterior at the end, and the estimates along a record.
 
-    point (B, k) and weight (B,): the posterior of the parameters; nu (B, d) and left (B, d, d): mean and covariance of ν at each
-    point, of frequencies beyond those that the centre asks for; about (d,): the ν about which readings are linear, centre (k,):
-    the parameters, as of `ConsideredParameters`; laid: how often the lattice was; step (k,): its steps along every
-    parameter, infinite of columns; run: as a filter's, of one run; its σ holds what the nuisances add.
+    point (B, k), weight (B,): posterior of the parameters; nu (B, d), left (B, d, d): mean and covariance of ν at each point,
+    frequencies relative to those at the centre; about (d,): ν about which readings are linear; centre (k,): as in
+    `ConsideredParameters`; grid_count: number of grids built; step (k,): grid step of each parameter, infinite for columns;
+    run: filter run, with the considered parameters in its σ.
     """
 
     point: np.ndarray
@@ -70,7 +70,7 @@ class GridRun:
     left: np.ndarray
     about: np.ndarray
     centre: np.ndarray | None
-    laid: int
+    grid_count: int
     step: np.ndarray
     run: FilterRun
 
@@ -90,14 +90,14 @@ class GridRun:
 
 
 def filter_on_grid(record: GridRecord, keep: Keep = "all") -> GridRun:
-    """Posterior of the parameters, which are constant, and of all states along the samples.
+    """Posterior of the constant parameters, and of all states along the samples.
 
-    keep: "all" keeps the covariance of every instant, "parameters" nothing but these, in half the time.
-    The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
-    narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Beside a damping, a frequency
-    or free loads readings are linear about the ν that all samples speak for at the most likely parameters, and at their mean
-    (`about_samples`). Raises NumericalError where a lattice would need more than MOST_POINTS points, where no columns follow the
-    posterior, and where that leaves the guess by a factor of exp(LOST).
+    keep: "all" keeps the covariance at each instant, "parameters" only that of the parameters, in half the time. The grid
+    starts at the prior. When the posterior has narrowed or reached the edge, a new grid is built and filtered again from the
+    start. More than FEW parameters use `Columns`. With considered damping or frequencies, or free loads, readings are linear
+    about the most likely ν at the most likely parameters, and at their mean (`about_samples`). Raises NumericalError if the
+    grid needs more than MOST_POINTS points, if columns cannot follow the posterior, or if it deviates from the guess by a
+    factor of exp(LOST).
     """
     return filter_records([record], keep)[0]
 
@@ -109,17 +109,15 @@ def filter_records(
     progress: Callable[[float], None] | None = None,
     birge_ratio: float = 1.0,
 ) -> tuple[GridRun, ...]:
-    """Posterior of parameters that several records share: a run of each, the posterior at the end of all of them in every one.
+    """Posterior of parameters shared by several records: one run per record, each with the posterior at the end of all records.
 
         p(θ, ν | y) ∝ p(θ) p(ν) Πᵣ p(yᵣ | θ, ν)
 
-    Parameters and ν are constants of all records (what is a record's own has columns of its own, `each_its_own`). Motion, loads
-    and offsets begin in each as mean and covariance of the first one say, independent of the others: at a boundary their step
-    has a transition of zero and the covariance of the prior. Records may differ in step and noise; unknowns, channels and ν are
-    the same. progress: called with the share of the steps done.
-    birge_ratio: as of `GridProblem`, above 1 of measurements that are inconsistent with the model. Their parameters move by many
-    σ from sample to sample: the ratio is doubled after every FOLLOWED grids, which bounds their number.
-    Other arguments as of `filter_on_grid`.
+    Parameters and ν are common to all records; record-specific constants have separate columns (`each_its_own`). Motion,
+    loads and offsets of each record start from mean and covariance of the first record, independently. Records may differ in
+    step and noise, not in unknowns, channels and ν. progress: called with the fraction of steps done. birge_ratio: as in
+    `GridProblem`, above 1 for inconsistent measurements. The ratio is doubled after every FOLLOWED grids, which bounds their
+    number. Other arguments as in `filter_on_grid`.
     """
     along = keep != "parameters"
     problem = GridProblem(tuple(records), keep, progress, True, along, birge_ratio)
@@ -127,13 +125,13 @@ def filter_records(
         problem = _centred(problem)
     ends = replace(problem, along=False)
     peaks = peaks_of_problem(ends) if problem.bilinear or 0 < len(problem.prior[0]) <= FEW else []
-    held = np.array([peak.point for peak in peaks])
+    peak_points = np.array([peak.point for peak in peaks])
     if not problem.bilinear:
-        return _covered(problem, held)
+        return _covered(problem, peak_points)
     before = max(peaks, key=lambda peak: peak.evidence).point
     here = filtered_at(ends, one_point(before), problem.first[-1])
     problem = replace(about_samples(ends, before, here.states.nu[0, 0] + here.models.about), along=problem.along)
-    runs = _covered(problem, held)
+    runs = _covered(problem, peak_points)
     # what slopes in a frequency leave out at first, the parameters take for theirs
     for _ in range(AGAIN if problem.centre is not None else 1):
         mean, covariance = runs[0].posterior
@@ -142,14 +140,17 @@ def filter_records(
         again = about_samples(problem, mean, runs[0].nu_moments[0])
         if again is problem:
             break
-        problem, before, runs = again, mean, _covered(replace(again, progress=None), held)
+        problem, before, runs = again, mean, _covered(replace(again, progress=None), peak_points)
     return runs
 
 
 def _centred(problem: GridProblem) -> GridProblem:
-    """With frequencies about those at the most likely of parameters that are tried one after the other, each with frequencies
-    about its own: the resonances that the samples show. A lattice that narrows with the first samples may take the resonance of
-    another mode for them. Readings are believed to COARSE of their RMS, as slopes in a frequency are no better."""
+    """The problem with frequencies about those at the most likely of the scanned parameters.
+
+    Each scanned parameter has its own frequencies, which finds the measured resonances. Otherwise a narrowing grid may lock
+    on to the resonance of another mode. Slopes in a frequency are no better than COARSE of the RMS reading, which is added as
+    discrepancy.
+    """
     if not problem.records[0].considered.frequency.any():
         return problem
     coarse = problem.map_considered(lambda each: replace(each, discrepancy=max(each.discrepancy, COARSE)))
@@ -161,20 +162,21 @@ def _centred(problem: GridProblem) -> GridProblem:
     return problem.map_considered(partial(replace, centre=centre))
 
 
-def _covered(problem: GridProblem, held: np.ndarray) -> tuple[GridRun, ...]:
-    """A run of every record, by a lattice over few parameters, by columns over more.
+def _covered(problem: GridProblem, peak_points: np.ndarray) -> tuple[GridRun, ...]:
+    """A run of each record: on a grid for few parameters, on columns for more.
 
-    A lattice follows the posterior as the record grows, and few samples may have peaks far from those of all: between resonances,
-    or beyond the prior. It keeps hold of the peaks (q, k) of the whole record from its second laying on."""
+    The posterior of few samples may have peaks far from those of the whole record. All grids but the first contain the peaks
+    (q, k) of the whole record.
+    """
     if len(problem.model.unknowns.parameters) > FEW:
         return _filtered(problem, columns_for(problem, *problem.prior, 0), next_columns, at_end=True)
-    first = build_first_grid(_construction(problem, held))
-    return _filtered(problem, first, lambda problem, now: build_next_grid(_construction(problem, held), now))
+    first = build_first_grid(_construction(problem, peak_points))
+    return _filtered(problem, first, lambda problem, now: build_next_grid(_construction(problem, peak_points), now))
 
 
-def _construction(problem: GridProblem, held: np.ndarray) -> GridConstruction[WeightedFilters[ParameterGrid]]:
+def _construction(problem: GridProblem, peak_points: np.ndarray) -> GridConstruction[WeightedFilters[ParameterGrid]]:
     at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
-    return GridConstruction(problem.prior, at, refuse, held=held)
+    return GridConstruction(problem.prior, at, refuse, peak_points=peak_points)
 
 
 def _filtered(
@@ -183,9 +185,9 @@ def _filtered(
     following: Callable[[GridProblem, WeightedFilters[C]], WeightedFilters[C]],
     at_end: bool = False,
 ) -> tuple[GridRun, ...]:
-    """Through all samples, from points of the parameters laid at first, with those that follow; at_end: and once more at the
-    end, where what they say is the better, the nearer they are."""
-    steps, laid, mixtures = problem.first[-1], 1, [_mixture(problem, now)]
+    """Filter all samples, and build new points where necessary; at_end: also at the end, where closer points are more accurate.
+    """
+    steps, grid_count, mixtures = problem.first[-1], 1, [_mixture(problem, now)]
     while now.step < steps:
         if now.step == problem.first[now.record + 1]:
             now = entered(problem, now)
@@ -208,23 +210,25 @@ def _filtered(
         if problem.progress is not None:
             problem.progress(now.step / steps)
         if not good.all() or (at_end and now.step == steps):
-            if problem.birge_ratio > 1 and laid % FOLLOWED == 0:
+            if problem.birge_ratio > 1 and grid_count % FOLLOWED == 0:
                 problem = replace(problem, birge_ratio=2 * problem.birge_ratio)
                 now = replace(now, fit=now.fit / 4)
-            now, laid = following(problem, now), laid + 1
+            now, grid_count = following(problem, now), grid_count + 1
             # the last of these steps, which the points before are no longer good for
             last = slice(now.step - before - 1, now.step - before)
             mixtures[-1].states(last, now.weights, now.states, now.models)
     states, about = now.states, now.models.about
     point, weight, nu, left = now.weights.sampled(states.nu[:, 0], states.left[:, 0])
-    end = point, weight, nu + about, left, about, problem.centre, laid, now.cover.step
+    end = point, weight, nu + about, left, about, problem.centre, grid_count, now.cover.step
     return tuple(GridRun(*end, run=mixture.finished()) for mixture in mixtures)
 
 
 def _likely(now: WeightedFilters[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:
-    """ln p of these steps under the loads as stated: by the mass that the points lose; with a judge, whose weights are none of
-    that density, by Σₜ ln Σᵢ wᵢ p(yₜ | y₁ … yₜ₋₁, θᵢ) with those before each step."""
-    if now.judge is None:
+    """ln p of these steps under the configured loads: from the loss of mass of the points.
+
+    With free loads the weights are no such density, and ln p is Σₜ ln Σᵢ wᵢ p(yₜ | y₁ … yₜ₋₁, θᵢ).
+    """
+    if now.free_load is None:
         return float(after.log_mass[-1] - before.log_mass[0])
     with np.errstate(divide="ignore"):
         each = passage.passage.fit[:, :steps].T + np.log(before.positive)
@@ -232,7 +236,7 @@ def _likely(now: WeightedFilters[C], passage: Passed, before: Weights, after: We
 
 
 def _mixture(problem: GridProblem, now: WeightedFilters[C]) -> Mixture:
-    """Of a record that begins."""
+    """Mixture of a record that starts."""
     first, record = problem.records[0], problem.records[now.record]
     mixture = Mixture(replace(record, mean=first.mean, covariance=first.covariance), problem.keep)
     if now.record or record.settled is not None:

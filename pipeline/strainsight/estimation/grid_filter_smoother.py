@@ -1,4 +1,4 @@
-"""The smoother of the grid filter: all samples on every instant, over the posterior of the parameters."""
+"""Smoother of the grid filter: states at each instant given all samples, over the posterior of the parameters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from strainsight.estimation.parallel_filters import Data, LinearModels
 from strainsight.estimation.record import GridRecord
 from strainsight.estimation.reduced import StepModel, driven_with_offsets
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Kept, Smoothed, WantedCovariances, smooth, smoother_errors
+from strainsight.estimation.smoother import SelectedCovariances, Smoothed, WantedCovariances, smooth, smoother_errors
 from strainsight.estimation.update import covariance_factor, standard_deviation
 from strainsight.loads.histories import instant_values
 
@@ -27,45 +27,43 @@ def smooth_on_grid(
     wanted: WantedCovariances | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Smoothed:
-    """Smoothed x* of a record with its covariance, tolerances in it, by the grid filter that filtered it.
+    """Smoothed x* of a record with its covariance, tolerances included.
 
         x̂ˢ = Σ wⱼ x̂ˢ(θⱼ),   Pˢ = Σ wⱼ (Pˢ(θⱼ) + (x̂ˢ(θⱼ) − x̂ˢ)(…)ᵀ) + Σₖ vₖvₖᵀ
 
-    with the 2k points θⱼ of the cubature rule of degree three on the posterior of k parameters, which a motion that is smooth
-    in them needs no more of; `sample_paths` draws histories of this mean and covariance. Where ν is learned, v is what the
-    smoother, linear in its samples, makes of those that one of a nuisance causes, less the motion that it causes; otherwise that
-    of gains that consider ν (`consider_smoothed`). Behind x* and the offsets stands z of `Beyond`.
-    wanted: covariances to keep, None: all of every instant, for which memory holds no long record; progress: called with the
-    share of the record that is done.
-    Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
+    with the 2k points θⱼ of the cubature rule of degree three on the posterior of k parameters. `sample_paths` draws
+    histories with this mean and covariance. If ν is learned, v is the smoothed effect of a unit ν on the samples, minus the
+    motion that it causes. Otherwise it is that of gains that consider ν (`consider_smoothed`). z of `Truncation` follows x*
+    and the offsets. wanted: covariances to store, None: all at each instant, too large for long records; progress: called
+    with the fraction done. Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
     """
     smoother = points_of(record, grid_run)
-    offsets, instants, beyond = len(record.biased), record.steps + 1, smoother.beyond
+    offsets, instants, truncation = len(record.biased), record.steps + 1, smoother.truncation
     states, model = len(record.mean), record.model
-    n = states + len(beyond.at)
+    n = states + len(truncation.at)
     behind = np.arange(states, n)
     order = np.concatenate([conditional_states(model, offsets), behind, np.arange(n)[model.parameter_states]])
     whole, std = np.zeros((2, instants, n))
-    kept = None if wanted is None else Kept.of(wanted, instants, n)
+    selected = None if wanted is None else SelectedCovariances.of(wanted, instants, n)
     covariance = np.zeros((instants, 1, n, n)) if wanted is None else None
     for at, x, P, V in _pieces(smoother):
         mean, spread = np.zeros((len(V), n)), np.zeros((len(V), n, n))
-        wider = beyond.behind(at, x, P, V, smoother.corrected)
+        wider = truncation.behind(at, x, P, V, smoother.corrected)
         mean[:, order], spread[:, order[:, None], order] = _mixed(smoother, grid_run, *wider)
         whole[at], std[at] = mean, standard_deviation(spread)
-        if kept is not None:
-            kept.take(at, spread)
+        if selected is not None:
+            selected.take(at, spread)
         if covariance is not None:
             covariance[at, 0] = spread
         if progress is not None:
             progress(1 - at.start / instants)
-    return Smoothed(grid_run.run.time, whole[:, None], std[:, None], covariance, kept)
+    return Smoothed(grid_run.run.time, whole[:, None], std[:, None], covariance, selected)
 
 
 def _mixed(
     smoother: AtPoints, grid_run: GridRun, x: np.ndarray, P: np.ndarray, V: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (L, n + k) and covariance over the posterior, of x (b, L, n), P (b, L, n, n) at its points and V (L, d, n)."""
+    """Mean (L, n + k) and covariance over the posterior, from x (b, L, n), P (b, L, n, n) at its points and V (L, d, n)."""
     (points, L, n), k = x.shape, len(smoother.centre)
     middle = x.mean(axis=0)
     off = x - middle
@@ -87,12 +85,11 @@ def _mixed(
 
 @dataclass(frozen=True)
 class AtPoints:
-    """What a smoother at b points (b, k) of the parameters goes by.
+    """Inputs of a smoother at b points (b, k) of the parameters.
 
-    centre (k,), spread (k, k): the posterior; points: its cubature rule, the k ends ahead and those behind. nu (d,) and left
-    (d, d): mean and covariance of ν that σ holds. record: its nuisances linear about the frequencies about which the grid
-    filter is, its model with the discrepancy in its noise, and the damping from which ν is counted where it is learned; models:
-    linear at the points and behind them at the centre, with start (x₀, P₀, V₀); beyond: what stands behind the states.
+    centre (k,), spread (k, k): the posterior; points: its cubature rule, k points ahead and k behind; nu (d,), left (d, d):
+    mean and covariance of ν in σ; record: linearised as in the grid filter, with the discrepancy in its noise; models: at the
+    points, and at the centre behind them; start (x₀, P₀, V₀); truncation: what follows the states.
     """
 
     record: GridRecord
@@ -103,26 +100,26 @@ class AtPoints:
     left: np.ndarray
     models: LinearModels
     start: Start
-    beyond: Beyond
+    truncation: Truncation
 
     @property
     def considers_nu(self) -> bool:
-        """Whether by gains that consider ν."""
+        """Whether the gains consider ν."""
         return not self.record.considered.learned
 
     @property
     def corrected(self) -> np.ndarray:
-        """The mean of ν (d,) that is in the motion."""
+        """Mean of ν (d,) contained in the motion."""
         return 0 * self.nu if self.considers_nu else self.nu
 
     @property
     def data(self) -> Data:
-        """The noise has the discrepancy in it."""
+        """Data of the record; the discrepancy is part of the noise."""
         return replace(self.record.data, discrepancy=np.zeros(self.record.samples.shape[1]))
 
 
 def points_of(record: GridRecord, grid_run: GridRun) -> AtPoints:
-    """Of a record, by the grid filter that filtered it."""
+    """Smoother inputs of a record, from the run of the grid filter."""
     model, considered, (centre, spread) = (
         record.model,
         replace(record.considered, centre=grid_run.centre),
@@ -144,12 +141,14 @@ def points_of(record: GridRecord, grid_run: GridRun) -> AtPoints:
         considered = replace(considered, about=about[:of_modes])
     record = replace(record, model=model, considered=considered)
     models = linear_models(model, np.concatenate([points, centre[None]]) if k else points, considered, record.biased)
-    return AtPoints(record, points, centre, spread, nu, left, models, record.begun(models), beyond_of(record))
+    return AtPoints(record, points, centre, spread, nu, left, models, record.begun(models), build_truncation(record))
 
 
 def _pieces(smoother: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
-    """Instants of a piece of the record, x (b, L, n) at the points, P (b, L, n, n) of what no nuisance explains of its error, and
-    V (L, d, n), what one of each adds to x̂ˢ − x; where ν is learned the record is one piece."""
+    """Instants of a piece of the record, x (b, L, n) and P (b, L, n, n) at the points, and V (L, d, n) per unit ν of x̂ˢ − x.
+
+    P excludes the considered parameters. If ν is learned the record is one piece.
+    """
     if not smoother.considers_nu:
         yield slice(0, smoother.record.steps + 1), *_corrected(smoother, smoother.points)
         return
@@ -159,7 +158,7 @@ def _pieces(smoother: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray,
 
 
 def smoothed_at_points(smoother: AtPoints) -> tuple[np.ndarray, np.ndarray]:
-    """x (b + 1, T + 1, n) at the points and behind them at the centre, and V (T + 1, d, n)."""
+    """x (b + 1, T + 1, n) at the points and at the centre behind them, and V (T + 1, d, n)."""
     if smoother.considers_nu:
         states = consider_smoothed(smoother.models, smoother.start, smoother.data)
         return np.concatenate([states.x[: len(smoother.points)], states.x[-1:]]), states.V[-1]
@@ -168,8 +167,8 @@ def smoothed_at_points(smoother: AtPoints) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corrected(smoother: AtPoints, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x (b, T + 1, n) at points (b, k), without what the mean of ν (d,) makes of samples and motion; P; V (T + 1, d, n) at the
-    centre (k,)."""
+    """x (b, T + 1, n) at points (b, k), corrected for the effect of the mean of ν (d,) on samples and motion; P; V (T + 1, d, n)
+    at the centre."""
     record, nu, samples = smoother.record, smoother.nu, smoother.data.samples
     start, P0, _ = record.begun(linear_models(record.model, points, record.considered, record.biased))
 
@@ -187,8 +186,7 @@ def _corrected(smoother: AtPoints, points: np.ndarray) -> tuple[np.ndarray, np.n
 def kept_at(
     record: GridRecord, point: np.ndarray, mean: np.ndarray, covariance: np.ndarray, samples: np.ndarray
 ) -> tuple[StepModel, FilterRun]:
-    """The filter at parameters p (k,), behind its model, for runs of samples (T, B, m); mean (n,), covariance (n, n) of its
-    states."""
+    """Model and filter at parameters p (k,) for runs of samples (T, B, m); mean (n,), covariance (n, n) of its states."""
     model, _ = tuned(record.model, record.considered, point[None])
     if model.model.frequency_factors is not None:
         model = replace(model, model=replace(model.model, frequency_factors=model.model.frequency_factors[0]))
@@ -198,9 +196,11 @@ def kept_at(
 
 
 def _effects(smoother: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Along a motion (T + 1, n), at the centre, what one of every nuisance adds to the samples (T, m, d), to the motion
-    (T + 1, d, n), and to the error (T + 1, d, n) of states smoothed by those samples that are not missing; beyond the coordinates
-    loads displace what the mean of ν makes of them."""
+    """Effects of a unit ν along a motion (T + 1, n) at the centre.
+
+    Returns those on the samples (T, m, d), on the motion (T + 1, d, n) and on the smoothing error (T + 1, d, n). Truncated
+    displacements use the mean of ν.
+    """
     record, data = smoother.record, smoother.data
     one = linear_models(record.model, smoother.centre[None], record.considered, record.biased)
     steps, d, n = record.steps, one.considered_count, one.H.shape[-1]
@@ -214,8 +214,8 @@ def _effects(smoother: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.nda
     for t in range(steps):
         moved[t + 1, :e] = moved[t, :e] @ one.A[0].T + pushed[t]
     caused = np.einsum("dmn,tn->tdm", one.D, motion[1:])
-    beyond = smoother.nu[e - len(one.U) : e] * (motion[1:] @ one.U.T + data.known_end @ one.W.T)
-    caused += np.einsum("dmp,tp->tdm", one.E, data.known_end) + np.einsum("dmf,tf->tdm", one.B, beyond)
+    truncation = smoother.nu[e - len(one.U) : e] * (motion[1:] @ one.U.T + data.known_end @ one.W.T)
+    caused += np.einsum("dmp,tp->tdm", one.E, data.known_end) + np.einsum("dmf,tf->tdm", one.B, truncation)
     caused += one.offset + moved[1:] @ one.H[0].T
     samples = np.where(np.isfinite(data.samples)[:, None], caused, np.nan)
     silent = replace(record, known=np.zeros_like(record.known))
@@ -224,26 +224,29 @@ def _effects(smoother: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 @dataclass(frozen=True)
-class Beyond:
-    """z = ν u of f constants: at (f,) where these stand among all ν; rows (f, n) of u [N] on the states [q, q̇, ζ, offsets],
-    and what known loads are of it (T + 1, f)."""
+class Truncation:
+    """Displacement z = ν u that the reduced coordinates truncate, for f constants.
+
+    at (f,): their indices in ν; rows (f, n): u [N] from the states [q, q̇, ζ, offsets]; fed (T + 1, f): contribution of the
+    known loads.
+    """
 
     at: np.ndarray
     rows: np.ndarray
     fed: np.ndarray
 
     def load(self, x: np.ndarray, at: slice = slice(None)) -> np.ndarray:
-        """u (L, f) of states x (L, n) at some instants."""
+        """Loads u (L, f) from states x (L, n)."""
         return x @ self.rows.T + self.fed[at]
 
     def behind(
         self, at: slice, x: np.ndarray, P: np.ndarray, V: np.ndarray, nu: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """States x (b, L, n), their covariance P (b, L, n, n) and V (L, d, n) at L instants, with z behind them:
+        """States x (b, L, n), P (b, L, n, n) and V (L, d, n) with z appended:
 
-            ẑ = ν̂ û,     ẑ − z = −(ν − ν̂) û     to first order, so that V has −û there, and P nothing
+            ẑ = ν̂ û,     ẑ − z = −(ν − ν̂) û     to first order, so V contains −û and P is zero
 
-        û at the mean over the points; nu ν̂ (d,) that is in the motion.
+        û is the mean over the points; nu ν̂ (d,): part of the motion.
         """
         f = len(self.at)
         if f == 0:
@@ -256,24 +259,24 @@ class Beyond:
         return np.concatenate([x, z], axis=2), wider, np.concatenate([V, error], axis=2)
 
 
-def beyond_of(record: GridRecord) -> Beyond:
-    """Of the loads that `ConsideredParameters.load` names, where they are to stand `behind` the states."""
+def build_truncation(record: GridRecord) -> Truncation:
+    """Truncated displacements of the loads in `ConsideredParameters.load`, if they are `behind` the states."""
     model, considered = record.model, record.considered
     named = considered.load if considered.behind else considered.load[:0]
     ahead = len(considered.sources(model.model.size)) - len(considered.source)
     rows, fed = on_loads(model, np.eye(len(model.model.inputs))[named])
     wider = np.pad(rows, [(0, 0), (0, len(record.biased))])
-    return Beyond(ahead + np.arange(len(named)), wider, instant_values(record.known) @ fed.T)
+    return Truncation(ahead + np.arange(len(named)), wider, instant_values(record.known) @ fed.T)
 
 
 AT_ONCE = 20_000_000
-"""Numbers of the histories that are drawn at a time."""
+"""Values of the sampled histories held in memory at once."""
 
 
 @dataclass(frozen=True)
 class Paths:
-    """N draws: parameter (N, k) p = ln(θ/guess), which is constant; state (N, T + 1, n + f) of what was asked for, behind it z of
-    `Beyond`."""
+    """N draws: parameter (N, k) p = ln(θ/guess), constant; state (N, T + 1, n + f): the requested states, followed by z of
+    `Truncation`."""
 
     parameter: np.ndarray
     state: np.ndarray
@@ -282,30 +285,28 @@ class Paths:
 def sample_paths(
     record: GridRecord, grid_run: GridRun, count: int, seed: int, states: slice = slice(None), number: int = 0
 ) -> Iterator[Paths]:
-    """`count` draws in parts, as of `smooth_on_grid`; states: which of [q, q̇, ζ, offsets].
+    """Sample `count` histories in parts, consistent with `smooth_on_grid`; states: selection of [q, q̇, ζ, offsets].
 
-    number: of the record among those of `grid_run`: draws of one seed have the constants of all records in common, and the rest
-    of each record for itself.
+    number: index of the record in `grid_run`. Draws with the same seed share the constants of all records, and nothing else.
 
         x = x̂ˢ(p) − w − V(ν − ν̂),     x̂ˢ(p) = x̂ˢ(p̄) + Σᵢ zᵢ sᵢ + ½ zᵢ² cᵢ,     p = p̄ + L z,   L Lᵀ the covariance of p
 
-    p and ν are drawn together from the points of the grid filter with normal kernels (`marginal`), w with the gains at each of
-    the 2k points θⱼ of `smooth_on_grid` in turn (`consider_errors`, `smoother_errors`). First and second differences s and c over
-    x̂ˢ(θⱼ) carry the mean to p. So mean and covariance of the draws are those that `smooth_on_grid` claims at every instant,
-    but for products of curvatures c, which its rule of degree three does not see; and instants belong together as the
-    smoother's errors do. A part depends on seed, its number and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
+    p and ν are sampled jointly from the grid points with normal kernels (`marginal`), w with the gains at each of the 2k
+    points θⱼ in turn (`consider_errors`, `smoother_errors`). s and c are first and second differences over x̂ˢ(θⱼ). Mean and
+    covariance of the draws agree with `smooth_on_grid`, up to products of the curvatures c. Correlations in time are those of
+    the smoother errors. A part depends on seed, its index and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
     """
     smoother = points_of(record, grid_run)
     x, V = smoothed_at_points(smoother)
     rng = np.random.default_rng(seed)
     p, nu = _constants(smoother, grid_run, count, rng)
     rng = np.random.default_rng((seed, number)) if number else rng
-    beyond = smoother.beyond
-    points, k, sizes = len(smoother.points), len(smoother.centre), smoother.models.H.shape[-1] + len(beyond.at)
+    truncation = smoother.truncation
+    points, k, sizes = len(smoother.points), len(smoother.centre), smoother.models.H.shape[-1] + len(truncation.at)
     part = max(points, AT_ONCE // ((record.steps + 1) * sizes) // points * points)
     z = np.linalg.solve(np.linalg.cholesky(smoother.spread), (p - smoother.centre).T).T
     middle, slope, bend = _carried(x, k)
-    load, nu_of_loads = beyond.load(x[:points].mean(axis=0)), (nu + smoother.corrected)[:, beyond.at]
+    load, nu_of_loads = truncation.load(x[:points].mean(axis=0)), (nu + smoother.corrected)[:, truncation.at]
     for start in range(0, count, part):
         span = slice(start, min(start + part, count))
         each = -(-(span.stop - span.start) // points)
@@ -321,7 +322,7 @@ def sample_paths(
 def _constants(
     smoother: AtPoints, grid_run: GridRun, count: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """p (N, k) and ν − ν̂ (N, d), together."""
+    """Joint draws of p (N, k) and ν − ν̂ (N, d)."""
     k, d = len(smoother.centre), len(smoother.nu)
     joint = np.hstack([grid_run.point, grid_run.nu])
     centre = np.concatenate([smoother.centre, grid_run.weight @ grid_run.nu])
@@ -335,14 +336,13 @@ def _constants(
     which = np.minimum(np.searchsorted(np.cumsum(grid_run.weight), place), len(grid_run.weight) - 1)
     factor = covariance_factor(covariance)
     kernel = rng.standard_normal((count, factor.shape[1])) @ factor.T
-    drawn = np.sqrt(1 - share) * off[which] + np.sqrt(share) * kernel
+    sample = np.sqrt(1 - share) * off[which] + np.sqrt(share) * kernel
     left = covariance_factor(smoother.left - covariance[k:, k:]) if d else np.zeros((0, 0))
-    return smoother.centre + drawn[:, :k], drawn[:, k:] + rng.standard_normal((count, left.shape[1])) @ left.T
+    return smoother.centre + sample[:, :k], sample[:, k:] + rng.standard_normal((count, left.shape[1])) @ left.T
 
 
 def _carried(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of x̂ˢ (2k + 1, T + 1, n) at the points and the centre: mean (T + 1, n) over the points, first and second derivatives
-    (k, T + 1, n) in z."""
+    """Mean (T + 1, n) of x̂ˢ (2k + 1, T + 1, n) over the points, and first and second derivatives (k, T + 1, n) in z."""
     if k == 0:
         nothing = np.zeros((0, *x.shape[1:]))
         return x[0], nothing, nothing
@@ -351,7 +351,7 @@ def _carried(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _errors(smoother: AtPoints, each: int, rng: np.random.Generator, states: slice) -> np.ndarray:
-    """−w (each · points, T + 1, n), the points one after the other."""
+    """−w (each · points, T + 1, n), point by point."""
     (x, P, V), record, points = smoother.start, smoother.record, len(smoother.points)
     if smoother.considers_nu:
         models = smoother.models.of(slice(points))

@@ -34,35 +34,35 @@ def without_load_fault(record: R, load: np.ndarray, fault: Fault) -> R:
     Loads that were written n samples late are moved to their own time. They have none at one end of the record: there they are
     taken to stay as they are, and samples are left out.
     """
-    held, samples, W = record.known.copy(), record.samples, record.settled
-    tones = np.zeros((0, *held.shape[1:]), dtype=complex) if W is None else W.held.copy()
+    known, samples, W = record.known.copy(), record.samples, record.settled
+    tones = np.zeros((0, *known.shape[1:]), dtype=complex) if W is None else W.hold.copy()
     wrong = load == fault.channel
     if fault.kind == "swapped":
         other = load == int(fault.amount)
-        for each in (held, tones):
+        for each in (known, tones):
             each[..., wrong], each[..., other] = each[..., other], each[..., wrong]
     elif fault.kind == "late":
         n, steps = int(fault.amount), int(fault.amount) * record.model.every
-        held[..., wrong] = _moved(held[..., wrong], steps)
+        known[..., wrong] = _moved(known[..., wrong], steps)
         samples = samples.copy()
         samples[slice(len(samples) - n, None) if n > 0 else slice(0, -n)] = np.nan
         if W is not None:
             tones[..., wrong] *= np.exp(1j * W.frequency * record.model.h * steps)[:, None, None]
     else:
-        held[..., wrong] *= fault.factor
+        known[..., wrong] *= fault.factor
         tones[..., wrong] *= fault.factor
-    return replace(record, known=held, samples=samples, settled=None if W is None else replace(W, held=tones))
+    return replace(record, known=known, samples=samples, settled=None if W is None else replace(W, hold=tones))
 
 
-def _moved(held: np.ndarray, steps: int) -> np.ndarray:
+def _moved(hold: np.ndarray, steps: int) -> np.ndarray:
     """Hold coefficients (T, HOLD, p) from so many steps later, constant beyond the record."""
-    moved = np.zeros_like(held)
+    moved = np.zeros_like(hold)
     if steps > 0:
-        moved[:-steps] = held[steps:]
-        moved[-steps:, 0] = held[-1].sum(axis=0)
+        moved[:-steps] = hold[steps:]
+        moved[-steps:, 0] = hold[-1].sum(axis=0)
     else:
-        moved[-steps:] = held[:steps]
-        moved[:-steps, 0] = held[0, 0]
+        moved[-steps:] = hold[:steps]
+        moved[:-steps, 0] = hold[0, 0]
     return moved
 
 
@@ -113,9 +113,9 @@ def innovations_of(record: GridRecord, load: np.ndarray) -> Innovations:
     nothing = replace(record, mean=0 * record.mean, samples=np.where(np.isnan(record.samples), np.nan, 0.0))
 
     def effect(i: int, j: int) -> np.ndarray:
-        held = silent.copy()
-        held[..., load == j] = record.known[..., load == i]
-        return _whitened(replace(nothing, known=held), point)[0]
+        known = silent.copy()
+        known[..., load == j] = record.known[..., load == i]
+        return _whitened(replace(nothing, known=known), point)[0]
 
     loads = range(len(np.unique(load)))
     return Innovations(unloaded, [[effect(i, j) for j in loads] for i in loads], log_prior)

@@ -59,10 +59,13 @@ class FilterModel:
     def __post_init__(self) -> None:
         for name in self.unknowns.inputs:
             if name in self.known_inputs:
-                raise ConfigError(f"input {name} is both known and estimated", remedy="choose one")
+                raise ConfigError(
+                    f"input {name} is both known and estimated",
+                    remedy="remove it from the known or from the unknown inputs",
+                )
         for name in self.model.parameters:
             if name not in self.fixed and name not in self.unknowns.parameters:
-                raise ConfigError(f"parameter {name} has no value", remedy="estimate it or give its value")
+                raise ConfigError(f"parameter {name} has no value", remedy="estimate it, or set its value")
 
     @property
     def size(self) -> int:
@@ -113,7 +116,7 @@ class FilterModel:
         return moving if moving is not None and moving.any() else None
 
     @property
-    def beside_free_loads(self) -> bool:
+    def has_free_loads(self) -> bool:
         """Whether parameters are judged beside unknown loads that are free."""
         return self.free_loads and bool(self.unknowns.inputs and self.unknowns.parameters)
 
@@ -394,8 +397,8 @@ def _map_jacobian(
     J = np.zeros((*batch, modal.transition.shape[-2], model.size))
     J[..., model.motion] = modal.transition
     inputs = modal.input[..., model.columns[0]]
-    held = hold.shape[0] * hold.shape[1]
-    J[..., model.input_states] = inputs.reshape(*inputs.shape[:-2], held) @ hold.reshape(held, -1 if held else 0)
+    width = hold.shape[0] * hold.shape[1]
+    J[..., model.input_states] = inputs.reshape(*inputs.shape[:-2], width) @ hold.reshape(width, -1 if width else 0)
     if names:
         slopes = parameter_slopes(model.model, modal, theta, state, u, names)
         scale = np.stack(np.broadcast_arrays(*(theta[name] for name in names)), axis=-1)

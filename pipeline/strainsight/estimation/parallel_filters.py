@@ -20,24 +20,24 @@ class ModalMotion:
 
         z⁺ₐ = p₀ₐ zₐ + p₁ₐ z_{q+a} + …,   z⁺_{q+a} = p₂ₐ zₐ + p₃ₐ z_{q+a} + …,   a < q
 
-    and what the other s = n − 2q do, to all of them and to each other, is the rows of `beside`. A step takes a tenth of the
+    and what the other s = n − 2q do, to all of them and to each other, is the rows of `augmented`. A step takes a tenth of the
     products that it takes of a full matrix.
-    basis T and its inverse (B, n, n); pairs p (B, 4, q); beside (B, s, n); fed (B, n, p) by what is known; slopes in ν:
-    pairs_nu (B, e, 4, q), beside_nu (B, e, s, n), fed_nu (B, e, n, p).
+    basis T and its inverse (B, n, n); pairs p (B, 4, q); augmented (B, s, n); fed (B, n, p) by what is known; slopes in ν:
+    pairs_nu (B, e, 4, q), augmented_nu (B, e, s, n), fed_nu (B, e, n, p).
     """
 
     basis: np.ndarray
     inverse: np.ndarray
     pairs: np.ndarray
-    beside: np.ndarray
+    augmented: np.ndarray
     fed: np.ndarray
     pairs_nu: np.ndarray
-    beside_nu: np.ndarray
+    augmented_nu: np.ndarray
     fed_nu: np.ndarray
 
     def __post_init__(self) -> None:
         (B, n, p), q, e = self.fed.shape, self.pairs.shape[-1], self.pairs_nu.shape[1]
-        shapes = "basis Bnn, inverse Bnn, pairs B4q, beside Bsn, pairs_nu Be4q, beside_nu Besn, fed_nu Benp"
+        shapes = "basis Bnn, inverse Bnn, pairs B4q, augmented Bsn, pairs_nu Be4q, augmented_nu Besn, fed_nu Benp"
         agree(self, shapes, {"B": B, "n": n, "p": p, "q": q, "e": e, "s": n - 2 * q, "4": 4})
 
     def of(self, points: slice) -> ModalMotion:
@@ -46,7 +46,7 @@ class ModalMotion:
 
     def about(self, nu: np.ndarray) -> ModalMotion:
         """That at ν (e,), in which it is linear."""
-        slopes = {"pairs": self.pairs_nu, "beside": self.beside_nu, "fed": self.fed_nu}
+        slopes = {"pairs": self.pairs_nu, "augmented": self.augmented_nu, "fed": self.fed_nu}
         moved = {name: getattr(self, name) + np.tensordot(slope, nu, (1, 0)) for name, slope in slopes.items()}
         return replace(self, **moved)
 
@@ -55,23 +55,23 @@ class ModalMotion:
         if count == 0:
             return self
 
-        basis, inverse, beside = (wider(each, count, -1, -2) for each in (self.basis, self.inverse, self.beside))
+        basis, inverse, augmented = (wider(each, count, -1, -2) for each in (self.basis, self.inverse, self.augmented))
         constants = range(-count, 0)
-        for each in (basis, inverse, beside):
+        for each in (basis, inverse, augmented):
             each[:, constants, constants] = 1.0
-        beside_nu, fed_nu = wider(self.beside_nu, count, -1, -2), wider(self.fed_nu, count, -2)
+        augmented_nu, fed_nu = wider(self.augmented_nu, count, -1, -2), wider(self.fed_nu, count, -2)
         return ModalMotion(
-            basis, inverse, self.pairs, beside, wider(self.fed, count, -2), self.pairs_nu, beside_nu, fed_nu
+            basis, inverse, self.pairs, augmented, wider(self.fed, count, -2), self.pairs_nu, augmented_nu, fed_nu
         )
 
 
-def _full(pairs: np.ndarray, beside: np.ndarray) -> np.ndarray:
+def _full(pairs: np.ndarray, augmented: np.ndarray) -> np.ndarray:
     """(..., n, n) in the coordinates of the modes."""
-    q, n = pairs.shape[-1], beside.shape[-1]
-    full, a = np.zeros((*beside.shape[:-2], n, n)), np.arange(q)
+    q, n = pairs.shape[-1], augmented.shape[-1]
+    full, a = np.zeros((*augmented.shape[:-2], n, n)), np.arange(q)
     for k, (i, j) in enumerate(((0, 0), (0, q), (q, 0), (q, q))):
         full[..., i + a, j + a] = pairs[..., k, :]
-    full[..., 2 * q :] = np.swapaxes(beside, -1, -2)
+    full[..., 2 * q :] = np.swapaxes(augmented, -1, -2)
     return full
 
 
@@ -90,10 +90,10 @@ class LinearModels:
     D (d, m, n), E (d, m, p₁), o (d, m). B (d, m, f) on
     zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f of those that change the motion, U (f, n), W (f, p₁).
     about (d,): ν is counted from there, and of every model from `shift` (B, d) beyond, so that its mean is −about − shift;
-    held (d,): whether slopes are those there.
+    fixed_slope (d,): whether slopes are those there.
     """
 
-    SHARED: ClassVar = ("D", "E", "offset", "B", "U", "W", "about", "held")
+    SHARED: ClassVar = ("D", "E", "offset", "B", "U", "W", "about", "fixed_slope")
     """Arrays without a row for every model."""
 
     motion: ModalMotion
@@ -108,18 +108,18 @@ class LinearModels:
     W: np.ndarray
     about: np.ndarray
     shift: np.ndarray
-    held: np.ndarray
+    fixed_slope: np.ndarray
 
     def __post_init__(self) -> None:
         (B, m, n), p1 = self.H.shape, self.F.shape[-1]
         d, f = len(self.D), len(self.U)
         sizes = {"B": B, "m": m, "n": n, "p": p1, "d": d, "f": f}
         agree(self.motion, "basis Bnn", sizes)
-        agree(self, "Q Bnn, F Bmp, D dmn, E dmp, offset dm, B dmf, U fn, W fp, about d, shift Bd, held d", sizes)
+        agree(self, "Q Bnn, F Bmp, D dmn, E dmp, offset dm, B dmf, U fn, W fp, about d, shift Bd, fixed_slope d", sizes)
 
     @cached_property
     def A(self) -> np.ndarray:
-        return np.asarray(self.motion.basis @ _full(self.motion.pairs, self.motion.beside) @ self.motion.inverse)
+        return np.asarray(self.motion.basis @ _full(self.motion.pairs, self.motion.augmented) @ self.motion.inverse)
 
     @cached_property
     def G(self) -> np.ndarray:
@@ -128,7 +128,7 @@ class LinearModels:
     @cached_property
     def A_nu(self) -> np.ndarray:
         basis, inverse = self.motion.basis[:, None], self.motion.inverse[:, None]
-        return np.asarray(basis @ _full(self.motion.pairs_nu, self.motion.beside_nu) @ inverse)
+        return np.asarray(basis @ _full(self.motion.pairs_nu, self.motion.augmented_nu) @ inverse)
 
     @cached_property
     def G_nu(self) -> np.ndarray:
@@ -163,11 +163,20 @@ class LinearModels:
         """As `take_steps` takes them: motion, readings, and what is beyond the coordinates."""
         modal, acts = self.motion, (self.D != 0).any(axis=2) | (self.E != 0).any(axis=2)
         Q = modal.inverse @ self.Q @ np.swapaxes(modal.inverse, 1, 2)
-        motion = modal.pairs, modal.beside, modal.fed, Q, modal.pairs_nu, modal.beside_nu, modal.fed_nu, modal.basis
+        motion = (
+            modal.pairs,
+            modal.augmented,
+            modal.fed,
+            Q,
+            modal.pairs_nu,
+            modal.augmented_nu,
+            modal.fed_nu,
+            modal.basis,
+        )
         reading = self.H @ modal.basis, self.F, self.D, self.E, self.offset, acts
-        beyond = self.B, self.U, self.W, self.held.astype(float)
+        truncation = self.B, self.U, self.W, self.fixed_slope.astype(float)
 
-        return compilable(*motion), compilable(*reading), compilable(*beyond)
+        return compilable(*motion), compilable(*reading), compilable(*truncation)
 
 
 def compilable(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -181,7 +190,9 @@ def agree(arrays: Any, shapes: str, sizes: dict[str, int]) -> None:
     for name, letters in (each.split() for each in shapes.split(", ")):
         actual, shape = getattr(arrays, name).shape, tuple(sizes[letter] for letter in letters)
         if actual != shape:
-            raise ValueError(f"arrays of filters side by side do not fit: {name} is {actual} in place of {shape}")
+            raise ValueError(
+                f"arrays of the parallel filters have inconsistent shapes: {name} is {actual}, expected {shape}"
+            )
 
 
 KEPT = 4_000_000
@@ -334,14 +345,14 @@ def advance(
     B, m, n = models.H.shape
     less = np.zeros((0, models.considered_count)) if less is None else less
     L, d, second = len(data.samples), models.considered_count, len(filters.x_c)
-    kept, whole = L if keep else 0, L if keep and states else 0
+    saved, whole = L if keep else 0, L if keep and states else 0
     sizes = {"B": B, "c": B if second else 0, "d": d, "m": m, "n": n, "L": L, "p": models.motion.fed.shape[-1]}
     agree(filters, "x Bn, P Bnn, V Bdn, x_c cn, P_c cnn, V_c cdn", sizes)
     agree(data, "known Lp, known_end Le, samples Lm, noise Lm, discrepancy m", sizes | {"e": models.F.shape[-1]})
     if len(less) and less.shape != (L, d):
-        raise ValueError(f"information of shape {less.shape} in place of {(L, d)}")
+        raise ValueError(f"the information has shape {less.shape}, expected {(L, d)}")
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
-    nu, left, fit = np.zeros((B, kept, d)), np.zeros((B, kept, d, d)), np.zeros((B, L))
+    nu, left, fit = np.zeros((B, saved, d)), np.zeros((B, saved, d, d)), np.zeros((B, L))
     ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))
     *arrays, _ = (getattr(filters, entry.name) for entry in fields(filters))
     state, considering = tuple(arrays[:-3]), tuple(arrays[-3:])
@@ -350,7 +361,7 @@ def advance(
     from strainsight.estimation.compiled.filters import take_steps  # not before: numba takes a second to import
 
     def part(span: np.ndarray) -> None:
-        take_steps(span, *models.compiled, state, considering, read, (kept > 0, whole > 0), out, ahead)  # type: ignore[no-untyped-call]
+        take_steps(span, *models.compiled, state, considering, read, (saved > 0, whole > 0), out, ahead)  # type: ignore[no-untyped-call]
 
     count = min(threads(), max(1, B * L // APART))
     spans = [span for span in np.array_split(np.arange(B), count) if len(span)]

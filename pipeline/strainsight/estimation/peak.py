@@ -202,13 +202,13 @@ def resonance_widths(records: Sequence[GridRecord]) -> np.ndarray:
     omega = np.sqrt(np.maximum(lam, 0.0))
     longest = max(record.steps * record.model.h for record in records)
     rate = np.maximum(0.5 * rom.damping.at(theta).viscous(lam)[0], 1 / longest)
-    seen = (omega > 0) & (omega * h < np.pi)
+    resolved = (omega > 0) & (omega * h < np.pi)
     width = np.full(len(names), 2.0)
     for i, name in enumerate(names):
         dK, dM = rom.stiffness.derivative(name, theta), rom.mass.derivative(name, theta)
         slope = np.einsum("am,abm,bm->m", phi, dK[:, :, None] - lam * dM[:, :, None], phi)
-        moved = theta[name] * np.abs(slope[seen]) / (2 * omega[seen])
-        width[i] = np.min(2 * rate[seen] / np.maximum(moved, rate[seen]), initial=2.0)
+        moved = theta[name] * np.abs(slope[resolved]) / (2 * omega[resolved])
+        width[i] = np.min(2 * rate[resolved] / np.maximum(moved, rate[resolved]), initial=2.0)
     return width
 
 

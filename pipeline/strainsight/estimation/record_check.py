@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.decision import judged
+from strainsight.estimation.decision import check_ratio
 from strainsight.estimation.fault_evidence import (
     LONGEST,
     CheckRecord,
@@ -86,10 +86,10 @@ def check_record(
         whole = part_of(suspect, begin, end)
         check = _check_stretch(moving_part_of(whole), whole, discrepancy, going)
         checks.append(check)
-        if check.finding.contradicts:
+        if check.finding.inconsistent:
             break
     all_of_it = len(check.stretch.samples) == len(suspect.samples)
-    if all_of_it or (check.finding.contradicts and not _has_spikes(check.finding)):
+    if all_of_it or (check.finding.inconsistent and not _has_spikes(check.finding)):
         return check
     return _check_all(suspect, checks, discrepancy, progress)
 
@@ -110,7 +110,7 @@ def _check_stretch(part: CheckRecord, whole: CheckRecord, discrepancy: float, pr
         return RecordCheck(finding, part, worst, _moving(part))
     finding = examined(part, discrepancy, progress, as_it_is)
     if finding.searched and (pattern := _unmodelled_load(part, as_it_is, finding)) is not None:
-        finding = replace(finding, contradicts=True, named=None, candidates=(), shifted=None, pattern=pattern)
+        finding = replace(finding, inconsistent=True, named=None, candidates=(), shifted=None, pattern=pattern)
     stretch = part
     if len(part.samples) < len(whole.samples) and len(finding.candidates) > 1:
         later = part.begin - whole.begin
@@ -131,7 +131,7 @@ def _unmodelled_load(part: CheckRecord, fit: Fit, finding: Diagnosis) -> Residua
     as_it_is, grid_run = fit
     inputs = part.model.unknowns.inputs
     samples = int(np.isfinite(part.samples).sum())
-    explains = any(not judged(one.ratio, samples).overconfident for one in finding.candidates)
+    explains = any(not check_ratio(one.ratio, samples).overconfident for one in finding.candidates)
     if grid_run is None or explains or part.samples.shape[1] < len(inputs) + 2:
         return None
     white, innovation = grid_run.run.whitened[part.sampled, 0], grid_run.run.innovation[part.sampled, 0]
@@ -203,11 +203,11 @@ def _check_all(
         return check
     stretch = part_of(suspect, *bounds)
     local = _check_stretch(stretch, stretch, discrepancy, progress)
-    if not local.finding.contradicts and not whole[0].ratio <= BELIEVABLE and missed_of(whole[1]) > discrepancy:
+    if not local.finding.inconsistent and not whole[0].ratio <= BELIEVABLE and missed_of(whole[1]) > discrepancy:
         return replace(
-            check, finding=replace(local.finding, contradicts=True, as_it_is=whole[0]), worst=worst, part=local.part
+            check, finding=replace(local.finding, inconsistent=True, as_it_is=whole[0]), worst=worst, part=local.part
         )
-    return local if local.finding.contradicts else check
+    return local if local.finding.inconsistent else check
 
 
 def _stretch_elsewhere(

@@ -103,7 +103,7 @@ class DrivenModel:
     @property
     def loss(self) -> str:
         names = ", ".join(self.model.unknowns.parameters) or "the state"
-        return f"{names} left the guess by more than a factor of {np.exp(LOST):.0f}"
+        return f"{names} deviated from the guess by more than a factor of {np.exp(LOST):.0f}"
 
     def begin(self, x: np.ndarray, k: int) -> None:
         pass

@@ -39,7 +39,7 @@ class WantedCovariances:
 
 
 @dataclass(frozen=True)
-class Kept:
+class SelectedCovariances:
     """What was wanted: std (T + 1, r), covariance (T + 1, k, k) and then (i, n*, n*)."""
 
     wanted: WantedCovariances
@@ -48,7 +48,7 @@ class Kept:
     then: np.ndarray
 
     @classmethod
-    def of(cls, wanted: WantedCovariances, instants: int, n: int) -> Kept:
+    def of(cls, wanted: WantedCovariances, instants: int, n: int) -> SelectedCovariances:
         """Nothing so far, of so many instants of n* states."""
         r, k, i = wanted.rows.shape[-2], len(wanted.states), len(wanted.instants)
         return cls(wanted, np.zeros((instants, r)), np.zeros((instants, k, k)), np.zeros((i, n, n)))
@@ -71,53 +71,54 @@ class Smoothed:
     mean: np.ndarray
     std: np.ndarray
     covariance: np.ndarray | None
-    kept: Kept | None = None
+    selected: SelectedCovariances | None = None
 
     def std_of(self, rows: np.ndarray) -> np.ndarray:
         """σ (T + 1, r) of rows (r, n*) or (T + 1, r, n*) of x* in the first run. Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return output_std(rows, self.covariance[:, 0])
-        kept = self._kept()
-        if kept.wanted.rows.ndim == 2:
-            return kept.std[:, _places(rows, kept.wanted.rows)]
-        if not np.array_equal(rows, kept.wanted.rows):
-            raise ValueError("the smoother has not kept the variance of these rows")
-        return kept.std
+        selected = self._require_selected()
+        if selected.wanted.rows.ndim == 2:
+            return selected.std[:, _places(rows, selected.wanted.rows)]
+        if not np.array_equal(rows, selected.wanted.rows):
+            raise ValueError("the smoother did not store the variance of these rows")
+        return selected.std
 
     def covariance_of(self, states: np.ndarray) -> np.ndarray:
         """Of some states (k,) in the first run: (T + 1, k, k). Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return self.covariance[:, 0][:, states[:, None], states]
-        kept = self._kept()
-        at = _places(states, kept.wanted.states)
-        return kept.covariance[:, at[:, None], at]
+        selected = self._require_selected()
+        at = _places(states, selected.wanted.states)
+        return selected.covariance[:, at[:, None], at]
 
     def covariance_at(self, k: int) -> np.ndarray:
         """Of x* (n*, n*) at instant k in the first run. Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return np.asarray(self.covariance[k, 0])
-        kept = self._kept()
-        return np.asarray(kept.then[_places(np.array([k]), kept.wanted.instants)[0]])
+        selected = self._require_selected()
+        return np.asarray(selected.then[_places(np.array([k]), selected.wanted.instants)[0]])
 
     def without_sigma(self) -> Smoothed:
         """NaN for σ and covariance, so that whatever is computed from them is NaN too."""
         none = np.nan
-        kept, whole = self.kept, self.covariance
-        if kept is not None:
-            kept = replace(kept, std=none * kept.std, covariance=none * kept.covariance, then=none * kept.then)
-        return replace(self, std=none * self.std, covariance=None if whole is None else none * whole, kept=kept)
+        selected, whole = self.selected, self.covariance
+        if selected is not None:
+            parts = {name: none * getattr(selected, name) for name in ("std", "covariance", "then")}
+            selected = replace(selected, **parts)
+        return replace(self, std=none * self.std, covariance=None if whole is None else none * whole, selected=selected)
 
-    def _kept(self) -> Kept:
-        if self.kept is None:
-            raise ValueError("the smoother has kept no covariance")
-        return self.kept
+    def _require_selected(self) -> SelectedCovariances:
+        if self.selected is None:
+            raise ValueError("the smoother stored no covariance")
+        return self.selected
 
 
 def _places(wanted: np.ndarray, available: np.ndarray) -> np.ndarray:
     """Numbers (k,) of wanted entries (k, ...) among those that are available. Raises ValueError where one is not."""
     at = [np.flatnonzero((available == one).reshape(len(available), -1).all(axis=1)) for one in wanted]
     if not all(map(len, at)):
-        raise ValueError("the smoother has not kept this covariance")
+        raise ValueError("the smoother did not store this covariance")
     return np.array([each[0] for each in at], dtype=int)
 
 
@@ -135,9 +136,11 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
     Raises ValueError where the run was not kept, or the first one alone of several.
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
-    covariances, jacobian, all_rows, adjusted = map(_kept, (run.covariance, run.jacobian, run.rows, run.adjusted))
+    covariances, jacobian, all_rows, adjusted = map(
+        _require_kept, (run.covariance, run.jacobian, run.rows, run.adjusted)
+    )
     if covariances.shape[1] != run.unknown_covariance.shape[1]:
-        raise ValueError("only the first run was kept")
+        raise ValueError("only the first run was stored")
     core = DrivenModel(model, np.zeros((0, HOLD, 0))) if isinstance(model, FilterModel) else model
     steps, runs, channels = run.innovation.shape
     b, size = covariances.shape[1:3]
@@ -188,11 +191,11 @@ def smooth_first(model: StepModel, run: FilterRun) -> Smoothed:
     Jacobians that its filter used. Raises ValueError where the run was not kept.
     Source: Bierman, Factorization methods for discrete sequential estimation (1977), chapter X.
     """
-    steps, n = len(_kept(run.jacobian)), run.mean.shape[2]
+    steps, n = len(_require_kept(run.jacobian)), run.mean.shape[2]
     M, z = np.zeros((0, n)), np.zeros(0)
     mean, std = np.empty((steps + 1, 1, n)), np.empty((steps + 1, 1, n))
     for k in range(steps, -1, -1):
-        F = covariance_factor(_kept(run.covariance)[k, 0])
+        F = covariance_factor(_require_kept(run.covariance)[k, 0])
         if k < steps:
             M, z = _back(model, run, k, F, M, z)
         e, unit = _eliminated(np.vstack([M @ F, np.eye(F.shape[1])]), np.concatenate([z, np.zeros(F.shape[1])]))
@@ -206,7 +209,10 @@ def _back(
 ) -> tuple[np.ndarray, np.ndarray]:
     """M, z at the start of step k from those at its end, F (n, r) the factor of P at its start."""
     A, H, before, process, R = _first_of(model, run, k)
-    measured, whitened = np.isfinite(_kept(run.adjusted)[k, 0]), np.nan_to_num(_kept(run.adjusted)[k, 0])
+    measured, whitened = (
+        np.isfinite(_require_kept(run.adjusted)[k, 0]),
+        np.nan_to_num(_require_kept(run.adjusted)[k, 0]),
+    )
     H, R = np.where(measured[:, None], H, 0.0), np.diag(R)
     disturbance = np.zeros((len(A), 0)) if before is None else covariance_factor(before)
     added = covariance_factor(process)
@@ -229,7 +235,7 @@ def _eliminated(rows: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.nda
     return triangle[:, -1], triangle[:, :-1]
 
 
-def _kept(array: np.ndarray | None) -> np.ndarray:
+def _require_kept(array: np.ndarray | None) -> np.ndarray:
     """An array of a run that the filter keeps for a smoother. Raises ValueError where it has not."""
     if array is None:
         raise ValueError("the smoother needs a run kept with keep='all', or 'first' for the first run alone")
@@ -246,8 +252,8 @@ def _first_of(
 
     before = model.before(k)
     process = one(model.process(k) if run.process is None else run.process[k])
-    H, R = _kept(run.rows)[k, 0], np.diag(one(model.noise(k), 1)) if run.noise is None else run.noise[k, 0]
-    return _kept(run.jacobian)[k, 0], H, None if before is None else one(before), process, R
+    H, R = _require_kept(run.rows)[k, 0], np.diag(one(model.noise(k), 1)) if run.noise is None else run.noise[k, 0]
+    return _require_kept(run.jacobian)[k, 0], H, None if before is None else one(before), process, R
 
 
 def smoother_errors(
@@ -265,9 +271,9 @@ def smoother_errors(
     takes it for. run: of one run, kept with keep="all"; states: which are wanted. Raises ValueError otherwise.
     Source: Durbin and Koopman, Biometrika 89 (2002).
     """
-    adjusted, covariance = _kept(run.adjusted), _kept(run.covariance)
+    adjusted, covariance = _require_kept(run.adjusted), _require_kept(run.covariance)
     if adjusted.shape[1] != 1:
-        raise ValueError(f"errors of the smoother are of one run, not of {adjusted.shape[1]}")
+        raise ValueError(f"smoother errors need a single run, not {adjusted.shape[1]}")
     steps, _, m = adjusted.shape
     n = covariance.shape[-1]
     measured = np.isfinite(adjusted[:, 0])
@@ -277,16 +283,16 @@ def smoother_errors(
     def factor_of(numbers: bytes) -> np.ndarray:
         return covariance_factor(np.frombuffer(numbers).reshape(isqrt(len(numbers) // 8), -1))
 
-    def drawn(P: np.ndarray) -> np.ndarray:
+    def sample(P: np.ndarray) -> np.ndarray:
         factor = factor_of(P.tobytes())
         return np.asarray(rng.standard_normal((count, factor.shape[1])) @ factor.T)
 
-    e[0] = drawn(covariance[0, 0])
+    e[0] = sample(covariance[0, 0])
     back: list[tuple[np.ndarray, np.ndarray] | None] = []
     for k in range(steps):
         A, H, before, process, R = _first_of(model, run, k)
-        start = e[k] if before is None else e[k] + drawn(before)
-        ahead = start @ A.T + drawn(process)
+        start = e[k] if before is None else e[k] + sample(before)
+        ahead = start @ A.T + sample(process)
         channels = measured[k]
         if not channels.any():
             e[k + 1] = ahead
@@ -295,7 +301,7 @@ def smoother_errors(
         H, R = H[channels], R[np.ix_(channels, channels)]
         P = covariance[k] if before is None else covariance[k] + before
         K, L = gain(predict(P, A, process), H, R[None], instant=run.time[k + 1])
-        innovation = ahead @ H.T + drawn(R)
+        innovation = ahead @ H.T + sample(R)
         e[k + 1] = ahead - apply(K, innovation)
         back.append((np.eye(n) - K[0] @ H, np.linalg.solve(L[0], H)))
         white[k][:, channels] = np.linalg.solve(L[0], innovation.T).T
@@ -308,5 +314,5 @@ def smoother_errors(
         if (update := back[k - 1]) is not None:
             left, rows = update
             adjoint = adjoint @ left - white[k - 1][:, measured[k - 1]] @ rows
-        adjoint = adjoint @ _kept(run.jacobian)[k - 1, 0]
+        adjoint = adjoint @ _require_kept(run.jacobian)[k - 1, 0]
     return error

@@ -81,7 +81,7 @@ class StepGridRun:
     nis: np.ndarray
     point: np.ndarray
     weight: np.ndarray
-    laid: int
+    grid_count: int
     without: int
 
 
@@ -100,7 +100,7 @@ def filter_constants(
         problem.prior, lambda grid, step: _followed(problem, samples, grid, step),
         lambda point: _refuse_far(problem, point), MOST_POINTS,
     )  # fmt: skip
-    now, laid, T, n = build_first_grid(construction), 1, len(samples), len(problem.mean)
+    now, grid_count, T, n = build_first_grid(construction), 1, len(samples), len(problem.mean)
     mean, variance, nis = np.zeros((T + 1, n)), np.zeros((T + 1, n)), np.zeros(T)
     joint = np.zeros((T + 1, len(problem.position), len(problem.position)))
     mean[0], variance[0] = problem.mean, np.diagonal(problem.covariance)
@@ -125,12 +125,12 @@ def filter_constants(
         mix(slice(first + 1, first + used + 1), now, after[:used])
         now = replace(now, fit=now.histories.fit[: first + used].sum(axis=0), step=first + used)
         if used < len(after) or not good.all():
-            now, laid = build_next_grid(construction, now), laid + 1
+            now, grid_count = build_next_grid(construction, now), grid_count + 1
             # the last of these steps, which the points before are no longer good for
             mix(slice(now.step, now.step + 1), now, now.log_weight[None])
     w = now.weights.mean[-1]
     std, without = np.sqrt(np.maximum(variance, 0.0)), int(np.count_nonzero(np.isneginf(now.log_weight)))
-    return StepGridRun(mean, std, joint, nis, now.cover.point, w, laid, without)
+    return StepGridRun(mean, std, joint, nis, now.cover.point, w, grid_count, without)
 
 
 def _followed(problem: StepGridProblem, samples: np.ndarray, grid: ParameterGrid, step: int) -> WeightedHistories:
@@ -182,8 +182,8 @@ def _refuse_known(problem: StepGridProblem) -> None:
     std = np.sqrt(np.diagonal(covariance))
     if not np.all(std > 0) or np.linalg.eigvalsh(covariance / np.outer(std, std)).min() < 1e-12:
         raise InfeasibleError(
-            "the first σ of the parameters is zero, or makes one of them a combination of others",
-            remedy="leave std out for what is known, and estimate one of those that are the same",
+            "the initial σ of the parameters is zero, or makes them linearly dependent",
+            remedy="remove std of known parameters, and estimate only one of several identical ones",
         )
 
 
@@ -191,14 +191,15 @@ def _refuse_far(problem: StepGridProblem, point: np.ndarray) -> None:
     mean, covariance = problem.prior
     if np.abs((point - mean) / np.sqrt(np.diagonal(covariance))).max() > FARTHEST:
         raise NumericalError(
-            f"the measurements ask for parameters more than {FARTHEST:g} of their first σ from the guess",
-            remedy="check which channel is which sensor, their units and signs, and the known loads; or state a larger std",
+            f"the measurements require parameters more than {FARTHEST:g} initial σ from the guess",
+            remedy="check the channel assignment, units and signs, and the known loads; or increase std",
         )
 
 
 def _none_left(step: int) -> NumericalError:
     when = f"by step {step}" if step else "at the start"
     return NumericalError(
-        f"the filters at all values of the parameters have diverged {when}",
-        remedy="choose a guess nearer to the truth, a smaller first σ or a smaller time step; or method.parameters: extended",
+        f"the filters at all parameter values diverged {when}",
+        remedy="choose a guess closer to the true value, a smaller initial σ or a smaller time step, or set "
+        "method.parameters: extended",
     )

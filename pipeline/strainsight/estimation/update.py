@@ -76,10 +76,10 @@ def corrected(P: np.ndarray, K: np.ndarray, H: np.ndarray, R: np.ndarray) -> np.
 
 def predict_factor(F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray) -> np.ndarray:
     """Lower triangular F⁻ with F⁻F⁻ᵀ = A F Fᵀ Aᵀ + Q, from the QR factors of [A F, Q½]ᵀ; Q_factor (b or 1, n, any)."""
-    return _lower(beside(A @ F, Q_factor))
+    return _lower(join_columns(A @ F, Q_factor))
 
 
-def beside(*factors: np.ndarray) -> np.ndarray:
+def join_columns(*factors: np.ndarray) -> np.ndarray:
     """Columns of all factors (b or 1, n, any) in one."""
     b = max(len(X) for X in factors)
     whole = np.empty((b, factors[0].shape[1], sum(X.shape[2] for X in factors)))
@@ -94,7 +94,7 @@ def innovation_factor(
     F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float
 ) -> np.ndarray:
     """L (b, m, m) of HP⁻Hᵀ + R = LLᵀ, P⁻ of `predict_factor`, by the QR factors of [R½, H A F, H Q½]ᵀ; R (b, m)."""
-    L = _lower(beside(np.sqrt(R)[:, :, None] * np.eye(R.shape[-1]), H @ A @ F, H @ Q_factor))
+    L = _lower(join_columns(np.sqrt(R)[:, :, None] * np.eye(R.shape[-1]), H @ A @ F, H @ Q_factor))
     diagonal = np.diagonal(L, axis1=-2, axis2=-1)
     if not np.all(diagonal != 0):
         raise _indefinite(instant)
@@ -139,7 +139,7 @@ def pivoted_factors(P: np.ndarray) -> np.ndarray:
     states nearly tell each other."""
     factors = np.zeros_like(P)
     if not np.isfinite(P).all():
-        raise np.linalg.LinAlgError("a covariance is not finite")
+        raise np.linalg.LinAlgError("a covariance contains NaN or infinite values")
     for F, covariance in zip(factors, P, strict=True):
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         moving = np.flatnonzero(std)
@@ -200,8 +200,8 @@ def _lower(X: np.ndarray) -> np.ndarray:
 def _indefinite(instant: float) -> NumericalError:
     return NumericalError(
         f"the innovation covariance is not positive definite at {instant:g} s",
-        remedy="two gauges may be the same, or the noise is below what a number resolves, 1e-8 of what the unknowns may move a "
-        "reading by: give them noise, or choose others",
+        remedy="remove duplicate gauges, or increase the noise: it is below 1e-8 of the readings that the unknowns "
+        "can cause",
     )
 
 
@@ -267,7 +267,7 @@ class SquareRoot:
 
     def _at_start(self, step: Transition) -> np.ndarray:
         """A factor of P + before."""
-        return self.factor if step.before is None else beside(self.factor, self._factor("before", step.before))
+        return self.factor if step.before is None else join_columns(self.factor, self._factor("before", step.before))
 
     def _factor(self, which: str, Q: np.ndarray) -> np.ndarray:
         if which not in self.factors or self.factors[which][0] is not Q:

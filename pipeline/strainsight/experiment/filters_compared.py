@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, comparison_verdict, expected_ratio
+from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, classify_ratio, expected_ratio
 from strainsight.records.estimated import GRID_FILTER, Compared
 from strainsight.runner.output import Scalar, Table
 
@@ -44,7 +44,7 @@ def disagreements_in_words(filters: Compared | None) -> list[str]:
     words = []
     for name, ratios_of in filters.ratio.items():
         for filter_, ratio in zip(filters.filter, map(float, ratios_of), strict=True):
-            verdict = comparison_verdict(ratio) if filter_ != GRID_FILTER else ""
+            verdict = classify_ratio(ratio) if filter_ != GRID_FILTER else ""
             if verdict == OVERCONFIDENT:
                 expected = f"the grid filter expects an error of {ratio:.2g} times its σ"
                 words.append(f"the {filter_} filter is overconfident of {name}: {expected}")
@@ -79,7 +79,7 @@ def comparison_table(filters: Compared, units: Mapping[str, str], title: str = W
             elif not exact:
                 cells.append(f"{value} {units[name]} {size}" if np.isfinite(estimate[i]) else DIVERGED)
             else:
-                claim = f"{value} {size}, {comparison_verdict(float(ratio[i]))} ({ratio[i]:.2g})"
+                claim = f"{value} {size}, {classify_ratio(float(ratio[i]))} ({ratio[i]:.2g})"
                 cells.append(claim if np.isfinite(ratio[i]) else DIVERGED)
         rows.append(tuple(cells))
     return Table(title, ("parameter", *filters.filter), tuple(rows))

@@ -74,7 +74,7 @@ def balance(
         rho, G, _ = relation_rows(system.products, q, v)
         for element in system.elements:
             element_load(element, rho[element.rows], G[element.rows] @ v, theta, u)
-        raise NumericalError("a force law has no load here")
+        raise NumericalError("a force law is not defined in this configuration")
     load, stiffness, mass = t.r2 + t.g[:m].T @ lam, t.K, system.mass
     for moment in system.moments:
         T = moment.directions @ u[moment.inputs]
@@ -119,8 +119,8 @@ def input_slopes(system: System, at: Balance, q: np.ndarray) -> np.ndarray:
         if moment.R >= 0:
             R = q[moment.R : moment.R + 9].reshape(3, 3).T
             for j in range(3):
-                own = slice(moment.R + 3 * j, moment.R + 3 * j + 3)
-                slopes[own, moment.inputs] -= 0.5 * np.cross(moment.directions.T, R[:, j]).T
+                column = slice(moment.R + 3 * j, moment.R + 3 * j + 3)
+                slopes[column, moment.inputs] -= 0.5 * np.cross(moment.directions.T, R[:, j]).T
             slopes[moment.eta, moment.inputs] -= moment.rotation.T @ (R.T @ moment.directions)
         else:
             slopes[moment.eta, moment.inputs] -= moment.rotation.T @ moment.directions
@@ -138,8 +138,8 @@ def mass_at(system: System, q: np.ndarray) -> np.ndarray:
     zero = np.zeros(system.size)
     mass = system.mass.copy()
     for body in system.inertia:
-        own = slice(body.at, body.at + 12 + len(body.modal))
-        mass[own, own] = inertia_load(body, q, zero, zero)[0]
+        coordinates = slice(body.at, body.at + 12 + len(body.modal))
+        mass[coordinates, coordinates] = inertia_load(body, q, zero, zero)[0]
     return mass
 
 
@@ -294,13 +294,13 @@ def measured(
     y, by_q, by_v = sensors.read(q, v, felt)
     by_u, by_theta = np.zeros((len(y), len(system.inputs))), np.zeros((len(y), len(theta)))
     if sensors.accelerometers:
-        own, slopes = sensors.accelerated, instant_slopes(system, q, v, u, theta, p_second, now)
+        channels, slopes = sensors.accelerated, instant_slopes(system, q, v, u, theta, p_second, now)
         *_, by_a, by_g = sensors.accelerations(q, v, felt)
-        by_q[own] += by_a @ slopes.by_q
-        by_v[own] += by_a @ slopes.by_v
-        by_u[own], by_theta[own] = by_a @ slopes.by_u, by_a @ slopes.by_theta
+        by_q[channels] += by_a @ slopes.by_q
+        by_v[channels] += by_a @ slopes.by_v
+        by_u[channels], by_theta[channels] = by_a @ slopes.by_u, by_a @ slopes.by_theta
         for law, k in _turning(system):
-            by_u[own, k] += by_g @ law.at(u[k])[1]
+            by_u[channels, k] += by_g @ law.at(u[k])[1]
     return ReadingSlopes(y, by_q, by_v, by_u, by_theta)
 
 
@@ -331,11 +331,13 @@ def reaction(
     for δ(b·y) = t δp_j·y + δθ·((b − t p_j) × y) in a virtual motion of that body about p_j. λ (m,) as of `instant`.
     """
     # the constraints of the rigid motions stand before those of all joints
-    first = system.constrained - sum(len(own.relations) for own in system.joints[system.joints.index(joint) :])
+    first = system.constrained - sum(
+        len(constraint.relations) for constraint in system.joints[system.joints.index(joint) :]
+    )
     side, sign = (j.body, 1.0) if j.body is not None else (i.body, -1.0)
     p, F, M = _vector(system, j.point, q), np.zeros(3), np.zeros(3)
-    for k, own in enumerate(joint.relations):
-        for relation, share in _products(system, own, u):
+    for k, constraint in enumerate(joint.relations):
+        for relation, share in _products(system, constraint, u):
             weight = sign * share * lam[first + k]
             x, y = (sum(_vector(system, b, q) for b in side_of) for side_of in (relation.x, relation.y))
             for vectors, other in ((relation.x, y), (relation.y, x)):
@@ -347,23 +349,23 @@ def reaction(
     return np.concatenate([axes @ F, axes @ M])
 
 
-def _products(system: System, own: Relation | DrivenRelation, u: np.ndarray) -> list[tuple[Relation, float]]:
+def _products(system: System, constraint: Relation | DrivenRelation, u: np.ndarray) -> list[tuple[Relation, float]]:
     """The relations of a constraint, each with its factor."""
-    if isinstance(own, Relation):
-        return [(own, 1.0)]
-    p = u[system.drives.at + system.drives.names.index(own.drive)]
-    if own.across is None:
-        return [(own.relation, 1.0)]
-    return [(own.relation, float(np.cos(p))), (own.across, -float(np.sin(p)))]
+    if isinstance(constraint, Relation):
+        return [(constraint, 1.0)]
+    p = u[system.drives.at + system.drives.names.index(constraint.drive)]
+    if constraint.across is None:
+        return [(constraint.relation, 1.0)]
+    return [(constraint.relation, float(np.cos(p))), (constraint.across, -float(np.sin(p)))]
 
 
 def _vector(system: System, b: Carried, q: np.ndarray) -> np.ndarray:
     """b (3,) at q."""
     if b.body is None:
         return np.asarray(b.c)
-    own, eta = system.of[b.body], q[system.modal(b.body)]
+    coordinates, eta = system.of[b.body], q[system.modal(b.body)]
     c = b.c + b.C @ eta if b.C.shape[1] else b.c
-    if own.stop - own.start == len(eta):
+    if coordinates.stop - coordinates.start == len(eta):
         return np.asarray(c)
-    r, R = q[own][:3], q[own][3:12].reshape(3, 3).T
+    r, R = q[coordinates][:3], q[coordinates][3:12].reshape(3, 3).T
     return np.asarray(b.t * r + R @ c)

@@ -55,7 +55,7 @@ class Frame:
     def __post_init__(self) -> None:
         axes = np.asarray(self.axes, dtype=float)
         if axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-9 or np.linalg.det(axes) < 0:
-            raise InfeasibleError(f"frame {self.name}: its axes are not three right-handed orthonormal columns")
+            raise InfeasibleError(f"frame {self.name}: the axes are not three right-handed orthonormal columns")
 
     @property
     def point(self) -> Carried:
@@ -106,19 +106,19 @@ class RigidBody:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.mass) and self.mass > 0):
-            raise InfeasibleError(f"body {self.name} has a mass of {self.mass:g} kg", remedy="give it a positive mass")
+            raise InfeasibleError(f"body {self.name} has a mass of {self.mass:g} kg", remedy="specify a positive mass")
         inertia = np.asarray(self.inertia, dtype=float)
         if inertia.shape != (3, 3) or not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
-            raise InfeasibleError(f"body {self.name}: the inertia is no symmetric 3×3 matrix")
+            raise InfeasibleError(f"body {self.name}: the inertia is not a symmetric 3×3 matrix")
         centre = np.asarray(self.centre, dtype=float)
         central = self.second - self.mass * np.outer(centre, centre)
         least = float(np.linalg.eigvalsh(central)[0])
         if least < -1e-9 * max(float(np.trace(self.second)), np.finfo(float).tiny):
             raise InfeasibleError(
-                f"body {self.name}: no distribution of mass has this inertia "
+                f"body {self.name}: no mass distribution has this inertia "
                 f"(least central moment of second order {least:.3g} kg m²)",
-                remedy="the inertia is about the body's origin, not the centre of mass; any two principal moments "
-                "must together exceed the third",
+                remedy="specify the inertia about the origin of the body, not its centre of mass; any two principal moments "
+                "together must exceed the third",
             )
 
     @property
@@ -149,15 +149,15 @@ class FlexibleBody:
         n = self.modes
         if n == 0:
             raise InfeasibleError(
-                f"body {self.name} has no shapes", remedy="make it a rigid body, or part of the ground"
+                f"body {self.name} has no mode shapes", remedy="make it a rigid body, or part of the ground"
             )
         for what, X in (("stiffness", self.stiffness), ("damping", self.damping)):
             matrices = [X.constant, *X.terms.values()] if isinstance(X, AffineOperator) else [X]
             if any(np.shape(part) != (n, n) for part in matrices):
-                raise InfeasibleError(f"body {self.name}: the {what} is not {n}×{n} as the mass is")
+                raise InfeasibleError(f"body {self.name}: the {what} is not {n}×{n} like the mass")
         if np.shape(self.invariants.first_modal) != (3, n):
             raise InfeasibleError(
-                f"body {self.name}: the inertia is of {np.shape(self.invariants.first_modal)[1]} modes, not {n}"
+                f"body {self.name}: the inertia has {np.shape(self.invariants.first_modal)[1]} modes, not {n}"
             )
         if not self.invariants.mass > 0:
             raise InfeasibleError(f"body {self.name} has a mass of {self.invariants.mass:g} kg")
@@ -165,9 +165,10 @@ class FlexibleBody:
         least = float(np.linalg.eigvalsh(self.mass / np.outer(size, size))[0])  # of a microgram as of a tonne
         if not least > 0:
             raise InfeasibleError(
-                f"body {self.name}: the reduced mass is not positive definite (least eigenvalue {least:.3g}, of a diagonal "
+                f"body {self.name}: the reduced mass is not positive definite (smallest eigenvalue {least:.3g}, "
+                "scaled to a diagonal "
                 "of 1)",
-                remedy="leave out the shapes that carry no mass",
+                remedy="remove the mode shapes without mass",
             )
 
     @property
@@ -193,8 +194,8 @@ def mass_moment(body: Body) -> Carried:
     """∫ρ p = m r + R(∫ρ x + ∫ρΦ η) [kg m]."""
     if isinstance(body, RigidBody):
         return Carried(body.name, body.mass, body.mass * np.asarray(body.centre, dtype=float), np.zeros((3, 0)))
-    own = body.invariants
-    return Carried(body.name, own.mass, np.asarray(own.first, dtype=float), np.asarray(own.first_modal, dtype=float))
+    s = body.invariants
+    return Carried(body.name, s.mass, np.asarray(s.first, dtype=float), np.asarray(s.first_modal, dtype=float))
 
 
 def mass_matrix(body: Body) -> np.ndarray:
@@ -220,7 +221,7 @@ def metric(body: Body) -> np.ndarray:
     radius2 = float(np.trace(second)) / 3
     if not radius2 > 0:
         raise InfeasibleError(
-            f"body {body.name} is a point mass: it has no inertia about its origin", remedy="give it one"
+            f"body {body.name} is a point mass: it has no inertia about its origin", remedy="specify its inertia"
         )
     return np.sqrt(np.concatenate([np.full(3, mass), np.full(9, radius2), modal]))
 
@@ -323,10 +324,10 @@ def add_inertia(
         for j in range(3):
             g[c] += A[c, j] * s[j] + R[c, j] * push[0, j] + W[c, j] * drift[0, j]
         for i in range(3):
-            own = s[i] * a[at + c]
+            value = s[i] * a[at + c]
             for j in range(3):
-                own += J[i, j] * A[c, j] + R[c, j] * push[1 + i, j] + W[c, j] * drift[1 + i, j]
-            g[3 + 3 * i + c] = own
+                value += J[i, j] * A[c, j] + R[c, j] * push[1 + i, j] + W[c, j] * drift[1 + i, j]
+            g[3 + 3 * i + c] = value
     for j in range(3):
         forward = R[0, j] * a[at] + R[1, j] * a[at + 1] + R[2, j] * a[at + 2]
         for m in range(n):

@@ -46,14 +46,14 @@ def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, t
     scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
     N = np.eye(system.size)
     if system.constrained:
-        N, lam = _held(at.B / d, at.load / d)
-        held = balance(system, q, v, u, theta, lam=lam)
-        scale += float(np.linalg.norm((held.stiffness - at.stiffness) / np.outer(d, d)))
-        at = held
+        N, lam = _null_space(at.B / d, at.load / d)
+        balanced = balance(system, q, v, u, theta, lam=lam)
+        scale += float(np.linalg.norm((balanced.stiffness - at.stiffness) / np.outer(d, d)))
+        at = balanced
     return Tangent(N / d[:, None], at, scale)
 
 
-def _held(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _null_space(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """N (n, r), B N = 0, and λ (m,) with the smallest ‖load − Bᵀλ‖, the smallest one where constraints depend on each other."""
     m = len(B)
     n = B.shape[1]
@@ -163,8 +163,8 @@ def followed(frequencies: np.ndarray, h: float, method: Method) -> float:
     first = float(np.min(frequencies))
     tried = np.geomspace(1e-4, 1.0, FINENESS)[:-1] * min(first, 0.5 / h)
     off = np.max([relative_error(tried, float(frequency), h, method) for frequency in frequencies], axis=0)
-    beyond = np.flatnonzero(off > SHARE)
-    return float(tried[-1] if not len(beyond) else tried[max(beyond[0] - 1, 0)])
+    failing = np.flatnonzero(off > SHARE)
+    return float(tried[-1] if not len(failing) else tried[max(failing[0] - 1, 0)])
 
 
 def missed(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Method) -> np.ndarray:
@@ -195,15 +195,15 @@ def relative_error(load: np.ndarray, frequency: float, h: float, method: Method)
     and of implicit Euler R = r, b₁ = b, b₀ = 0 with γ = 1. load (k,) [Hz]; h [s].
     """
     omega, E = 2 * np.pi * frequency, np.exp(2j * np.pi * load * h)
-    own = INSTANTS[method][0] * h
+    step = INSTANTS[method][0] * h
 
     def response(s: complex) -> np.ndarray:
-        r = 1 / (1 - own * s)
-        b = own * r
+        r = 1 / (1 - step * s)
+        b = step * r
         if method == "thesis":
             return np.asarray(b * E / (E - r))
         R = (1 - CARRIED) * r + CARRIED * r * r
         return np.asarray(((1 - GAMMA) * CARRIED * r * b + b * (1 + GAMMA * CARRIED * r) * E) / (E - R))
 
-    found = (response(1j * omega) - response(-1j * omega)) / (2j * omega)
-    return np.asarray(np.abs(found * (omega**2 - (2 * np.pi * load) ** 2) - 1))
+    displacement = (response(1j * omega) - response(-1j * omega)) / (2j * omega)
+    return np.asarray(np.abs(displacement * (omega**2 - (2 * np.pi * load) ** 2) - 1))

@@ -150,15 +150,15 @@ def compiled_law(function: Callable[..., int], *files: str) -> Any:
 def call(typing: Any, address: Any, k: Any, p: Any, *arrays: Any) -> Any:
     """The answer of the law at an address; arrays: their data as addresses (`numbers.ctypes`), in the order of SIGNATURE."""
     whole: Any = types.StarArgTuple  # how numba has *arrays
-    own: Any = arrays[0] if len(arrays) == 1 and isinstance(arrays[0], types.BaseTuple) else arrays
-    signature = types.int64(types.int64, types.int64, types.int64, whole(tuple(own)))
+    arguments: Any = arrays[0] if len(arrays) == 1 and isinstance(arrays[0], types.BaseTuple) else arrays
+    signature = types.int64(types.int64, types.int64, types.int64, whole(tuple(arguments)))
 
-    def build(context: Any, builder: Any, _: Any, given: Any) -> Any:
+    def build(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
         integer, pointer = ir.IntType(64), ir.DoubleType().as_pointer()
         kind = ir.FunctionType(integer, [integer, integer, *[pointer] * 9])
-        law = builder.inttoptr(given[0], kind.as_pointer())
-        data = [builder.inttoptr(builder.extract_value(given[3], i), pointer) for i in range(9)]
-        return builder.call(law, [given[1], given[2], *data])
+        law = builder.inttoptr(arguments[0], kind.as_pointer())
+        data = [builder.inttoptr(builder.extract_value(arguments[3], i), pointer) for i in range(9)]
+        return builder.call(law, [arguments[1], arguments[2], *data])
 
     return signature, build
 
@@ -170,28 +170,28 @@ class InPython:
     def __init__(self, law: ForceLaw):
         self.failure: Exception | None = None
 
-        def back(k: int, p: int, *given: Any) -> int:
+        def back(k: int, p: int, *pointers: Any) -> int:
             sizes = ((k,), (k,), (p,), (k,), (k, k), (k, k), (k, p))
             rho, rate, theta, F, F_rho, F_rate, F_theta = (
-                np.ctypeslib.as_array(own, shape=size) if np.prod(size) else np.zeros(size)
-                for own, size in zip(given[2:], sizes, strict=True)
+                np.ctypeslib.as_array(pointer, shape=size) if np.prod(size) else np.zeros(size)
+                for pointer, size in zip(pointers[2:], sizes, strict=True)
             )
             try:
-                found = law.load(rho.copy(), rate.copy(), theta.copy())
+                load = law.load(rho.copy(), rate.copy(), theta.copy())
             except NumericalError:
                 return NONE
             except Exception as error:  # nothing may pass through compiled code: it is raised behind it
                 self.failure = error
                 return ABORT
-            F[:], F_rho[:], F_theta[:] = found.F, found.F_rho, found.F_theta
-            if found.F_rate is None:
+            F[:], F_rho[:], F_theta[:] = load.F, load.F_rho, load.F_theta
+            if load.F_rate is None:
                 return STILL
-            F_rate[:] = found.F_rate
+            F_rate[:] = load.F_rate
             return MOVING
 
         self._back = _C(back)
 
-    def taken(self) -> Exception | None:
+    def pop_failure(self) -> Exception | None:
         """The failure, which is then forgotten."""
         failure, self.failure = self.failure, None
         return failure

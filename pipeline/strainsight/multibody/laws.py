@@ -79,10 +79,11 @@ def spring(
 
 
 def _no_direction(rho: np.ndarray, first: str, second: str) -> NumericalError:
-    apart = np.sqrt(max(float(rho[0]), 0.0))
+    distance = np.sqrt(max(float(rho[0]), 0.0))
     return NumericalError(
-        f"its end points '{first}' and '{second}' are {apart:.2g} m apart, below {SHORTEST:g} m: the force has no direction",
-        remedy="name frames that stay apart",
+        f"the distance of its end points '{first}' and '{second}' is {distance:.2g} m, below {SHORTEST:g} m: the "
+        "force has no direction",
+        remedy="use frames that stay separate",
     )
 
 
@@ -127,8 +128,8 @@ def torsion(
         x, y = rho
         phi = float(np.arctan2(y * c - x * s, x * c + y * s))
         return NumericalError(
-            f"it is turned by {phi:.3g} rad from its angle without moment, beyond {FARTHEST:g} rad",
-            remedy="a torsion spring turns by less than half a turn: check its angle and its stiffness",
+            f"it is rotated by {phi:.3g} rad from its unloaded angle, more than {FARTHEST:g} rad",
+            remedy="check its angle and stiffness: a torsion spring is limited to half a revolution",
         )
 
     law = SpringDamper(stiffness, damping, angle, _turned, too_far)
@@ -171,12 +172,12 @@ def _load(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  
     rest = 1 + 2 * k * k
     for i in range(k):
         for j in range(k):
-            apart = x[j] - law[rest + j]
+            elongation = x[j] - law[rest + j]
             by_rho[i, j] = law[1 + k * i + j]
             by_rate[i, j] = law[1 + k * k + k * i + j]
-            out[i] += by_rho[i, j] * apart + by_rate[i, j] * xr[j]
+            out[i] += by_rho[i, j] * elongation + by_rate[i, j] * xr[j]
             for m in range(p):
-                by_theta[i, m] += law[rest + k + k * (k * m + i) + j] * apart
+                by_theta[i, m] += law[rest + k + k * (k * m + i) + j] * elongation
     return MOVING if law[0] != 0.0 else STILL
 
 
@@ -250,10 +251,10 @@ def actuator(name: str, i: Frame, j: Frame) -> RelativeElement:
 
 def follower_force(name: str, frame: Frame, direction: np.ndarray) -> RelativeElement:
     """u [N] at a frame's origin along a direction (3,) of length 1 in its own axes: Q = J_pᵀ u a, a the direction carried."""
-    own = tuple(place(frame, e) for e in np.eye(3))
+    axes = tuple(place(frame, e) for e in np.eye(3))
     C = np.zeros((6, 6))
     C[:3, 3:] = np.eye(3)
-    return RelativeElement(name, (*own, *_components(frame, direction)), Follower(C), inputs=(name,))
+    return RelativeElement(name, (*axes, *_components(frame, direction)), Follower(C), inputs=(name,))
 
 
 def follower_moment(name: str, frame: Frame, direction: np.ndarray) -> RelativeElement:
@@ -270,7 +271,8 @@ def _components(frame: Frame, direction: np.ndarray) -> tuple[Relation, ...]:
     """Global components of a direction in a frame's axes."""
     axes = [frame.axis(k) for k in range(3)]
     c, C = (
-        sum(d * x for d, x in zip(direction, own, strict=True)) for own in ([a.c for a in axes], [a.C for a in axes])
+        sum(d * x for d, x in zip(direction, vector, strict=True))
+        for vector in ([a.c for a in axes], [a.C for a in axes])
     )
     along = Carried(frame.body, 0.0, np.asarray(c), np.asarray(C))
     return tuple(Relation(f"axis of {frame.name}", (constant(e),), (along,)) for e in np.eye(3))

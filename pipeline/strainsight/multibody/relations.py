@@ -47,8 +47,8 @@ def offset(i: Frame, a: int, j: Frame) -> Relation:
 
 def distance_squared(i: Frame, j: Frame, value: float = 0.0) -> Relation:
     """|p_j − p_i|² = value [m²]."""
-    apart = (j.point, -i.point)
-    return Relation(f"distance of {i.name} and {j.name}", apart, apart, value)
+    difference = (j.point, -i.point)
+    return Relation(f"distance of {i.name} and {j.name}", difference, difference, value)
 
 
 def place(j: Frame, direction: np.ndarray, value: float = 0.0) -> Relation:
@@ -69,7 +69,7 @@ def bearing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
 def bushing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
     """Those of a bearing and the turn about x, a_{j,y}·a_{i,z}: along x, y, z of i [m], then about them [rad]."""
     along_x, along_y, along_z, about_y, about_z = bearing_displacements(i, j)
-    about_x = Relation(f"turn of {j.name} about x of {i.name}", (i.axis(2),), (j.axis(1),))
+    about_x = Relation(f"rotation of {j.name} about x of {i.name}", (i.axis(2),), (j.axis(1),))
     return along_x, along_y, along_z, about_x, about_y, about_z
 
 
@@ -132,9 +132,9 @@ def compile_products(relations: Sequence[Relation], bodies: Sequence[Body]) -> P
 
     def number(vector: Carried) -> tuple[int, float]:
         for sign, known in ((1.0, vector), (-1.0, -vector)):
-            found = index.get(_key(known))
-            if found is not None:
-                return found, sign
+            number = index.get(_key(known))
+            if number is not None:
+                return number, sign
         carried.append(vector)
         return index.setdefault(_key(vector), len(carried) - 1), 1.0
 
@@ -151,8 +151,8 @@ def compile_products(relations: Sequence[Relation], bodies: Sequence[Body]) -> P
         if b.body in names and (felt[i] or table[names.index(b.body), 0]):
             on[i] = names.index(b.body)
     feels = np.full((len(relations), 4), -1, dtype=np.int64)
-    for row, own in enumerate(part):
-        felt_by = sorted({int(on[i]) for i in own if i >= 0 and on[i] >= 0})
+    for row, term in enumerate(part):
+        felt_by = sorted({int(on[i]) for i in term if i >= 0 and on[i] >= 0})
         feels[row, : len(felt_by)] = felt_by
     t, c = np.array([b.t for b in carried]), np.array([b.c for b in carried]).reshape(nc, 3)
     value = np.array([relation.value for relation in relations], dtype=float)

@@ -140,13 +140,13 @@ def simulate_controlled(
 
         def through(count: int) -> Advance:
             """The step in so many equal parts."""
-            own, at = last, (q, v)
+            result, at = last, (q, v)
             u = loads(k * h + h / count * np.arange(count + 1))
             for i in range(count):
-                own = advance(system, *at, (u[i], u[i + 1]), h / count, theta, method, last=own)
-                at = own.q, own.v
-            assert own is not None
-            return own
+                result = advance(system, *at, (u[i], u[i + 1]), h / count, theta, method, last=result)
+                at = result.q, result.v
+            assert result is not None
+            return result
 
         coarse: Advance | None = None
         while True:
@@ -179,7 +179,7 @@ def _straight(u: np.ndarray, heaviest: np.ndarray, parts: int) -> tuple[np.ndarr
     at = np.arange(len(u))
     while parts < SAMPLED:
         nodes = at[:: SAMPLED // parts]
-        lines = np.column_stack([np.interp(at, nodes, own[nodes]) for own in u.T]) if u.shape[1] else u
+        lines = np.column_stack([np.interp(at, nodes, load[nodes]) for load in u.T]) if u.shape[1] else u
         if np.all(np.abs(u - lines) <= STRAIGHT * largest):
             break
         parts *= 2
@@ -197,8 +197,8 @@ def _refused(time: float, h: float, parts: int, off: float, unsolved: NumericalE
             f"at t = {time:g} s, in {parts} parts of {h:g} s: {unsolved.what}", remedy=unsolved.remedy
         )
     return NumericalError(
-        f"at t = {time:g} s the step of {h:g} s is {off:.2g} off in {parts} parts",
-        remedy="take a smaller simulate.time_step, or a larger simulate.tolerance",
+        f"at t = {time:g} s the step of {h:g} s still has an error of {off:.2g} in {parts} parts",
+        remedy="reduce simulate.time_step, or increase simulate.tolerance",
     )
 
 
@@ -237,7 +237,7 @@ def simulate_radau(
     Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails.
     """
     if system.drives.names:
-        raise NumericalError("a driven joint has no such truth", remedy="set estimate.truth.model: fine")
+        raise NumericalError("this truth model does not support driven joints", remedy="set estimate.truth.model: fine")
     u, n = np.asarray(u, dtype=float), system.size
     eigen = np.linalg.eig(WEIGHTS)
     stages, factors = np.zeros((3, n + system.constrained)), None
@@ -283,13 +283,13 @@ def _step(
     for _ in range(ITERATIONS):
         speeds = v + h * WEIGHTS @ x[:, :n]
         places = q + h * PLACES[:, None] * v + h**2 * WEIGHTS @ WEIGHTS @ x[:, :n]
-        found = [equations(*own) for own in zip(x, places, speeds, loads, strict=True)]
+        terms = [equations(*stage) for stage in zip(x, places, speeds, loads, strict=True)]
         if factors is None:
-            factors, fresh = [_factor(found[-1], h * value) for value in values], True
+            factors, fresh = [_factor(terms[-1], h * value) for value in values], True
         left = np.array(
             [
-                np.concatenate([at.load - at.B.T @ own[n:], at.B @ own[:n] + at.B_rate @ moving])
-                for at, own, moving in zip(found, x, speeds, strict=True)
+                np.concatenate([at.load - at.B.T @ stage[n:], at.B @ stage[:n] + at.B_rate @ moving])
+                for at, stage, moving in zip(terms, x, speeds, strict=True)
             ]
         )
         along = back @ left
@@ -305,7 +305,7 @@ def _step(
         if moved > SLOW * before and not fresh:
             factors = None  # of a bench that has moved on since
         before = moved
-    raise NumericalError("a step of the truth does not converge", remedy="take a smaller estimate.truth.step")
+    raise NumericalError("a step of the simulated truth does not converge", remedy="reduce estimate.truth.step")
 
 
 def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
@@ -318,7 +318,9 @@ def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
     try:
         lu, pivots = lu_factor(whole)
     except (LinAlgError, ValueError) as error:
-        raise NumericalError("the matrix of a step of the truth is singular", remedy="look at the joints") from error
+        raise NumericalError(
+            "the matrix of a step of the simulated truth is singular", remedy="check the joints"
+        ) from error
     return np.asarray(lu), np.asarray(pivots)
 
 

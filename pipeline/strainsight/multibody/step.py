@@ -77,9 +77,9 @@ def step(
         return _newton(problem, h, first)
     except NumericalError:
         for halvings in range(1, HALVINGS + 1):
-            found = _lead(problem, h, first, halvings)
-            if found is not None:
-                return found
+            lead = _lead(problem, h, first, halvings)
+            if lead is not None:
+                return lead
     return _newton(problem, h, first)
 
 
@@ -100,11 +100,11 @@ def problem_of(
     system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, w: np.ndarray | None
 ) -> StepProblem:
     """All as contiguous numbers."""
-    own = compiled(system)
+    result = compiled(system)
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
     u, theta = np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float)
     w = NONE if w is None else np.ascontiguousarray(w, dtype=float)
-    return StepProblem(system, own, own.at(system, theta), q, v, u, theta, w)
+    return StepProblem(system, result, result.at(system, theta), q, v, u, theta, w)
 
 
 def left_by(problem: StepProblem, guess: EulerStep | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -136,12 +136,12 @@ def stages(
     return solution
 
 
-def solved(problem: StepProblem, h: float, found: Stages) -> tuple[EulerStep, ...]:
+def solved(problem: StepProblem, h: float, result: Stages) -> tuple[EulerStep, ...]:
     """The stages one by one."""
     return tuple(
         EulerStep(
-            found.q[i], found.v[i], found.mu[i], found.lam[i], int(found.iterations[i]), found.motion[i], found.memory[i],
-            (found.start_q[i], found.start_v[i]), problem.u[i], problem.theta, problem.w, h,
+            result.q[i], result.v[i], result.mu[i], result.lam[i], int(result.iterations[i]), result.motion[i], result.memory[i],
+            (result.start_q[i], result.start_v[i]), problem.u[i], problem.theta, problem.w, h,
         )
         for i in range(len(problem.u))
     )  # fmt: skip
@@ -164,23 +164,23 @@ def _lead(problem: StepProblem, h: float, first: _Trial, halvings: int) -> Euler
     try:
         for k in range(halvings, -1, -1):
             part = h / 2**k
-            found = _newton(problem, part, start._replace(q=start.q if k < halvings else q + part * v))
-            start = _Trial(found.q + (found.q - q), 2 * found.v - v, found.mu, found.lam, found.memory)
+            result = _newton(problem, part, start._replace(q=start.q if k < halvings else q + part * v))
+            start = _Trial(result.q + (result.q - q), 2 * result.v - v, result.mu, result.lam, result.memory)
     except NumericalError:
         return None
-    return found
+    return result
 
 
 def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
-    found = stages(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q)))
-    if found.ended == SOLVED:
-        return solved(problem, h, found)[0]
-    trial = found.q[0], found.v[0], found.mu[0], found.lam[0]
-    raise _refusal(problem, h, trial, found.ended, int(found.iterations[0]))
+    result = stages(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q)))
+    if result.ended == SOLVED:
+        return solved(problem, h, result)[0]
+    trial = result.q[0], result.v[0], result.mu[0], result.lam[0]
+    raise _refusal(problem, h, trial, result.ended, int(result.iterations[0]))
 
 
 REASONS = {
-    iteration.INFINITE: "it meets what is not finite",
+    iteration.INFINITE: "a value is not finite",
     iteration.SINGULAR: "the matrix of the step is singular",
     iteration.ENDLESS: "Newton's iteration does not converge",
 }
@@ -196,7 +196,7 @@ def _refusal(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...], ende
     return NumericalError(
         f"the step of {h:g} s was not solved after {count} iterations: {REASONS[ended]}; {off}"
         f"{_dependent(problem.system, q, problem.u[0])}",
-        remedy="take a smaller time step",
+        remedy="use a smaller time step",
     )
 
 
@@ -287,10 +287,10 @@ def advance(
     Raises NumericalError as `step` does.
     Source: Alexander, SIAM J. Numer. Anal. 14 (1977); thesis (1.5-1.7).
     """
-    own, carried, inside = h, 0.0, np.empty((len(INSTANTS[method]), len(u[1])))
+    stage_step, carried, inside = h, 0.0, np.empty((len(INSTANTS[method]), len(u[1])))
     inside[-1] = u[1]
     if method == "second_order":
-        own, carried = GAMMA * h, CARRIED
+        stage_step, carried = GAMMA * h, CARRIED
         if system.drives.names:
             W = between(system.drives, h, GAMMA)
             inside[0] = W[0] @ u[0] + W[1] @ u[1]
@@ -298,15 +298,16 @@ def advance(
             inside[0] = (1 - GAMMA) * u[0] + GAMMA * u[1]
     problem = problem_of(system, q, v, inside, theta, w)
     guess = None if last is None else last.stages[-1]
-    found = stages(problem, own, carried, left_by(problem, guess), near, _past(last, own, len(inside), system.size))
-    if found.ended == SOLVED:
-        return Advance(solved(problem, own, found), found.past)
+    past = _past(last, stage_step, len(inside), system.size)
+    result = stages(problem, stage_step, carried, left_by(problem, guess), near, past)
+    if result.ended == SOLVED:
+        return Advance(solved(problem, stage_step, result), result.past)
     # each by itself, led there
-    first = step(system, q, v, inside[0], own, theta, w, guess)
+    first = step(system, q, v, inside[0], stage_step, theta, w, guess)
     both: tuple[EulerStep, ...] = (first,)
     if len(inside) > 1:
         middle = q + carried * (first.q - q), v + carried * (first.v - v)
-        both = first, step(system, *middle, inside[1], own, theta, w, first)
+        both = first, step(system, *middle, inside[1], stage_step, theta, w, first)
     return Advance(both, nothing(len(both), system.size))
 
 
@@ -322,9 +323,9 @@ def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
 
 def linear_step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:
     """What `advance` makes of M ÿ + C ẏ + K y = f: of (y, ẏ) (2r, 2r), and of f at start and end (2r, r), straight between."""
-    r, own = len(M), h * INSTANTS[method][0]
-    velocity = np.linalg.solve(M / own + C + own * K, np.column_stack([-K, M / own, np.eye(r)]))
-    whole = np.vstack([own * velocity, velocity])
+    r, stage_step = len(M), h * INSTANTS[method][0]
+    velocity = np.linalg.solve(M / stage_step + C + stage_step * K, np.column_stack([-K, M / stage_step, np.eye(r)]))
+    whole = np.vstack([stage_step * velocity, velocity])
     whole[:r, :r] += np.eye(r)
     X, b = whole[:, : 2 * r], whole[:, 2 * r :]
     if method == "thesis":
@@ -350,11 +351,11 @@ def slopes(system: System, at: Advance, forced: bool = True) -> AdvanceSlopes:
 
     A = A₂ ((1 − c) 1 + c A₁),     ∂/∂p = B₂ + c A₂ B₁   of θ and w,     u(γh) = W₀ u(0) + W₁ u(h)  (`between`)
     """
-    own = [sensitivities(system, stage) for stage in at.stages]
-    if len(own) == 1:
-        only: Sensitivities = own[0]
+    parts = [sensitivities(system, stage) for stage in at.stages]
+    if len(parts) == 1:
+        only: Sensitivities = parts[0]
         return AdvanceSlopes(only.A, np.zeros_like(only.B_u), only.B_u, only.B_theta, only.B_w)
-    first, second = own
+    first, second = parts
     through = CARRIED * second.A
     A = through @ first.A
     A += (1 - CARRIED) * second.A

@@ -53,7 +53,7 @@ class Search:
         # a set that is better by no more than a tie is not taken, so that nothing closer can be claimed
         self.gap = max(gap, TIE)
         # gauges that the limits distinguish cannot stand for each other
-        self.twins = np.unique(_twins(pools) * len(limits.size) + limits.alike, return_inverse=True)[1]
+        self.twins = np.unique(_twins(pools) * len(limits.size) + limits.labels, return_inverse=True)[1]
         self.tried: set[tuple[int, ...]] = set()
         self.best: np.ndarray | None = None
         self.cost = np.inf
@@ -128,7 +128,7 @@ class Search:
                 return []
             decided = free & (low.value + low.reduced >= self.target)
             if decided.any():
-                inside, outside = inside | (decided & low.taken), outside | (decided & ~low.taken)
+                inside, outside = inside | (decided & low.selected), outside | (decided & ~low.selected)
                 continue
             self._round(cuts, low.weights, inside)
             if len(history) > ROUNDS or (len(history) > 4 and history[-1] - history[-4] < PAYS * (self.target - bound)):
@@ -155,7 +155,7 @@ class Search:
         with_it[gauge] = True
         bounds = [bound, bound]
         if low is not None:
-            bounds[int(low.taken[gauge])] = max(bound, low.value + float(low.reduced[gauge]))
+            bounds[int(low.selected[gauge])] = max(bound, low.value + float(low.reduced[gauge]))
         halves = [replace(node, inside=with_it), replace(node, outside=outside | same)]
         return [(b, half) for b, half in zip(bounds, halves, strict=True) if b < self.target]
 
@@ -183,9 +183,9 @@ class Search:
 def _within(w: np.ndarray, inside: np.ndarray, free: np.ndarray, limits: Limits) -> np.ndarray:
     """w (pool,) moved to 1 inside, 0 outside and a sum of gauges that the limits allow, towards 0 or 1 in proportion."""
     moved = inside.astype(float)
-    part, size, held = w[free], limits.size[free], int(limits.size[inside].sum())
+    part, size, count = w[free], limits.size[free], int(limits.size[inside].sum())
     total, whole = float(size @ part), float(size.sum())
-    most, least = limits.keep - held, limits.least - held
+    most, least = limits.keep - count, limits.least - count
     if total > most:
         part = part * (most / total)
     elif total < least:
@@ -294,9 +294,9 @@ def _first_set(
         gauges = np.unique(np.asarray(start, dtype=int))
         if not limits.allows(gauges):
             what = f"{limits.keep} different gauges" if limits.plain else "a layout within the limits"
-            raise ValueError(f"the search starts from {what}, the fixed ones among them")
+            raise ValueError(f"the search must start from {what} that contain the fixed ones")
         return gauges
     try:
-        return fill(pools, eliminate_from(pools, limits, aggregate).kept, limits, aggregate)
+        return fill(pools, eliminate_from(pools, limits, aggregate).selected, limits, aggregate)
     except InfeasibleError:
         return None

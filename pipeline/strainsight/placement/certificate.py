@@ -171,13 +171,13 @@ class Cut:
 
 @dataclass(frozen=True)
 class Bound:
-    """No set of the node costs less than value; weights (pool,): where the cuts are lowest; taken (pool,) bool: the free
+    """No set of the node costs less than value; weights (pool,): where the cuts are lowest; selected (pool,) bool: the free
     gauges that the combination of cuts behind the bound takes; reduced (pool,): by how much that bound rises where one
     of them is left out, or another free gauge is taken; active (cuts,) bool: the cuts it combines."""
 
     value: float
     weights: np.ndarray
-    taken: np.ndarray
+    selected: np.ndarray
     reduced: np.ndarray
     active: np.ndarray
 
@@ -247,22 +247,22 @@ def lowest(
     mu[-1] = 1.0
     penalty = np.zeros(len(b))
     if programme.status == 0:
-        found = np.maximum(-programme.ineqlin.marginals, 0.0)
-        mu = found[: offset.size].reshape(offset.shape) + 1e-15 * mu
-        penalty = unit * found[offset.size :]
+        multipliers = np.maximum(-programme.ineqlin.marginals, 0.0)
+        mu = multipliers[: offset.size].reshape(offset.shape) + 1e-15 * mu
+        penalty = unit * multipliers[offset.size :]
     mu /= scenarios * mu.sum(axis=0) if aggregate == "mean" else mu.sum()
     if not exact:
         # count and floor are left to the sorting
         penalty[:2] = 0.0
     steep = np.tensordot(mu, slope, axes=2) + penalty @ A
     least, chosen, rise = _sorted(steep, size, floor, left)
-    reduced, taken = np.full(len(free), np.inf), np.zeros(len(free), dtype=bool)
-    reduced[places], taken[places] = rise, chosen
+    reduced, selected = np.full(len(free), np.inf), np.zeros(len(free), dtype=bool)
+    reduced[places], selected[places] = rise, chosen
     weights = inside.astype(float)
     solved = programme.x if programme.status == 0 else None
     weights[places] = chosen if solved is None else np.clip(solved[: len(places)], 0, 1)
     value = float((mu * offset).sum() - penalty @ b) + least
-    return Bound(value, weights, taken, reduced, mu.sum(axis=1) > 1e-12)
+    return Bound(value, weights, selected, reduced, mu.sum(axis=1) > 1e-12)
 
 
 def _binding(limits: Limits, places: np.ndarray, used: np.ndarray, floor: int) -> tuple[np.ndarray, np.ndarray]:
@@ -289,11 +289,11 @@ def _sorted(steep: np.ndarray, size: np.ndarray, floor: int, left: int) -> tuple
         price = steep + theta * size
         return value, price < 0, np.abs(price)
     order = np.argsort(steep, kind="stable")
-    taken, others = order[:left], order[left:]
+    selected, others = order[:left], order[left:]
     rise = np.full(len(steep), np.inf)
     if left and len(others):
-        rise[taken] = steep[others[0]] - steep[taken]
-        rise[others] = steep[others] - steep[taken[-1]]
+        rise[selected] = steep[others[0]] - steep[selected]
+        rise[others] = steep[others] - steep[selected[-1]]
     chosen = np.zeros(len(steep), dtype=bool)
-    chosen[taken] = True
-    return float(steep[taken].sum()), chosen, rise
+    chosen[selected] = True
+    return float(steep[selected].sum()), chosen, rise

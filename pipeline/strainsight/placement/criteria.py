@@ -120,9 +120,9 @@ def _factor(M: np.ndarray) -> np.ndarray:
         return np.asarray(np.linalg.cholesky(M))
     except np.linalg.LinAlgError:
         raise NumericalError(
-            "the covariance of the unknowns is singular to rounding",
+            "the covariance of the unknowns is numerically singular",
             key="place.criterion",
-            remedy="a combination of them is known far better than each one: estimate fewer, or choose another criterion",
+            remedy="estimate fewer unknowns, or choose another criterion: a combination is known far better than each unknown",
         ) from None
 
 
@@ -144,8 +144,8 @@ class WorstEigenvalue(Criterion):
     name = "worst_eigenvalue"
     title = "worst eigenvalue"
     symbol = "λ₁(P)"
-    sigma = "the steady-state σ of the worst-known combination"
-    meaning = "variance of that combination of the unknowns, each in units of its scale, which is known worst"
+    sigma = "the steady-state σ of the least known combination"
+    meaning = "largest variance of any combination of the scaled unknowns"
 
     def value(self, M: np.ndarray) -> float:
         values = np.linalg.eigvalsh(M)

@@ -30,7 +30,7 @@ def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggre
         return chosen
     loops = loops_of(pools, chosen)
     if loops is None:
-        raise ValueError("only a set that detects every unknown is filled")
+        raise ValueError("only a set that detects every unknown can be extended")
     while len(room):
         into, loops = _most_telling(pools, loops, room, aggregate)
         chosen = np.sort(np.append(chosen, into))
@@ -80,7 +80,7 @@ def _most_telling(
         best = min(best, cost)
         exact[int(room[at])] = cost, grown
         # loops are matrices: only those that may still be taken are kept
-        exact = {gauge: found for gauge, found in exact.items() if found[0] <= best * (1 + TIE)}
+        exact = {gauge: result for gauge, result in exact.items() if result[0] <= best * (1 + TIE)}
     into = min(exact)
     return into, exact[into][1]
 
@@ -120,20 +120,20 @@ def exchange(
     chosen = np.sort(np.asarray(gauges, dtype=int))
     bounded = as_limits(len(pools[0].rows), len(chosen) if limits is None else limits)
     if not bounded.allows(chosen):
-        raise ValueError("an exchange starts from a layout within the limits, the fixed gauges among it")
+        raise ValueError("an exchange must start from a layout within the limits that contains the fixed gauges")
     loops = loops_of(pools, chosen)
     if loops is None:
-        raise ValueError("an exchange starts from a set that detects every unknown")
+        raise ValueError("an exchange must start from a set that detects every unknown")
     costs = [_cost(pools, loops, aggregate)]
     swaps: list[tuple[int, int]] = []
     solves, complete = 0, False
     while not complete:
-        found, number, stopped = _first_gain(pools, loops, chosen, aggregate, bounded, costs[-1], limit - solves)
+        result, number, stopped = _first_gain(pools, loops, chosen, aggregate, bounded, costs[-1], limit - solves)
         solves += number
-        if found is None:
+        if result is None:
             complete = not stopped
             break
-        out, into, loops = found
+        out, into, loops = result
         chosen = _swapped(chosen, out, into)
         swaps.append((out, into))
         costs.append(_cost(pools, loops, aggregate))

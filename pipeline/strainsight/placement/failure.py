@@ -194,22 +194,22 @@ def robust_set(
     limits = as_limits(len(pools[0].rows), keep)
     if limits.keep <= least:
         raise InfeasibleError(
-            f"{limits.keep} gauges for {unknowns} unknowns: whichever fails, an unknown is lost",
+            f"{limits.keep} gauges for {unknowns} unknowns: if any gauge fails, an unknown becomes unobservable",
             remedy=f"keep at least {least + 1}, or estimate fewer unknowns",
         )
     search = LossSearch(pools, aggregate, limits, limit)
     starts = []
     if start is None:
-        start = fill(pools, eliminate_from(pools, limits, aggregate).kept, limits, aggregate)
-        more = eliminate_from(pools, _twice(limits), aggregate).kept
+        start = fill(pools, eliminate_from(pools, limits, aggregate).selected, limits, aggregate)
+        more = eliminate_from(pools, _twice(limits), aggregate).selected
         starts.append(search.reduced(more.tolist()))
     starts.append(exchange(pools, start, aggregate, limits=limits, limit=limit).gauges.tolist())
     chosen, loss, swaps = search.swapped(starts[0])
     for other in starts[1:]:
         fatal, largest = measure(loss)
-        found = search.swapped(other)
-        if measure(found[1]) < (fatal, largest * (1 - TIE)):
-            chosen, loss, swaps = found
+        swap = search.swapped(other)
+        if measure(swap[1]) < (fatal, largest * (1 - TIE)):
+            chosen, loss, swaps = swap
     values = np.array([loss[g] for g in chosen])
     return RobustSet(
         gauges=np.array(chosen),

@@ -74,7 +74,7 @@ def least_increments(loop: Loop, B: np.ndarray, at: np.ndarray) -> tuple[np.ndar
     states. Returns Y (m, k, k) and the largest error of an eigenvalue (m,).
     """
     m, c, n = B.shape
-    flat, found, doubt = B.reshape(-1, n), np.empty((m, len(at), len(at))), np.zeros(m)
+    flat, increments, doubt = B.reshape(-1, n), np.empty((m, len(at), len(at))), np.zeros(m)
     length = np.sqrt(squares(B))
     for i, row in enumerate(at):
         for j, column in enumerate(at[: i + 1]):
@@ -83,9 +83,9 @@ def least_increments(loop: Loop, B: np.ndarray, at: np.ndarray) -> tuple[np.ndar
             unit[column, row] += 0.5
             X = loop.U.T @ adjoint_lyapunov(loop, unit) @ loop.U
             BX = (flat @ X).reshape(m, c, n)
-            found[:, i, j] = found[:, j, i] = np.einsum("mcn,mcn->m", B, BX)
+            increments[:, i, j] = increments[:, j, i] = np.einsum("mcn,mcn->m", B, BX)
             doubt = np.maximum(doubt, np.sqrt(squares(BX)) * length)
-    return found, DOUBT * len(at) * doubt
+    return increments, DOUBT * len(at) * doubt
 
 
 def squares(rows: np.ndarray) -> np.ndarray:

@@ -39,8 +39,8 @@ def best_layout(
     value: np.ndarray,
     *,
     names: Collection[str] | None = None,
-    there: np.ndarray | None = None,
-    stays: np.ndarray | None = None,
+    allowed: np.ndarray | None = None,
+    required: np.ndarray | None = None,
     floor: int = 0,
     hits: Sequence[np.ndarray] = (),
     sums: Sequence[tuple[np.ndarray, int]] = (),
@@ -52,12 +52,12 @@ def best_layout(
         rows·v ≤ most for the limits of these names (all),   Σ size·v ≥ floor,
         Σ v over each of `hits` ≥ 1,   Σ a·v ≥ b for each (a, b) of `sums`
 
-    value (pool,); there (pool,) bool: rows that may be had; stays (pool,) bool: rows that have to be, beside the fixed
+    value (pool,); allowed (pool,) bool: rows that may be had; required (pool,) bool: rows that have to be, beside the fixed
     ones; hits: masks (pool,); sums: a (pool,) and b; nodes: most of the search; gap: share by which it may miss the best.
     """
     count = len(limits.size)
-    asked = np.array([names is None or name in names for name in limits.names])
-    rows, most = limits.rows[asked], limits.most[asked]
+    selected = np.array([names is None or name in names for name in limits.names])
+    rows, most = limits.rows[selected], limits.most[selected]
     unit = 1 / np.maximum(rows.max(axis=1).toarray().ravel(), np.finfo(float).tiny)
     below, low = [csr_array(diags_array(unit) @ rows)], [np.full(len(most), -np.inf)]
     above = [most * unit]
@@ -65,13 +65,13 @@ def best_layout(
         below.append(csr_array(np.asarray(mask, dtype=float)[None, :]))
         low.append(np.array([least]))
         above.append(np.array([np.inf]))
-    upper = np.ones(count) if there is None else np.asarray(there, dtype=float)
+    upper = np.ones(count) if allowed is None else np.asarray(allowed, dtype=float)
     lower = np.zeros(count)
     lower[list(limits.fixed)] = 1.0
-    if stays is not None:
-        lower[stays] = 1.0
+    if required is not None:
+        lower[required] = 1.0
     scale = max(float(np.abs(value).max()), np.finfo(float).tiny)
-    priced = np.array([name == BUDGET for name in np.array(limits.names)[asked]], dtype=float)
+    priced = np.array([name == BUDGET for name in np.array(limits.names)[selected]], dtype=float)
     # the program holds its rows to 1e-6: where a sum of prices is over by that it is asked again, with so much less
     for spare in (0.0, 1e-5):
         above[0] = most * unit - spare * priced
@@ -86,7 +86,7 @@ def best_layout(
         if done.x is None:
             return Found(None, -np.inf if done.status == 2 else bound, done.status == 2)
         gauges = np.flatnonzero(done.x > 0.5)
-        if np.all(limits.used(gauges)[asked] <= most):
+        if np.all(limits.used(gauges)[selected] <= most):
             return Found(gauges, bound, done.status == 0)
     return Found(None, bound, False)
 
@@ -113,25 +113,25 @@ class Detection:
         for pool in self.pools:
             rows, modes = pool.stacked(gauges), pool.modes
             for value, V in zip(modes.eigenvalue, modes.vectors, strict=True):
-                found = undetectable_directions(pool.scenario.F, rows, MarginalModes((value,), (V,), modes.scale))
-                half = found.shape[1] // 2
-                vectors = found[:, :half] + 1j * found[:, half:] if complex(value).imag else found
+                directions = undetectable_directions(pool.scenario.F, rows, MarginalModes((value,), (V,), modes.scale))
+                half = directions.shape[1] // 2
+                vectors = directions[:, :half] + 1j * directions[:, half:] if complex(value).imag else directions
                 for v in vectors.T:
                     answer = np.linalg.norm(pool.rows @ v, axis=1)
-                    seen = answer > SEES * answer.max()
-                    seen[gauges] = False
-                    if seen.tobytes() not in self._known:
-                        self._known.add(seen.tobytes())
-                        self.hits.append(seen)
+                    responding = answer > SEES * answer.max()
+                    responding[gauges] = False
+                    if responding.tobytes() not in self._known:
+                        self._known.add(responding.tobytes())
+                        self.hits.append(responding)
                     lost = True
         return lost
 
     def words(self, gauges: np.ndarray, names: Sequence[str]) -> str:
         """The unknowns that a set loses, by name."""
         for pool in self.pools:
-            found = undetectable_directions(pool.scenario.F, pool.stacked(gauges), pool.modes)
-            if found.shape[1]:
-                return undetectable_in_words(found, names)
+            directions = undetectable_directions(pool.scenario.F, pool.stacked(gauges), pool.modes)
+            if directions.shape[1]:
+                return undetectable_in_words(directions, names)
         return "nothing"
 
     def layout(
@@ -145,9 +145,9 @@ class Detection:
     ) -> Found:
         """`best_layout` of those that detect every unknown."""
         while True:
-            found = best_layout(limits, value, names=names, floor=floor, hits=self.hits, sums=self.sums, nodes=nodes)
-            if found.gauges is None or not self.loses(found.gauges):
-                return found
+            layout = best_layout(limits, value, names=names, floor=floor, hits=self.hits, sums=self.sums, nodes=nodes)
+            if layout.gauges is None or not self.loses(layout.gauges):
+                return layout
 
 
 def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> InfeasibleError:
@@ -164,28 +164,28 @@ def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> Infea
     families += [n for n in (SPACING, BUDGET) if n in limits.names]
     size = limits.size.astype(float)
     for i in range(len(families)):
-        found = best_layout(limits, size, names=[*families[: i + 1], KEEP])
-        room = 0 if found.gauges is None else int(limits.size[found.gauges].sum())
+        layout = best_layout(limits, size, names=[*families[: i + 1], KEEP])
+        room = 0 if layout.gauges is None else int(limits.size[layout.gauges].sum())
         if room < limits.least:
-            return _no_room(limits, families[: i + 1], room, found)
+            return _no_room(limits, families[: i + 1], room, layout)
     for i in range(len(families)):
-        held = families[: i + 1]
-        if detection.layout(limits, size, names=held).gauges is None:
-            return _undetected(limits, detection, held, names)
+        active = families[: i + 1]
+        if detection.layout(limits, size, names=active).gauges is None:
+            return _undetected(limits, detection, active, names)
     fewest = detection.layout(limits, -size, names=families)
     least = None if fewest.gauges is None else int(limits.size[fewest.gauges].sum())
     if least is not None and least > limits.keep:
-        known = "" if fewest.settled else f", as far as {NODES} nodes of search tell,"
+        known = "" if fewest.settled else f" (search limit {NODES} nodes)"
         return InfeasibleError(
-            f"{limits.keep} gauges asked for; the fewest of the pool that detect every unknown{_within(families)}{known} "
-            f"are {least}",
+            f"{limits.keep} gauges requested, but the smallest set that detects every unknown{_within(families)}{known} "
+            f"has {least}",
             key=KEEP,
             remedy=f"keep at least {least}, or estimate fewer unknowns",
         )
     return InfeasibleError(
         f"no layout of {limits.keep} gauges that detects every unknown was found{_within(families)}",
         key=KEEP,
-        remedy="keep another number, or widen the limits",
+        remedy="keep another number of gauges, or relax the limits",
     )
 
 
@@ -193,46 +193,46 @@ def _conflict(limits: Limits, at: int) -> InfeasibleError:
     name, row = limits.names[at], limits.rows[[at]].toarray().ravel()
     bonded = [g for g in sorted(limits.fixed) if row[g] > 0]
     if name == SPACING:
-        what = f"the gauges of row {bonded[0]} of the pool are bonded already ({limits.key}), nearer to each other than {name}"
+        what = f"the bonded gauges ({limits.key}) of row {bonded[0]} of the pool are closer to each other than {name}"
     else:
         unit = "" if name == BUDGET else " gauges"
-        taken = f"{row[bonded].sum():g}{unit} of the {limits.most[at]:g}"
-        what = f"what is bonded already ({limits.key}) takes {taken} that {name} allows"
-    return InfeasibleError(what, key=name, remedy=f"widen {name}, or take a gauge out of {limits.key}")
+        used = f"{row[bonded].sum():g}{unit} of the {limits.most[at]:g}"
+        what = f"bonded gauges ({limits.key}) use {used} that {name} allows"
+    return InfeasibleError(what, key=name, remedy=f"relax {name}, or remove a gauge from {limits.key}")
 
 
-def _no_room(limits: Limits, families: Sequence[str], room: int, found: Found) -> InfeasibleError:
+def _no_room(limits: Limits, families: Sequence[str], room: int, layout: Found) -> InfeasibleError:
     name, before = families[-1], families[:-1]
-    alone = best_layout(limits, limits.size.astype(float), names=[name, KEEP]) if before else found
+    alone = best_layout(limits, limits.size.astype(float), names=[name, KEEP]) if before else layout
     enough = alone.gauges is not None and int(limits.size[alone.gauges].sum()) >= limits.least
     together = f" together with {' and '.join(before)}" if enough else ""
-    surely = "" if found.settled else f", as far as {NODES} nodes of search tell"
+    surely = "" if layout.settled else f" (search limit {NODES} nodes)"
     return InfeasibleError(
-        f"{limits.keep} gauges asked for, {name}{together} leaves room for {room} of the pool's {limits.size.sum()}{surely}",
+        f"{limits.keep} gauges requested, but {name}{together} allows only {room} of the pool's {limits.size.sum()}{surely}",
         key=name,
-        remedy=f"keep {room}, or widen {name}" if room else f"widen {name}",
+        remedy=f"keep {room}, or relax {name}" if room else f"relax {name}",
     )
 
 
-def _undetected(limits: Limits, detection: Detection, held: Sequence[str], names: Sequence[str]) -> InfeasibleError:
-    name, before = held[-1], held[:-1]
+def _undetected(limits: Limits, detection: Detection, active: Sequence[str], names: Sequence[str]) -> InfeasibleError:
+    name, before = active[-1], active[:-1]
     if name == BUDGET:
         price = limits.rows[[limits.names.index(BUDGET)]].toarray().ravel()
         cheapest = detection.layout(limits, -price, names=before)
         if cheapest.gauges is not None:
             budget = limits.most[limits.names.index(BUDGET)]
             return InfeasibleError(
-                f"the cheapest gauges that detect every unknown{_within(before)} cost {price[cheapest.gauges].sum():g}, "
+                f"the cheapest gauges that detect every unknown{_within(before)} cost {price[cheapest.gauges].sum():g}, but "
                 f"{name} is {budget:g}",
                 key=name,
-                remedy="raise it, or estimate fewer unknowns",
+                remedy="increase the budget, or estimate fewer unknowns",
             )
-    most = best_layout(limits, limits.size.astype(float), names=held)
+    most = best_layout(limits, limits.size.astype(float), names=active)
     words = "an unknown" if most.gauges is None else detection.words(most.gauges, names)
     return InfeasibleError(
-        f"whatever gauges are kept{_within(held)}, they cannot tell {words}",
+        f"no layout{_within(active)} can observe {words}",
         key=name,
-        remedy=f"widen {name}, or estimate fewer unknowns",
+        remedy=f"relax {name}, or estimate fewer unknowns",
     )
 
 

@@ -149,7 +149,7 @@ def solve_care(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
     if not G.G.any():
         return _newton(F, Q, G, np.zeros((n, n)))
     if not Q.any():
-        raise NumericalError("the process noise is zero", remedy="give every unknown a process noise")
+        raise NumericalError("the process noise is zero", remedy="specify a process noise for each unknown")
     s = np.sqrt(np.linalg.norm(G.G) / np.linalg.norm(Q))
     try:
         _, Z, stable = schur(np.block([[F.T, -G.G / s], [-s * Q, -F]]), sort="lhp")
@@ -159,7 +159,7 @@ def solve_care(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
     if stable != n:
         raise NumericalError(
             f"the Hamiltonian of the Riccati equation has {stable} stable eigenvalues instead of {n}",
-            remedy="an unknown is next to unobservable, or the noises lie too far apart: check both",
+            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
         )
     return polish(F, Q, G, 0.5 * (P + P.T))
 
@@ -219,8 +219,8 @@ def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
         P = P * d[:, None] * d
     if not error <= ACCEPTED:
         raise NumericalError(
-            f"the Riccati equation of a set of gauges is solved to {error:.1e} only, {ACCEPTED:.0e} is asked for",
-            remedy="an unknown is next to unobservable from it, or the noises lie too far apart: check both",
+            f"the Riccati equation of a set of gauges is solved to {error:.1e} only, the tolerance is {ACCEPTED:.0e}",
+            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
         )
     return P
 
@@ -240,8 +240,8 @@ def _newton(
     loop = close_loop(F, G, P)
     if not loop.stable:
         raise NumericalError(
-            f"the steady filter is not stable: an error grows at {loop.abscissa:.3g} 1/s",
-            remedy="an unknown is next to unobservable from these gauges",
+            f"the steady-state filter is unstable: errors grow at {loop.abscissa:.3g} 1/s",
+            remedy="add gauges, or estimate fewer unknowns: an unknown is nearly unobservable",
         )
     return lyapunov(loop, Q + G.squared(P)) if defect is None else P + lyapunov(loop, defect)
 
@@ -280,8 +280,8 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
         return None
     if undetectable_directions(unstepped.T, N.T).shape[1]:
         raise InfeasibleError(
-            "a motion that does not decay is reached by no noise: no steady filter exists",
-            remedy="give all that moves damping or a disturbance",
+            "an undamped motion has no process noise, so no steady-state filter exists",
+            remedy="add damping, or process noise for every motion",
         )
     F, C, L = A.T, _triangle(H), _triangle(N.T).T
     for _ in range(MOST_DOUBLINGS):
@@ -295,10 +295,10 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     # what doubling has rounded, a step of the filter itself forgets as fast as it forgets all else
     P = updated(_triangle(np.hstack([A @ before, N]).T).T, H)
     if not (error := _error(A, H, before, P)) <= ACCEPTED_IN_STEPS:
-        solved = f"solved to {error:.1e} only" if np.isfinite(error) else "not solved: its filter is not stable"
+        solved = f"accurate to {error:.1e} only" if np.isfinite(error) else "not solved: its filter is unstable"
         raise NumericalError(
-            f"the steady covariance of a set of gauges is {solved}; {ACCEPTED_IN_STEPS:.0e} is asked for",
-            remedy="the noises of gauges and inputs lie too far apart for sixteen digits: check their units",
+            f"the steady covariance of a set of gauges is {solved}; the tolerance is {ACCEPTED_IN_STEPS:.0e}",
+            remedy="check the units of the noise of gauges and inputs: their magnitudes differ too much for double precision",
         )
     return P
 
@@ -326,16 +326,19 @@ def factor_after(A: np.ndarray, H: np.ndarray, N: np.ndarray, start: np.ndarray,
 def updated(L: np.ndarray, H: np.ndarray) -> np.ndarray:
     """Factor L V(1 + Σ²)^(−½) of P − PHᵀ(1 + HPHᵀ)⁻¹HP, P = LLᵀ, HL = U Σ Vᵀ: readings H (m, n) of unit noise."""
     _, s, Vt = np.linalg.svd(H @ L)
-    return np.asarray((L @ Vt.T) * _kept(s, len(Vt)))
+    return np.asarray((L @ Vt.T) * _shrink_factors(s, len(Vt)))
 
 
 def _doubled(F: np.ndarray, C: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same of twice as many steps."""
     U, s, Vt = np.linalg.svd(C @ L)
     m = len(s)
-    rise, seen = (F.T @ L @ Vt.T) * _kept(s, len(Vt)), _kept(s, len(U))[:, None] * (U.T @ C @ F.T)
+    rise, observed = (
+        (F.T @ L @ Vt.T) * _shrink_factors(s, len(Vt)),
+        _shrink_factors(s, len(U))[:, None] * (U.T @ C @ F.T),
+    )
     F = F @ F - (F @ C.T @ U[:, :m]) * (s / (1 + s**2)) @ (Vt[:m] @ L.T @ F)
-    return F, _triangle(np.vstack([C, seen])), _triangle(np.hstack([L, rise]).T).T
+    return F, _triangle(np.vstack([C, observed])), _triangle(np.hstack([L, rise]).T).T
 
 
 def _error(A: np.ndarray, H: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:
@@ -354,7 +357,7 @@ def _error(A: np.ndarray, H: np.ndarray, before: np.ndarray, after: np.ndarray) 
     return float(np.abs(solve_discrete_lyapunov(loop, missed)).max())
 
 
-def _kept(s: np.ndarray, size: int) -> np.ndarray:
+def _shrink_factors(s: np.ndarray, size: int) -> np.ndarray:
     """(1 + Σ²)^(−½) (size,), one beyond the singular values."""
     return np.concatenate([1 / np.sqrt(1 + s**2), np.ones(size - len(s))])
 

@@ -95,8 +95,8 @@ class Pool:
 
     def under(self, metric: Metric) -> Pool:
         """The same by another metric, of x*."""
-        own = metric.scaled(self.scale)
-        return replace(self, scenario=replace(self.scenario, weight=own.weight, criterion=own.criterion))
+        scaled = metric.scaled(self.scale)
+        return replace(self, scenario=replace(self.scenario, weight=scaled.weight, criterion=scaled.criterion))
 
     @property
     def channels(self) -> np.ndarray:
@@ -120,8 +120,8 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
         if units is not None:
             lost[size - len(units) :] /= units[:, None]
         raise InfeasibleError(
-            f"no gauge of the pool can tell {undetectable_in_words(lost, names)}",
-            remedy="let more candidates into the pool, estimate fewer unknowns, or make a load, a mass or a stiffness known",
+            f"no gauge of the pool can observe {undetectable_in_words(lost, names)}",
+            remedy="add candidates to the pool, estimate fewer unknowns, or make a load, a mass or a stiffness known",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
     # rows of Q at unit variance, so that no unit of a state hides the noise of another: the null space is the same
@@ -135,8 +135,8 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
     residual = relative_residual(balanced.F, balanced.Q, information(balanced.rows.reshape(-1, size)), P)
     if not residual <= ACCEPTED:
         raise NumericalError(
-            f"the Riccati equation of the pool is solved to {residual:.1e} only, {ACCEPTED:.0e} is asked for",
-            remedy="an unknown is next to unobservable, or the noises lie too far apart: check both",
+            f"the Riccati equation of the pool is solved to {residual:.1e} only, the tolerance is {ACCEPTED:.0e}",
+            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
         )
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
 
@@ -154,13 +154,13 @@ def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> I
     moves = np.any(np.abs(directions.T @ F) > 1e-6 * (np.abs(directions.T) @ np.abs(F)), axis=1)
     if moves.any():
         return InfeasibleError(
-            "an undamped motion of the structure is reached by no process noise: no steady filter exists",
-            remedy="give the structure damping (a ratio of 1e-4 will do), or a load that excites this motion too: the noise of a "
-            "motion is a share of how the training run moves it",
+            "an undamped motion of the structure has no process noise, so no steady-state filter exists",
+            remedy="add structural damping (a ratio of 1e-4 is enough), or a load that excites this motion: the process noise is "
+            "a fraction of the motion in the training run",
         )
     return InfeasibleError(
-        f"{undetectable_in_words(directions, names)} is reached by no process noise, or next to none: no steady filter exists",
-        remedy="give it more, or the others less",
+        f"{undetectable_in_words(directions, names)} has no or too little process noise, so no steady-state filter exists",
+        remedy="increase its process noise, or reduce that of the others",
     )
 
 
@@ -171,8 +171,8 @@ def _check(scenario: Scenario) -> None:
     blind = np.flatnonzero(~np.isfinite(scenario.H).reshape(len(scenario.H), -1).all(axis=1))
     if len(blind):
         raise ConfigError(
-            f"the row of gauge {blind[0]} of the pool is not finite, and so of {len(blind)} in all",
-            remedy="check the facets they lie on",
+            f"the strain operator of gauge {blind[0]} of the pool is not finite ({len(blind)} gauges in total)",
+            remedy="check the facets of these gauges",
         )
     r = scenario.r.reshape(len(scenario.r), -1)
     refused = ~((r > 0) & np.isfinite(r))
@@ -180,9 +180,9 @@ def _check(scenario: Scenario) -> None:
     if len(noiseless):
         first = int(noiseless[0])
         raise ConfigError(
-            f"the noise of gauge {first} of the pool is {r[first][refused[first]][0]:g}, and {len(noiseless)} in all are "
-            "not positive",
-            remedy="give every gauge a positive noise",
+            f"the noise of gauge {first} of the pool is {r[first][refused[first]][0]:g} "
+            f"({len(noiseless)} gauges in total have no positive noise)",
+            remedy="set a positive noise for each gauge",
         )
 
 
@@ -229,19 +229,21 @@ def loop_of(pool: Pool, gauges: Gauges, P: np.ndarray) -> Loop:
 
 def covariances_of(pools: Sequence[Pool], gauges: Gauges) -> list[np.ndarray] | None:
     """P of every scenario, or None where these gauges lose an unknown."""
-    found = []
+    covariances = []
     for pool in pools:
         P = subset_covariance(pool, gauges)
         if P is None:
             return None
-        found.append(P)
-    return found
+        covariances.append(P)
+    return covariances
 
 
 def loops_of(pools: Sequence[Pool], gauges: Gauges) -> list[Loop] | None:
     """The loop of every scenario, or None where these gauges lose an unknown."""
-    found = covariances_of(pools, gauges)
-    return None if found is None else [loop_of(pool, gauges, P) for pool, P in zip(pools, found, strict=True)]
+    covariances = covariances_of(pools, gauges)
+    return (
+        None if covariances is None else [loop_of(pool, gauges, P) for pool, P in zip(pools, covariances, strict=True)]
+    )
 
 
 def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
@@ -296,13 +298,13 @@ def slow_pools(pools: Sequence[Pool], motions: int, unknowns: np.ndarray) -> tup
         return tuple(pools)
     count = max(1, motions // 4)
     while 2 * count + size - 2 * motions <= WORTH * size:
-        found: list[Pool] = []
+        selected: list[Pool] = []
         for pool in pools:
             if (slow := _slow_pool(pool, motions, count, unknowns - size)) is None:
                 break
-            found.append(slow)
+            selected.append(slow)
         else:
-            return tuple(found)
+            return tuple(selected)
         count = max(count + 1, count * 5 // 4)
     return tuple(pools)
 

@@ -47,12 +47,12 @@ def scores(
     pools = next(iter(by.values()))
     try:
         P = covariances_of(pools, gauges)
-        cost = {key: cost_of(P, own, aggregate) for key, own in by.items()}
+        cost = {key: cost_of(P, matrix, aggregate) for key, matrix in by.items()}
     except NumericalError:
         return Scores.all(by, np.nan, len(unknown))
     if P is None:
         return Scores.all(by, np.inf, len(unknown))
-    variances = np.array([(np.diag(own) * pool.scale**2)[unknown] for pool, own in zip(pools, P, strict=True)])
+    variances = np.array([(np.diag(matrix) * pool.scale**2)[unknown] for pool, matrix in zip(pools, P, strict=True)])
     if share is None:
         return Scores(cost, np.sqrt(np.mean(variances, axis=0)) * scale)
     return Scores(cost, np.sqrt(np.sum(share * variances * scale**2, axis=0)))
@@ -68,7 +68,7 @@ def cost_of(covariances: Sequence[np.ndarray] | None, pools: Sequence[Pool], agg
 
 WORTH = 0.05
 """A gauge more is worth it where it lowers σ by this share."""
-ALIKE = 0.99
+REDUNDANT = 0.99
 """Two gauges are redundant where the cosine between their rows is above this."""
 NOTHING = 1e-6
 """A gauge of several channels does not read a motion to which it answers with less than this share of its most."""
@@ -92,7 +92,7 @@ def worth_keeping(cost: np.ndarray, keep: int) -> int:
     return keep + (int(worth[-1]) + 1 if worth.size else 0)
 
 
-def alike(rows: np.ndarray) -> list[tuple[int, ...]]:
+def redundant_groups(rows: np.ndarray) -> list[tuple[int, ...]]:
     """Groups of gauges whose rows (k, n), or (k, c, n) of up to c channels each, span the same space: each within 0.99 of
     another of its group by the smallest cosine of the principal angles between the two, for one channel |cos| of the rows.
 
@@ -107,7 +107,7 @@ def alike(rows: np.ndarray) -> list[tuple[int, ...]]:
         same = np.flatnonzero(rank == r)
         span = basis[same, :r]
         cosines = np.linalg.svd(np.einsum("ain,bjn->abij", span, span), compute_uv=False)
-        near[np.ix_(same, same)] = cosines[..., -1] > ALIKE
+        near[np.ix_(same, same)] = cosines[..., -1] > REDUNDANT
     _, group = connected_components(near, directed=False)
     members = [tuple(np.flatnonzero(group == number).tolist()) for number in dict.fromkeys(group.tolist())]
     return [member for member in members if len(member) > 1]

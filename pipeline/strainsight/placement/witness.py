@@ -38,38 +38,38 @@ class Witness:
         self._local = limits.rows[np.array(local)]
         self._goal = 0 if BUDGET in limits.names else limits.keep
         present = np.ones(len(limits.size), dtype=bool)
-        found = self._greedy(present, worth)
-        if found is None:
+        layout = self._greedy(present, worth)
+        if layout is None:
             size = limits.size.astype(float)
             # of more than one number, as many as are found soon will do; only that there is none at all takes a proof
             for nodes in (NODES,) if limits.least == limits.keep else (EFFORT, NODES):
-                found = detection.layout(limits, size, floor=limits.least, nodes=nodes).gauges
-                if found is not None:
+                layout = detection.layout(limits, size, floor=limits.least, nodes=nodes).gauges
+                if layout is not None:
                     break
-            if found is None:
+            if layout is None:
                 raise refusal(limits, detection, names)
             if self._goal:
-                self._goal = int(limits.size[found].sum())
-        self.units = np.isin(np.arange(len(limits.size)), found)
+                self._goal = int(limits.size[layout].sum())
+        self.units = np.isin(np.arange(len(limits.size)), layout)
 
-    def spares(self, gauge: int, there: np.ndarray, worth: np.ndarray) -> bool:
-        """Whether a layout is found without this gauge of those there (pool,) bool; it is the witness from then on.
+    def spares(self, gauge: int, present: np.ndarray, worth: np.ndarray) -> bool:
+        """Whether a layout is found without this gauge of those present (pool,) bool; it is the witness from then on.
 
         In turn: another gauge in its place, the gauges worth most as far as they fit, an integer program over the `REACH`
         rows around the gauge, which is a proof where no more than those are left.
         """
         if not self.units[gauge]:
             return True
-        rest = there.copy()
+        rest = present.copy()
         rest[gauge] = False
-        found = self._checked(self.limits.packed(self._order(rest & ~self.units, worth), self.units & rest))
-        if found is None:
-            found = self._greedy(rest, worth)
-        if found is None:
-            found = self._programmed(gauge, rest, worth)
-        if found is None:
+        layout = self._checked(self.limits.packed(self._order(rest & ~self.units, worth), self.units & rest))
+        if layout is None:
+            layout = self._greedy(rest, worth)
+        if layout is None:
+            layout = self._programmed(gauge, rest, worth)
+        if layout is None:
             return False
-        self.units = np.isin(np.arange(len(rest)), found)
+        self.units = np.isin(np.arange(len(rest)), layout)
         return True
 
     def _greedy(self, rest: np.ndarray, worth: np.ndarray) -> np.ndarray | None:
@@ -82,18 +82,18 @@ class Witness:
         around = self._around(gauge, rest, worth)
         stays = self.units & rest & ~around
         while True:
-            found = best_layout(
+            layout = best_layout(
                 self.limits,
                 value,
-                there=around | stays,
-                stays=stays,
+                allowed=around | stays,
+                required=stays,
                 floor=self._goal,
                 hits=self.detection.hits,
                 nodes=EFFORT,
                 gap=0.05,
             ).gauges
-            if found is None or not self.detection.loses(found):
-                return found
+            if layout is None or not self.detection.loses(layout):
+                return layout
 
     def _around(self, gauge: int, rest: np.ndarray, worth: np.ndarray) -> np.ndarray:
         """The rows of `rest` (pool,) bool, `REACH` at most, that share a limit with the gauge or see what is lost with it,
@@ -122,9 +122,9 @@ class Witness:
         places = np.flatnonzero(rest)
         return places[tied_order(-worth[places] / self._dear[places])]
 
-    def _checked(self, found: np.ndarray) -> np.ndarray | None:
-        full = int(self.limits.size[found].sum()) >= self._goal
-        return found if full and not self.detection.loses(found) else None
+    def _checked(self, layout: np.ndarray) -> np.ndarray | None:
+        full = int(self.limits.size[layout].sum()) >= self._goal
+        return layout if full and not self.detection.loses(layout) else None
 
 
 class Guard:
@@ -166,7 +166,7 @@ class Guard:
         Raises InfeasibleError where there was no layout to begin with.
         """
         worth = self._worth(index, bounds)
-        witness = self._found(worth)
+        witness = self._get_witness(worth)
         spared = witness.spares(gauge, self.there, worth)
         self.held[gauge] = not spared
         self.held &= witness.units
@@ -176,7 +176,7 @@ class Guard:
     def surplus(self, index: np.ndarray, bounds: np.ndarray) -> int:
         """The gauge worth least that a broken limit counts and the witness does without; as in `lets_go`."""
         worth = self._worth(index, bounds)
-        out = np.flatnonzero(self.there & ~self._found(worth).units & (self.relief > 0))
+        out = np.flatnonzero(self.there & ~self._get_witness(worth).units & (self.relief > 0))
         return int(out[tied_order(worth[out])[0]])
 
     def _worth(self, index: np.ndarray, bounds: np.ndarray) -> np.ndarray:
@@ -184,7 +184,7 @@ class Guard:
         worth[index] = np.maximum(bounds, 0.0)
         return worth
 
-    def _found(self, worth: np.ndarray) -> Witness:
+    def _get_witness(self, worth: np.ndarray) -> Witness:
         if self._witness is None:
             self._witness = Witness(self.limits, self.detection, worth, self.names)
         return self._witness
@@ -201,8 +201,8 @@ class Remaining:
     gauge of a scenario sees, as velocities and unknowns under strain gauges, are left out of the rows.
     """
 
-    def __init__(self, pools: Sequence[Pool], fixed: Collection[int], apart: np.ndarray | None = None):
-        """fixed: gauges that stay; apart (pool,): labels, gauges of different ones are no twins whatever they read."""
+    def __init__(self, pools: Sequence[Pool], fixed: Collection[int], labels: np.ndarray | None = None):
+        """fixed: gauges that stay; labels (pool,): labels, gauges of different ones are no twins whatever they read."""
         self.index = np.arange(len(pools[0].rows))
         self.count = len(self.index)
         self._fixed = np.isin(self.index, list(fixed))
@@ -211,8 +211,8 @@ class Remaining:
         self._columns = [np.flatnonzero(p.rows.any(axis=(0, 1))) for p in pools]
         self._rows = [np.ascontiguousarray(p.rows[:, :, c]) for p, c in zip(pools, self._columns, strict=True)]
         self._twin = twin_groups(self._rows)
-        if apart is not None:
-            self._twin = np.unique(self._twin * len(apart) + apart, return_inverse=True)[1]
+        if labels is not None:
+            self._twin = np.unique(self._twin * len(labels) + labels, return_inverse=True)[1]
         self._has_twins = len(np.unique(self._twin)) < self.count
         self._pools = pools
         self._size = [p.rows.shape[2] for p in pools]
@@ -255,9 +255,9 @@ class Remaining:
         """The first of every set of twins among the places."""
         return places[np.unique(self._twin[places], return_index=True)[1]] if self._has_twins else places
 
-    def hold(self, held: np.ndarray) -> None:
+    def hold(self, gauges: np.ndarray) -> None:
         """These gauges (pool,) bool stay for now, beside the fixed ones, and no others."""
-        self.movable = self._there & ~(self._fixed | held)[self.index]
+        self.movable = self._there & ~(self._fixed | gauges)[self.index]
 
     def remove(self, at: int) -> None:
         """Take the gauge at this place away."""
@@ -297,8 +297,8 @@ def twin_groups(rows: Sequence[np.ndarray]) -> np.ndarray:
         leading = flat[np.arange(m * c), np.argmax(flat != 0, axis=1)]
         # adding zero turns −0 into 0: the bytes are compared
         signed = np.ascontiguousarray(flat * np.where(leading < 0, -1.0, 1.0)[:, None] + 0.0)
-        own = np.unique(signed.view(np.dtype((np.void, k * 8))).ravel(), return_inverse=True)[1].reshape(m, c)
-        for channel in np.sort(own, axis=1).T:
+        codes = np.unique(signed.view(np.dtype((np.void, k * 8))).ravel(), return_inverse=True)[1].reshape(m, c)
+        for channel in np.sort(codes, axis=1).T:
             labels = np.unique(labels * (m * c) + channel, return_inverse=True)[1]
     return labels
 

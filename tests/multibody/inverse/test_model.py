@@ -263,5 +263,5 @@ def test_what_cannot_be_is_refused():
         of(["b.ball_diameter"]).xi(np.array([2e11, 0.064, *RING[1:]]))
     with pytest.raises(InfeasibleError, match="E of -1 is 0"):
         of(["E"], np.array([-1.0, *RING]))
-    with pytest.raises(InfeasibleError, match="nothing tells the size of bearing b"):
+    with pytest.raises(InfeasibleError, match="the dimensions of bearing b are missing"):
         of(["b.preload"], c=RING)

@@ -169,7 +169,7 @@ def test_a_motion_that_becomes_free_on_the_way_is_refused_as_from_the_start():
     rest = rest_at(system, q, np.zeros(0), np.array([50.0]))
     assert followed(system, rest, np.zeros(0), np.array([1.0])).theta == 1.0
     for seek, start in ((rest_at, q), (followed, rest)):
-        with pytest.raises(InfeasibleError, match="nothing holds body loose"):
+        with pytest.raises(InfeasibleError, match="no stiffness restrains body loose"):
             seek(system, start, np.zeros(0), np.array([1e-11]))
 
 

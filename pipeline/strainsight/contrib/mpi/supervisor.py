@@ -62,12 +62,12 @@ def main() -> None:
         if not line:
             return
         command, environment = json.loads(line)
-        with open(folder / SAID, "wb") as said:
+        with open(folder / SAID, "wb") as output:
             process = subprocess.Popen(
                 [*command, str(folder)],
                 env=environment,
                 stdin=subprocess.DEVNULL,
-                stdout=said,
+                stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )

@@ -62,15 +62,15 @@ class Distributed:
         PETSc = self.PETSc
         indptr, indices, data = (np.load(f"{name}.{part}.npy", mmap_mode="r") for part in ("indptr", "indices", "data"))
         n = len(indptr) - 1
-        own = n // self.comm.size + (self.comm.rank < n % self.comm.size)
+        rows = n // self.comm.size + (self.comm.rank < n % self.comm.size)
         first = self.comm.rank * (n // self.comm.size) + min(self.comm.rank, n % self.comm.size)
-        pointers = np.asarray(indptr[first : first + own + 1])
+        pointers = np.asarray(indptr[first : first + rows + 1])
         entries = slice(int(pointers[0]), int(pointers[-1]))
         most = np.iinfo(PETSc.IntType).max
         if pointers[-1] - pointers[0] > most:
-            raise OverflowError(f"{pointers[-1] - pointers[0]} entries a process, PETSc counts to {most}")
+            raise OverflowError(f"{pointers[-1] - pointers[0]} entries per process exceed the PETSc limit of {most}")
         X = PETSc.Mat().createSBAIJ(
-            ((own, n), (own, n)),
+            ((rows, n), (rows, n)),
             1,
             csr=(
                 (pointers - pointers[0]).astype(PETSc.IntType),
@@ -108,7 +108,7 @@ class Distributed:
             raise Refused("mumps", code=code, detail=self.factor.getMumpsInfog(2))
         return {"memory": self.factor.getMumpsInfog(22)}
 
-    def own(self, file: str, mode: Any) -> Any:
+    def local_columns(self, file: str, mode: Any) -> Any:
         """The columns that this process has of an array (k, n) of a file."""
         first, last = self.A.getOwnershipRange()
         return np.load(file, mmap_mode=mode)[:, first:last]
@@ -116,23 +116,23 @@ class Distributed:
     def solve(self, request: dict[str, Any]) -> dict[str, Any]:
         """A⁻¹B, B and the result as rows of a file (k, n)."""
         PETSc = self.PETSc
-        B = self.own(request["of"], "r")
-        own, k, n = B.shape[1], len(B), self.A.getSize()[0]
-        right, found = (PETSc.Mat().createDense(((own, n), (PETSc.DECIDE, k)), comm=self.comm) for _ in range(2))
+        B = self.local_columns(request["of"], "r")
+        rows, k, n = B.shape[1], len(B), self.A.getSize()[0]
+        right, solution = (PETSc.Mat().createDense(((rows, n), (PETSc.DECIDE, k)), comm=self.comm) for _ in range(2))
         right.setUp()
-        found.setUp()
+        solution.setUp()
         right.getDenseArray()[:] = B.T
         right.assemble()
-        found.assemble()
-        self.factor.matSolve(right, found)
-        self.written(request["into"], found.getDenseArray(readonly=True).T)
+        solution.assemble()
+        self.factor.matSolve(right, solution)
+        self.write_columns(request["into"], solution.getDenseArray(readonly=True).T)
         right.destroy()
-        found.destroy()
+        solution.destroy()
         return {}
 
-    def written(self, file: str, rows: np.ndarray) -> None:
+    def write_columns(self, file: str, rows: np.ndarray) -> None:
         """Write what this process has of rows (k, n)."""
-        into = self.own(file, "r+")
+        into = self.local_columns(file, "r+")
         into[:] = rows
         into.base.flush()
 
@@ -141,9 +141,9 @@ class Distributed:
         eps, count = self.iterations(), request["count"]
         eps.setDimensions(count, request["basis"])
         eps.setTolerances(request["tolerance"], request["restarts"])
-        beside = [self.vector(row) for row in self.own(request["beside"], "r")] if request["beside"] else []
-        eps.setDeflationSpace(beside)
-        start = self.vector(self.own(request["start"], "r")[0])
+        known = [self.vector(row) for row in self.local_columns(request["known"], "r")] if request["known"] else []
+        eps.setDeflationSpace(known)
+        start = self.vector(self.local_columns(request["start"], "r")[0])
         eps.setInitialSpace([start])
         eps.solve()
         if eps.getConverged() < count:
@@ -152,8 +152,8 @@ class Distributed:
         for i in range(count):
             values.append(eps.getEigenpair(i, phi).real)
             shapes.append(phi.getArray().copy())
-        self.written(request["into"], np.array(shapes))
-        for vector in (*beside, start, phi):
+        self.write_columns(request["into"], np.array(shapes))
+        for vector in (*known, start, phi):
             vector.destroy()
         return {"values": values}
 
@@ -172,9 +172,9 @@ class Distributed:
             st.setKSP(self.ksp)
         return self.eps
 
-    def vector(self, own: np.ndarray) -> Any:
+    def vector(self, values: np.ndarray) -> Any:
         x = self.A.createVecRight()
-        x.setArray(own)
+        x.setArray(values)
         return x
 
 
@@ -230,13 +230,11 @@ def serve() -> None:
             time.sleep(pause)
             pause = min(1.2 * pause, LONG)
         with open(request, encoding="utf-8") as file:
-            asked = json.load(file)
-        if asked["do"] == "end":
+            task = json.load(file)
+        if task["do"] == "end":
             return
         try:
-            answer = (
-                rows.factorise(asked["memory"]) if asked["do"] == "factorise" else getattr(rows, asked["do"])(asked)
-            )
+            answer = rows.factorise(task["memory"]) if task["do"] == "factorise" else getattr(rows, task["do"])(task)
         except Refused as refused:
             answer = refused.answer
         comm.barrier()

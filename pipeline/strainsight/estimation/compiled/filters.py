@@ -1,4 +1,4 @@
-"""The steps of filters side by side, of each its own model."""
+"""Compiled steps of parallel Kalman filters, each with its own model."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from strainsight.compiled import kept
 from strainsight.estimation.compiled.vectors import (
     LOOPS,
     add_rows,
-    apart,
     copied,
     copied_matrix,
+    count_differences,
     dot,
     flushed,
     loop,
@@ -24,35 +24,35 @@ from strainsight.estimation.compiled.vectors import (
 
 
 @loop
-def add_moved(x, pairs, beside, out):  # type: ignore[no-untyped-def]
-    """out ← out + A x, in coordinates in which modes are apart: each moves by itself and by the states behind them."""
+def add_moved(x, pairs, augmented, out):  # type: ignore[no-untyped-def]
+    """out ← out + A x in modal coordinates: modes are uncoupled, and the augmented states act on all of them."""
     q, n = pairs.shape[1], len(x)
     for a in range(q):
         out[a] += pairs[0, a] * x[a] + pairs[1, a] * x[q + a]
     for a in range(q):
         out[q + a] += pairs[2, a] * x[a] + pairs[3, a] * x[q + a]
-    for b in range(len(beside)):
+    for b in range(len(augmented)):
         value = x[2 * q + b]
         for a in range(n):
-            out[a] += value * beside[b, a]
+            out[a] += value * augmented[b, a]
 
 
 @loop
-def moved_mean(x, pairs, beside, G, w, ahead):  # type: ignore[no-untyped-def]
+def moved_mean(x, pairs, augmented, G, w, ahead):  # type: ignore[no-untyped-def]
     """x ← A x + G w."""
     n = len(x)
     for a in range(n):
         ahead[a] = dot(G[a], w)
-    add_moved(x, pairs, beside, ahead)
+    add_moved(x, pairs, augmented, ahead)
     for a in range(n):
         x[a] = flushed(ahead[a])
 
 
 @loop
-def move_considered(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
+def move_considered(x, V, pairs, augmented, pairs_nu, augmented_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
     """V ← A V − (A_ν x + G_ν w), x before it has moved; V (n, d), a row a state, as ν are many; behind (s, d): work space."""
     n, d = V.shape
-    q, s = pairs.shape[1], len(beside)
+    q, s = pairs.shape[1], len(augmented)
     for a in range(q):
         p0, p1, p2, p3 = pairs[0, a], pairs[1, a], pairs[2, a], pairs[3, a]
         for k in range(d):
@@ -64,7 +64,7 @@ def move_considered(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind): 
             behind[b, k] = V[2 * q + b, k]
             V[2 * q + b, k] = 0.0
     for a in range(n):
-        add_rows(beside[:, a], behind, d, V[a])
+        add_rows(augmented[:, a], behind, d, V[a])
         for k in range(d):
             V[a, k] = flushed(V[a, k])
     for k in range(len(pairs_nu)):
@@ -73,18 +73,18 @@ def move_considered(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind): 
             V[q + a, k] -= pairs_nu[k, 2, a] * x[a] + pairs_nu[k, 3, a] * x[q + a]
         for a in range(n):
             for b in range(s):
-                V[a, k] -= beside_nu[k, b, a] * x[2 * q + b]
+                V[a, k] -= augmented_nu[k, b, a] * x[2 * q + b]
             V[a, k] -= dot(G_nu[k, a], w)
 
 
 @loop
-def predicted(P, pairs, beside, Q, half):  # type: ignore[no-untyped-def]
-    """P ← A P Aᵀ + Q, symmetric; half: P Aᵀ."""
+def predicted(P, pairs, augmented, Q, half):  # type: ignore[no-untyped-def]
+    """P ← A P Aᵀ + Q, symmetric; half: work space for P Aᵀ."""
     n, q = len(P), pairs.shape[1]
     for a in range(n):
         for b in range(n):
             half[a, b] = 0.0
-        add_moved(P[a], pairs, beside, half[a])
+        add_moved(P[a], pairs, augmented, half[a])
     for a in range(n):
         for b in range(a + 1):
             P[a, b] = Q[a, b]
@@ -93,7 +93,7 @@ def predicted(P, pairs, beside, Q, half):  # type: ignore[no-untyped-def]
             position, rate = pairs[first, k], pairs[first + 1, k]
             for b in range(a + 1):
                 P[a, b] += position * half[k, b] + rate * half[q + k, b]
-        add_rows(beside[:, a], half[2 * q :], a + 1, P[a])
+        add_rows(augmented[:, a], half[2 * q :], a + 1, P[a])
         for b in range(a + 1):
             P[a, b] = flushed(P[a, b])
     mirrored(P)
@@ -108,19 +108,18 @@ def in_states(basis, z, out):  # type: ignore[no-untyped-def]
 
 @loop
 def corrected(x, V, nu, out):  # type: ignore[no-untyped-def]
-    """x less what ν makes of it."""
+    """x − Vᵀν: the states corrected by the estimate of ν."""
     for a in range(len(x)):
         out[a] = x[a] - dot(V[a], nu)
 
 
 @loop
 def update_considered(V, H, sensed, K, S, channels, whitened, nu, left, slope, W, small):  # type: ignore[no-untyped-def]
-    """V ← V + K ε of one channel after the other, and ν by least squares on the innovations of all at once; returns what the
-    squares add to the log-likelihood.
+    """V ← V + K ε channel by channel, and ν by least squares on all innovations; returns the increment of the log-likelihood.
 
-    By slopes s (k, d) of white innovations e (k,):  L Lᵀ = I + s Λ sᵀ,  W = L⁻¹ s Λ,  ν ← ν + Wᵀ L⁻¹(e − s ν),  Λ ← Λ − WᵀW
+    With slopes s (k, d) of the white innovations e (k,):  L Lᵀ = I + s Λ sᵀ,  W = L⁻¹ s Λ,  ν ← ν + Wᵀ L⁻¹(e − s ν),  Λ ← Λ − WᵀW
 
-    V (n, d); channels: those that measured; slope, W (m, d) and small (m + 2, m): work space.
+    V (n, d); channels: channels with a sample; slope, W (m, d) and small (m + 2, m): work space.
     """
     n, d = V.shape
     m = len(channels)
@@ -181,7 +180,7 @@ def update_considered(V, H, sensed, K, S, channels, whitened, nu, left, slope, W
 
 @loop
 def without(less, nu, left):  # type: ignore[no-untyped-def]
-    """ν ← ν − Λ β, by an information β that is none; returns what that adds to the log-likelihood, −βᵀν + βᵀΛβ/2."""
+    """ν ← ν − Λ β, which removes the bias β; returns the increment of the log-likelihood, −βᵀν + βᵀΛβ/2."""
     d = len(nu)
     change = np.zeros(d)
     add_rows(less, left, d, change)
@@ -193,8 +192,8 @@ def without(less, nu, left):  # type: ignore[no-untyped-def]
 
 
 @loop
-def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
-    """Update by all channels that measured, with the gain of Schmidt; V (n, d)."""
+def schmidt_update(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
+    """Update by all channels with a sample, with the Schmidt-Kalman gain; V (n, d)."""
     n, d = V.shape
     channels = measured(y)
     m = len(channels)
@@ -234,7 +233,7 @@ def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
 
 @loop
 def sense(x, D, E, offset, acts, w, out):  # type: ignore[no-untyped-def]
-    """What one of every ν adds to the readings of the predicted motion; nothing where it does not act."""
+    """Sensitivity of the predicted readings to each ν; zero where it does not act."""
     for k in range(len(D)):
         for c in range(D.shape[1]):
             out[c, k] = offset[k, c]
@@ -243,8 +242,8 @@ def sense(x, D, E, offset, acts, w, out):  # type: ignore[no-untyped-def]
 
 
 @loop
-def sense_beyond(z, B, out):  # type: ignore[no-untyped-def]
-    """What it adds to them of what loads displace beyond the coordinates."""
+def sense_truncation(z, B, out):  # type: ignore[no-untyped-def]
+    """Add the sensitivity to the displacement that the reduced coordinates truncate."""
     if len(z) == 0:
         return
     for k in range(len(B)):
@@ -277,22 +276,22 @@ def updated(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
             T[a, b] = P[a, b] - k[a] * Ph[b]
         Th[a] = dot(T[a], h)
     for a in range(n):
-        gone = Th[a] - r * k[a]
+        lost = Th[a] - r * k[a]
         for b in range(n):
-            P[a, b] = T[a, b] - gone * k[b]
+            P[a, b] = T[a, b] - lost * k[b]
     return s
 
 
 CALM = 20
-"""A covariance is steady after so many steps in which it did not move (`unmoved`)."""
+"""Steps without change (`unmoved`) after which a covariance counts as steady."""
 FILES = tuple(f"estimation/compiled/{name}.py" for name in ("filters", "vectors"))
 
 
 @kept(*FILES, **LOOPS)
-def take_steps(span, motion, reading, beyond, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
-    pairs, beside, G, Q, pairs_nu, beside_nu, G_nu, basis = motion
+def take_steps(span, motion, reading, truncation, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
+    pairs, augmented, G, Q, pairs_nu, augmented_nu, G_nu, basis = motion
     H, F, D, E, offset, acts = reading
-    B, U, W, about = beyond
+    B, U, W, about = truncation
     xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts = state
     xcs, Pcs, Vcs = considering
     known, known_end, y, R, more, less = data
@@ -301,8 +300,13 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
     keeps, whole = keep
     m, n, d = H.shape[1], H.shape[2], D.shape[0]
     before, work, row, row2 = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n)
-    whitened, small, likely, seen = np.empty(m), np.empty((m + 2, m)), np.empty(n), np.empty(n)
-    sensed, slope, gain, behind = np.empty((m, d)), np.empty((m, d)), np.empty((m, d)), np.empty((beside.shape[1], d))
+    whitened, small, likely, physical = np.empty(m), np.empty((m + 2, m)), np.empty(n), np.empty(n)
+    sensed, slope, gain, behind = (
+        np.empty((m, d)),
+        np.empty((m, d)),
+        np.empty((m, d)),
+        np.empty((augmented.shape[1], d)),
+    )
     V, V_c, free = np.empty((n, d)), np.empty((n, d)), np.empty(d)
     f, ahead_of_loads = len(U), len(pairs_nu[0]) - len(U)
     z = np.empty(f)
@@ -314,23 +318,23 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
         for t in range(len(y)):
             channels = measured(y[t])
             complete = len(channels) == m
-            if not complete or (t > 0 and apart(R[t], R[t - 1]) > 0):
+            if not complete or (t > 0 and count_differences(R[t], R[t - 1]) > 0):
                 calms[i] = 0
             steady = calms[i] >= CALM
-            for k in range(d):  # ν that is counted from elsewhere than zero has its slopes there
+            for k in range(d):  # slopes in a ν with a reference other than zero are taken there
                 free[k] = nus[i, k] if about[k] == 0.0 else 0.0
             corrected(x, V, free, likely)
-            move_considered(likely, V, pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], behind)
-            moved_mean(x, pairs[i], beside[i], G[i], known[t], row)
+            move_considered(likely, V, pairs[i], augmented[i], pairs_nu[i], augmented_nu[i], G_nu[i], known[t], behind)
+            moved_mean(x, pairs[i], augmented[i], G[i], known[t], row)
             if not steady:
                 copied_matrix(P, before)
-                predicted(P, pairs[i], beside[i], Q[i], work)
+                predicted(P, pairs[i], augmented[i], Q[i], work)
             corrected(x, V, free, likely)
-            in_states(basis[i], likely, seen)
-            sense(seen, D, E, offset, acts, known_end[t], sensed)
+            in_states(basis[i], likely, physical)
+            sense(physical, D, E, offset, acts, known_end[t], sensed)
             for j in range(f):
-                z[j] = nus[i, ahead_of_loads + j] * (dot(U[j], seen) + dot(W[j], known_end[t]))
-            sense_beyond(z, B, sensed)
+                z[j] = nus[i, ahead_of_loads + j] * (dot(U[j], physical) + dot(W[j], known_end[t]))
+            sense_truncation(z, B, sensed)
             if not steady and (
                 whole or calms[i] == CALM - 1
             ):  # a step that is kept may be the first of a steady filter
@@ -364,12 +368,14 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
                 mirrored(P)
                 calms[i] = calms[i] + 1 if complete and unmoved(P, before, row) else 0
             if len(xcs):
-                move_considered(xcs[i], V_c, pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], behind)
-                moved_mean(xcs[i], pairs[i], beside[i], G[i], known[t], row)
-                predicted(Pcs[i], pairs[i], beside[i], Q[i], work)
-                in_states(basis[i], xcs[i], seen)
-                sense(seen, D, E, offset, acts, known_end[t], sensed)
-                considered(xcs[i], Pcs[i], V_c, H[i], F[i], known_end[t], y[t], R[t], sensed)
+                move_considered(
+                    xcs[i], V_c, pairs[i], augmented[i], pairs_nu[i], augmented_nu[i], G_nu[i], known[t], behind
+                )
+                moved_mean(xcs[i], pairs[i], augmented[i], G[i], known[t], row)
+                predicted(Pcs[i], pairs[i], augmented[i], Q[i], work)
+                in_states(basis[i], xcs[i], physical)
+                sense(physical, D, E, offset, acts, known_end[t], sensed)
+                schmidt_update(xcs[i], Pcs[i], V_c, H[i], F[i], known_end[t], y[t], R[t], sensed)
             if whole:
                 if len(xcs):
                     keep_state(xcs[i], Pcs[i], V_c, x_kept[i, t], P_kept[i, t], V_kept[i, t])

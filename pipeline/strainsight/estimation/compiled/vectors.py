@@ -57,7 +57,7 @@ def measured(y):  # type: ignore[no-untyped-def]
 
 
 @loop
-def apart(a, b):  # type: ignore[no-untyped-def]
+def count_differences(a, b):  # type: ignore[no-untyped-def]
     """In how many places."""
     count = 0
     for j in range(len(a)):

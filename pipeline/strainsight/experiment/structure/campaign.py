@@ -217,7 +217,7 @@ def campaign_of(
         ends = last_values(record.model, result.smoothed)
         beyond |= beyond_ranges(config, problem, {name: value for name, (value, _) in ends.items()})
     remedy = f"{widen(beyond)} if that can be, or look for a load, unit, support or gauge that is not as stated"
-    decision = replace(decision, reasons=(uncertain_loads, exclusion), beyond=beyond, remedy=remedy)
+    decision = replace(decision, reasons=(uncertain_loads, exclusion), out_of_range=beyond, remedy=remedy)
     withheld = decision.withheld
 
     # what no gauge measured

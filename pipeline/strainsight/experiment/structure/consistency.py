@@ -148,7 +148,7 @@ def judgement_of(
     # which of several it is has to be checked on the structure: the key of another one would hide it
     candidates = (named,) if named else tuple(words.of(one)[0] for one in finding.candidates)
     # what explains a consistent record a little better than no fault is chance, and no explanation
-    best = [finding.best_of(j) if finding.contradicts else None for j in range(len(test.labels))]
+    best = [finding.best_of(j) if finding.inconsistent else None for j in range(len(test.labels))]
     gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
     by_channel = record_from(
         ChannelsChecked,
@@ -160,7 +160,7 @@ def judgement_of(
         gain=np.minimum(gain, np.finfo(float).max),
         candidate=candidates,
     )
-    if not finding.contradicts:
+    if not finding.inconsistent:
         return Judgement("", "", by_channel)
     ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains it"
     if named:

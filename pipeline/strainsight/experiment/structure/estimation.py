@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
-from strainsight.estimation.consistency import Verdict, verdict
+from strainsight.estimation.consistency import InnovationCheck, check_innovations
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.model import surface_reading
 from strainsight.estimation.smoother import Smoothed
@@ -48,16 +48,16 @@ class Estimation:
     surface: VtkHdf | None
 
     @cached_property
-    def verdict(self) -> Verdict:
+    def innovation_check(self) -> InnovationCheck:
         """On the innovations."""
-        return verdict(self.estimated.whitened)
+        return check_innovations(self.estimated.whitened)
 
     @property
     def innovations_in_words(self) -> str:
         """The verdict on the innovations; empty where a fault is named, or where they are as claimed and the record is
         inconsistent with the model all the same."""
-        inconsistent = self.verdict.consistent and not self.judgement.trusted
-        return "" if inconsistent or self.estimated.check.candidate else self.verdict.text
+        inconsistent = self.innovation_check.consistent and not self.judgement.trusted
+        return "" if inconsistent or self.estimated.check.candidate else self.innovation_check.text
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from strainsight.experiment.structure.candidates import of_channels
 from strainsight.experiment.structure.considered import Tolerated, build_considered, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
 from strainsight.ordering import first_of_largest
-from strainsight.placement.score import alike, score
+from strainsight.placement.score import redundant_groups, score
 from strainsight.records.placed import ByCase
 from strainsight.records.training import Screened, Training
 from strainsight.runner.output import Table
@@ -72,7 +72,7 @@ def alike_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -
     for kind in np.unique(quantity):
         of_kind = np.flatnonzero(quantity == kind)
         rows = of_channels(problem.channels.rows, channels[of_kind])
-        groups += [tuple(int(of_kind[i]) for i in group) for group in alike(rows @ L)]
+        groups += [tuple(int(of_kind[i]) for i in group) for group in redundant_groups(rows @ L)]
     return sorted(groups)
 
 

@@ -115,15 +115,17 @@ def _five(what: str, values: np.ndarray, last: str = "two about y and z") -> np.
     """Five numbers (5,) along the motions of the inner ring. Raises UserError for others; last: what the last two are."""
     x = np.ascontiguousarray(values, dtype=float)
     if x.shape != (5,) or not np.isfinite(x).all():
-        raise UserError(f"a bearing {what} {x.tolist()}", remedy=f"give five finite numbers: axial, two radial, {last}")
+        raise UserError(
+            f"invalid bearing {what} {x.tolist()}", remedy=f"specify five finite numbers: axial, two radial, {last}"
+        )
     return x
 
 
 def _unsettled(ball: int, excess: float, q: np.ndarray) -> NumericalError:
     return NumericalError(
-        f"ball {ball} of the bearing finds no equilibrium: its force remains unbalanced by {excess:.1e} times the tolerance"
+        f"ball {ball} of the bearing has no equilibrium: its unbalanced force is {excess:.1e} times the tolerance"
         f" at the displacement ({', '.join(f'{value:.4g}' for value in q)})",
-        remedy="the displacement may be absurd: take a smaller time step or a better start",
+        remedy="use a smaller time step or a better start: the displacement may be unrealistic",
     )
 
 
@@ -148,18 +150,22 @@ def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = 
     unit = np.array([1.0, 1.0, 1.0, 2 / bearing.pitch_diameter, 2 / bearing.pitch_diameter])
     size, most = float(np.abs(unit * F).max()), _largest_force(bearing)
     if size > most:
-        raise _none(InfeasibleError, F, f"its balls together carry {most:.3g} N at an approach of one ball diameter")
+        raise _none(
+            InfeasibleError, F, f"all balls together carry only {most:.3g} N at an approach of one ball diameter"
+        )
     y, left = _newton(bearing, unit, F, y / unit)
     factor = 1e-6 * most / size if left > 1 else 1.0
     while left > 1 or factor > 1:
         factor = max(factor / 4, 1.0)
         y, left = _newton(bearing, unit, factor * F, y)
         if left > 1:
-            why = f"after {ITERATIONS} steps {left:.1e} times the tolerated force remains unbalanced"
+            why = f"after {ITERATIONS} steps the unbalanced force is {left:.1e} times the tolerance"
             raise _none(NumericalError, factor * F, why)
     semi_axis = float(ball_loads(bearing, unit * y).semi_axes.max())
     if semi_axis > bearing.ball_diameter / 2:
-        raise _none(InfeasibleError, F, f"a contact ellipse would reach {1e3 * semi_axis:.4g} mm, beyond the ball")
+        raise _none(
+            InfeasibleError, F, f"a contact ellipse would extend {1e3 * semi_axis:.4g} mm, more than the ball radius"
+        )
     return unit * y
 
 
@@ -170,8 +176,8 @@ def _largest_force(bearing: Bearing) -> float:
 
 def _none(kind: type[StrainsightError], F: np.ndarray, why: str) -> StrainsightError:
     return kind(
-        f"the bearing finds no equilibrium under the load ({', '.join(f'{x:.4g}' for x in F)}): {why}",
-        remedy="load or preload may be far beyond what the bearing carries: look at the pressures under a smaller one",
+        f"the bearing has no equilibrium under the load ({', '.join(f'{x:.4g}' for x in F)}): {why}",
+        remedy="reduce load or preload, and check the contact pressures: they may far exceed the capacity of the bearing",
     )
 
 
@@ -197,12 +203,12 @@ def _newton(bearing: Bearing, unit: np.ndarray, F: np.ndarray, y: np.ndarray) ->
         promised = -(g @ step + 0.5 * step @ H @ step)
         # close to the end the energies differ by less than their rounding: the residual decides
         rounded = promised <= 1e-12 * (abs(value) + abs(F @ (unit * y)))
-        kept = float(better) if rounded else (value - new_value) / promised
-        if kept < 0.25:
+        decrease = float(better) if rounded else (value - new_value) / promised
+        if decrease < 0.25:
             trust = 0.25 * float(np.linalg.norm(step))
-        elif kept > 0.75:
+        elif decrease > 0.75:
             trust = max(trust, 3 * float(np.linalg.norm(step)))
-        if kept > 1e-4:
+        if decrease > 1e-4:
             y, value, g, H = y + step, new_value, new_g, new_H
     return y, left
 
@@ -282,7 +288,7 @@ class BearingLaw:
         if drag.damping.any():
             rate = np.diag(drag.damping)
             ring = ring._replace(F=ring.F + rate @ rho_dot[:5], F_rate=rate)
-        return self._turned(balls.force, ring, rho[5:], rho_dot[5:]) if drag.turns else ring
+        return self._add_friction(balls.force, ring, rho[5:], rho_dot[5:]) if drag.turns else ring
 
     def _move(self, theta: np.ndarray) -> None:
         if self._places and not np.array_equal(self._at.parameters[self._places], theta):
@@ -290,13 +296,13 @@ class BearingLaw:
             values[self._places] = theta
             self._at = self._bearing.with_parameters(values)
 
-    def _turned(self, held: np.ndarray, ring: Load, rho: np.ndarray, rho_dot: np.ndarray) -> Load:
-        """With the moment against the turn; held (5,): what the balls carry."""
+    def _add_friction(self, force: np.ndarray, ring: Load, rho: np.ndarray, rho_dot: np.ndarray) -> Load:
+        """Add the friction moment about the bearing axis; force (5,): load of the balls."""
         drag, D = self._drag, self._at.pitch_diameter
-        squares = np.array([held[0] ** 2, held[1] ** 2 + held[2] ** 2, held[3] ** 2 + held[4] ** 2])
+        squares = np.array([force[0] ** 2, force[1] ** 2 + force[2] ** 2, force[3] ** 2 + force[4] ** 2])
         size = np.sqrt(squares + SMALL**2)
         share = 0.5 * drag.coefficient * np.array([D, RADIAL_WEIGHT * D, TILT_WEIGHT])
-        by_load = held * (share / size)[[0, 1, 1, 2, 2]]
+        by_load = force * (share / size)[[0, 1, 1, 2, 2]]
         _, slope, bend = turned_by(rho)
         coulomb = drag.moment + float(share @ (size - SMALL))
         T, steep, by_coulomb = regular_friction(float(slope @ rho_dot), coulomb, drag.viscous, drag.speed)
@@ -324,7 +330,7 @@ class BearingLaw:
     def numbers(self, theta: np.ndarray) -> np.ndarray:
         """As `ring_law` takes them."""
         self._move(theta)
-        own = self._at
-        sizes = [own.pitch_diameter / 2, own.ball_diameter, own.balls]
-        parts = own.contacts.table.ravel(), own.contacts.centrifugal, sizes, own.turns.ravel(), self._places
+        cache = self._at
+        sizes = [cache.pitch_diameter / 2, cache.ball_diameter, cache.balls]
+        parts = cache.contacts.table.ravel(), cache.contacts.centrifugal, sizes, cache.turns.ravel(), self._places
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])

@@ -193,7 +193,9 @@ class Bearing:
         """The bearing at other θ (6,) [m]; the grooves remain cut for the same nominal values."""
         values = np.asarray(theta, float)
         if values.shape != (len(PARAMETERS),):
-            raise UserError(f"bearing parameters of shape {values.shape}", remedy=f"give six: {', '.join(PARAMETERS)}")
+            raise UserError(
+                f"bearing parameters have shape {values.shape}", remedy=f"specify six values: {', '.join(PARAMETERS)}"
+            )
         return replace(self, **dict(zip(PARAMETERS, values.tolist(), strict=True)))
 
     @cached_property
@@ -244,33 +246,35 @@ def _check(bearing: Bearing) -> None:
     for field in fields(bearing):
         value = getattr(bearing, field.name)
         if field.name not in ("groove_centres", "nominal") and not math.isfinite(value):
-            raise UserError(f"the bearing's {field.name} is {value}", remedy="give a finite number")
+            raise UserError(f"the bearing's {field.name} is {value}", remedy="specify a finite number")
     if bearing.balls < 3 or bearing.balls != int(bearing.balls):
         raise UserError(
-            f"a bearing of {bearing.balls} balls", remedy="give at least 3: fewer leave a tilt without stiffness"
+            f"the bearing has {bearing.balls} balls", remedy="specify at least 3: with fewer a tilt has no stiffness"
         )
     for name in ("pitch_diameter", "ball_diameter", "youngs_modulus"):
         if getattr(bearing, name) <= 0:
-            raise UserError(f"the bearing's {name} is {getattr(bearing, name):.6g}", remedy="give a positive value")
+            raise UserError(f"the bearing's {name} is {getattr(bearing, name):.6g}", remedy="specify a positive value")
     if not 0 < bearing.contact_angle < math.pi / 2:
         raise UserError(
-            f"a free contact angle of {math.degrees(bearing.contact_angle):.4g}°", remedy="give one between 0 and 90°"
+            f"the free contact angle is {math.degrees(bearing.contact_angle):.4g}°",
+            remedy="specify an angle between 0 and 90°",
         )
     if not -1 < bearing.poisson_ratio < 0.5 or bearing.density < 0:
         raise UserError(
             f"Poisson's ratio {bearing.poisson_ratio:.4g}, density {bearing.density:.4g} kg/m³",
-            remedy="give a ratio between -1 and 0.5 and a density that is not negative",
+            remedy="specify a ratio between -1 and 0.5 and a nonnegative density",
         )
     if bearing.groove_centres not in ("follow", "fixed"):
-        raise UserError(f"groove centres '{bearing.groove_centres}'", remedy="say follow or fixed")
+        raise UserError(f"groove centres '{bearing.groove_centres}'", remedy="set follow or fixed")
     if bearing.ball_diameter >= bearing.pitch_diameter:
         raise UserError(
-            f"balls of {1e3 * bearing.ball_diameter:.6g} mm on a pitch circle of {1e3 * bearing.pitch_diameter:.6g} mm",
-            remedy="the balls must be smaller than their pitch circle",
+            f"the balls have a diameter of {1e3 * bearing.ball_diameter:.6g} mm, the pitch circle "
+            f"{1e3 * bearing.pitch_diameter:.6g} mm",
+            remedy="the ball diameter must be smaller than the pitch diameter",
         )
     _check_grooves(bearing.ball_diameter, bearing.radii.tolist(), max(bearing.preload, 0.0), "")
     if len(bearing.nominal) != 5 or not all(math.isfinite(value) for value in bearing.nominal):
-        raise UserError(f"nominal values {bearing.nominal}", remedy="give the ball diameter and four groove radii")
+        raise UserError(f"nominal values {bearing.nominal}", remedy="specify the ball diameter and four groove radii")
     _check_grooves(bearing.nominal[0], list(bearing.nominal[1:]), 0.0, "nominal ")
 
 
@@ -278,9 +282,9 @@ def _check_grooves(ball: float, radii: list[float], oversize: float, which: str)
     for name, radius in zip(CONTACTS, radii, strict=True):
         if radius <= (1 + LEAST_GAP) * ball / 2 + oversize:
             raise UserError(
-                f"the {which}{name} groove of radius {1e3 * radius:.6f} mm does not pass a ball of radius"
+                f"the {which}{name} groove of radius {1e3 * radius:.6f} mm is too small for a ball of radius"
                 f" {1e3 * ball / 2:.6f} mm" + (f" with {1e6 * oversize:.4g} µm of preload" if oversize else ""),
-                remedy="make the groove radius larger than the ball's, usually by 2 to 8 %",
+                remedy="make the groove radius larger than the ball radius, usually by 2 to 8 %",
             )
         if radius > WIDEST * ball / 2:
             raise UserError(

@@ -31,7 +31,7 @@ def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: fl
 
 @inner
 def pinched(table: np.ndarray, c: np.ndarray) -> tuple[float, float]:
-    """The ball centre between the two opposite grooves that are farthest apart: exact where only they touch.
+    """The ball centre between the two opposite grooves that are farthest distance: exact where only they touch.
 
     On their line, the elongation |c_i − c_o| − L_i − L_o divided as K_i^(−2/3) to K_o^(−2/3).
     """
@@ -39,12 +39,12 @@ def pinched(table: np.ndarray, c: np.ndarray) -> tuple[float, float]:
     for i in range(2):
         for o in range(2, 4):
             ex, er = c[i, 0] - c[o, 0], c[i, 1] - c[o, 1]
-            apart = math.sqrt(ex * ex + er * er)
-            gap = apart - table[i, 2] - table[o, 2]
-            if gap > best and apart > 0:
+            distance = math.sqrt(ex * ex + er * er)
+            gap = distance - table[i, 2] - table[o, 2]
+            if gap > best and distance > 0:
                 best = gap
                 part = gap / (1 + (table[i, 3] / table[o, 3]) ** (2 / 3))
-                share = (table[i, 2] + part) / apart
+                share = (table[i, 2] + part) / distance
                 px, pr = c[i, 0] - share * ex, c[i, 1] - share * er
     return px, pr
 

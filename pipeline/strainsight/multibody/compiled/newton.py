@@ -83,9 +83,9 @@ def newton(
                 if not regular:
                     return SINGULAR, iteration, trial
                 old_X, old_A = terms.X, terms.A
-            own, right = right_side(pattern, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
+            rows, right = right_side(pattern, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
             substitute(Z, pattern.low, pivots, ends, right)
-            new = expanded(pattern, p.h, old_X, J, S, own, right)
+            new = expanded(pattern, p.h, old_X, J, S, rows, right)
             size, of_all = correction(s, p.h, trial, new)
             failed = not np.isfinite(size)
         if again and (failed or size > FAST * before):
@@ -111,12 +111,12 @@ def newton(
                 return SOLVED, iteration, trial
         if iteration == 2 and share == 1.0:
             corrections[0], corrections[1] = before, max(size, LAST_DIGIT)
-        beyond = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
+        extrapolated = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
         enough = ROUNDED if again else 0.1
         rounding = (
             iteration > 2 and size > 0.3 * before and (size < ROUNDING or (of_all < DIGITS and size < OF_ITS_OWN))
         )
-        if size <= CONVERGED or beyond <= enough * CONVERGED or rounding:
+        if size <= CONVERGED or extrapolated <= enough * CONVERGED or rounding:
             return SOLVED, iteration, trial
         # so near the end the change of the matrix is one of the next order
         again = size < CLOSE
@@ -136,10 +136,10 @@ def negative(r: np.ndarray) -> np.ndarray:
 @inner
 def total(r: np.ndarray) -> float:
     """Sum of r (n,)."""
-    found = 0.0
+    value = 0.0
     for i in range(len(r)):
-        found += r[i]
-    return found
+        value += r[i]
+    return value
 
 
 @inner
@@ -261,7 +261,7 @@ def correction(s: Arrays, h: float, trial: TrialState, change: StateChange) -> t
         return np.inf, np.inf
     largest = 0.0
     for k in range(count):
-        own = max(squares[k, 2], STILL**2 * whole)
-        largest = max(largest, squares[k, 0] / max(own, TINY))
-        largest = max(largest, squares[k, 1] / max(squares[k, 3], SLOW**2 * own, TINY))
+        scale = max(squares[k, 2], STILL**2 * whole)
+        largest = max(largest, squares[k, 0] / max(scale, TINY))
+        largest = max(largest, squares[k, 1] / max(squares[k, 3], SLOW**2 * scale, TINY))
     return float(np.sqrt(largest)), float(np.sqrt(moved_by / max(whole, TINY)))

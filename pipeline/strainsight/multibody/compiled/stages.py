@@ -83,8 +83,8 @@ def solve_stages(
     ends, ends_v = np.empty((count, n)), np.empty((count, n))
     motions, kept_memory = np.empty((count, len(s.dt))), np.empty((count, len(memory)))
     mus, lams = np.empty((count, len(mu))), np.empty((count, len(lam)))
-    given = len(past.rate) > 0
-    rate = past.rate.copy() if given else np.zeros((2, n))
+    has_past = len(past.rate) > 0
+    rate = past.rate.copy() if has_past else np.zeros((2, n))
     differences, known, corrections = past.differences.copy(), past.known.copy(), past.corrections.copy()
     q0, v0, end = p.q.copy(), p.v.copy(), np.empty((2, n))
     if not goes_on(past.end, q0, v0):
@@ -97,7 +97,7 @@ def solve_stages(
         if i == count - 1 and len(near):
             q, v = near[0].copy(), near[1].copy()
             corrections[i, 0] = corrections[i, 1] = corrections[i, 2] = 0.0
-        elif given:
+        elif has_past:
             ahead = foreseen(s.d, h, differences[i], known[i])
             for j in range(n):
                 v[j] = v0[j] + h * (rate[1, j] + ahead[1, j])
@@ -119,9 +119,9 @@ def solve_stages(
             rate[0, j] = (q[j] - q0[j]) / h - v[j]
             for a in range(2):
                 change[a, j] = rate[a, j] - change[a, j]
-        if given:
+        if has_past:
             known[i] = noted(differences[i], known[i], change)
-        given = True
+        has_past = True
         for j in range(n):
             q0[j] += carried * (q[j] - q0[j])
             v0[j] += carried * (v[j] - v0[j])
@@ -152,7 +152,7 @@ def foreseen(d: np.ndarray, h: float, differences: np.ndarray, known: int) -> np
     """The change (2, n) of e and a from the stage before: the sum of the differences up to the order at which it would have been
     nearest the last time, when the next difference was its error."""
     n = len(d)
-    found, least, order = np.zeros((2, n)), np.inf, 0
+    best, least, order = np.zeros((2, n)), np.inf, 0
     for r in range(known):
         off = 0.0
         for j in range(n):
@@ -162,8 +162,8 @@ def foreseen(d: np.ndarray, h: float, differences: np.ndarray, known: int) -> np
     for r in range(order):
         for a in range(2):
             for j in range(n):
-                found[a, j] += differences[r, a, j]
-    return found
+                best[a, j] += differences[r, a, j]
+    return best
 
 
 @inner
@@ -209,11 +209,11 @@ def step_slopes(
         r3[row, at] -= rate
         r3[row, at + nd] -= by_drive[k, nt]
         r4[row, at] -= by_drive[k, nt]
-    own, right = right_side(pattern, h, terms.A, J, S, r1, r2, r3, r4)
+    rows, right = right_side(pattern, h, terms.A, J, S, r1, r2, r3, r4)
     regular, pivots, last = factorise(Z, pattern.low)
     if regular:
         substitute(Z, pattern.low, pivots, last, right)
-    y, zeta, _, _ = expanded(pattern, h, terms.X, J, S, own, right)
+    y, zeta, _, _ = expanded(pattern, h, terms.X, J, S, rows, right)
     whole = natural_rows(s.body, q, z, y, zeta)
     first, second = whole[:, :nt], whole[:, nt : 2 * nt]
     by_all, by_w = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
@@ -240,8 +240,8 @@ def step_slopes(
         for i in range(modes):
             for j in range(count):
                 F[t0 + 6 * moving + i, j] += elastic[n0 + 12 * moving + i, j]
-    found = -(np.ascontiguousarray(second) @ F)
-    by_theta, by_u = found[:, :count].copy(), found[:, count:].copy()
+    slopes = -(np.ascontiguousarray(second) @ F)
+    by_theta, by_u = slopes[:, :count].copy(), slopes[:, count:].copy()
     for i in range(2 * n):
         for k in range(2 * nd):
             by_u[i, s.drive_at + k] += whole[i, 2 * nt + k]

@@ -45,7 +45,7 @@ class LoadProcess:
         return np.asarray(expm(self.A * self.h))
 
     @cached_property
-    def drawn(self) -> np.ndarray:
+    def noise_covariance(self) -> np.ndarray:
         """Covariance (k, k) of δ, by the nilpotent or short series of A over small parts of the step, doubled."""
         parts = doublings_of(np.abs(self.A).max(initial=0.0) * self.h)
         return step_noise(self.A, self.Q, self.h / 2**parts, parts)[1]
@@ -118,14 +118,14 @@ def _gathered(Q: np.ndarray | None, low: np.ndarray, fourth: np.ndarray, part: f
         return None
     driven = np.flatnonzero(Q.any(axis=0))
     values, vectors = np.linalg.eigh(Q[driven[:, None], driven])
-    n, drawn = len(Q), len(driven)
-    powers = np.empty((FOURTHS, n, 4, drawn))
+    n, noises = len(Q), len(driven)
+    powers = np.empty((FOURTHS, n, 4, noises))
     powers[0] = (low[:, :, driven] @ (vectors * np.sqrt(part * np.maximum(values, 0.0)))).transpose(1, 0, 2)
-    flat = powers.reshape(FOURTHS, n, 4 * drawn)
+    flat = powers.reshape(FOURTHS, n, 4 * noises)
     for j in range(1, FOURTHS):
         np.matmul(fourth, flat[j - 1], out=flat[j])
     nodes = np.tensordot(_EXPONENTIALS.reshape(NODES, FOURTHS, 4), powers, axes=((1, 2), (0, 2)))
-    factor = nodes.transpose(1, 0, 2).reshape(n, NODES * drawn)
+    factor = nodes.transpose(1, 0, 2).reshape(n, NODES * noises)
     return np.asarray(factor @ factor.T)
 
 

@@ -40,16 +40,16 @@ class Start(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """e = change + by_state ((q, v) − start) + by_load (c − start) + by_drawn δ + ε, what (q', v') lacks after the step.
+class StepError:
+    """e = change + by_state ((q, v) − start) + by_load (c − start) + by_noise δ + ε, what (q', v') lacks after the step.
 
-    change (2n,); by_state (2n, 2n); by_load, by_drawn (2n, k); noise (2n, 2n): covariance of ε, which δ does not tell.
+    change (2n,); by_state (2n, 2n); by_load, by_noise (2n, k); noise (2n, 2n): covariance of ε, which δ does not tell.
     """
 
     change: np.ndarray
     by_state: np.ndarray
     by_load: np.ndarray
-    by_drawn: np.ndarray
+    by_noise: np.ndarray
     noise: np.ndarray
 
 
@@ -67,13 +67,13 @@ class Linearised:
     by_load: np.ndarray
     by_constant: np.ndarray
     by_ramp: np.ndarray
-    left: LeftOut
+    left: StepError
 
     def change(self, system: System, h: float, start: Start) -> np.ndarray:
-        """`LeftOut.change` (2n,) of a step of h from start."""
+        """`StepError.change` (2n,) of a step of h from start."""
         speed, constant, ramp = _driven(system, h, start, self.flow)
-        found = self.by_speed @ speed + self.by_load @ start.c + self.by_constant @ constant + self.by_ramp @ ramp
-        return _out(self.flow.T, found[:, None])[:, 0]
+        response = self.by_speed @ speed + self.by_load @ start.c + self.by_constant @ constant + self.by_ramp @ ramp
+        return _out(self.flow.T, response[:, None])[:, 0]
 
 
 class Plant(NamedTuple):
@@ -113,18 +113,18 @@ def linearised(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]
     through, first, last = linear_step(flow.mass, flow.damping, flow.stiffness, h, method)
     by_state = phi[z, z] - through
     by_load = phi[z, c] - first @ unknown - last @ (unknown @ loads.transition)
-    known = _by_ends(gathered[z, c], loads.drawn)
-    by_drawn = known - last @ unknown
+    known = _by_ends(gathered[z, c], loads.noise_covariance)
+    by_noise = known - last @ unknown
     noise = _semidefinite(gathered[z, z] - known @ gathered[c, z], np.diag(gathered)[z])
     bridge = _out(T, noise)
     by_start = _out(T, _back(by_state, flow.along))
-    left = LeftOut(np.zeros(2 * n), by_start, _out(T, by_load), _out(T, by_drawn), bridge @ bridge.T)
-    found = Linearised(flow, by_state[:, r:], by_load, constant - first - last, ramp / h - last, left)
-    return replace(found, left=replace(left, change=found.change(system, h, start)))
+    left = StepError(np.zeros(2 * n), by_start, _out(T, by_load), _out(T, by_noise), bridge @ bridge.T)
+    result = Linearised(flow, by_state[:, r:], by_load, constant - first - last, ramp / h - last, left)
+    return replace(result, left=replace(left, change=result.change(system, h, start)))
 
 
 def change_at(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """`LeftOut.change` (2n,) alone, of `linearised` with these arguments: a fifth of its cost."""
+    """`StepError.change` (2n,) alone, of `linearised` with these arguments: a fifth of its cost."""
     system, method, loads, _ = plant
     h = loads.h
     flow = _flow(plant, start, middle)
@@ -219,14 +219,14 @@ def _semidefinite(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
     return np.asarray(scale[:, None] * F)
 
 
-def _by_ends(cross: np.ndarray, own: np.ndarray) -> np.ndarray:
+def _by_ends(cross: np.ndarray, squares: np.ndarray) -> np.ndarray:
     """Q_zc Q_c⁻¹ (2r, k), 0 of what no noise drives; own Q_c (k, k)."""
-    if not own.any():
+    if not squares.any():
         return np.zeros_like(cross)
-    size = np.sqrt(np.diag(own))
+    size = np.sqrt(np.diag(squares))
     driven = size > 0
     known = np.zeros_like(cross)
-    scaled = own[np.ix_(driven, driven)] / np.outer(size[driven], size[driven])
+    scaled = squares[np.ix_(driven, driven)] / np.outer(size[driven], size[driven])
     known[:, driven] = np.linalg.solve(scaled, (cross[:, driven] / size[driven]).T).T / size[driven]
     return known
 
@@ -240,7 +240,7 @@ class Begun:
 
     k: int
     x: np.ndarray
-    left: LeftOut | None
+    left: StepError | None
     by_xi: np.ndarray
     stale: np.ndarray
     at: Linearised | None = None
@@ -291,17 +291,17 @@ def begun(
             moved[j] += WIDTH
             change = change_at(plant, start._replace(theta=coordinates.theta(moved)[0]), middle)
             by_xi[:, j] = (change - left.change) / WIDTH
-        serves, apart = 1, []
+        serves, differences = 1, []
         if old is not None and before is not None:
             d = left.change - old.change(system, loads.h, start)
             sigma = np.sqrt(np.diag(left.noise))
             serves = min(2 * before.serves, KEPT) if np.all(np.abs(d) <= CLOSE * sigma) else 1
             if before.serves > 1:
-                apart.append(d)
-        if apart or k % CHECKED == 0:
-            apart.append(left.change - change_at(plant, start, (start.q, start.v)))
-        if apart:
-            off = np.array(apart)
+                differences.append(d)
+        if differences or k % CHECKED == 0:
+            differences.append(left.change - change_at(plant, start, (start.q, start.v)))
+        if differences:
+            off = np.array(differences)
             new = off.T @ off
             stale = 0.5 * (stale + new) if stale.any() else new
     except (NumericalError, UserError):

@@ -9,7 +9,7 @@ from hashlib import sha256
 from html import escape
 from importlib.resources import files
 
-from strainsight.estimation.decision import CONSISTENT, comparison_verdict
+from strainsight.estimation.decision import CONSISTENT, classify_ratio
 from strainsight.pages.page.markup import bullets, figures, measure, pairs, plain, share, table, titled
 from strainsight.records.estimated import GRID_FILTER, Compared
 from strainsight.runner.output import Table
@@ -160,7 +160,7 @@ def filters_section(compared: Compared | None, units: Mapping[str, str]) -> str:
     for name, estimates in compared.estimate.items():
         columns = (compared.filter, estimates.tolist(), compared.std[name].tolist(), compared.ratio[name].tolist())
         for kind, estimate, std, ratio in zip(*columns, strict=True):
-            verdict = "" if kind == GRID_FILTER else comparison_verdict(ratio)
+            verdict = "" if kind == GRID_FILTER else classify_ratio(ratio)
             numbers = [measure(estimate, units[name]), share(std / estimate), plain(ratio, 3) if verdict else "–"]
             rows.append([escape(name), escape(kind), *numbers, held_mark(verdict)])
     head = ("parameter", "filter", "estimate", "claimed σ", "ratio", "verdict")
