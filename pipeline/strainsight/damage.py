@@ -75,7 +75,7 @@ def _count(signal, work, cycles):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _corrected(range_, mean, rule, constant):  # type: ignore[no-untyped-def]
+def _correct(range_, mean, rule, constant):  # type: ignore[no-untyped-def]
     """The range at mean zero that does the same damage; constant: tensile strength, or sensitivity M."""
     if rule == NONE or range_ <= 0.0:
         return range_
@@ -114,7 +114,7 @@ def _sums(signals, curve, rule, constant, out):  # type: ignore[no-untyped-def]
         count = _count(signals[p], work, cycles)
         miner, moment = 0.0, 0.0
         for i in range(count):
-            amplitude = _corrected(cycles[i, 0], cycles[i, 1], rule, constant)
+            amplitude = _correct(cycles[i, 0], cycles[i, 1], rule, constant)
             power = (amplitude / curve[0]) ** curve[2]
             moment += cycles[i, 2] * power
             if amplitude >= curve[3] and amplitude > curve[5]:
@@ -214,7 +214,7 @@ class MeanStress:
 
     def equivalent(self, range_: np.ndarray, mean: np.ndarray) -> np.ndarray:
         """Ranges [Pa] of cycles (c,) by their ranges and means [Pa]."""
-        return np.array([_corrected(r, m, self.rule, self.constant) for r, m in zip(range_, mean, strict=True)])
+        return np.array([_correct(r, m, self.rule, self.constant) for r, m in zip(range_, mean, strict=True)])
 
 
 KINDS = {"signed_von_mises": SIGNED_VON_MISES, "principal": PRINCIPAL}

@@ -12,8 +12,8 @@ from strainsight.estimation.conditional import (
     ConsideredParameters,
     acceleration_change,
     acceleration_rows,
+    load_rows,
     none_considered,
-    on_loads,
     theta_at,
 )
 from strainsight.estimation.filter import run_filter
@@ -338,7 +338,7 @@ def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(loaded):
     direct = strain.copy()
     for own, change in zip(direct, changes, strict=True):
         own[moving] = model.H[moving, :4] @ acceleration_change(model, at_guess, change)[0]
-    D, E = on_loads(model, direct)
+    D, E = load_rows(model, direct)
     source = ("known", "unknown", "swapped", "mirrored")
     considered = ConsideredParameters(source, D, E, np.zeros((4, channels)), shape=changes)
     found = covariance_recursion(model, x, u, P, considered).budget

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.columns import Columns, weakest
-from strainsight.estimation.conditional import linear_models, none_considered, tuned
+from strainsight.estimation.conditional import linear_models, none_considered, tune_frequencies
 from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.grid_filter_smoother import smooth_on_grid
 from strainsight.estimation.record import GridRecord
@@ -191,7 +191,7 @@ def test_accelerometers_read_what_other_masses_do_at_once():
 def test_at_every_parameter_there_are_the_frequencies_of_the_centre():
     model = driven_chain(parameters=("k1",))
     considered = replace(none_considered(model), frequency=SPREAD * np.eye(2), centre=np.array([0.05]))
-    own, shift = tuned(model, considered, np.array([[0.05], [0.4]]))
+    own, shift = tune_frequencies(model, considered, np.array([[0.05], [0.4]]))
     first, second = (REFERENCE[name] * STIFFNESS[name] for name in ("k1", "k2"))
     lam = [np.linalg.eigvalsh(np.exp(p) * first + second) for p in (0.05, 0.4)]
     np.testing.assert_allclose(shift, np.stack([np.zeros(2), 0.5 * np.log(lam[0] / lam[1]) / SPREAD]), atol=1e-9)

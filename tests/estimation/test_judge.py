@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.errors import ConfigError
 from strainsight.estimation import grid_filter_points
-from strainsight.estimation.conditional import _linear_about, none_considered
+from strainsight.estimation.conditional import _linearise_about, none_considered
 from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.grid_filter_points import noise_alone
 from strainsight.estimation.parallel_filters import LinearModels
@@ -139,7 +139,7 @@ def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
         return found
 
     a = np.where(np.arange(d) < damping, 0.0, about)
-    at = _linear_about(models, damping)
+    at = _linearise_about(models, damping)
     np.testing.assert_allclose(at.A @ x + at.G @ w, step(a), atol=1e-12)
     np.testing.assert_allclose(at.H @ x + at.F @ end, reading(a), atol=1e-12)
     for k, one in enumerate(np.eye(d)):

@@ -12,7 +12,7 @@ from strainsight.estimation.claim import predict_grid_std
 from strainsight.estimation.conditional import ConsideredParameters, none_considered
 from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.grid_filter_smoother import smooth_on_grid
-from strainsight.estimation.peak import MOST_SCANNED, build_scan_grid, peak_of, resonance_widths
+from strainsight.estimation.peak import MOST_SCANNED, build_scan_grid, find_peak, resonance_widths
 from strainsight.estimation.record import GridRecord, Settled, start_errors
 from strainsight.rom.model import Damping
 
@@ -82,7 +82,7 @@ def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise)
     y = readings_from_rest([truth], force)[0] + noise * np.random.default_rng(1).standard_normal((150, 2))
     density = log_density(lambda p: readings_from_rest(p, force), y, noise)
     model = model_of(noise)
-    peak = peak_of(GridRecord(model, np.zeros(5), prior(1e-9), held(force), y, none_considered(model), NO_OFFSETS, None))
+    peak = find_peak(GridRecord(model, np.zeros(5), prior(1e-9), held(force), y, none_considered(model), NO_OFFSETS, None))
     weight = np.exp(density - density.max())
     std = np.sqrt(np.cov(VALUES, aweights=weight))
     assert peak.point[0] == pytest.approx(VALUES[np.argmax(density)], abs=0.3 * std)
@@ -134,8 +134,8 @@ def test_the_peak_of_a_settled_motion_is_linear_about_the_damping_of_its_record(
     exact = model_of(noise)
     damped = replace(exact, model=replace(exact.model, damping=exact.model.damping.scaled((factor, factor))))
     uncertain = replace(none_considered(damped), damping=0.5)
-    peak = peak_of(GridRecord(damped, np.zeros(5), prior(1.0), known, y, uncertain, NO_OFFSETS, tone))
-    best = peak_of(GridRecord(exact, np.zeros(5), prior(1.0), known, y, none_considered(exact), NO_OFFSETS, tone))
+    peak = find_peak(GridRecord(damped, np.zeros(5), prior(1.0), known, y, uncertain, NO_OFFSETS, tone))
+    best = find_peak(GridRecord(exact, np.zeros(5), prior(1.0), known, y, none_considered(exact), NO_OFFSETS, tone))
     assert peak.about is not None
     assert peak.about[0] == pytest.approx(-np.log(factor) / 0.5, abs=0.01)
     assert peak.point[0] == pytest.approx(best.point[0], abs=1e-4)

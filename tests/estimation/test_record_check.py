@@ -9,11 +9,17 @@ import pytest
 
 from strainsight.estimation import fault_evidence, record_check
 from strainsight.estimation.conditional import known_ends, none_considered
-from strainsight.estimation.fault_evidence import at_rest, loudest_stretches, moving_part_of, part_of, with_intensity
-from strainsight.estimation.faults import misfits
+from strainsight.estimation.fault_evidence import (
+    extract_moving_part,
+    extract_part,
+    is_at_rest,
+    scale_intensity,
+    select_stretches,
+)
+from strainsight.estimation.faults import find_misfits
 from strainsight.estimation.load_faults import residual_pattern
 from strainsight.estimation.record import Settled
-from strainsight.estimation.record_check import SPIKE, check_record, spikes_of
+from strainsight.estimation.record_check import SPIKE, check_record, find_spikes
 
 from ..shared import slowly
 from .chain import NOISE, H, forces, loaded_chain, start
@@ -53,16 +59,16 @@ def named(record):
 
 
 def test_a_stretch_lies_where_the_channels_read_most(record):
-    ((first, behind),) = loudest_stretches(record)
+    ((first, behind),) = select_stretches(record)
     assert behind - first == SHORT
     assert first <= REST
     assert behind == REST + MOVING
-    part = moving_part_of(part_of(record, first, behind))
+    part = extract_moving_part(extract_part(record, first, behind))
     assert part.begin == pytest.approx(REST - MOVING / 4, abs=20)
     assert part.begin + part.span[0] == pytest.approx(REST, abs=20)
     assert len(part.samples) == pytest.approx(1.25 * MOVING, abs=20)
     spike = changed(record, lambda y: y.__setitem__((100, 0), 1e3))
-    assert loudest_stretches(spike) == ((first, behind),)
+    assert select_stretches(spike) == ((first, behind),)
 
 
 def test_channels_that_read_at_different_times_have_a_stretch_each(record):
@@ -71,7 +77,7 @@ def test_channels_that_read_at_different_times_have_a_stretch_each(record):
         y[50:60, :2] += 0.1
         y[600:610, 2:] += 0.05
 
-    two = loudest_stretches(changed(record, change))
+    two = select_stretches(changed(record, change))
     assert len(two) == 2
     assert any(first <= 50 and behind >= 60 for first, behind in two)
     assert any(first <= 600 and behind >= 610 for first, behind in two)
@@ -82,7 +88,7 @@ def test_a_drift_goes_on_in_a_stretch(record):
     E = np.zeros((1, 4, 2))
     E[0, 1, -1] = 0.3
     drifting = replace(none, source=("drift",), D=np.zeros((1, 4, 5)), E=E, offset=np.zeros((1, 4)))
-    part = part_of(replace(record, considered=drifting), 100, 180)
+    part = extract_part(replace(record, considered=drifting), 100, 180)
     share = known_ends(part.known, part.considered)[:, -1]
     read = part.considered.offset[0, 1] + part.considered.E[0, 1, -1] * share
     np.testing.assert_allclose(read, 0.3 * np.arange(101, 181) / (REST + MOVING), rtol=1e-12)
@@ -91,7 +97,7 @@ def test_a_drift_goes_on_in_a_stretch(record):
 def test_a_periodic_motion_goes_on_in_a_stretch(record):
     frequency = np.array([3.0, 7.0])
     held = np.array([1 + 2j, 0.5j])[:, None, None] * np.ones((2, 3, 1))
-    part = part_of(replace(record, settled=Settled(frequency, held, np.ones(4))), 100, 180)
+    part = extract_part(replace(record, settled=Settled(frequency, held, np.ones(4))), 100, 180)
     expected = np.exp(1j * frequency * 100 * H)[:, None, None] * held
     np.testing.assert_allclose(part.settled.hold, expected, rtol=1e-12)
 
@@ -118,9 +124,9 @@ def test_a_sudden_load_of_a_sound_record_is_no_reason_to_search_its_rest(record)
 
 
 def test_at_rest_unknown_loads_are_as_intense_as_is_most_likely(record):
-    rest, moving = part_of(record, 100, 500), part_of(record, REST, REST + MOVING)
-    assert at_rest(rest)
-    assert not at_rest(moving)
+    rest, moving = extract_part(record, 100, 500), extract_part(record, REST, REST + MOVING)
+    assert is_at_rest(rest)
+    assert not is_at_rest(moving)
     assert record_check._intensity_at_rest(rest) == 0
     assert record_check._intensity_at_rest(moving) == 1
     shifted = rest.samples.copy()
@@ -174,15 +180,15 @@ def test_parts_that_do_not_fit_end_where_they_fit_again():
     z = np.random.default_rng(3).standard_normal(400)
     z[100] = 1e3
     z[200:260] += 8
-    parts = misfits(z)
+    parts = find_misfits(z)
     assert parts[0] == (100, 101)
     assert parts[1] == (pytest.approx(200, abs=1), pytest.approx(260, abs=1))
     assert len(parts) == 2
 
 
 def test_a_wrong_channel_is_not_explained_by_spikes(record):
-    part = part_of(changed(record, lambda y: y.__setitem__((slice(None), 2), -y[:, 2])), REST - 90, REST + MOVING)
-    assert spikes_of(part) is None
+    part = extract_part(changed(record, lambda y: y.__setitem__((slice(None), 2), -y[:, 2])), REST - 90, REST + MOVING)
+    assert find_spikes(part) is None
 
 
 SAMPLES = 200
@@ -207,7 +213,7 @@ def test_additional_load_is_named_and_no_channel_accused(sound, strain):
 
 
 def test_load_faster_than_its_process_noise_is_no_additional_load(sound):
-    finding = check_record(with_intensity(sound, 0.01)).finding
+    finding = check_record(scale_intensity(sound, 0.01)).finding
     assert finding.inconsistent
     assert finding.pattern is None
     assert not finding.candidates

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.conditional import ConsideredParameters, each_its_own, none_considered
+from strainsight.estimation.conditional import ConsideredParameters, none_considered, split_by_record
 from strainsight.estimation.grid_filter import FOLLOWED, filter_on_grid, filter_records
 from strainsight.estimation.grid_filter_smoother import sample_paths, smooth_on_grid
 from strainsight.estimation.record import GridRecord
@@ -63,7 +63,7 @@ def considered(learned=True):
         np.vstack([SHARED, OWN]),
         learned=learned,
     )
-    return each_its_own(one, 2, ("offset",))
+    return split_by_record(one, 2, ("offset",))
 
 
 @pytest.fixture(scope="module")
@@ -241,7 +241,7 @@ def driven(noise):
 
 
 def stiffness_of(model, P, y, renewed=()):
-    own = each_its_own(gains(), len(y), renewed)
+    own = split_by_record(gains(), len(y), renewed)
     first = model, np.zeros(len(P)), P
     records = [GridRecord(*first, slow(), each, its) for each, its in zip(y, own, strict=True)]
     mean, covariance = filter_records(records)[0].posterior

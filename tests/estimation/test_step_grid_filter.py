@@ -16,7 +16,7 @@ from strainsight.estimation.compiled import vectors
 from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.parallel_filters import Data, advance, filters_of
+from strainsight.estimation.parallel_filters import Data, advance, build_filters
 from strainsight.estimation.step_grid_filter import StepGridProblem, filter_constants
 from strainsight.runner.where import Where, opened
 
@@ -225,7 +225,7 @@ def passed(filters, samples, keep):
 def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_kept_before(before):
     """S = H P⁻Hᵀ + R, P⁻ by SciPy; a filter that had become steady in a part that was not kept had S = 0."""
     samples = np.random.default_rng(3).standard_normal((before + 300, 2))
-    filters = filters_of(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    filters = build_filters(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     passed(filters, samples[:before], keep=False)
     found = passed(filters, samples[before:], keep=True)
     P = solve_discrete_are(A.T, H.T, PROCESS, np.diag(R))
@@ -237,7 +237,7 @@ def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_ke
 def test_what_decays_ends_at_zero_and_not_among_the_least_numbers_that_slow_a_processor():
     never = np.zeros((2, 2))
     models = plain_models(A, never, H)
-    filters = filters_of(models, np.ones((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    filters = build_filters(models, np.ones((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     known = np.zeros((3000, 0))
     data = Data(known, known, np.full((3000, 2), np.nan), np.tile(R, (3000, 1)), np.zeros(2))
     found = advance(models, filters, data, True)
@@ -254,7 +254,7 @@ def test_threads_change_no_bit(monkeypatch):
     (B, m, n), d, known = at.H.shape, at.considered_count, both_forces()[:40, :, :1]
     samples, found = rng.standard_normal((40, m)), []
     for jobs in (1, 2, 3):
-        filters = filters_of(at, np.zeros((B, n)), np.eye(n), np.zeros((B, d, n)))
+        filters = build_filters(at, np.zeros((B, n)), np.eye(n), np.zeros((B, d, n)))
         with opened(Where(jobs=jobs)):
             data = Data(known.reshape(40, -1), known_ends(known, own), samples, np.ones((40, m)), np.zeros(m))
             found.append(advance(at, filters, data, True))
@@ -265,7 +265,7 @@ def test_threads_change_no_bit(monkeypatch):
 
 def test_loops_are_compiled_once_for_arrays_of_any_kind():
     samples = np.asfortranarray(np.random.default_rng(1).standard_normal((5, 2)))
-    filters = filters_of(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    filters = build_filters(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     known, noise = np.zeros((5, 0)), np.broadcast_to(R, (5, 2))
     data = Data(known, known, samples, noise, np.zeros(2))
     advance(plain_models(A, PROCESS, H), filters, data, True)
@@ -292,7 +292,7 @@ def test_a_step_of_modes_apart_is_that_of_full_matrices():
     R = np.tile(1e-13 * np.arange(1.0, m + 1), (50, 1))
     found = []
     for each in (apart, full):
-        filters = filters_of(
+        filters = build_filters(
             each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.considered_count, n)), consider=True
         )
         data = Data(known.reshape(50, -1), known_ends(known, own), samples, R, np.zeros(m))

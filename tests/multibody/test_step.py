@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.errors import NumericalError
 from strainsight.multibody.bodies import Frame, RigidBody
-from strainsight.multibody.coupled import SHARE, followed, missed, relative_error
+from strainsight.multibody.coupled import SHARE, load_error, relative_error, resolved_frequency
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import prismatic, revolute, spherical
@@ -162,7 +162,7 @@ def test_a_mass_on_a_spring_is_off_by_what_the_formula_says(method, load, h):
 @pytest.mark.parametrize("method", ["second_order", "thesis"])
 def test_below_the_band_all_modes_are_followed_and_just_above_one_is_not(method):
     modes, h = np.array([2.1, 2.4, 40.0, 55.0]), 0.02
-    edge = followed(modes, h, method)
+    edge = resolved_frequency(modes, h, method)
     inside = np.linspace(0.01, 0.99, 50) * edge
     assert max(relative_error(inside, f, h, method).max() for f in modes) <= SHARE
     assert max(relative_error(np.array([1.02 * edge]), f, h, method)[0] for f in modes) > SHARE
@@ -173,7 +173,7 @@ def test_of_a_sine_the_step_misses_what_it_is_off_by_and_of_a_constant_nothing(m
     modes, h = np.array([2.1, 40.0]), 0.02
     time = h * np.arange(2001)
     loads = np.stack([5.0 + np.sin(2 * np.pi * 0.75 * time), 0 * time + 3.0, np.sin(2 * np.pi * 11.0 * time)], axis=1)
-    slow, none, quick = missed(loads, modes, h, method)
+    slow, none, quick = load_error(loads, modes, h, method)
     assert slow == pytest.approx(max(relative_error(np.array([0.75]), f, h, method)[0] for f in modes), rel=0.02)
     assert none == 0.0
     assert quick > 0.1
@@ -183,8 +183,8 @@ def test_two_loads_in_one_miss_as_their_energies_say():
     modes, h = np.array([2.1]), 0.05
     time = h * np.arange(4001)
     parts = [np.sin(2 * np.pi * f * time) for f in (0.3, 1.7)]
-    one, other = (missed(part[:, None], modes, h, "second_order")[0] for part in parts)
-    both = missed((3 * parts[0] + parts[1])[:, None], modes, h, "second_order")[0]
+    one, other = (load_error(part[:, None], modes, h, "second_order")[0] for part in parts)
+    both = load_error((3 * parts[0] + parts[1])[:, None], modes, h, "second_order")[0]
     assert both == pytest.approx(np.sqrt((9 * one**2 + other**2) / 10), rel=1e-3)
 
 

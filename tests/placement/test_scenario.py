@@ -14,7 +14,7 @@ from strainsight.placement.elimination import RemovedGauge, known_to_go, least_m
 from strainsight.placement.failure import robust_set
 from strainsight.placement.limits import limits_of
 from strainsight.placement.riccati import CANCELLED, Information, information
-from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refined, solve_pool, subset_covariance
+from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refine, solve_pool, subset_covariance
 from strainsight.placement.score import score, scores
 from strainsight.placement.witness import Remaining
 
@@ -75,7 +75,7 @@ def test_a_start_far_from_the_solution_does_not_show():
     lam, U = np.linalg.eigh(root @ rows.T @ rows @ root)
     exact = root @ (U / np.sqrt(lam)) @ U.T @ root
     for start in (None, exact, exact * (1 + 1e-6), 1e3 * np.diag([1.0, 5.0, 0.1]), 1e-3 * np.eye(3)):
-        np.testing.assert_allclose(refined(pool, information(rows), start), exact, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(refine(pool, information(rows), start), exact, rtol=1e-9, atol=1e-12)
 
 
 def test_what_no_process_noise_reaches_is_named():

@@ -131,7 +131,7 @@ def _require_workers(client: Any, address: str) -> None:
 def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str, str | None] | None = None) -> None:
     """Raise UserError where a package has another version there."""
     other = [
-        f"{name} {_shown(theirs.get(name))} there, {_shown(version)} here"
+        f"{name} {_format_version(theirs.get(name))} there, {_format_version(version)} here"
         for name, version in (ours or versions()).items()
         if theirs.get(name) != version
     ]
@@ -161,7 +161,7 @@ def sources() -> str:
     return sha.hexdigest()[:16]
 
 
-def _shown(version: str | None) -> str:
+def _format_version(version: str | None) -> str:
     return "missing" if version is None else version.removesuffix(".final.0")
 
 
@@ -182,9 +182,9 @@ def _sweep(
     ours = versions() | {CODE: sources()}
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
         future = client.submit(_identity, shared, key=f"shared-{run}")
-        futures = client.map(_one, list(points), key=keys, task=task, shared=future, ours=ours, pure=False)
+        futures = client.map(_run_task, list(points), key=keys, task=task, shared=future, ours=ours, pure=False)
     try:
-        return _collected(client, futures, progress)
+        return _collect(client, futures, progress)
     except _SilentError:
         why = f"the Dask scheduler has not answered for {SILENT:g} s"
         raise _lost(why, "check that its machine is running, or restart it") from None
@@ -202,7 +202,7 @@ def _identity(shared: Any) -> Any:
     return shared
 
 
-def _one(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapping[str, str | None]) -> Captured:
+def _run_task(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapping[str, str | None]) -> Captured:
     """A task on a worker, which may have come after the first ones were asked for their versions."""
     from distributed import get_worker
 
@@ -210,7 +210,7 @@ def _one(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapp
     return captured(task, shared, point)
 
 
-def _collected(client: Any, futures: Sequence[Any], progress: Progress) -> list[Any]:
+def _collect(client: Any, futures: Sequence[Any], progress: Progress) -> list[Any]:
     """The results in order; the error of a task ends them all."""
     from distributed import wait
 

@@ -11,7 +11,7 @@ from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 from strainsight.estimation.conditional import ConsideredParameters, considers, discrepancy, known_ends, linear_models
 from strainsight.estimation.model import FilterModel, augmented_jacobian, measured_jacobian, theta_of
 from strainsight.estimation.record import Settled, start_errors
-from strainsight.estimation.update import corrected, gain, predict, schmidt_gain, standard_deviation, transposed
+from strainsight.estimation.update import gain, joseph_update, predict, schmidt_gain, standard_deviation, transpose
 from strainsight.rom.modal_step import acceleration_map, modal_step
 
 CHUNK = 256
@@ -255,13 +255,13 @@ def predict_grid_std(
         if step.sampled:
             H, R = step.H[..., :n], step.variance
             K, L = gain(errors.P, H, R, step.instant)
-            read = np.broadcast_to(transposed(step.H[..., n:]), (B, c - d, H.shape[-2]))
+            read = np.broadcast_to(transpose(step.H[..., n:]), (B, c - d, H.shape[-2]))
             read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
             followed.update(errors.parts, K[0], L, H[0], by_sensors(R), errors.slope(H, read))
             errors.update(K, H, R, read)
             if state_errors is not None:
                 first = slice(d if ahead else 0)
-                slope = transposed(state_errors.slope(H, read)[:, first])
+                slope = transpose(state_errors.slope(H, read)[:, first])
                 state_errors.update(schmidt_gain(state_errors.P, H, R, state_errors.V[:, first], slope), H, R, read)
         claimed.after(k, errors if state_errors is None else state_errors, state_errors is not None)
     return claimed.claim()
@@ -280,13 +280,13 @@ class _Errors:
 
     def slope(self, H: np.ndarray, read: np.ndarray) -> np.ndarray:
         """ε (B, c, m) of an innovation in c; read: of the readings."""
-        return np.asarray(read - self.V @ transposed(H))
+        return np.asarray(read - self.V @ transpose(H))
 
     def update(self, K: np.ndarray, H: np.ndarray, R: np.ndarray, read: np.ndarray) -> None:
         """By any gain K (B, n, m)."""
-        self.V = self.V + self.slope(H, read) @ transposed(K)
-        self.P = corrected(self.P, K, H, R)
-        self.parts = corrected(self.parts, K[:1], H[:1], by_sensors(R))
+        self.V = self.V + self.slope(H, read) @ transpose(K)
+        self.P = joseph_update(self.P, K, H, R)
+        self.parts = joseph_update(self.parts, K[:1], H[:1], by_sensors(R))
 
 
 class _Followed:
@@ -317,7 +317,7 @@ class _Followed:
         """
         if not self.any:
             return
-        whitened = np.linalg.solve(L, transposed(slope))
+        whitened = np.linalg.solve(L, transpose(slope))
         factors = [
             dtpqrt(0, min(BLOCK, root.shape[1]), root, rows)[:3] for root, rows in zip(self.root, whitened, strict=True)
         ]
@@ -334,12 +334,12 @@ class _Followed:
             """L⁻¹X of every source, X (3, m, k)."""
             return np.asarray(np.linalg.solve(L[:1], X))
 
-        z_e = -transposed(white(H @ self.across))
-        e = white(transposed(white(H @ w + noise)))
+        z_e = -transpose(white(H @ self.across))
+        e = white(transpose(white(H @ w + noise)))
         whole = np.concatenate(
-            [np.concatenate([self.z, z_e], axis=2), np.concatenate([transposed(z_e), e], axis=2)], axis=1
+            [np.concatenate([self.z, z_e], axis=2), np.concatenate([transpose(z_e), e], axis=2)], axis=1
         )
-        w_e = transposed(white(transposed(K @ noise - left @ w)))
+        w_e = transpose(white(transpose(K @ noise - left @ w)))
         self.z = np.stack([turn(turn(each).T) for each in whole])
         self.across = np.stack([turn(each.T).T for each in np.concatenate([left @ self.across, w_e], axis=2)])
 
@@ -352,7 +352,7 @@ class _Followed:
             else np.tile(ends, (len(self.root), 1, 1))
         )
         tail = columns[:, self.first :]
-        return columns @ transposed(tail), tail
+        return columns @ transpose(tail), tail
 
 
 class _Claimed:
@@ -373,7 +373,7 @@ class _Claimed:
         between, tail = followed.covariance()
         # V C Vᵀ: what is not followed has a C of ones
         free, along = V[:, :first], V[:, at]
-        shared = 2 * transposed(between[:, :first]) @ free + between[:, at] @ along
+        shared = 2 * transpose(between[:, :first]) @ free + between[:, at] @ along
         variance = np.diagonal(P, axis1=1, axis2=2) + np.sum(free**2, axis=1) + np.sum(shared * along, axis=1)
         self.std[k, :, :n] = np.sqrt(np.maximum(variance, 0.0))
         p = slice(tail.shape[1] - (V.shape[1] - d), None)

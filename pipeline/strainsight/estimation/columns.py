@@ -16,8 +16,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.grid_filter_points import GridProblem, WeightedFilters, filtered_at, refuse_lost
-from strainsight.estimation.parallel_filters import joined
+from strainsight.estimation.grid_filter_points import GridProblem, WeightedFilters, filter_points, refuse_lost
+from strainsight.estimation.parallel_filters import concatenate
 from strainsight.estimation.parameter_grid import DEPTH, LEFT, NARROW, SPACING
 
 FINE = 0.1
@@ -209,20 +209,22 @@ class ColumnWeights:
         return each[:, 0], (each[:, 1 : 1 + c] - each[:, middle : middle + c]) / (2 * FINE)
 
 
-def next_columns(problem: GridProblem, now: WeightedFilters[Columns]) -> WeightedFilters[Columns]:
+def rebuild_columns(problem: GridProblem, now: WeightedFilters[Columns]) -> WeightedFilters[Columns]:
     """For the posterior as it is now."""
     weights, point = _weights(now), now.cover.point
     middle = weights.mean[0] @ point
-    return columns_for(problem, middle, weights.covariance(point[:, None], middle)[0], now.step)
+    return build_columns(problem, middle, weights.covariance(point[:, None], middle)[0], now.step)
 
 
-def columns_for(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> WeightedFilters[Columns]:
+def build_columns(
+    problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step: int
+) -> WeightedFilters[Columns]:
     """Columns about the largest density after `step` steps, looked for from a guess; as many as it reaches along its weakest
     direction, each about its own largest density."""
     mean, covariance = _summit(problem, mean, covariance, step)
     along, across = weakest(covariance, problem.prior[1])
     stride = SPACING * along
-    parts = [_centred(problem, mean, across, step)]
+    parts = [_centre_column(problem, mean, across, step)]
     top = _weights(parts[0]).column_mass[0, 0]
     for forward in (True, False):
         while True:
@@ -231,7 +233,7 @@ def columns_for(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, 
             neighbour = end - (stride if forward else -stride)
             if len(parts) > 1:
                 neighbour = parts[-2 if forward else 1].cover.centre[0]
-            part = _centred(problem, 2 * end - neighbour, across, step)
+            part = _centre_column(problem, 2 * end - neighbour, across, step)
             parts = [*parts, part] if forward else [part, *parts]
             mass = _weights(part).column_mass[0, 0]
             top = max(top, mass)
@@ -244,7 +246,7 @@ def columns_for(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, 
                     "standard deviation",
                 )
     cover = Columns(np.concatenate([part.cover.centre for part in parts]), across, parts[0].cover.precision)
-    whole = joined(parts)
+    whole = concatenate(parts)
     return replace(whole, cover=cover.as_they_are(whole.log_weight))
 
 
@@ -253,7 +255,7 @@ def _summit(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step
     precision = np.linalg.inv(problem.prior[1])
     start, top, move = mean, -np.inf, np.zeros(len(mean))
     for _ in range(MOST_TURNS):
-        now = filtered_at(problem, Columns(mean[None], np.linalg.cholesky(covariance), precision), step)
+        now = filter_points(problem, Columns(mean[None], np.linalg.cholesky(covariance), precision), step)
         if now.log_weight[0] < top - LEVEL:
             move = 0.5 * move
             mean = start + move
@@ -273,11 +275,11 @@ def _summit(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step
     )
 
 
-def _centred(problem: GridProblem, centre: np.ndarray, across: np.ndarray, step: int) -> WeightedFilters[Columns]:
+def _centre_column(problem: GridProblem, centre: np.ndarray, across: np.ndarray, step: int) -> WeightedFilters[Columns]:
     """A column about its largest density, as nearly as a few steps come to it."""
     precision = np.linalg.inv(problem.prior[1])
     for _ in range(FEW_TURNS):
-        now = filtered_at(problem, Columns(centre[None], across, precision), step)
+        now = filter_points(problem, Columns(centre[None], across, precision), step)
         m = _weights(now).m[0, 0]
         if np.abs(m).max() <= CENTRED:
             break

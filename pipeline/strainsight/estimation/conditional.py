@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels, ModalMotion, wider
+from strainsight.estimation.parallel_filters import LinearModels, ModalMotion, pad_zeros
 from strainsight.rom.modal_step import HOLD, ModalMap, acceleration_map, modal_step, scheme_step
 from strainsight.rom.model import first_of_equal, modal_basis
 
@@ -28,14 +28,14 @@ class ConsideredParameters:
     Of the motion, in front of those: damping, σ of ln c of every mode by itself; frequency (k, r), what one of k of ν adds to
     ln ω of every mode; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one of the
     first f of the others adds to the input shape S [1/√kg] of r coordinates; what comes of it at once is in D and E
-    (`on_loads`). load (f,): the input u [N] that each changes. What they displace beyond the coordinates is in proportion to
+    (`load_rows`). load (f,): the input u [N] that each changes. What they displace beyond the coordinates is in proportion to
     νⱼuⱼ; behind: whether a smoother has it behind its states; B (d, m, f): what one of every ν reads of it.
     learned: whether motion and loads are corrected by the samples' estimate of ν, so that σ holds what they leave open; where
     not, gains of unknown loads consider ν (`considers`). Parameters have ν integrated out either way. discrepancy: σ of what
     else a reading is off by, over its RMS, white; it matters where parameters are estimated under known loads.
     about (d,), or of the first of ν, the others zero: about which readings are linear in them (`about_samples`). centre (k,):
-    parameters whose natural frequencies are those about which readings are linear at all others, too (`tuned`); None: each has
-    its own.
+    parameters whose natural frequencies are those about which readings are linear at all others, too (`tune_frequencies`);
+    None: each has its own.
     """
 
     source: tuple[str, ...]
@@ -72,7 +72,7 @@ def none_considered(model: FilterModel) -> ConsideredParameters:
     )
 
 
-def each_its_own(
+def split_by_record(
     considered: ConsideredParameters, count: int, renewed: tuple[str, ...]
 ) -> tuple[ConsideredParameters, ...]:
     """Of `count` records that follow one another: ν of the sources `renewed` are constants of one record, all others of all.
@@ -138,9 +138,9 @@ def linear_models(
     biased (b,): channels with an offset of their own, b states more behind [q, q̇, ζ].
     """
     theta, B, process = theta_at(model, point), len(point), model.process
-    model, shift = tuned(damped(model, considered), considered, point)
+    model, shift = tune_frequencies(apply_damping(model, considered), considered, point)
     states, m = model.parameter_states.start, model.H.shape[-2]
-    modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme), B)
+    modal = _add_batch_axis(modal_step(model.model, theta, model.h, model.scheme), B)
     read = model.rows_at(theta)
     H, F = np.array(np.broadcast_to(read[..., :states], (B, m, states))), np.zeros((B, m, len(model.known_inputs)))
     if model.accelerometers is not None:
@@ -150,7 +150,7 @@ def linear_models(
     e = motion.pairs_nu.shape[1]
     f = len(considered.load) if considered.B is not None and considered.B.any() else 0
     truncation = np.zeros((len(considered.D), m, 0)) if considered.B is None or f == 0 else considered.B
-    rows, fed = on_loads(model, np.eye(len(model.model.inputs))[considered.load[:f]])
+    rows, fed = load_rows(model, np.eye(len(model.model.inputs))[considered.load[:f]])
     D, E, offset, B_nu = (
         np.concatenate([np.zeros((e - len(considered.shape), *array.shape[1:])), array])
         for array in (considered.D, considered.E, considered.offset, truncation)
@@ -168,22 +168,22 @@ def linear_models(
         motion,
         np.broadcast_to(process[:states, :states], (B, states, states)),
         H,
-        wider(F, drifts, -1),
+        pad_zeros(F, drifts, -1),
         D=D,
         E=E,
         offset=offset,
         B=B_nu,
         U=rows,
-        W=wider(fed, drifts, -1),
+        W=pad_zeros(fed, drifts, -1),
         about=about,
         shift=shifts,
         fixed_slope=fixed_slope,
     )
-    models = _linear_about(models, of_modes)
-    return models if biased is None or not len(biased) else _with_offsets(models, biased)
+    models = _linearise_about(models, of_modes)
+    return models if biased is None or not len(biased) else _add_offsets(models, biased)
 
 
-def _linear_about(models: LinearModels, of_modes: int) -> LinearModels:
+def _linearise_about(models: LinearModels, of_modes: int) -> LinearModels:
     """Linear about ν = a, of which the first, of damping and frequency, are in the models already:
 
     A + Σₖ aₖAₖ,   H + Σₖ aₖ(Dₖ + Σⱼ aⱼBₖⱼUⱼ),   ∂H/∂νₖ = Dₖ + Σⱼ aⱼBₖⱼUⱼ, of a load j + Σₖ aₖBₖⱼUⱼ
@@ -201,15 +201,15 @@ def _linear_about(models: LinearModels, of_modes: int) -> LinearModels:
     return replace(models, motion=models.motion.about(a[:e]), H=H, F=F, D=D, E=E)
 
 
-def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
+def _add_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
     """The same with one constant state more for each biased channel (b,)."""
     b = len(biased)
-    H, D, U = (wider(each, b, -1) for each in (models.H, models.D, models.U))
+    H, D, U = (pad_zeros(each, b, -1) for each in (models.H, models.D, models.U))
     H[:, biased, range(-b, 0)] = 1.0
-    return replace(models, motion=models.motion.with_constants(b), H=H, Q=wider(models.Q, b, -1, -2), D=D, U=U)
+    return replace(models, motion=models.motion.with_constants(b), H=H, Q=pad_zeros(models.Q, b, -1, -2), D=D, U=U)
 
 
-def damped(model: FilterModel, considered: ConsideredParameters) -> FilterModel:
+def apply_damping(model: FilterModel, considered: ConsideredParameters) -> FilterModel:
     """With the damping about which the nuisances are linear, c exp(σν) of every mode."""
     if considered.damping == 0 or not considered.about.any():
         return model
@@ -220,7 +220,9 @@ def damped(model: FilterModel, considered: ConsideredParameters) -> FilterModel:
     return replace(model, model=replace(model.model, damping=damping.scaled(factors.tolist())))
 
 
-def tuned(model: FilterModel, considered: ConsideredParameters, point: np.ndarray) -> tuple[FilterModel, np.ndarray]:
+def tune_frequencies(
+    model: FilterModel, considered: ConsideredParameters, point: np.ndarray
+) -> tuple[FilterModel, np.ndarray]:
     """With the natural frequencies about which the nuisances are linear at each of B values p (B, k) of the parameters, and by
     how much (B, k′) their ν is away from `about` there.
 
@@ -256,7 +258,7 @@ def _accelerations_by_frequency(
     known loads; at the centre, or the first of the points (B, k)."""
     moving, here = model.accelerometers, point[:1] if considered.centre is None else considered.centre[None]
     theta = theta_at(model, here)
-    model, _ = tuned(replace(model, model=replace(model.model, frequency_factors=None)), considered, here)
+    model, _ = tune_frequencies(replace(model, model=replace(model.model, frequency_factors=None)), considered, here)
     factors = np.ones((1, model.model.size)) if model.model.frequency_factors is None else model.model.frequency_factors
     first = first_of_equal(modal_basis(model.model, theta)[0])
     shape = np.broadcast_to(model.rows_at(theta), (1, *model.H.shape))[:, moving, : model.model.size]
@@ -286,13 +288,13 @@ def acceleration_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What accelerometers of shape φ (k, n) or (B, k, n) read: rows (B, k, states) on [q, q̇, ζ], and (B, k, n_known) on known
     loads."""
-    sensed = _with_batch(acceleration_map(model.model, theta))
-    rows, on_known = on_loads(model, shape @ sensed.input[..., 0, :])
+    sensed = _add_batch_axis(acceleration_map(model.model, theta))
+    rows, on_known = load_rows(model, shape @ sensed.input[..., 0, :])
     rows[..., model.motion] = shape @ sensed.transition
     return rows, on_known
 
 
-def on_loads(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def load_rows(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What reads all loads at once by `direct` (..., k, n_u): rows (..., k, states) on [q, q̇, ζ], and (..., k, n_known)."""
     unknown, known = model.columns
     rows = np.zeros((*direct.shape[:-1], model.parameter_states.start))
@@ -302,10 +304,10 @@ def on_loads(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def acceleration_change(model: FilterModel, theta: Mapping[str, np.ndarray], change: np.ndarray) -> np.ndarray:
     """M⁻¹ΔS (B, n, n_u): what a change ΔS (n, n_u) of the input shape adds to q̈ at once."""
-    return _with_batch(acceleration_map(model.model.acted_on(change), theta)).input[..., 0, :]
+    return _add_batch_axis(acceleration_map(model.model.acted_on(change), theta)).input[..., 0, :]
 
 
-def _with_batch(modal: ModalMap, count: int = 1) -> ModalMap:
+def _add_batch_axis(modal: ModalMap, count: int = 1) -> ModalMap:
     """With an axis of parameter values, also where the model has no parameter at all: `count` times the same then."""
     if modal.transition.ndim > 2:
         return modal
@@ -351,7 +353,7 @@ def _motion(
     if len(considered.frequency):
         # λ → λ(1 + s)² and forces → (1 + s)² times them, damped as at that λ
         table = _slope(
-            lambda s: _with_forces(scheme_step(lam * (1 + s) ** 2, damping, model.h, model.scheme)[0], (1 + s) ** 2)
+            lambda s: _scale_forces(scheme_step(lam * (1 + s) ** 2, damping, model.h, model.scheme)[0], (1 + s) ** 2)
         )
         slopes += [step(table * each[first_of_equal(lam)], forces) for each in considered.frequency]
     if considered.stiffness > 0:
@@ -369,7 +371,7 @@ def _motion(
     return ModalMotion(basis, inverse, pairs, augmented, fed, *by_nu)
 
 
-def _with_forces(table: np.ndarray, factor: float) -> np.ndarray:
+def _scale_forces(table: np.ndarray, factor: float) -> np.ndarray:
     """Of a table (2, 2 + HOLD, ...) under so many times the forces."""
     return np.concatenate([table[:, :2], factor * table[:, 2:]], axis=1)
 

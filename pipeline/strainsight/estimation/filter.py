@@ -13,7 +13,7 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import StepModel, driven_with_offsets
 from strainsight.estimation.run import FilterRun, Keep, RunArrays
 from strainsight.estimation.sigma_point import SigmaPoints, sigma_points
-from strainsight.estimation.update import Form, Transition, apply, belief_of, transposed, whiten
+from strainsight.estimation.update import Form, Transition, apply, belief_of, transpose, whiten
 
 HALVINGS = 12
 """How often an increment that fails or raises the cost is halved before it is given up."""
@@ -118,7 +118,7 @@ def refine(
             iterations += better
             mu, nu = np.where(better[:, None], trial_mu, mu), np.where(better[:, None], trial_nu, nu)
             after, A, H, effective, cost = (
-                _chosen(better, new, old) for new, old in zip(trial, (after, A, H, effective, cost), strict=True)
+                _select(better, new, old) for new, old in zip(trial, (after, A, H, effective, cost), strict=True)
             )
             share = np.where(better, 0.0, 0.5 * share)
         going &= share == 0
@@ -132,7 +132,7 @@ def _duals(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(HA)ᵀλ and Hᵀλ with λ = S⁻¹ × the effective innovation, S = HA prior (HA)ᵀ + H Q Hᵀ + R."""
     HA = H @ A
-    S = HA @ prior @ transposed(HA) + H @ Q @ transposed(H)
+    S = HA @ prior @ transpose(HA) + H @ Q @ transpose(H)
     diagonal = range(R.shape[-1])
     S[..., diagonal, diagonal] += R
     try:
@@ -142,10 +142,10 @@ def _duals(
             "the innovation covariance is singular",
             remedy="remove duplicate sensors, or increase the sensor noise: it is below the floating-point resolution",
         ) from error
-    return (transposed(HA) @ multiplier)[..., 0], (transposed(H) @ multiplier)[..., 0]
+    return (transpose(HA) @ multiplier)[..., 0], (transpose(H) @ multiplier)[..., 0]
 
 
-def _chosen(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+def _select(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
     """`new` for the runs that are better, `old` for the others; what all runs share (1, …) is new where any is better."""
     if len(new) != len(better):
         return new if better.any() else old
@@ -294,7 +294,9 @@ def filter_runs(
         if calm < CALM:
             last, latest = P, belief.covariance
             P = latest
-            calm = calm + 1 if b == 1 and model.linear and H is not None and _unmoved(last, P, prior.covariance) else 0
+            calm = (
+                calm + 1 if b == 1 and model.linear and H is not None and _is_steady(last, P, prior.covariance) else 0
+            )
         record.state(k + 1, x, latest)
         record.readings(k, *model.measure(x, k), latest)
         record.linearised(k, A, H, adjusted, process, R)
@@ -309,7 +311,7 @@ def _where_it_failed(x: np.ndarray, X: np.ndarray, instead: np.ndarray | float) 
     return np.where(failed[:, None, None], instead, X) if failed.any() and len(X) == len(failed) else X
 
 
-def _unmoved(last: np.ndarray, P: np.ndarray, prior: np.ndarray) -> bool:
+def _is_steady(last: np.ndarray, P: np.ndarray, prior: np.ndarray) -> bool:
     """Whether P (1, n, n) is what it was, to the rounding of the covariance it was updated from."""
     size = np.sqrt(np.diagonal(prior[0]))
     return bool(np.all(np.abs(P[0] - last[0]) <= UNMOVED * size[:, None] * size))

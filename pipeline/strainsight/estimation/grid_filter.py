@@ -14,16 +14,16 @@ from functools import partial
 
 import numpy as np
 
-from strainsight.estimation.columns import columns_for, next_columns
+from strainsight.estimation.columns import build_columns, rebuild_columns
 from strainsight.estimation.grid_filter_points import (
     GridProblem,
     Passed,
     WeightedFilters,
-    about_samples,
-    entered,
-    filtered_at,
-    on,
-    passed,
+    advance_points,
+    apply_passage,
+    enter_record,
+    filter_points,
+    linearise_about_samples,
     refuse_lost,
 )
 from strainsight.estimation.mixture import C, Mixture, Weights
@@ -35,7 +35,7 @@ from strainsight.estimation.parameter_grid import (
     build_next_grid,
     one_point,
 )
-from strainsight.estimation.peak import best_points, density_of, peaks_of_problem
+from strainsight.estimation.peak import best_points, density_of, find_peaks
 from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun, Keep
 
@@ -95,8 +95,8 @@ def filter_on_grid(record: GridRecord, keep: Keep = "all") -> GridRun:
     keep: "all" keeps the covariance at each instant, "parameters" only that of the parameters, in half the time. The grid
     starts at the prior. When the posterior has narrowed or reached the edge, a new grid is built and filtered again from the
     start. More than FEW parameters use `Columns`. With considered damping or frequencies, or free loads, readings are linear
-    about the most likely ν at the most likely parameters, and at their mean (`about_samples`). Raises NumericalError if the
-    grid needs more than MOST_POINTS points, if columns cannot follow the posterior, or if it deviates from the guess by a
+    about the most likely ν at the most likely parameters, and at their mean (`linearise_about_samples`). Raises NumericalError
+    if the grid needs more than MOST_POINTS points, if columns cannot follow the posterior, or if it deviates from the guess by a
     factor of exp(LOST).
     """
     return filter_records([record], keep)[0]
@@ -122,29 +122,31 @@ def filter_records(
     along = keep != "parameters"
     problem = GridProblem(tuple(records), keep, progress, True, along, birge_ratio)
     if problem.bilinear:
-        problem = _centred(problem)
+        problem = _centre_frequencies(problem)
     ends = replace(problem, along=False)
-    peaks = peaks_of_problem(ends) if problem.bilinear or 0 < len(problem.prior[0]) <= FEW else []
+    peaks = find_peaks(ends) if problem.bilinear or 0 < len(problem.prior[0]) <= FEW else []
     peak_points = np.array([peak.point for peak in peaks])
     if not problem.bilinear:
-        return _covered(problem, peak_points)
+        return _run_grid(problem, peak_points)
     before = max(peaks, key=lambda peak: peak.evidence).point
-    here = filtered_at(ends, one_point(before), problem.first[-1])
-    problem = replace(about_samples(ends, before, here.states.nu[0, 0] + here.models.about), along=problem.along)
-    runs = _covered(problem, peak_points)
+    here = filter_points(ends, one_point(before), problem.first[-1])
+    problem = replace(
+        linearise_about_samples(ends, before, here.states.nu[0, 0] + here.models.about), along=problem.along
+    )
+    runs = _run_grid(problem, peak_points)
     # what slopes in a frequency leave out at first, the parameters take for theirs
     for _ in range(AGAIN if problem.centre is not None else 1):
         mean, covariance = runs[0].posterior
         if problem.centre is not None and np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
             break
-        again = about_samples(problem, mean, runs[0].nu_moments[0])
+        again = linearise_about_samples(problem, mean, runs[0].nu_moments[0])
         if again is problem:
             break
-        problem, before, runs = again, mean, _covered(replace(again, progress=None), peak_points)
+        problem, before, runs = again, mean, _run_grid(replace(again, progress=None), peak_points)
     return runs
 
 
-def _centred(problem: GridProblem) -> GridProblem:
+def _centre_frequencies(problem: GridProblem) -> GridProblem:
     """The problem with frequencies about those at the most likely of the scanned parameters.
 
     Each scanned parameter has its own frequencies, which finds the measured resonances. Otherwise a narrowing grid may lock
@@ -162,41 +164,41 @@ def _centred(problem: GridProblem) -> GridProblem:
     return problem.map_considered(partial(replace, centre=centre))
 
 
-def _covered(problem: GridProblem, peak_points: np.ndarray) -> tuple[GridRun, ...]:
+def _run_grid(problem: GridProblem, peak_points: np.ndarray) -> tuple[GridRun, ...]:
     """A run of each record: on a grid for few parameters, on columns for more.
 
     The posterior of few samples may have peaks far from those of the whole record. All grids but the first contain the peaks
     (q, k) of the whole record.
     """
     if len(problem.model.unknowns.parameters) > FEW:
-        return _filtered(problem, columns_for(problem, *problem.prior, 0), next_columns, at_end=True)
+        return _filter_all(problem, build_columns(problem, *problem.prior, 0), rebuild_columns, at_end=True)
     first = build_first_grid(_construction(problem, peak_points))
-    return _filtered(problem, first, lambda problem, now: build_next_grid(_construction(problem, peak_points), now))
+    return _filter_all(problem, first, lambda problem, now: build_next_grid(_construction(problem, peak_points), now))
 
 
 def _construction(problem: GridProblem, peak_points: np.ndarray) -> GridConstruction[WeightedFilters[ParameterGrid]]:
-    at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
+    at, refuse = partial(filter_points, problem), partial(refuse_lost, problem)
     return GridConstruction(problem.prior, at, refuse, peak_points=peak_points)
 
 
-def _filtered(
+def _filter_all(
     problem: GridProblem,
     now: WeightedFilters[C],
     following: Callable[[GridProblem, WeightedFilters[C]], WeightedFilters[C]],
     at_end: bool = False,
 ) -> tuple[GridRun, ...]:
-    """Filter all samples, and build new points where necessary; at_end: also at the end, where closer points are more accurate.
-    """
-    steps, grid_count, mixtures = problem.first[-1], 1, [_mixture(problem, now)]
+    """Filter all samples, and build new points where necessary; at_end: also at the end, where closer points are more
+    accurate."""
+    steps, grid_count, mixtures = problem.first[-1], 1, [_begin_mixture(problem, now)]
     while now.step < steps:
         if now.step == problem.first[now.record + 1]:
-            now = entered(problem, now)
-            mixtures.append(_mixture(problem, now))
+            now = enter_record(problem, now)
+            mixtures.append(_begin_mixture(problem, now))
         before = problem.first[now.record]
         rest = problem.first[now.record + 1] - now.step
         ahead = min(max(SHORTEST, now.step // SHARE), rest, max(1, KEPT // now.models.kept_a_step))
         constants = now.filters.nu[:, None].copy(), now.filters.left[:, None].copy()
-        passage = passed(problem, now, ahead, keep=problem.along)
+        passage = advance_points(problem, now, ahead, keep=problem.along)
         after = (now.log_weight[:, None] + np.cumsum(passage.fit, axis=1)).T
         good = now.cover.holds(after)
         used = ahead if good.all() else int(np.argmin(good)) + 1
@@ -204,9 +206,9 @@ def _filtered(
         earlier = now.cover.weights(np.concatenate([now.log_weight[None], after[: used - 1]]))
         weights = now.cover.weights(after[:used])
         mixtures[-1].innovations(span, earlier, constants, passage.passage)
-        mixtures[-1].log_likelihood += _likely(now, passage, earlier, weights, used)
+        mixtures[-1].log_likelihood += _log_likelihood(now, passage, earlier, weights, used)
         mixtures[-1].states(span, weights, passage.states.first(used), now.models)
-        now = on(now, passage, used)
+        now = apply_passage(now, passage, used)
         if problem.progress is not None:
             problem.progress(now.step / steps)
         if not good.all() or (at_end and now.step == steps):
@@ -223,7 +225,7 @@ def _filtered(
     return tuple(GridRun(*end, run=mixture.finished()) for mixture in mixtures)
 
 
-def _likely(now: WeightedFilters[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:
+def _log_likelihood(now: WeightedFilters[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:
     """ln p of these steps under the configured loads: from the loss of mass of the points.
 
     With free loads the weights are no such density, and ln p is Σₜ ln Σᵢ wᵢ p(yₜ | y₁ … yₜ₋₁, θᵢ).
@@ -235,7 +237,7 @@ def _likely(now: WeightedFilters[C], passage: Passed, before: Weights, after: We
     return float(np.logaddexp.reduce(each, axis=1).sum())
 
 
-def _mixture(problem: GridProblem, now: WeightedFilters[C]) -> Mixture:
+def _begin_mixture(problem: GridProblem, now: WeightedFilters[C]) -> Mixture:
     """Mixture of a record that starts."""
     first, record = problem.records[0], problem.records[now.record]
     mixture = Mixture(replace(record, mean=first.mean, covariance=first.covariance), problem.keep)

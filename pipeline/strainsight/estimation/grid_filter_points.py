@@ -17,7 +17,13 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.conditional import ConsideredParameters, considers, linear_models, none_considered, tuned
+from strainsight.estimation.conditional import (
+    ConsideredParameters,
+    considers,
+    linear_models,
+    none_considered,
+    tune_frequencies,
+)
 from strainsight.estimation.mixture import C, PosteriorWeights, log_normal
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import (
@@ -28,10 +34,10 @@ from strainsight.estimation.parallel_filters import (
     Passage,
     States,
     advance,
-    filters_of,
+    build_filters,
 )
 from strainsight.estimation.parameter_grid import one_point
-from strainsight.estimation.record import GridRecord, beginning
+from strainsight.estimation.record import GridRecord, start_filters
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.run import Keep
 
@@ -61,14 +67,14 @@ def build_free_load_filters(record: GridRecord, load_models: LinearModels, point
     states, loads[free.input_states] = free.parameter_states.start, True
     Q = np.pad(free.process[:states, :states], (0, offsets))
     models = replace(load_models, Q=np.broadcast_to(Q, load_models.Q.shape))
-    alone = tuned(alone, record.considered, point)[0]
+    alone = tune_frequencies(alone, record.considered, point)[0]
     of_loads = linear_models(alone, point, none_considered(free), record.biased)
     start = np.zeros((len(point), len(mean))), np.where(np.outer(loads, loads), covariance, 0.0)
     return FreeLoadFilters(
         models,
-        filters_of(models, *beginning(free, models, mean, covariance, None)),
+        build_filters(models, *start_filters(free, models, mean, covariance, None)),
         of_loads,
-        *(filters_of(of_loads, *start, np.zeros((len(point), 0, len(mean)))) for _ in range(2)),
+        *(build_filters(of_loads, *start, np.zeros((len(point), 0, len(mean)))) for _ in range(2)),
     )
 
 
@@ -123,7 +129,7 @@ def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray,
     the noise up to step t in this and later steps.
     """
     A, H, A_nu = models.A[0], models.H[0], models.A_nu[0]
-    steps = _forward(A, H, models.Q[0], covariance, noise, every)
+    steps = _run_forward(A, H, models.Q[0], covariance, noise, every)
     Y, one, beta = (
         [np.zeros_like(A)] * (len(steps) + 1),
         np.eye(len(A)),
@@ -131,7 +137,7 @@ def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray,
     )
     for t in reversed(range(len(steps))):
         now, after, later = steps[t], Y[t + 1], t + every
-        if later < len(steps) and now is steps[later] and _settled(after, Y[later + 1], after):
+        if later < len(steps) and now is steps[later] and _is_steady(after, Y[later + 1], after):
             Y[t], beta[t] = Y[later], beta[later]
             continue
         left = one - now.gain @ H
@@ -145,7 +151,7 @@ def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray,
     return beta
 
 
-def _forward(
+def _run_forward(
     A: np.ndarray, H: np.ndarray, Q: np.ndarray, P: np.ndarray, noise: np.ndarray, every: int
 ) -> list[_NoiseStep]:
     """All steps of the filter from rest; a steady step repeats the one a sample before."""
@@ -159,8 +165,8 @@ def _forward(
         if (
             before is not None
             and np.array_equal(R, before.noise)
-            and _settled(P, before.P, P)
-            and _settled(by_noise, before.covariance, P)
+            and _is_steady(P, before.P, P)
+            and _is_steady(by_noise, before.covariance, P)
         ):
             now = before
         else:
@@ -173,7 +179,7 @@ def _forward(
     return steps
 
 
-def _settled(X: np.ndarray, before: np.ndarray, P: np.ndarray) -> bool:
+def _is_steady(X: np.ndarray, before: np.ndarray, P: np.ndarray) -> bool:
     """Whether X (n, n) changed by less than SETTLED of the standard deviations of P."""
     std = np.sqrt(np.abs(np.diag(P)))
     return bool(np.all(np.abs(X - before) <= SETTLED * np.outer(std, std)))
@@ -245,7 +251,7 @@ class GridProblem:
         """Correction (T, d) of each record by `noise_alone`, the same at all points so that they remain comparable."""
         by_record = []
         for i, record in enumerate(self.records):
-            _, _, free_load = _begun(self, one_point(self.prior[0]), i)
+            _, _, free_load = _start_filters(self, one_point(self.prior[0]), i)
             assert free_load is not None
             noise = np.where(np.isnan(record.data.samples), np.inf, record.data.noise)
             by_record.append(noise_alone(free_load.models, record.start[1], noise, record.model.every))
@@ -299,19 +305,19 @@ class Passed:
     states: States
 
 
-def filtered_at(problem: GridProblem, cover: C, step: int) -> WeightedFilters[C]:
+def filter_points(problem: GridProblem, cover: C, step: int) -> WeightedFilters[C]:
     """Filters at the given points, from the start through `step` steps."""
-    models, filters, free_load = _begun(problem, cover, 0)
+    models, filters, free_load = _start_filters(problem, cover, 0)
     B = models.count
     now = WeightedFilters(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters, 0, free_load)
     while now.step < step:
-        now = entered(problem, now)
-        passage = passed(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
-        now = on(now, passage, passage.fit.shape[1])
+        now = enter_record(problem, now)
+        passage = advance_points(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
+        now = apply_passage(now, passage, passage.fit.shape[1])
     return now
 
 
-def _begun(problem: GridProblem, cover: C, number: int) -> tuple[LinearModels, Filters, FreeLoadFilters | None]:
+def _start_filters(problem: GridProblem, cover: C, number: int) -> tuple[LinearModels, Filters, FreeLoadFilters | None]:
     """Filters at the start of a record, with the prior of ν, and the free-load filters."""
     record = problem.records[number]
     models, free_load = linear_models(record.model, cover.point, record.considered, record.biased), None
@@ -319,17 +325,17 @@ def _begun(problem: GridProblem, cover: C, number: int) -> tuple[LinearModels, F
         free_load = build_free_load_filters(record, models, cover.point)
         if not problem.along:  # nobody asks for loads as they are stated
             return free_load.models, free_load.filters, free_load
-    filters = filters_of(
+    filters = build_filters(
         models, *record.begun(models), consider=problem.along and considers(record.model, record.considered)
     )
     return models, filters, free_load
 
 
-def entered(problem: GridProblem, now: WeightedFilters[C]) -> WeightedFilters[C]:
+def enter_record(problem: GridProblem, now: WeightedFilters[C]) -> WeightedFilters[C]:
     """Enter the next record at the end of one: states restart from the prior, and the estimate of ν is kept."""
     if now.step < problem.first[now.record + 1]:
         return now
-    models, filters, free_load = _begun(problem, now.cover, now.record + 1)
+    models, filters, free_load = _start_filters(problem, now.cover, now.record + 1)
     if free_load is not None and now.free_load is not None:
         free_load = replace(free_load, filters=with_nu(free_load.filters, now.free_load.filters))
     return replace(
@@ -337,7 +343,7 @@ def entered(problem: GridProblem, now: WeightedFilters[C]) -> WeightedFilters[C]
     )
 
 
-def about_samples(problem: GridProblem, point: np.ndarray, nu: np.ndarray) -> GridProblem:
+def linearise_about_samples(problem: GridProblem, point: np.ndarray, nu: np.ndarray) -> GridProblem:
     """The problem linearised about the most likely damping and frequencies, with unknown loads about all ν that act on motion
     and rows.
 
@@ -347,25 +353,25 @@ def about_samples(problem: GridProblem, point: np.ndarray, nu: np.ndarray) -> Gr
     """
     here, fit = one_point(point), np.inf
     for _ in range(TURNS):
-        if not moved(problem, nu):
+        if not nu_has_moved(problem, nu):
             break
-        problem = problem.map_considered(partial(replace, about=_about(problem, nu)))
-        now = filtered_at(problem, here, problem.first[-1])
+        problem = problem.map_considered(partial(replace, about=_linearisation_point(problem, nu)))
+        now = filter_points(problem, here, problem.first[-1])
         if abs(now.fit[0] - fit) <= NOTICED:
             break
         nu, fit = now.states.nu[0, 0] + now.models.about, float(now.fit[0])
     return problem
 
 
-def moved(problem: GridProblem, nu: np.ndarray) -> bool:
+def nu_has_moved(problem: GridProblem, nu: np.ndarray) -> bool:
     """Whether the mean of ν (d,) is MOVED from the linearisation: in ln c for damping, in σ otherwise."""
-    considered, about = problem.records[0].considered, _about(problem, nu)
+    considered, about = problem.records[0].considered, _linearisation_point(problem, nu)
     off = np.abs(about - np.pad(considered.about, (0, len(about) - len(considered.about))))
     modes = problem.model.model.size * (considered.damping > 0)
     return bool(considered.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
 
 
-def _about(problem: GridProblem, nu: np.ndarray) -> np.ndarray:
+def _linearisation_point(problem: GridProblem, nu: np.ndarray) -> np.ndarray:
     """Linearisation point of ν: damping and frequencies of each mode, with unknown loads all ν that act on motion and rows.
 
     Additive ν are linear anyway.
@@ -379,7 +385,7 @@ def _about(problem: GridProblem, nu: np.ndarray) -> np.ndarray:
     return np.asarray(about)
 
 
-def passed(problem: GridProblem, now: WeightedFilters[C], steps: int, keep: bool) -> Passed:
+def advance_points(problem: GridProblem, now: WeightedFilters[C], steps: int, keep: bool) -> Passed:
     """Advance by the next steps, as far as the record goes."""
     before = problem.first[now.record]
     span = slice(now.step - before, now.step - before + steps)
@@ -394,7 +400,7 @@ def passed(problem: GridProblem, now: WeightedFilters[C], steps: int, keep: bool
     return Passed(passage, power * weighing.fit, with_nu(passage.states, weighing.states))
 
 
-def on(now: WeightedFilters[C], passage: Passed, steps: int) -> WeightedFilters[C]:
+def apply_passage(now: WeightedFilters[C], passage: Passed, steps: int) -> WeightedFilters[C]:
     """The state after the first steps of a passage."""
     return replace(now, fit=now.fit + passage.fit[:, :steps].sum(axis=1), step=now.step + steps)
 

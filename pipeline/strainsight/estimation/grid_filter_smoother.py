@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.conditional import conditional_states, damped, discrepancy, linear_models, on_loads, tuned
+from strainsight.estimation.conditional import (
+    apply_damping,
+    conditional_states,
+    discrepancy,
+    linear_models,
+    load_rows,
+    tune_frequencies,
+)
 from strainsight.estimation.consider_smoother import Start, consider_errors, consider_smoothed, smoothed_pieces
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.grid_filter import GridRun
@@ -37,7 +44,7 @@ def smooth_on_grid(
     and the offsets. wanted: covariances to store, None: all at each instant, too large for long records; progress: called
     with the fraction done. Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
     """
-    smoother = points_of(record, grid_run)
+    smoother = build_smoother(record, grid_run)
     offsets, instants, truncation = len(record.biased), record.steps + 1, smoother.truncation
     states, model = len(record.mean), record.model
     n = states + len(truncation.at)
@@ -49,7 +56,7 @@ def smooth_on_grid(
     for at, x, P, V in _pieces(smoother):
         mean, spread = np.zeros((len(V), n)), np.zeros((len(V), n, n))
         wider = truncation.behind(at, x, P, V, smoother.corrected)
-        mean[:, order], spread[:, order[:, None], order] = _mixed(smoother, grid_run, *wider)
+        mean[:, order], spread[:, order[:, None], order] = _mix(smoother, grid_run, *wider)
         whole[at], std[at] = mean, standard_deviation(spread)
         if selected is not None:
             selected.take(at, spread)
@@ -60,7 +67,7 @@ def smooth_on_grid(
     return Smoothed(grid_run.run.time, whole[:, None], std[:, None], covariance, selected)
 
 
-def _mixed(
+def _mix(
     smoother: AtPoints, grid_run: GridRun, x: np.ndarray, P: np.ndarray, V: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean (L, n + k) and covariance over the posterior, from x (b, L, n), P (b, L, n, n) at its points and V (L, d, n)."""
@@ -118,7 +125,7 @@ class AtPoints:
         return replace(self.record.data, discrepancy=np.zeros(self.record.samples.shape[1]))
 
 
-def points_of(record: GridRecord, grid_run: GridRun) -> AtPoints:
+def build_smoother(record: GridRecord, grid_run: GridRun) -> AtPoints:
     """Smoother inputs of a record, from the run of the grid filter."""
     model, considered, (centre, spread) = (
         record.model,
@@ -136,7 +143,7 @@ def points_of(record: GridRecord, grid_run: GridRun) -> AtPoints:
         # exact in damping and frequencies about which the grid filter is linear, linear about zero in the rest of ν
         of_modes = considered.of_modes(model.model.size)
         about = np.where(np.arange(len(nu)) < of_modes, grid_run.about, 0.0)
-        model, nu = damped(model, replace(considered, about=about)), nu - about
+        model, nu = apply_damping(model, replace(considered, about=about)), nu - about
         about[: of_modes - len(considered.frequency)] = 0.0
         considered = replace(considered, about=about[:of_modes])
     record = replace(record, model=model, considered=considered)
@@ -150,30 +157,30 @@ def _pieces(smoother: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray,
     P excludes the considered parameters. If ν is learned the record is one piece.
     """
     if not smoother.considers_nu:
-        yield slice(0, smoother.record.steps + 1), *_corrected(smoother, smoother.points)
+        yield slice(0, smoother.record.steps + 1), *_smooth_corrected(smoother, smoother.points)
         return
     points = len(smoother.points)
     for at, states, _ in smoothed_pieces(smoother.models, smoother.start, smoother.data):
         yield at, states.x[:points], states.P[:points], states.V[-1]
 
 
-def smoothed_at_points(smoother: AtPoints) -> tuple[np.ndarray, np.ndarray]:
+def smooth_points(smoother: AtPoints) -> tuple[np.ndarray, np.ndarray]:
     """x (b + 1, T + 1, n) at the points and at the centre behind them, and V (T + 1, d, n)."""
     if smoother.considers_nu:
         states = consider_smoothed(smoother.models, smoother.start, smoother.data)
         return np.concatenate([states.x[: len(smoother.points)], states.x[-1:]]), states.V[-1]
-    x, _, V = _corrected(smoother, smoother.points)
-    return np.concatenate([x, _corrected(smoother, smoother.centre[None])[0] if len(smoother.centre) else x]), V
+    x, _, V = _smooth_corrected(smoother, smoother.points)
+    return np.concatenate([x, _smooth_corrected(smoother, smoother.centre[None])[0] if len(smoother.centre) else x]), V
 
 
-def _corrected(smoother: AtPoints, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _smooth_corrected(smoother: AtPoints, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x (b, T + 1, n) at points (b, k), corrected for the effect of the mean of ν (d,) on samples and motion; P; V (T + 1, d, n)
     at the centre."""
     record, nu, samples = smoother.record, smoother.nu, smoother.data.samples
     start, P0, _ = record.begun(linear_models(record.model, points, record.considered, record.biased))
 
     def at_points(values: np.ndarray) -> list[Smoothed]:
-        runs = (kept_at(record, *at, P0, values[:, None]) for at in zip(points, start, strict=True))
+        runs = (filter_at_point(record, *at, P0, values[:, None]) for at in zip(points, start, strict=True))
         return [smooth(core, run, covariance=True) for core, run in runs]
 
     middle = np.mean([each.mean[:, 0] for each in at_points(samples)], axis=0)
@@ -183,11 +190,11 @@ def _corrected(smoother: AtPoints, points: np.ndarray) -> tuple[np.ndarray, np.n
     return x, np.stack([one.covariance_of(np.arange(x.shape[-1])) for one in each]), V
 
 
-def kept_at(
+def filter_at_point(
     record: GridRecord, point: np.ndarray, mean: np.ndarray, covariance: np.ndarray, samples: np.ndarray
 ) -> tuple[StepModel, FilterRun]:
     """Model and filter at parameters p (k,) for runs of samples (T, B, m); mean (n,), covariance (n, n) of its states."""
-    model, _ = tuned(record.model, record.considered, point[None])
+    model, _ = tune_frequencies(record.model, record.considered, point[None])
     if model.model.frequency_factors is not None:
         model = replace(model, model=replace(model.model, frequency_factors=model.model.frequency_factors[0]))
     inner = replace(record, model=model).known_at(point).model
@@ -219,7 +226,7 @@ def _effects(smoother: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.nda
     caused += one.offset + moved[1:] @ one.H[0].T
     samples = np.where(np.isfinite(data.samples)[:, None], caused, np.nan)
     silent = replace(record, known=np.zeros_like(record.known))
-    smoothed = smooth(*kept_at(silent, smoother.centre, np.zeros(n), P0, samples))
+    smoothed = smooth(*filter_at_point(silent, smoother.centre, np.zeros(n), P0, samples))
     return np.swapaxes(caused, 1, 2), moved, smoothed.mean - moved
 
 
@@ -264,7 +271,7 @@ def build_truncation(record: GridRecord) -> Truncation:
     model, considered = record.model, record.considered
     named = considered.load if considered.behind else considered.load[:0]
     ahead = len(considered.sources(model.model.size)) - len(considered.source)
-    rows, fed = on_loads(model, np.eye(len(model.model.inputs))[named])
+    rows, fed = load_rows(model, np.eye(len(model.model.inputs))[named])
     wider = np.pad(rows, [(0, 0), (0, len(record.biased))])
     return Truncation(ahead + np.arange(len(named)), wider, instant_values(record.known) @ fed.T)
 
@@ -296,8 +303,8 @@ def sample_paths(
     covariance of the draws agree with `smooth_on_grid`, up to products of the curvatures c. Correlations in time are those of
     the smoother errors. A part depends on seed, its index and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
     """
-    smoother = points_of(record, grid_run)
-    x, V = smoothed_at_points(smoother)
+    smoother = build_smoother(record, grid_run)
+    x, V = smooth_points(smoother)
     rng = np.random.default_rng(seed)
     p, nu = _constants(smoother, grid_run, count, rng)
     rng = np.random.default_rng((seed, number)) if number else rng
@@ -305,7 +312,7 @@ def sample_paths(
     points, k, sizes = len(smoother.points), len(smoother.centre), smoother.models.H.shape[-1] + len(truncation.at)
     part = max(points, AT_ONCE // ((record.steps + 1) * sizes) // points * points)
     z = np.linalg.solve(np.linalg.cholesky(smoother.spread), (p - smoother.centre).T).T
-    middle, slope, bend = _carried(x, k)
+    middle, slope, bend = _difference_points(x, k)
     load, nu_of_loads = truncation.load(x[:points].mean(axis=0)), (nu + smoother.corrected)[:, truncation.at]
     for start in range(0, count, part):
         span = slice(start, min(start + part, count))
@@ -341,7 +348,7 @@ def _constants(
     return smoother.centre + sample[:, :k], sample[:, k:] + rng.standard_normal((count, left.shape[1])) @ left.T
 
 
-def _carried(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _difference_points(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean (T + 1, n) of x̂ˢ (2k + 1, T + 1, n) over the points, and first and second derivatives (k, T + 1, n) in z."""
     if k == 0:
         nothing = np.zeros((0, *x.shape[1:]))
@@ -358,6 +365,6 @@ def _errors(smoother: AtPoints, each: int, rng: np.random.Generator, states: sli
         error = consider_errors(models, (x[:points], P, V[:points]), smoother.data, each, rng)[..., states]
     else:
         samples = smoother.data.samples[:, None]
-        runs = (kept_at(record, *at, P, samples) for at in zip(smoother.points, x, strict=False))
+        runs = (filter_at_point(record, *at, P, samples) for at in zip(smoother.points, x, strict=False))
         error = np.stack([smoother_errors(core, run, each, rng, states) for core, run in runs])
     return np.swapaxes(error, 0, 1).reshape(each * points, *error.shape[2:])

@@ -38,7 +38,7 @@ class ModalMotion:
     def __post_init__(self) -> None:
         (B, n, p), q, e = self.fed.shape, self.pairs.shape[-1], self.pairs_nu.shape[1]
         shapes = "basis Bnn, inverse Bnn, pairs B4q, augmented Bsn, pairs_nu Be4q, augmented_nu Besn, fed_nu Benp"
-        agree(self, shapes, {"B": B, "n": n, "p": p, "q": q, "e": e, "s": n - 2 * q, "4": 4})
+        check_shapes(self, shapes, {"B": B, "n": n, "p": p, "q": q, "e": e, "s": n - 2 * q, "4": 4})
 
     def of(self, points: slice) -> ModalMotion:
         """Of some of the models."""
@@ -55,17 +55,19 @@ class ModalMotion:
         if count == 0:
             return self
 
-        basis, inverse, augmented = (wider(each, count, -1, -2) for each in (self.basis, self.inverse, self.augmented))
+        basis, inverse, augmented = (
+            pad_zeros(each, count, -1, -2) for each in (self.basis, self.inverse, self.augmented)
+        )
         constants = range(-count, 0)
         for each in (basis, inverse, augmented):
             each[:, constants, constants] = 1.0
-        augmented_nu, fed_nu = wider(self.augmented_nu, count, -1, -2), wider(self.fed_nu, count, -2)
+        augmented_nu, fed_nu = pad_zeros(self.augmented_nu, count, -1, -2), pad_zeros(self.fed_nu, count, -2)
         return ModalMotion(
-            basis, inverse, self.pairs, augmented, wider(self.fed, count, -2), self.pairs_nu, augmented_nu, fed_nu
+            basis, inverse, self.pairs, augmented, pad_zeros(self.fed, count, -2), self.pairs_nu, augmented_nu, fed_nu
         )
 
 
-def _full(pairs: np.ndarray, augmented: np.ndarray) -> np.ndarray:
+def _full_matrix(pairs: np.ndarray, augmented: np.ndarray) -> np.ndarray:
     """(..., n, n) in the coordinates of the modes."""
     q, n = pairs.shape[-1], augmented.shape[-1]
     full, a = np.zeros((*augmented.shape[:-2], n, n)), np.arange(q)
@@ -75,7 +77,7 @@ def _full(pairs: np.ndarray, augmented: np.ndarray) -> np.ndarray:
     return full
 
 
-def wider(array: np.ndarray, count: int, *axes: int) -> np.ndarray:
+def pad_zeros(array: np.ndarray, count: int, *axes: int) -> np.ndarray:
     """With as many more zeros along some axes, numbered from the last."""
     return np.pad(array, [(0, count if axis - array.ndim in axes else 0) for axis in range(array.ndim)])
 
@@ -114,12 +116,16 @@ class LinearModels:
         (B, m, n), p1 = self.H.shape, self.F.shape[-1]
         d, f = len(self.D), len(self.U)
         sizes = {"B": B, "m": m, "n": n, "p": p1, "d": d, "f": f}
-        agree(self.motion, "basis Bnn", sizes)
-        agree(self, "Q Bnn, F Bmp, D dmn, E dmp, offset dm, B dmf, U fn, W fp, about d, shift Bd, fixed_slope d", sizes)
+        check_shapes(self.motion, "basis Bnn", sizes)
+        check_shapes(
+            self, "Q Bnn, F Bmp, D dmn, E dmp, offset dm, B dmf, U fn, W fp, about d, shift Bd, fixed_slope d", sizes
+        )
 
     @cached_property
     def A(self) -> np.ndarray:
-        return np.asarray(self.motion.basis @ _full(self.motion.pairs, self.motion.augmented) @ self.motion.inverse)
+        return np.asarray(
+            self.motion.basis @ _full_matrix(self.motion.pairs, self.motion.augmented) @ self.motion.inverse
+        )
 
     @cached_property
     def G(self) -> np.ndarray:
@@ -128,7 +134,7 @@ class LinearModels:
     @cached_property
     def A_nu(self) -> np.ndarray:
         basis, inverse = self.motion.basis[:, None], self.motion.inverse[:, None]
-        return np.asarray(basis @ _full(self.motion.pairs_nu, self.motion.augmented_nu) @ inverse)
+        return np.asarray(basis @ _full_matrix(self.motion.pairs_nu, self.motion.augmented_nu) @ inverse)
 
     @cached_property
     def G_nu(self) -> np.ndarray:
@@ -184,7 +190,7 @@ def compilable(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.require(each, requirements=("C", "W")) for each in arrays)
 
 
-def agree(arrays: Any, shapes: str, sizes: dict[str, int]) -> None:
+def check_shapes(arrays: Any, shapes: str, sizes: dict[str, int]) -> None:
     """Raises ValueError where an array has not the shape that it should have, as "name letters, …" with the size of every letter:
     compiled loops do not look where they write."""
     for name, letters in (each.split() for each in shapes.split(", ")):
@@ -227,7 +233,7 @@ class Filters:
     def states(self) -> States:
         """As they are, at one instant; by the gains that consider ν, where there are some."""
         parts = (self.x_c, self.P_c, self.V_c) if self.x_c.size else (self.x, self.P, self.V)
-        x, P, V = _of_states(self.basis, *(each[:, None] for each in parts))
+        x, P, V = _to_states(self.basis, *(each[:, None] for each in parts))
         return States(x, P, V, self.nu[:, None].copy(), self.left[:, None].copy())
 
     def copy(self) -> Filters:
@@ -238,7 +244,7 @@ class Filters:
 R = TypeVar("R")
 
 
-def joined(parts: Sequence[R], axis: int = 0) -> R:
+def concatenate(parts: Sequence[R], axis: int = 0) -> R:
     """Parts of one kind as one, every array joined along an axis, or the AXIS of the kind, but for what the parts have in
     common (`SHARED`)."""
     first: Any = parts[0]
@@ -248,13 +254,13 @@ def joined(parts: Sequence[R], axis: int = 0) -> R:
         values = [getattr(part, name) for part in parts]
         if values[0] is None:
             return None
-        return joined(values, axis) if is_dataclass(values[0]) else np.concatenate(values, axis=axis)
+        return concatenate(values, axis) if is_dataclass(values[0]) else np.concatenate(values, axis=axis)
 
     shared = getattr(first, "SHARED", ())
     return replace(first, **{entry.name: one(entry.name) for entry in fields(first) if entry.name not in shared})
 
 
-def _of_states(
+def _to_states(
     basis: np.ndarray, x: np.ndarray, P: np.ndarray, V: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x = T z (B, L, n), P (B, L, n, n) and V (B, L, d, n) of the states, of those in the coordinates of the modes."""
@@ -310,7 +316,7 @@ class Passage:
     slope: np.ndarray
 
 
-def filters_of(
+def build_filters(
     models: LinearModels, x: np.ndarray, covariance: np.ndarray, V: np.ndarray, consider: bool = False
 ) -> Filters:
     """B filters that begin with x (B, n), V (B, d, n) and one covariance (n, n); consider: with gains that do, as well."""
@@ -347,8 +353,8 @@ def advance(
     L, d, second = len(data.samples), models.considered_count, len(filters.x_c)
     saved, whole = L if keep else 0, L if keep and states else 0
     sizes = {"B": B, "c": B if second else 0, "d": d, "m": m, "n": n, "L": L, "p": models.motion.fed.shape[-1]}
-    agree(filters, "x Bn, P Bnn, V Bdn, x_c cn, P_c cnn, V_c cdn", sizes)
-    agree(data, "known Lp, known_end Le, samples Lm, noise Lm, discrepancy m", sizes | {"e": models.F.shape[-1]})
+    check_shapes(filters, "x Bn, P Bnn, V Bdn, x_c cn, P_c cnn, V_c cdn", sizes)
+    check_shapes(data, "known Lp, known_end Le, samples Lm, noise Lm, discrepancy m", sizes | {"e": models.F.shape[-1]})
     if len(less) and less.shape != (L, d):
         raise ValueError(f"the information has shape {less.shape}, expected {(L, d)}")
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
@@ -371,5 +377,5 @@ def advance(
         with ThreadPoolExecutor(len(spans)) as pool:
             list(pool.map(part, spans))
     if whole:
-        x, P, V = _of_states(models.motion.basis, x, P, V)
+        x, P, V = _to_states(models.motion.basis, x, P, V)
     return Passage(fit, States(x, P, V, nu, left), *ahead)

@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.mixture import PosteriorWeights
-from strainsight.estimation.parallel_filters import joined
+from strainsight.estimation.parallel_filters import concatenate
 from strainsight.mesh.unjoined import component_labels
 
 SPACING = 1.0
@@ -247,7 +247,7 @@ def _build_and_filter(
         log_weight, edge = np.concatenate([part.log_weight for part in parts]), grid.edge
         heavy = edge & (log_weight > log_weight.max() - DEPTH)
         if not heavy.any():
-            return parts[0] if len(parts) == 1 else replace(joined(parts), cover=grid)
+            return parts[0] if len(parts) == 1 else replace(concatenate(parts), cover=grid)
         best = int(np.argmax(log_weight))
         outside = outside + 1 if edge[best] else 0
         if outside > PATIENCE:
@@ -302,7 +302,7 @@ def build_next_grid(construction: GridConstruction[S], now: S) -> S:
             other = np.concatenate([other, construction.peak_points])
         now = _build_and_filter(construction, mean, covariance, now.step, other)
         if share == 1.0:
-            return _sharpened(construction, now, other)
+            return _refine_grid(construction, now, other)
     raise NumericalError(
         f"the posterior of the parameters is not resolved after {MOST_LAID} grid refinements",
         remedy="increase the noise of the gauges, or reduce the initial standard deviation of the parameters",
@@ -328,7 +328,7 @@ def _spread(
     return mean, plain, least(plain)
 
 
-def _sharpened(construction: GridConstruction[S], now: S, other: np.ndarray) -> S:
+def _refine_grid(construction: GridConstruction[S], now: S, other: np.ndarray) -> S:
     """The grid refined to its highest peak, as far as MOST_FINE allows."""
     for _ in range(MOST_LAID):
         narrow = now.cover.width(now.log_weight).min(initial=np.inf) * SPACING**2

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.grid_filter_points import GridProblem, about_samples, filtered_at
+from strainsight.estimation.grid_filter_points import GridProblem, filter_points, linearise_about_samples
 from strainsight.estimation.parameter_grid import ParameterGrid, one_point, scattered_points
 from strainsight.estimation.record import GridRecord
 from strainsight.estimation.reduced import LOST
@@ -55,7 +55,7 @@ class PosteriorPeak:
     about: np.ndarray | None = None
 
 
-def peak_of(record: GridRecord) -> PosteriorPeak:
+def find_peak(record: GridRecord) -> PosteriorPeak:
     """The most likely parameters of a record, and its evidence:
 
         ln p(y) ≈ ln p(y, p̂) + ½ ln det Σ − ½ ln det P₀,     Σ⁻¹ = −∂² ln p(y, p)/∂p² at its largest value p̂
@@ -65,32 +65,32 @@ def peak_of(record: GridRecord) -> PosteriorPeak:
     in the damping: the search is done again, linear about the damping that the samples speak for.
     """
     problem = GridProblem((record,))
-    peak = _best(peaks_of_problem(problem))
+    peak = _best(find_peaks(problem))
     if record.settled is None or not problem.bilinear:
         return peak
     for _ in range(AGAIN):
-        here = filtered_at(problem, one_point(peak.point), problem.first[-1])
-        again = about_samples(problem, peak.point, here.states.nu[0, 0] + here.models.about)
+        here = filter_points(problem, one_point(peak.point), problem.first[-1])
+        again = linearise_about_samples(problem, peak.point, here.states.nu[0, 0] + here.models.about)
         if again is problem:
             break
         problem, before = again, peak.evidence
-        refined = _refined(density_of(problem), *problem.prior, peak.point, resonance_widths(problem.records) / 8)
+        refined = _refine(density_of(problem), *problem.prior, peak.point, resonance_widths(problem.records) / 8)
         peak = replace(refined, about=problem.records[0].considered.about)
         if abs(peak.evidence - before) <= NOTICED:
             break
     return peak
 
 
-def peak_of_records(records: Sequence[GridRecord]) -> PosteriorPeak:
+def find_common_peak(records: Sequence[GridRecord]) -> PosteriorPeak:
     """The same of records that share their parameters and ν, as of `filter_records`."""
-    return _best(peaks_of_problem(GridProblem(tuple(records))))
+    return _best(find_peaks(GridProblem(tuple(records))))
 
 
 def _best(peaks: Sequence[PosteriorPeak]) -> PosteriorPeak:
     return max(peaks, key=lambda peak: peak.evidence)
 
 
-def peaks_of_problem(problem: GridProblem) -> list[PosteriorPeak]:
+def find_peaks(problem: GridProblem) -> list[PosteriorPeak]:
     """Where the posterior at the end of all records is largest, and other peaks that were tried."""
     centre, prior = problem.prior
     density = density_of(problem)
@@ -98,12 +98,12 @@ def peaks_of_problem(problem: GridProblem) -> list[PosteriorPeak]:
         value = float(density(centre[None])[0])
         return [PosteriorPeak(centre, value, value)]
     grid = build_scan_grid(centre, prior, resonance_widths(problem.records), RADIUS)
-    starts = _scanned(grid, density, problem.first[-1])
+    starts = _scan(grid, density, problem.first[-1])
     peaks: list[PosteriorPeak] = []
     for start, value in starts:
         # a peak stands as far above its grid point as the first one, or a few times as far
         if not peaks or value + RISE * (peaks[0].density - starts[0][1]) + DEPTH >= max(peak.density for peak in peaks):
-            peaks.append(_refined(density, centre, prior, start, 0.5 * grid.step))
+            peaks.append(_refine(density, centre, prior, start, 0.5 * grid.step))
     return peaks
 
 
@@ -111,7 +111,7 @@ def density_of(problem: GridProblem) -> Density:
     """Of the parameters, by filters from the start of the first record on."""
 
     def density(point: np.ndarray, steps: int = problem.first[-1]) -> np.ndarray:
-        value = filtered_at(problem, scattered_points(point), steps).log_weight
+        value = filter_points(problem, scattered_points(point), steps).log_weight
         return np.where(np.isfinite(value), value, -np.finfo(float).max)
 
     return density
@@ -130,7 +130,7 @@ def best_points(point: np.ndarray, density: Density, steps: int) -> tuple[np.nda
     return which, value
 
 
-def _scanned(grid: ParameterGrid, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:
+def _scan(grid: ParameterGrid, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:
     """The highest points (k,) of a lattice that are not neighbours, at most MOST_STARTS, each with ln of its density, highest
     first."""
     which, value = best_points(grid.point, density, steps)
@@ -141,7 +141,7 @@ def _scanned(grid: ParameterGrid, density: Density, steps: int) -> list[tuple[np
     return [(grid.point[which[i]], float(value[i])) for i in starts[:MOST_STARTS]]
 
 
-def _refined(
+def _refine(
     density: Density, centre: np.ndarray, prior: np.ndarray, start: np.ndarray, step: np.ndarray
 ) -> PosteriorPeak:
     """Newton's method from a point (k,), with differences over `step` (k,) at first. A move to a lower point is taken back, and

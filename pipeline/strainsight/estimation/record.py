@@ -53,7 +53,7 @@ def periodic_start(model: FilterModel, models: LinearModels, settled: Settled) -
     return X[..., 0].real.sum(axis=1), np.swapaxes(slope.real.sum(axis=1), 1, 2)
 
 
-def beginning(
+def start_filters(
     model: FilterModel, models: LinearModels, mean: np.ndarray, covariance: np.ndarray, settled: Settled | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Filters at t = 0: x (B, n), P (n, n), and V (B, d, n), the error x̂ − x per unit ν.
@@ -80,7 +80,7 @@ def start_errors(
     n = model.parameter_states.start
     k = model.size - n
     ends = DIFFERENCE * np.concatenate([np.zeros((1, k)), *(step * np.eye(k) for step in (-2, -1, 1, 2))])
-    x, _, V = beginning(model, linear_models(model, ends, considered), np.zeros(n), covariance[:n, :n], settled)
+    x, _, V = start_filters(model, linear_models(model, ends, considered), np.zeros(n), covariance[:n, :n], settled)
     far, near, nearer, farther = x[1:].reshape(4, k, n)
     by_parameters = (8 * (nearer - near) - (farther - far)) / (12 * DIFFERENCE)
     P = covariance if settled is None else _about(covariance, settled)
@@ -146,8 +146,8 @@ class GridRecord:
         return self.mean[at], self.covariance[np.ix_(at, at)]
 
     def begun(self, models: LinearModels) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `beginning`."""
-        return beginning(self.model, models, *self.start, self.settled)
+        """As `start_filters`."""
+        return start_filters(self.model, models, *self.start, self.settled)
 
     def known_at(self, point: np.ndarray) -> GridRecord:
         """The record with parameters fixed at a point (k,)."""

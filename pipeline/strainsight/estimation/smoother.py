@@ -21,7 +21,7 @@ from strainsight.estimation.update import (
     predict_factor,
     standard_deviation,
     symmetric,
-    transposed,
+    transpose,
     update_factor,
 )
 from strainsight.rom.modal_step import HOLD
@@ -168,10 +168,10 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
             K, L = gain(predict(P, A, process), H, R, instant=run.time[k])
             whitened_rows = np.linalg.solve(L, np.broadcast_to(H, (b, channels, size)))
             left = np.eye(size) - K @ H
-            adjoint = apply(transposed(left), adjoint) - apply(transposed(whitened_rows), whitened[k - 1])
-            information = transposed(left) @ information @ left + transposed(whitened_rows) @ whitened_rows
-        adjoint = apply(transposed(A), adjoint)
-        information = symmetric(transposed(A) @ information @ A)
+            adjoint = apply(transpose(left), adjoint) - apply(transpose(whitened_rows), whitened[k - 1])
+            information = transpose(left) @ information @ left + transpose(whitened_rows) @ whitened_rows
+        adjoint = apply(transpose(A), adjoint)
+        information = symmetric(transpose(A) @ information @ A)
     return Smoothed(run.time, mean, np.broadcast_to(std, mean.shape), smoothed)
 
 
@@ -198,7 +198,7 @@ def smooth_first(model: StepModel, run: FilterRun) -> Smoothed:
         F = covariance_factor(_require_kept(run.covariance)[k, 0])
         if k < steps:
             M, z = _back(model, run, k, F, M, z)
-        e, unit = _eliminated(np.vstack([M @ F, np.eye(F.shape[1])]), np.concatenate([z, np.zeros(F.shape[1])]))
+        e, unit = _eliminate(np.vstack([M @ F, np.eye(F.shape[1])]), np.concatenate([z, np.zeros(F.shape[1])]))
         mean[k, 0] = run.mean[k, 0] + F @ solve_triangular(unit, e)
         std[k, 0] = np.linalg.norm(solve_triangular(unit, F.T, trans="T"), axis=0)
     return Smoothed(run.time, mean, std, None)
@@ -225,11 +225,11 @@ def _back(
     r = noise.shape[1]
     # large rows first: what orthogonal steps lose is small beside the first ones
     rows = np.vstack([np.hstack([N @ noise, N @ A]), np.eye(r, r + len(A))])
-    rotated, triangle = _eliminated(rows, np.concatenate([s, np.zeros(r)]))
+    rotated, triangle = _eliminate(rows, np.concatenate([s, np.zeros(r)]))
     return triangle[r:, r:], rotated[r:]
 
 
-def _eliminated(rows: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _eliminate(rows: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Qᵀ right and the triangle of rows = Q × triangle, at most as many rows as columns."""
     triangle = np.asarray(np.linalg.qr(np.column_stack([rows, right]), mode="r"))[: rows.shape[1]]
     return triangle[:, -1], triangle[:, :-1]

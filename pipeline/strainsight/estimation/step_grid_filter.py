@@ -97,7 +97,7 @@ def filter_constants(
     """
     _refuse_known(problem)
     construction = GridConstruction[WeightedHistories](
-        problem.prior, lambda grid, step: _followed(problem, samples, grid, step),
+        problem.prior, lambda grid, step: _run_filters(problem, samples, grid, step),
         lambda point: _refuse_far(problem, point), MOST_POINTS,
     )  # fmt: skip
     now, grid_count, T, n = build_first_grid(construction), 1, len(samples), len(problem.mean)
@@ -107,7 +107,7 @@ def filter_constants(
     joint[0] = problem.covariance[np.ix_(problem.position, problem.position)]
 
     def mix(span: slice, points: WeightedHistories, log_weight: np.ndarray) -> None:
-        moments = _mixed(problem, points, span, log_weight)
+        moments = _mix(problem, points, span, log_weight)
         mean[span], variance[span], joint[span], nis[span.start - 1 : span.stop - 1] = moments
 
     while now.step < T:
@@ -115,7 +115,7 @@ def filter_constants(
             progress(now.step)
         first = now.step
         if first == len(now.histories.fit):
-            now = _followed(problem, samples, now.cover, first)
+            now = _run_filters(problem, samples, now.cover, first)
         after = now.prior + np.cumsum(now.histories.fit, axis=0)[first:]
         alive = int(np.append(np.isfinite(after.max(axis=1)), False).argmin())
         if not alive:
@@ -133,7 +133,7 @@ def filter_constants(
     return StepGridRun(mean, std, joint, nis, now.cover.point, w, grid_count, without)
 
 
-def _followed(problem: StepGridProblem, samples: np.ndarray, grid: ParameterGrid, step: int) -> WeightedHistories:
+def _run_filters(problem: StepGridProblem, samples: np.ndarray, grid: ParameterGrid, step: int) -> WeightedHistories:
     """The filters at the points of a lattice after `step` steps, from the start, and AHEAD times as many, for the next ones."""
     point = grid.point
     x, P = problem.begin(point)
@@ -157,7 +157,7 @@ def _followed(problem: StepGridProblem, samples: np.ndarray, grid: ParameterGrid
     return now
 
 
-def _mixed(
+def _mix(
     problem: StepGridProblem, now: WeightedHistories, span: slice, log_weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Mean and variance (L, n), joint covariance (L, q, q) and NIS (L,) at the instants of a span, points weighed by log_weight

@@ -15,7 +15,7 @@ Form = Literal["joseph", "square_root"]
 
 def predict(P: np.ndarray, A: np.ndarray, Q: np.ndarray) -> np.ndarray:
     """P⁻ = A P Aᵀ + Q  (1.57), symmetrised; P, A (b, n, n), Q the covariance added in the step."""
-    return symmetric(A @ P @ transposed(A) + Q)
+    return symmetric(A @ P @ transpose(A) + Q)
 
 
 def whitened_gain(
@@ -27,7 +27,7 @@ def whitened_gain(
     Raises NumericalError, with the instant [s], where S is not positive definite.
     """
     HP = H @ P
-    S = symmetric(HP @ transposed(H))
+    S = symmetric(HP @ transpose(H))
     if R.ndim == 3:
         S += R
     else:
@@ -37,13 +37,13 @@ def whitened_gain(
         L = np.linalg.cholesky(S)
     except np.linalg.LinAlgError as error:
         raise _indefinite(instant) from error
-    return transposed(np.linalg.solve(L, HP)), L
+    return transpose(np.linalg.solve(L, HP)), L
 
 
 def gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float = np.nan) -> tuple[np.ndarray, np.ndarray]:
     """Kalman gain K = PHᵀS⁻¹ (1.58) and the Cholesky factor L of S = HPHᵀ + R = LLᵀ; as `whitened_gain`."""
     G, L = whitened_gain(P, H, R, instant)
-    return transposed(np.linalg.solve(transposed(L), transposed(G))), L
+    return transpose(np.linalg.solve(transpose(L), transpose(G))), L
 
 
 def schmidt_gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, V: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -53,8 +53,8 @@ def schmidt_gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, V: np.ndarray, slo
     error of the states, slope ε (b, m, d) to the innovation. Returns K (b, n, m).
     Source: Schmidt, Advances in Control Systems 3 (1966).
     """
-    S = H @ P @ transposed(H) + slope @ transposed(slope) + R[..., None] * np.eye(R.shape[-1])
-    return transposed(np.linalg.solve(S, H @ P - slope @ V))
+    S = H @ P @ transpose(H) + slope @ transpose(slope) + R[..., None] * np.eye(R.shape[-1])
+    return transpose(np.linalg.solve(S, H @ P - slope @ V))
 
 
 def joseph(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -63,15 +63,15 @@ def joseph(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple
     Source: Bucy and Joseph, Filtering for Stochastic Processes (1968).
     """
     G, L = whitened_gain(P, H, R, instant)
-    K = transposed(np.linalg.solve(transposed(L), transposed(G)))
-    return corrected(P, K, H, R), G, L
+    K = transpose(np.linalg.solve(transpose(L), transpose(G)))
+    return joseph_update(P, K, H, R), G, L
 
 
-def corrected(P: np.ndarray, K: np.ndarray, H: np.ndarray, R: np.ndarray) -> np.ndarray:
+def joseph_update(P: np.ndarray, K: np.ndarray, H: np.ndarray, R: np.ndarray) -> np.ndarray:
     """(I − KH)P(I − KH)ᵀ + KRKᵀ, the covariance after an update by any gain K (b, n, m), symmetrised; R as of `whitened_gain`."""
     left = np.eye(P.shape[-1]) - K @ H
     KR = K @ R if R.ndim == 3 else K * R[..., None, :]
-    return symmetric(left @ P @ transposed(left) + KR @ transposed(K))
+    return symmetric(left @ P @ transpose(left) + KR @ transpose(K))
 
 
 def predict_factor(F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray) -> np.ndarray:
@@ -116,10 +116,10 @@ def update_factor(F: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -
     else:
         array[:, range(m), range(m)] = np.sqrt(R)
     array[:, :, m:] = H @ F
-    theta, upper = np.linalg.qr(transposed(array), mode="complete")
+    theta, upper = np.linalg.qr(transpose(array), mode="complete")
     after = F @ theta[:, m:]
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[:, None, :]
-    L, G = transposed(upper[:, :m]) * sign, after[:, :, :m] * sign
+    L, G = transpose(upper[:, :m]) * sign, after[:, :, :m] * sign
     if not np.all(np.diagonal(L, axis1=-2, axis2=-1) > 0):
         raise _indefinite(instant)
     return after[:, :, m:], G, L
@@ -182,19 +182,19 @@ def apply(C: np.ndarray, x: np.ndarray) -> np.ndarray:
     return (C @ x[..., None])[..., 0]
 
 
-def transposed(X: np.ndarray) -> np.ndarray:
+def transpose(X: np.ndarray) -> np.ndarray:
     """X with its last two axes exchanged."""
     return X.swapaxes(-1, -2)
 
 
 def symmetric(X: np.ndarray) -> np.ndarray:
     """(X + Xᵀ)/2."""
-    return 0.5 * (X + transposed(X))
+    return 0.5 * (X + transpose(X))
 
 
 def _lower(X: np.ndarray) -> np.ndarray:
-    R = np.asarray(np.linalg.qr(transposed(X), mode="r"))
-    return transposed(R)
+    R = np.asarray(np.linalg.qr(transpose(X), mode="r"))
+    return transpose(R)
 
 
 def _indefinite(instant: float) -> NumericalError:
@@ -249,7 +249,7 @@ class SquareRoot:
 
     @property
     def covariance(self) -> np.ndarray:
-        return self.factor @ transposed(self.factor)
+        return self.factor @ transpose(self.factor)
 
     def predicted(self, step: Transition) -> SquareRoot:
         F = predict_factor(self._at_start(step), step.A, self._factor("process", step.process))

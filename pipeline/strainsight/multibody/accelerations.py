@@ -9,7 +9,7 @@ from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from strainsight.errors import NumericalError
 from strainsight.multibody.bodies import Carried, Frame, cross_matrix, inertia_load
-from strainsight.multibody.compiled.arrays import compiled
+from strainsight.multibody.compiled.arrays import compile_system
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED, natural_equations
 from strainsight.multibody.forces import Gravity, Load
 from strainsight.multibody.joints import Driven, DrivenRelation, Joint, driven_of
@@ -60,7 +60,7 @@ def balance(
     Every force but the moment is conjugate to relations ρ: f = ∇ρᵀF with F = −u for an input, −1 for the weight, F(ρ, ρ̇, θ)
     for an element, ρ̇ = ∇ρ v; ∂f/∂q = ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ vᵀ∇²ρ) + Σ F ∇²ρ, ∂f/∂v = ∇ρᵀ ∂F/∂ρ̇ ∇ρ.
     """
-    m, arrays = system.constrained, compiled(system)
+    m, arrays = system.constrained, compile_system(system)
     q, v, u, theta = (np.ascontiguousarray(x, dtype=float) for x in (q, v, u, theta))
     a, lam, mu = (
         np.zeros(size) if x is None else np.ascontiguousarray(x, dtype=float)
@@ -174,7 +174,7 @@ def instant(
         for i, (row, k) in enumerate(zip(drives.row, drives.which, strict=True)):
             bend[row] += p_rate[k] * (at.driven.gradient[i] @ v + at.driven.bend[i]) + at.driven.slope[i] * p_second[k]
     A, s = _matrix(system, at)
-    z = _solved(A, -np.concatenate([at.load * (1 / d), s * bend]))
+    z = _solve(A, -np.concatenate([at.load * (1 / d), s * bend]))
     lam, force = z[n:] * s, np.zeros(len(drives.names))
     if at.driven is not None:
         np.add.at(force, drives.which, -lam[drives.row] * at.driven.slope)
@@ -212,7 +212,7 @@ def instant_slopes(
     upper = np.hstack([at.stiffness, at.damping, by_u, by_theta]) / d[:, None]
     lower = np.zeros((m, upper.shape[1]))
     lower[:, :n], lower[:, n : 2 * n] = _bends(system, at, q, v, now.acceleration, u, p_second), 2 * at.B_rate
-    z = _solved(A, -np.vstack([upper, s[:, None] * lower]))[:n] / d[:, None]
+    z = _solve(A, -np.vstack([upper, s[:, None] * lower]))[:n] / d[:, None]
     return InstantSlopes(*np.split(z, np.cumsum([n, n, by_u.shape[1]]), axis=1))
 
 
@@ -259,7 +259,7 @@ def saddle(K: np.ndarray, B: np.ndarray) -> np.ndarray:
     return A
 
 
-def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """A⁻¹b, the smallest of the nearest where A is singular: by LU factors where these say that it is regular."""
     lu, order, failed = dgetrf(A)
     if failed == 0 and dgecon(lu, np.abs(A).sum(axis=0).max())[0] > 1e-9:
@@ -278,7 +278,7 @@ class ReadingSlopes:
     by_theta: np.ndarray
 
 
-def measured(
+def measure(
     system: System,
     sensors: CompiledSensors,
     q: np.ndarray,

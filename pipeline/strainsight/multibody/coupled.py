@@ -157,7 +157,7 @@ FINENESS = 2000
 """Frequencies that are tried."""
 
 
-def followed(frequencies: np.ndarray, h: float, method: Method) -> float:
+def resolved_frequency(frequencies: np.ndarray, h: float, method: Method) -> float:
     """Frequency of a load [Hz] below which its displacement in every undamped mode of frequencies (k,) [Hz] is within SHARE of
     the exact one, in steps of h [s]; never above the first mode, beside which no share holds."""
     first = float(np.min(frequencies))
@@ -167,7 +167,7 @@ def followed(frequencies: np.ndarray, h: float, method: Method) -> float:
     return float(tried[-1] if not len(failing) else tried[max(failing[0] - 1, 0)])
 
 
-def missed(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Method) -> np.ndarray:
+def load_error(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Method) -> np.ndarray:
     """Share (nu,) of the RMS of each load about its mean that the step gets wrong, 0 of a constant one:
 
         √(Σ e²|U|² / Σ |U|²),     e = min(1, error of the displacement in any mode),     U its spectrum in Hann's window

@@ -136,7 +136,7 @@ def simulate_controlled(
 
     def step(k: int, q: np.ndarray, v: np.ndarray) -> State:
         nonlocal largest, last, n, heaviest
-        heaviest, n = _straight(loads(k * h + h / SAMPLED * np.arange(SAMPLED + 1)), heaviest, n)
+        heaviest, n = _check_straight(loads(k * h + h / SAMPLED * np.arange(SAMPLED + 1)), heaviest, n)
 
         def through(count: int) -> Advance:
             """The step in so many equal parts."""
@@ -162,7 +162,7 @@ def simulate_controlled(
             if steps * off <= tolerance:
                 break
             if 2 * n >= FINEST:
-                raise _refused(k * h, h, 2 * n, off, unsolved)
+                raise _refusal(k * h, h, 2 * n, off, unsolved)
             coarse, n = fine, 2 * n
         assert fine is not None
         largest, last, parts[k] = whole, fine, 2 * n
@@ -173,7 +173,7 @@ def simulate_controlled(
     return Controlled(_run(system, (q0, v0), loads(h * np.arange(steps + 1)), h, step, progress), parts)
 
 
-def _straight(u: np.ndarray, heaviest: np.ndarray, parts: int) -> tuple[np.ndarray, int]:
+def _check_straight(u: np.ndarray, heaviest: np.ndarray, parts: int) -> tuple[np.ndarray, int]:
     """The largest loads (nu,) so far, and in how many parts, at least as many as these, u (SAMPLED + 1, nu) is straight."""
     largest = np.maximum(heaviest, np.abs(u).max(axis=0, initial=0.0))
     at = np.arange(len(u))
@@ -191,7 +191,7 @@ def _sizes(system: System, q: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.add.reduceat((system.metric * q) ** 2, system.starts)))
 
 
-def _refused(time: float, h: float, parts: int, off: float, unsolved: NumericalError | None) -> NumericalError:
+def _refusal(time: float, h: float, parts: int, off: float, unsolved: NumericalError | None) -> NumericalError:
     if unsolved is not None:
         return NumericalError(
             f"at t = {time:g} s, in {parts} parts of {h:g} s: {unsolved.what}", remedy=unsolved.remedy

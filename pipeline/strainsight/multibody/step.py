@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.accelerations import balance, element_load, unit_rows
 from strainsight.multibody.compiled import newton as iteration
-from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, TrialState, compiled
+from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, TrialState, compile_system
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
 from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages, step_slopes
 from strainsight.multibody.initial import check_regular
@@ -87,7 +87,7 @@ class StepProblem(NamedTuple):
     """What stages start from, q, v (n,), and under what: u (k, nu), θ, w (n,) or (0,)."""
 
     system: System
-    compiled: Compiled
+    compile_system: Compiled
     point: StepPoint
     q: np.ndarray
     v: np.ndarray
@@ -100,7 +100,7 @@ def problem_of(
     system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, w: np.ndarray | None
 ) -> StepProblem:
     """All as contiguous numbers."""
-    result = compiled(system)
+    result = compile_system(system)
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
     u, theta = np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float)
     w = NONE if w is None else np.ascontiguousarray(w, dtype=float)
@@ -136,7 +136,7 @@ def stages(
     return solution
 
 
-def solved(problem: StepProblem, h: float, result: Stages) -> tuple[EulerStep, ...]:
+def list_stages(problem: StepProblem, h: float, result: Stages) -> tuple[EulerStep, ...]:
     """The stages one by one."""
     return tuple(
         EulerStep(
@@ -174,7 +174,7 @@ def _lead(problem: StepProblem, h: float, first: _Trial, halvings: int) -> Euler
 def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
     result = stages(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q)))
     if result.ended == SOLVED:
-        return solved(problem, h, result)[0]
+        return list_stages(problem, h, result)[0]
     trial = result.q[0], result.v[0], result.mu[0], result.lam[0]
     raise _refusal(problem, h, trial, result.ended, int(result.iterations[0]))
 
@@ -301,7 +301,7 @@ def advance(
     past = _past(last, stage_step, len(inside), system.size)
     result = stages(problem, stage_step, carried, left_by(problem, guess), near, past)
     if result.ended == SOLVED:
-        return Advance(solved(problem, stage_step, result), result.past)
+        return Advance(list_stages(problem, stage_step, result), result.past)
     # each by itself, led there
     first = step(system, q, v, inside[0], stage_step, theta, w, guess)
     both: tuple[EulerStep, ...] = (first,)
@@ -390,7 +390,7 @@ def sensitivities(system: System, at: EulerStep) -> Sensitivities:
     state before its last correction. Valid off the constraints too: x_k may be any state, x_{k+1} is on them.
     Raises NumericalError where the matrix is singular.
     """
-    arrays, solution = compiled(system), TrialState(at.q, at.motion, at.mu, at.lam)
+    arrays, solution = compile_system(system), TrialState(at.q, at.motion, at.mu, at.lam)
     elastic = np.ascontiguousarray((system.stiffness_terms @ at.q + system.damping_terms @ at.v).T)
     point = arrays.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)
     regular, A, B_u, B_theta, B_w = step_slopes(

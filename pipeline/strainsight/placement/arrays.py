@@ -77,7 +77,7 @@ def place_arrays(
     Source: thesis, algorithm 2 and (5.14).
     """
     F, H, Q = (np.asarray(matrix, dtype=float) for matrix in (F, H, Q))
-    r, labels, at = _checked(F, H, Q, np.asarray(R, dtype=float), names, states, criterion)
+    r, labels, at = _check_inputs(F, H, Q, np.asarray(R, dtype=float), names, states, criterion)
     _check_rows("fixed", np.array(list(fixed), dtype=int), len(H))
     pairs = None if conflicts is None else np.asarray(conflicts, dtype=int)
     if pairs is not None and (pairs.ndim != 2 or pairs.shape[1] != 2):
@@ -207,7 +207,7 @@ def _check_rows(what: str, rows: np.ndarray, count: int) -> None:
         raise ConfigError(f"{what} contains row {outside[0]} of H", remedy=f"use rows from 0 to {count - 1}")
 
 
-def _checked(
+def _check_inputs(
     F: np.ndarray,
     H: np.ndarray,
     Q: np.ndarray,

@@ -15,7 +15,7 @@ from strainsight.placement.exchange import costs_of, gradients_of
 from strainsight.placement.increment import gauge_gradients
 from strainsight.placement.limits import Limits, Polytope, as_limits, cheapest
 from strainsight.placement.riccati import Loop, close_loop, information
-from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
+from strainsight.placement.scenario import Aggregate, Pool, aggregated, refine
 
 CLOSE = 1e-4
 """Share of the cost to which bound and relaxed cost have to agree."""
@@ -122,7 +122,7 @@ class _Relaxation:
     def evaluate(self, w: np.ndarray, temperature: float) -> tuple[float, np.ndarray, float, float]:
         """Objective, its gradient (pool,), the aggregate cost and the lower bound at w (pool,)."""
         self.used += 1
-        loops = [relaxed_loop(p, weighed_rows(p, w), P) for p, P in zip(self.pools, self.last, strict=True)]
+        loops = [relaxed_loop(p, weight_rows(p, w), P) for p, P in zip(self.pools, self.last, strict=True)]
         self.last = [loop.P for loop in loops]
         costs = costs_of(self.pools, loops)
         soft, levels, gradients = np.empty_like(costs), np.empty_like(costs), np.empty((len(costs), len(w)))
@@ -145,15 +145,15 @@ class _Relaxation:
         return float(value), slope, float(aggregated(costs, self.aggregate)), bound
 
 
-def weighed_rows(pool: Pool, w: np.ndarray) -> np.ndarray:
+def weight_rows(pool: Pool, w: np.ndarray) -> np.ndarray:
     """√w_g h_g (pool · c, n*), of which G = Σ_g w_g h_gᵀh_g."""
     return (pool.rows * np.sqrt(w)[:, None, None]).reshape(-1, pool.rows.shape[2])
 
 
 def relaxed_loop(pool: Pool, rows: np.ndarray, last: np.ndarray | None) -> Loop:
-    """The closed loop with `weighed_rows`; last: a covariance of weights nearby."""
+    """The closed loop with `weight_rows`; last: a covariance of weights nearby."""
     G = information(rows)
-    return close_loop(pool.scenario.F, G, refined(pool, G, last))
+    return close_loop(pool.scenario.F, G, refine(pool, G, last))
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def cut_at(pools: Sequence[Pool], w: np.ndarray, last: Sequence[np.ndarray] | No
     """
     loops = []
     for pool, P in zip(pools, [None] * len(pools) if last is None else last, strict=True):
-        rows = weighed_rows(pool, w)
+        rows = weight_rows(pool, w)
         if not detects(pool, rows):
             return None
         try:
@@ -255,7 +255,7 @@ def lowest(
         # count and floor are left to the sorting
         penalty[:2] = 0.0
     steep = np.tensordot(mu, slope, axes=2) + penalty @ A
-    least, chosen, rise = _sorted(steep, size, floor, left)
+    least, chosen, rise = _sort_rows(steep, size, floor, left)
     reduced, selected = np.full(len(free), np.inf), np.zeros(len(free), dtype=bool)
     reduced[places], selected[places] = rise, chosen
     weights = inside.astype(float)
@@ -282,7 +282,7 @@ def _binding(limits: Limits, places: np.ndarray, used: np.ndarray, floor: int) -
     return A / unit[:, None], b / unit
 
 
-def _sorted(steep: np.ndarray, size: np.ndarray, floor: int, left: int) -> tuple[float, np.ndarray, np.ndarray]:
+def _sort_rows(steep: np.ndarray, size: np.ndarray, floor: int, left: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Least of steep·v over 0 ≤ v ≤ 1, floor ≤ Σ size·v ≤ left; the gauges it takes; what the other choice of each adds."""
     if floor != left or np.any(size != 1):
         value, theta = cheapest(steep, size, floor, left)

@@ -19,7 +19,7 @@ from strainsight.placement.scenario import (
     Pool,
     aggregated,
     fewest_gauges,
-    refined,
+    refine,
 )
 from strainsight.placement.witness import Guard, Remaining
 
@@ -170,7 +170,7 @@ def known_to_go(step: RemovedGauge, gauge: int) -> Choice:
     increments, rises = [], []
     for pool, loop in zip(step.pools, step.loops, strict=True):
         rows = pool.stacked(step.left.without(at))
-        increments.append(refined(pool, information(rows), None) - loop.P)
+        increments.append(refine(pool, information(rows), None) - loop.P)
         rises.append(pool.metric.rise(loop.P, increments[-1]))
     rise = aggregated(step.costs + rises, step.aggregate) - aggregated(step.costs, step.aggregate)
     return Choice(gauge, at, increments, float(rise), ())
@@ -266,7 +266,7 @@ def _descend(
         left.remove(place.at)
         for i, (pool, D) in enumerate(zip(pools, place.increments, strict=True)):
             G = left.information(i)
-            P = refined(pool, G, loops[i].P + D)
+            P = refine(pool, G, loops[i].P + D)
             residual = max(residual, relative_residual(pool.scenario.F, pool.scenario.Q, G, P))
             loops[i] = close_loop(pool.scenario.F, G, P)
             costs[i] = pool.metric.value(P)

@@ -12,7 +12,7 @@ from strainsight.ordering import TIE, tied_order
 from strainsight.placement.increment import addition, gauge_gradients, removal
 from strainsight.placement.limits import Limits, Swaps, as_limits
 from strainsight.placement.riccati import Loop, close_loop, information
-from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, loop_of, loops_of, refined
+from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, loop_of, loops_of, refine
 
 
 def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggregate = "mean") -> np.ndarray:
@@ -45,7 +45,7 @@ def with_gauge(pools: Sequence[Pool], loops: Sequence[Loop], gauge: int) -> list
         block = pool.rows[gauge]
         G = loop.information.with_rows(block)
         P = loop.P + addition(pool.scenario.F, pool.scenario.Q, loop, block)
-        grown.append(close_loop(pool.scenario.F, G, refined(pool, G, P)))
+        grown.append(close_loop(pool.scenario.F, G, refine(pool, G, P)))
     return grown
 
 
@@ -134,7 +134,7 @@ def exchange(
             complete = not stopped
             break
         out, into, loops = result
-        chosen = _swapped(chosen, out, into)
+        chosen = _swap(chosen, out, into)
         swaps.append((out, into))
         costs.append(_cost(pools, loops, aggregate))
     return Exchange(chosen, np.array(costs), tuple(swaps), solves, complete)
@@ -186,14 +186,14 @@ def _first_gain(
             if solves + len(pools) > limit:
                 return None, solves, True
             out = int(movable[i])
-            swapped, number = _without(pools, grown, out, _swapped(chosen, out, into))
+            swapped, number = _without(pools, grown, out, _swap(chosen, out, into))
             solves += number
             if swapped is not None and _cost(pools, swapped, aggregate) < enough:
                 return (out, into, swapped), solves, False
     return None, solves, False
 
 
-def _swapped(chosen: np.ndarray, out: int, into: int) -> np.ndarray:
+def _swap(chosen: np.ndarray, out: int, into: int) -> np.ndarray:
     return np.sort(np.append(chosen[chosen != out], into))
 
 
@@ -204,7 +204,7 @@ def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: np.nd
         D = removal(s.F, s.Q, loop, pool.rows[out], partial(np.asarray, rows), pool.modes)
         if D is None:
             return None, number
-        swapped.append(loop_of(pool, rest, refined(pool, information(rows), loop.P + D)))
+        swapped.append(loop_of(pool, rest, refine(pool, information(rows), loop.P + D)))
     return swapped, len(pools)
 
 

@@ -286,7 +286,7 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     F, C, L = A.T, _triangle(H), _triangle(N.T).T
     for _ in range(MOST_DOUBLINGS):
         variance = np.sum(L**2, axis=1)
-        F, C, L = _doubled(F, C, L)
+        F, C, L = _double(F, C, L)
         grown = np.sum(L**2, axis=1) - variance
         # P⁻ grows, so each variance beside itself: a state that nothing but one noise reaches may dwarf the others
         if np.all(grown <= SETTLED * np.maximum(variance, NOT_REACHED**2 * variance.max())):
@@ -319,7 +319,7 @@ def factor_after(A: np.ndarray, H: np.ndarray, N: np.ndarray, start: np.ndarray,
             P = _triangle(np.hstack([L, F.T @ updated(P, C)]).T).T
         left //= 2
         if left:
-            F, C, L = _doubled(F, C, L)
+            F, C, L = _double(F, C, L)
     return updated(P, H)
 
 
@@ -329,7 +329,7 @@ def updated(L: np.ndarray, H: np.ndarray) -> np.ndarray:
     return np.asarray((L @ Vt.T) * _shrink_factors(s, len(Vt)))
 
 
-def _doubled(F: np.ndarray, C: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _double(F: np.ndarray, C: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same of twice as many steps."""
     U, s, Vt = np.linalg.svd(C @ L)
     m = len(s)

@@ -141,7 +141,7 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
 
 
-def solved(names: Sequence[str], scenario: Scenario) -> Pool:
+def solve_named_pool(names: Sequence[str], scenario: Scenario) -> Pool:
     """`solve_pool` as a task of a sweep."""
     return solve_pool(scenario, names)
 
@@ -192,10 +192,10 @@ def subset_covariance(pool: Pool, gauges: Gauges) -> np.ndarray | None:
     s = pool.scenario
     if undetectable_directions(s.F, rows, pool.modes).shape[1]:
         return None
-    return refined(pool, information(rows), None)
+    return refine(pool, information(rows), None)
 
 
-def refined(pool: Pool, G: Information, P: np.ndarray | None) -> np.ndarray:
+def refine(pool: Pool, G: Information, P: np.ndarray | None) -> np.ndarray:
     """P polished where its residual is above 1e-12; solved anew from None, or where polishing does not reach 1e-10."""
     s = pool.scenario
     if P is not None:

@@ -12,9 +12,9 @@ from strainsight.estimation.filter import filter_runs
 from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.initial import constraints_at, static_equilibrium
-from strainsight.multibody.inverse.linear import linearised
+from strainsight.multibody.inverse.linear import linearise
 from strainsight.multibody.inverse.parameters import (
-    followed,
+    follow_equilibrium,
     parameter_coordinates,
     rest_at,
     start_covariance,
@@ -87,7 +87,7 @@ def test_white_force_is_mass_times_acceleration():
 
 def test_linear_system_of_the_whole_bench_gives_the_static_response():
     b = bench()
-    T, M, _, K, B_u = linearised(b.system, b.q, np.zeros(3), b.theta)
+    T, M, _, K, B_u = linearise(b.system, b.q, np.zeros(3), b.theta)
     _, B, _ = constraints_at(b.system, b.q)
     assert np.abs(B @ T).max() < 1e-12 * np.abs(B).max() * np.abs(T).max()
     du = np.array([20.0, -10.0, 30.0])
@@ -167,8 +167,8 @@ def test_a_motion_that_becomes_free_on_the_way_is_refused_as_from_the_start():
     system = assemble(stones, rails, [known, unknown])
     q = np.tile(np.concatenate([np.zeros(3), np.eye(3).ravel()]), 2)
     rest = rest_at(system, q, np.zeros(0), np.array([50.0]))
-    assert followed(system, rest, np.zeros(0), np.array([1.0])).theta == 1.0
-    for seek, start in ((rest_at, q), (followed, rest)):
+    assert follow_equilibrium(system, rest, np.zeros(0), np.array([1.0])).theta == 1.0
+    for seek, start in ((rest_at, q), (follow_equilibrium, rest)):
         with pytest.raises(InfeasibleError, match="no stiffness restrains body loose"):
             seek(system, start, np.zeros(0), np.array([1e-11]))
 

@@ -8,18 +8,18 @@ from strainsight.compiled import kept
 from strainsight.estimation.compiled.vectors import (
     LOOPS,
     add_rows,
-    copied,
-    copied_matrix,
+    copy,
+    copy_matrix,
     count_differences,
     dot,
-    flushed,
+    flush,
+    is_steady,
     loop,
-    measured,
-    mirrored,
+    measured_channels,
+    mirror,
     product,
-    solved,
-    transposed,
-    unmoved,
+    solve,
+    transpose,
 )
 
 
@@ -38,14 +38,14 @@ def add_moved(x, pairs, augmented, out):  # type: ignore[no-untyped-def]
 
 
 @loop
-def moved_mean(x, pairs, augmented, G, w, ahead):  # type: ignore[no-untyped-def]
+def predict_mean(x, pairs, augmented, G, w, ahead):  # type: ignore[no-untyped-def]
     """x ← A x + G w."""
     n = len(x)
     for a in range(n):
         ahead[a] = dot(G[a], w)
     add_moved(x, pairs, augmented, ahead)
     for a in range(n):
-        x[a] = flushed(ahead[a])
+        x[a] = flush(ahead[a])
 
 
 @loop
@@ -66,7 +66,7 @@ def move_considered(x, V, pairs, augmented, pairs_nu, augmented_nu, G_nu, w, beh
     for a in range(n):
         add_rows(augmented[:, a], behind, d, V[a])
         for k in range(d):
-            V[a, k] = flushed(V[a, k])
+            V[a, k] = flush(V[a, k])
     for k in range(len(pairs_nu)):
         for a in range(q):
             V[a, k] -= pairs_nu[k, 0, a] * x[a] + pairs_nu[k, 1, a] * x[q + a]
@@ -78,7 +78,7 @@ def move_considered(x, V, pairs, augmented, pairs_nu, augmented_nu, G_nu, w, beh
 
 
 @loop
-def predicted(P, pairs, augmented, Q, half):  # type: ignore[no-untyped-def]
+def predict_covariance(P, pairs, augmented, Q, half):  # type: ignore[no-untyped-def]
     """P ← A P Aᵀ + Q, symmetric; half: work space for P Aᵀ."""
     n, q = len(P), pairs.shape[1]
     for a in range(n):
@@ -95,19 +95,19 @@ def predicted(P, pairs, augmented, Q, half):  # type: ignore[no-untyped-def]
                 P[a, b] += position * half[k, b] + rate * half[q + k, b]
         add_rows(augmented[:, a], half[2 * q :], a + 1, P[a])
         for b in range(a + 1):
-            P[a, b] = flushed(P[a, b])
-    mirrored(P)
+            P[a, b] = flush(P[a, b])
+    mirror(P)
 
 
 @loop
-def in_states(basis, z, out):  # type: ignore[no-untyped-def]
+def to_states(basis, z, out):  # type: ignore[no-untyped-def]
     """x = T z."""
     for a in range(len(z)):
         out[a] = dot(basis[a], z)
 
 
 @loop
-def corrected(x, V, nu, out):  # type: ignore[no-untyped-def]
+def correct_mean(x, V, nu, out):  # type: ignore[no-untyped-def]
     """x − Vᵀν: the states corrected by the estimate of ν."""
     for a in range(len(x)):
         out[a] = x[a] - dot(V[a], nu)
@@ -179,7 +179,7 @@ def update_considered(V, H, sensed, K, S, channels, whitened, nu, left, slope, W
 
 
 @loop
-def without(less, nu, left):  # type: ignore[no-untyped-def]
+def remove_bias(less, nu, left):  # type: ignore[no-untyped-def]
     """ν ← ν − Λ β, which removes the bias β; returns the increment of the log-likelihood, −βᵀν + βᵀΛβ/2."""
     d = len(nu)
     change = np.zeros(d)
@@ -195,7 +195,7 @@ def without(less, nu, left):  # type: ignore[no-untyped-def]
 def schmidt_update(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
     """Update by all channels with a sample, with the Schmidt-Kalman gain; V (n, d)."""
     n, d = V.shape
-    channels = measured(y)
+    channels = measured_channels(y)
     m = len(channels)
     Ph, slope, S, K = np.empty((m, n)), np.empty((m, d)), np.empty((m, m)), np.empty((m, n))
     innovation, less = np.empty(m), np.empty(m)
@@ -211,7 +211,7 @@ def schmidt_update(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-d
         for g in range(c + 1):
             S[c, g] = dot(H[channels[g]], Ph[c]) + dot(slope[c], slope[g])
         S[c, c] += R[channels[c]]
-    solved(S, K)
+    solve(S, K)
     add_rows(innovation, K, n, x)
     for a in range(n):
         for c in range(m):
@@ -263,7 +263,7 @@ def innovation_covariance(P, H, R, Ph, S):  # type: ignore[no-untyped-def]
 
 
 @loop
-def updated(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
+def update_covariance(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
     """P ← (I − k hᵀ) P (I − h kᵀ) + k r kᵀ, Joseph's form, symmetric but for rounding, with k ← P h/s; returns
     s = hᵀP h + r."""
     n = len(h)
@@ -283,7 +283,7 @@ def updated(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
 
 
 CALM = 20
-"""Steps without change (`unmoved`) after which a covariance counts as steady."""
+"""Steps without change (`is_steady`) after which a covariance counts as steady."""
 FILES = tuple(f"estimation/compiled/{name}.py" for name in ("filters", "vectors"))
 
 
@@ -312,25 +312,25 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
     z = np.empty(f)
     for i in span:
         x, P, K, S = xs[i], Ps[i], gains[i], variances[i]
-        transposed(Vs[i], V)
+        transpose(Vs[i], V)
         if len(xcs):
-            transposed(Vcs[i], V_c)
+            transpose(Vcs[i], V_c)
         for t in range(len(y)):
-            channels = measured(y[t])
+            channels = measured_channels(y[t])
             complete = len(channels) == m
             if not complete or (t > 0 and count_differences(R[t], R[t - 1]) > 0):
                 calms[i] = 0
             steady = calms[i] >= CALM
             for k in range(d):  # slopes in a ν with a reference other than zero are taken there
                 free[k] = nus[i, k] if about[k] == 0.0 else 0.0
-            corrected(x, V, free, likely)
+            correct_mean(x, V, free, likely)
             move_considered(likely, V, pairs[i], augmented[i], pairs_nu[i], augmented_nu[i], G_nu[i], known[t], behind)
-            moved_mean(x, pairs[i], augmented[i], G[i], known[t], row)
+            predict_mean(x, pairs[i], augmented[i], G[i], known[t], row)
             if not steady:
-                copied_matrix(P, before)
-                predicted(P, pairs[i], augmented[i], Q[i], work)
-            corrected(x, V, free, likely)
-            in_states(basis[i], likely, physical)
+                copy_matrix(P, before)
+                predict_covariance(P, pairs[i], augmented[i], Q[i], work)
+            correct_mean(x, V, free, likely)
+            to_states(basis[i], likely, physical)
             sense(physical, D, E, offset, acts, known_end[t], sensed)
             for j in range(f):
                 z[j] = nus[i, ahead_of_loads + j] * (dot(U[j], physical) + dot(W[j], known_end[t]))
@@ -340,7 +340,7 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
             ):  # a step that is kept may be the first of a steady filter
                 innovation_covariance(P, H[i], R[t], row, Ss[i])
             if whole:
-                copied_matrix(Ss[i], S_kept[i, t])
+                copy_matrix(Ss[i], S_kept[i, t])
                 for c in range(m):
                     y_kept[i, t, c] = dot(H[i, c], x) + dot(F[i, c], known_end[t])
                     for k in range(d):
@@ -353,7 +353,7 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
                 if np.isnan(y[t, c]):
                     continue
                 if not steady:
-                    S[c] = updated(P, H[i, c], R[t, c] + more[c], K[c], row, row2, work)
+                    S[c] = update_covariance(P, H[i, c], R[t, c] + more[c], K[c], row, row2, work)
                 innovation = y[t, c] - dot(F[i, c], known_end[t]) - dot(H[i, c], x)
                 for a in range(n):
                     x[a] += K[c, a] * innovation
@@ -363,17 +363,17 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
                 V, H[i], sensed, K, S, channels, whitened, nus[i], lefts[i], slope, gain, small
             )
             if len(less):
-                fits[i, t] += without(less[t], nus[i], lefts[i])
+                fits[i, t] += remove_bias(less[t], nus[i], lefts[i])
             if not steady:
-                mirrored(P)
-                calms[i] = calms[i] + 1 if complete and unmoved(P, before, row) else 0
+                mirror(P)
+                calms[i] = calms[i] + 1 if complete and is_steady(P, before, row) else 0
             if len(xcs):
                 move_considered(
                     xcs[i], V_c, pairs[i], augmented[i], pairs_nu[i], augmented_nu[i], G_nu[i], known[t], behind
                 )
-                moved_mean(xcs[i], pairs[i], augmented[i], G[i], known[t], row)
-                predicted(Pcs[i], pairs[i], augmented[i], Q[i], work)
-                in_states(basis[i], xcs[i], physical)
+                predict_mean(xcs[i], pairs[i], augmented[i], G[i], known[t], row)
+                predict_covariance(Pcs[i], pairs[i], augmented[i], Q[i], work)
+                to_states(basis[i], xcs[i], physical)
                 sense(physical, D, E, offset, acts, known_end[t], sensed)
                 schmidt_update(xcs[i], Pcs[i], V_c, H[i], F[i], known_end[t], y[t], R[t], sensed)
             if whole:
@@ -382,15 +382,15 @@ def take_steps(span, motion, reading, truncation, state, considering, data, keep
                 else:
                     keep_state(x, P, V, x_kept[i, t], P_kept[i, t], V_kept[i, t])
             if keeps:
-                copied(nus[i], nu_kept[i, t])
-                copied_matrix(lefts[i], left_kept[i, t])
-        transposed(V, Vs[i])
+                copy(nus[i], nu_kept[i, t])
+                copy_matrix(lefts[i], left_kept[i, t])
+        transpose(V, Vs[i])
         if len(xcs):
-            transposed(V_c, Vcs[i])
+            transpose(V_c, Vcs[i])
 
 
 @loop
 def keep_state(x, P, V, x_kept, P_kept, V_kept):  # type: ignore[no-untyped-def]
-    copied(x, x_kept)
-    copied_matrix(P, P_kept)
-    transposed(V, V_kept)
+    copy(x, x_kept)
+    copy_matrix(P, P_kept)
+    transpose(V, V_kept)

@@ -170,16 +170,16 @@ def campaign_of(
 
     # whether they are consistent with the model, and with each other
     turning = turning_of(structure, channels)
-    judgements, suspects = [], []
+    judgements, check_records = [], []
     for i, record in enumerate(filters):
 
         def checking(share: float, i: int = i) -> None:
             of = f" of {records[i].name}" * (len(records) > 1)
             progress(f"channels{of}", CHECKED + (FILTERED - CHECKED) * (i + share) / len(records))
 
-        suspects.append(build_check_record(structure, record, turning))
-        judgements.append(judgement_of(record.test, problem, suspects[-1], tolerances.discrepancy, checking))
-    together = None if len(records) == 1 else together_of(filters, suspects)
+        check_records.append(build_check_record(structure, record, turning))
+        judgements.append(judgement_of(record.test, problem, check_records[-1], tolerances.discrepancy, checking))
+    together = None if len(records) == 1 else together_of(filters, check_records)
     apart = together.words if together is not None and all(one.trusted for one in judgements) else ""
     if apart and not settings.accept:
         raise ContradictionError(

@@ -15,7 +15,7 @@ from strainsight.estimation.fault_evidence import CheckRecord, ShiftedMode
 from strainsight.estimation.faults import ANGLES, MARGIN, Explained, Fault, at_limit
 from strainsight.estimation.load_faults import ResidualPattern
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.peak import peak_of_records
+from strainsight.estimation.peak import find_common_peak
 from strainsight.estimation.record_check import RecordCheck, check_record
 from strainsight.experiment.recorded import delay_in_seconds
 from strainsight.experiment.structure.considered import build_considered, on_average, tolerated
@@ -138,11 +138,11 @@ class Judgement:
 
 
 def judgement_of(
-    test: Measured, problem: Problem, suspect: CheckRecord, discrepancy: float, progress: Callable[[float], None]
+    test: Measured, problem: Problem, checked_record: CheckRecord, discrepancy: float, progress: Callable[[float], None]
 ) -> Judgement:
     """Of a record and the grid filter that judges it, as `check_record` does; discrepancy: share of a reading that may be
     missed."""
-    check = check_record(suspect, discrepancy, progress)
+    check = check_record(checked_record, discrepancy, progress)
     finding, words, channels = check.finding, FaultInWords(test, check.stretch, problem.known), test.record.channels
     named = "" if finding.named is None else ": ".join(words.of(finding.named))
     # which of several it is has to be checked on the structure: the key of another one would hide it
@@ -372,7 +372,7 @@ class Together:
     words: str
 
 
-def together_of(filters: Sequence[RecordFilter], suspects: Sequence[CheckRecord]) -> Together:
+def together_of(filters: Sequence[RecordFilter], check_records: Sequence[CheckRecord]) -> Together:
     """Records and the grid filters that judge them one by one.
 
         ln p(y₁ … y_R) − Σᵣ ln p(yᵣ)
@@ -383,12 +383,14 @@ def together_of(filters: Sequence[RecordFilter], suspects: Sequence[CheckRecord]
     """
     unknowns = filters[0].problem.unknowns
 
-    def learning(suspect: CheckRecord, considered: ConsideredParameters) -> CheckRecord:
-        return replace(suspect, considered=replace(considered, learned=True))
+    def learning(checked_record: CheckRecord, considered: ConsideredParameters) -> CheckRecord:
+        return replace(checked_record, considered=replace(considered, learned=True))
 
-    peaks = [peak_of_records([learning(suspect, suspect.considered)]) for suspect in suspects]
+    peaks = [
+        find_common_peak([learning(checked_record, checked_record.considered)]) for checked_record in check_records
+    ]
     order = np.argsort([record.record for record in filters])
-    of_all = peak_of_records([learning(suspects[i], filters[i].considered) for i in order])
+    of_all = find_common_peak([learning(check_records[i], filters[i].considered) for i in order])
     values = {
         name: unknowns.guess[name] * np.exp([peak.point[i] for peak in (*peaks, of_all)])
         for i, name in enumerate(unknowns.parameters)

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError, blame
-from strainsight.estimation.conditional import ConsideredParameters, each_its_own
+from strainsight.estimation.conditional import ConsideredParameters, split_by_record
 from strainsight.estimation.consistency import Tuning, scale_noise, tune
 from strainsight.estimation.grid_filter import GridRun, filter_records
 from strainsight.estimation.grid_filter_smoother import smooth_on_grid
@@ -75,7 +75,7 @@ class RecordFilter:
     def considered(self) -> ConsideredParameters:
         """Of all records; what is zeroed anew acts in this one alone."""
         considered = build_considered(self.tolerances, self.model, self.test.channels, behind=True)
-        return each_its_own(considered, self.records, RENEWED)[self.record]
+        return split_by_record(considered, self.records, RENEWED)[self.record]
 
     @property
     def grid_record(self) -> GridRecord:

@@ -355,7 +355,7 @@ class Compiled:
 _compiled: WeakKeyDictionary[System, Compiled] = WeakKeyDictionary()
 
 
-def compiled(system: System) -> Compiled:
+def compile_system(system: System) -> Compiled:
     """The compiled form of a system, made once."""
     result = _compiled.get(system)
     if result is None:

@@ -11,7 +11,7 @@ TINY = float(np.finfo(float).tiny)
 
 
 @inner
-def scaled(s: Sparsity, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scale_terms(s: Sparsity, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """X̂ = h D⁻¹X D⁻¹, Â = h D⁻¹A D⁻¹ (in X and A); the matrix Z of
 
         D²(y/h − ζ) + … = X y − D²ζ + Jᵀμ = r₁,     K y + A ζ − Jᵀλ = r₂,     J_r y + J ζ = r₃,     J y = r₄
@@ -238,7 +238,7 @@ def substitute(Z: np.ndarray, low: np.ndarray, pivots: np.ndarray, last: np.ndar
 
 
 @inner
-def expanded(
+def expand_step(
     s: Sparsity, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, rows: np.ndarray, z: np.ndarray
 ) -> StateChange:
     """From the solution z (N, k) of Z."""

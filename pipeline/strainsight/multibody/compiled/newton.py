@@ -7,7 +7,7 @@ import numpy as np
 from strainsight.compiled import inner
 from strainsight.multibody.compiled.arrays import Arrays, Sparsity, StateChange, StepPoint, TrialState
 from strainsight.multibody.compiled.equations import BROKEN, NO_LOAD, SOLVED, equations
-from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
+from strainsight.multibody.compiled.matrix import expand_step, factorise, right_side, scale_terms, substitute
 
 INFINITE, SINGULAR, ENDLESS = 3, 4, 5
 """How an iteration ends beside SOLVED, NO_LOAD and BROKEN: not finite; singular; too many iterations."""
@@ -72,20 +72,20 @@ def newton(
             share *= 0.5
             if not begun or share < LEAST:
                 return state, iteration, trial
-            trial = moved(s, last, change, share)
+            trial = move_state(s, last, change, share)
             again = False
             continue
         size, of_all, failed = np.inf, np.inf, not np.isfinite(total(r1) + total(r2) + total(r3) + total(r4))
         if not failed:
             if not again:
-                Z, J, S = scaled(pattern, p.h, terms)
+                Z, J, S = scale_terms(pattern, p.h, terms)
                 regular, pivots, ends = factorise(Z, pattern.low)
                 if not regular:
                     return SINGULAR, iteration, trial
                 old_X, old_A = terms.X, terms.A
             rows, right = right_side(pattern, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
             substitute(Z, pattern.low, pivots, ends, right)
-            new = expanded(pattern, p.h, old_X, J, S, rows, right)
+            new = expand_step(pattern, p.h, old_X, J, S, rows, right)
             size, of_all = correction(s, p.h, trial, new)
             failed = not np.isfinite(size)
         if again and (failed or size > FAST * before):
@@ -97,12 +97,12 @@ def newton(
             share *= 0.5
             if share < LEAST:
                 return ENDLESS, iteration, trial
-            trial = moved(s, last, change, share)
+            trial = move_state(s, last, change, share)
             continue
         if failed:
             return INFINITE, iteration, trial
         change, last, begun = new, trial, True
-        trial = moved(s, trial, change, 1.0)
+        trial = move_state(s, trial, change, 1.0)
         if iteration == 1:
             usual = size <= min(SMALL, corrections[0], USUAL * corrections[2])
             corrections[2] = size
@@ -190,7 +190,7 @@ def cofactors(R: np.ndarray, C: np.ndarray) -> None:
 
 
 @inner
-def moved(s: Arrays, trial: TrialState, change: StateChange, share: float) -> TrialState:
+def move_state(s: Arrays, trial: TrialState, change: StateChange, share: float) -> TrialState:
     """The state a share of a correction further: R ← exp([ε]×) R, put back on the rotations to round-off."""
     body, q, y = s.body, trial.q.copy(), change.y
     turn = np.empty(3)

@@ -10,7 +10,7 @@ from strainsight.compiled import inner, kept
 from strainsight.multibody.compiled.arrays import Arrays, Moments, Sparsity, StepPoint, TrialState
 from strainsight.multibody.compiled.blocks import natural_motions, natural_velocity
 from strainsight.multibody.compiled.equations import FILES, SOLVED, equations
-from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
+from strainsight.multibody.compiled.matrix import expand_step, factorise, right_side, scale_terms, substitute
 from strainsight.multibody.compiled.newton import newton
 
 ROWS = 7
@@ -98,7 +98,7 @@ def solve_stages(
             q, v = near[0].copy(), near[1].copy()
             corrections[i, 0] = corrections[i, 1] = corrections[i, 2] = 0.0
         elif has_past:
-            ahead = foreseen(s.d, h, differences[i], known[i])
+            ahead = predict_stage(s.d, h, differences[i], known[i])
             for j in range(n):
                 v[j] = v0[j] + h * (rate[1, j] + ahead[1, j])
                 q[j] = q0[j] + h * (v[j] + rate[0, j] + ahead[0, j])
@@ -120,7 +120,7 @@ def solve_stages(
             for a in range(2):
                 change[a, j] = rate[a, j] - change[a, j]
         if has_past:
-            known[i] = noted(differences[i], known[i], change)
+            known[i] = store_differences(differences[i], known[i], change)
         has_past = True
         for j in range(n):
             q0[j] += carried * (q[j] - q0[j])
@@ -148,7 +148,7 @@ def goes_on(end: np.ndarray, q: np.ndarray, v: np.ndarray) -> bool:
 
 
 @inner
-def foreseen(d: np.ndarray, h: float, differences: np.ndarray, known: int) -> np.ndarray:
+def predict_stage(d: np.ndarray, h: float, differences: np.ndarray, known: int) -> np.ndarray:
     """The change (2, n) of e and a from the stage before: the sum of the differences up to the order at which it would have been
     nearest the last time, when the next difference was its error."""
     n = len(d)
@@ -167,7 +167,7 @@ def foreseen(d: np.ndarray, h: float, differences: np.ndarray, known: int) -> np
 
 
 @inner
-def noted(differences: np.ndarray, known: int, change: np.ndarray) -> int:
+def store_differences(differences: np.ndarray, known: int, change: np.ndarray) -> int:
     """Backward differences with one change (2, n) more, which becomes the last difference; how many are known now."""
     now: int = min(known + 1, len(differences))
     for r in range(now):
@@ -194,7 +194,7 @@ def step_slopes(
     tangents = nt > 0
     _, terms = equations(s, p, memory, solved, tangents)
     by_drive, TM = terms.by_drive, terms.TM
-    Z, J, S = scaled(pattern, h, terms)
+    Z, J, S = scale_terms(pattern, h, terms)
     columns = 2 * nt + 2 * nd
     r1, r2, r3, r4 = np.zeros((nt, columns)), np.zeros((nt, columns)), np.zeros((m, columns)), np.zeros((m, columns))
     for i in range(nt):
@@ -213,7 +213,7 @@ def step_slopes(
     regular, pivots, last = factorise(Z, pattern.low)
     if regular:
         substitute(Z, pattern.low, pivots, last, right)
-    y, zeta, _, _ = expanded(pattern, h, terms.X, J, S, rows, right)
+    y, zeta, _, _ = expand_step(pattern, h, terms.X, J, S, rows, right)
     whole = natural_rows(s.body, q, z, y, zeta)
     first, second = whole[:, :nt], whole[:, nt : 2 * nt]
     by_all, by_w = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))

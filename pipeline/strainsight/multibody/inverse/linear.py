@@ -67,7 +67,7 @@ def linear_bench(
 ) -> LinearBench:
     """The system about the equilibrium q (n,) under u (all inputs) and θ; inputs: places of the unknown ones; by_xi (nθ, p):
     ∂θ/∂ξ of the unknown parameters, whose columns B_ξ = −Tᵀ ∂f/∂θ ∂θ/∂ξ and increments follow those of the inputs."""
-    T, M, C, K, B = linearised(system, q, u, theta, by_xi)
+    T, M, C, K, B = linearise(system, q, u, theta, by_xi)
     B = np.hstack([B[:, list(inputs)], B[:, len(system.inputs) :]])
     bench = in_modes(T, M, C, K, B, np.asarray(increment, float), white_force(system, 1.0), h, method)
     return replace(bench, corrected=corrected, printed=printed)
@@ -95,7 +95,7 @@ def in_modes(
     return LinearBench(T @ modes, modes.T @ C @ modes, stiffness, modes.T @ B, increment, force, h, method)
 
 
-def linearised(
+def linearise(
     system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray, by_xi: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """T (n, r), M, C, K (r, r), B_u (r, nu) of small motions about an equilibrium q (n,) under u (nu,), θ (nθ,):

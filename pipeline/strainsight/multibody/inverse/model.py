@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.multibody.accelerations import measured, unit_rows
+from strainsight.multibody.accelerations import measure, unit_rows
 from strainsight.multibody.initial import constraints_at, nearest_state, static_equilibrium
 from strainsight.multibody.inverse.loads import LoadProcess
 from strainsight.multibody.inverse.parameters import ParameterCoordinates, Zero, static_response
-from strainsight.multibody.inverse.unmodelled_dynamics import Begun, Plant, Start, begun
+from strainsight.multibody.inverse.unmodelled_dynamics import Begun, Plant, Start, begin_step
 from strainsight.multibody.sensors import CompiledSensors
 from strainsight.multibody.step import Advance, Method, advance, slopes
 from strainsight.multibody.system import System
@@ -199,7 +199,7 @@ class AugmentedStep:
         u, (theta, by_xi) = np.array(self.known[k], dtype=float), self.coordinates.theta(x[self.xi])
         u[self.inputs] = x[self.u]
         second = np.zeros(len(self.system.drives.names)) if self.second is None else self.second[k]
-        reading = measured(self.system, sensors, x[self.q], x[self.v], u, theta, second)
+        reading = measure(self.system, sensors, x[self.q], x[self.v], u, theta, second)
         J[:, self.q], J[:, self.v], J[:, self.u] = reading.by_q, reading.by_v, reading.by_u[:, self.inputs]
         J[:, self.xi] = reading.by_theta @ by_xi
         return reading.y, J
@@ -308,7 +308,7 @@ class AugmentedStep:
         q, v = x[self.q], x[self.v]
         if rest:
             q, v = self._at_rest(run, q, u, theta), np.zeros_like(v)
-        self._begun[run] = begun(
+        self._begun[run] = begin_step(
             Plant(self.system, self.method, self.loads, self.inputs), self.coordinates, x, x[self.xi], k,
             Start(q, v, x[self.c], u, end, theta), (step.ahead[self.q], step.ahead[self.v]), rest, self._begun.get(run),
         )  # fmt: skip

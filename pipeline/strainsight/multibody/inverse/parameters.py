@@ -278,7 +278,7 @@ def zero_at_rest(
             theta, by_xi = coordinates.theta(xi)
             if answers:
                 near = min(answers, key=lambda known: float(np.abs(np.frombuffer(known) - xi).max(initial=0.0)))
-                rest = followed(system, answers[near][0], u, theta)
+                rest = follow_equilibrium(system, answers[near][0], u, theta)
             else:
                 rest = rest_at(system, q, u, theta)
             y, H, _ = sensors.read(rest.q, still, at_rest(system, u))
@@ -306,7 +306,7 @@ def rest_at(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> 
     return Equilibrium(theta, q, lam, static_response(system, q, u, theta)[1])
 
 
-def followed(system: System, known: Equilibrium, u: np.ndarray, theta: np.ndarray) -> Equilibrium:
+def follow_equilibrium(system: System, known: Equilibrium, u: np.ndarray, theta: np.ndarray) -> Equilibrium:
     """The equilibrium at θ (nθ,), from one that is known under the same loads u, by
 
         [K  −Bᵀ] [Δq  ∂q]     [f  ∂f/∂θ]

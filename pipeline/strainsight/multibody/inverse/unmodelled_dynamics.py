@@ -21,7 +21,7 @@ ROUNDING = 1e-12
 WIDTH = 1e-4
 """Of the differences by parameters, whose coordinates are logarithms, or µm of preload."""
 CHECKED = 4
-"""Every how many steps the error that is left of `linearised` is estimated anew: half of what its cost would be in each."""
+"""Every how many steps the error that is left of `linearise` is estimated anew: half of what its cost would be in each."""
 KEPT, CLOSE = 8, 0.05
 """How many steps a linearisation serves at most; twice as many as before where at its end it is off by less than CLOSE of σ of
 what no state tells, one where it is not."""
@@ -85,7 +85,7 @@ class Plant(NamedTuple):
     inputs: np.ndarray
 
 
-def linearised(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> Linearised:
+def linearise(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> Linearised:
     """Of the step of loads.h from `start`, linearised at `middle` (q, v), T its motions, M ÿ = f:
 
         f = f₀ − K y − C (ẏ − ẏ₀) + B (u(t) − u₀),   ċ = A c + w,   z = (y, ẏ),   (z, c)' = Φ (z, c) + …,   covariance Q
@@ -124,7 +124,7 @@ def linearised(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]
 
 
 def change_at(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """`StepError.change` (2n,) alone, of `linearised` with these arguments: a fifth of its cost."""
+    """`StepError.change` (2n,) alone, of `linearise` with these arguments: a fifth of its cost."""
     system, method, loads, _ = plant
     h = loads.h
     flow = _flow(plant, start, middle)
@@ -253,7 +253,7 @@ class Begun:
         return (None, None) if self.k != k else (None if self.left is None else self.left.noise, self.stale)
 
 
-def begun(
+def begin_step(
     plant: Plant,
     coordinates: ParameterCoordinates,
     x: np.ndarray,
@@ -284,7 +284,7 @@ def begun(
         if before is not None and old is not None and k < before.since + before.serves:
             left = replace(old.left, change=old.change(system, loads.h, start))
             return replace(before, k=k, x=x.copy(), left=left)
-        at = linearised(plant, start, middle)
+        at = linearise(plant, start, middle)
         left = at.left
         for j in range(0 if rest else p):
             moved = xi.copy()
