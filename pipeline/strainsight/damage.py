@@ -15,13 +15,11 @@ SIGNED_VON_MISES, PRINCIPAL = 0, 1
 
 
 def rainflow(signal: np.ndarray) -> np.ndarray:
-    """Cycles (c, 3) of a signal (T,): range, mean [both in its unit] and count, ½ or 1 [-].
-
-    Reversals are the first sample, peaks and valleys, and the last sample. A range that the next one is not smaller than is a
-    cycle, or half of one where it begins at the first reversal that is left; what remains at the end are half cycles.
-    Peaks between samples are not seen: of a sine of n samples a period a range is up to 1 − cos(π/n) too small.
-    Raises ValueError for NaN. Source: ASTM E1049-85 (2017), 5.4.4.
-    """
+    """Cycles (c, 3) of a signal (T,): range, mean [both in its unit] and count, ½ or 1 [-]. Reversals are the first sample,
+    peaks and valleys, and the last sample. A range that the next one is not smaller than is a cycle, or half of one where it
+    begins at the first reversal that is left; what remains at the end are half cycles. Peaks between samples are not seen: of
+    a sine of n samples a period a range is up to 1 − cos(π/n) too small. Raises ValueError for NaN. Source: ASTM E1049-85
+    (2017), 5.4.4."""
     values = np.ascontiguousarray(signal, dtype=float)
     if not np.isfinite(values).all():
         raise ValueError("the signal contains NaN")
@@ -153,11 +151,9 @@ def _one_number(stress, kind, out):  # type: ignore[no-untyped-def]
 @dataclass(frozen=True)
 class Curve:
     """N = N_ref (Δσ_ref/Δσ)^m down to the knee, N = N_k (Δσ_k/Δσ)^m₂ below it, and no damage at all below the cut-off.
-
     reference: Δσ_ref [Pa], a range (twice the amplitude), at N_ref = cycles; slope m [-]; knee N_k cycles, infinite for one
-    line; second m₂ [-], infinite for none of the damage below the knee; cut_off N cycles, infinite for none.
-    Two slopes and a cut-off are the curves of EN 1993-1-9 (3, 5; knee at 5e6, cut-off at 1e8).
-    """
+    line; second m₂ [-], infinite for none of the damage below the knee; cut_off N cycles, infinite for none. Two slopes and a
+    cut-off are the curves of EN 1993-1-9 (3, 5; knee at 5e6, cut-off at 1e8)."""
 
     reference: float
     cycles: float
@@ -246,10 +242,8 @@ def damage_of(signals: np.ndarray, curve: Curve, mean: MeanStress | None = None)
 
 
 def equivalent_range(moment: np.ndarray, curve: Curve, cycles: float) -> np.ndarray:
-    """Δσ_eq [Pa] of which N_eq = cycles do the same damage on a line of slope m without knee or cut-off:
-
-    Δσ_eq = (Σ nᵢ Δσᵢ^m / N_eq)^(1/m)
-    """
+    """Δσ_eq [Pa] of which N_eq = cycles do the same damage on a line of slope m without knee or cut-off: Δσ_eq = (Σ nᵢ Δσᵢ^m
+    / N_eq)^(1/m)"""
     return np.asarray(curve.reference * (moment / cycles) ** (1 / curve.slope))
 
 
@@ -281,12 +275,10 @@ class Interval:
 
 
 def interval_of(draws: np.ndarray) -> Interval:
-    """Of draws (N, ...), N ≥ FEWEST, by the order statistics of place q (N + 1).
-
-    Where the draws and the truth come from one distribution the truth lies below the k-th smallest of N draws with probability
-    k/(N + 1), whatever that is: the interval is exact for any N. Infinite draws are the largest there are; NaN stays NaN.
-    Raises ValueError for fewer draws. Source: Weibull (1939); Hyndman and Fan, The American Statistician 50 (1996), type 6.
-    """
+    """Of draws (N, ...), N ≥ FEWEST, by the order statistics of place q (N + 1). Where the draws and the truth come from one
+    distribution the truth lies below the k-th smallest of N draws with probability k/(N + 1), whatever that is: the interval
+    is exact for any N. Infinite draws are the largest there are; NaN stays NaN. Raises ValueError for fewer draws. Source:
+    Weibull (1939); Hyndman and Fan, The American Statistician 50 (1996), type 6."""
     if len(draws) < FEWEST:
         raise ValueError(f"an interval of 95 % needs at least {FEWEST} draws, not {len(draws)}")
     ordered = np.sort(draws, axis=0)

@@ -200,7 +200,7 @@ REFUSED = {
         "place.budget",
         "the cheapest gauges that detect every unknown cost 0.8, but place.budget is 0.7",
     ),
-    "too few": ({"keep": 1}, "place.keep", "the fewest of the pool that detect every unknown are 2"),
+    "too few": ({"keep": 1}, "place.keep", "the smallest set that detects every unknown has 2"),
     "too few in a zone": (
         {"keep": 2, "zones": [("place.at_most.0", np.isin(ALL, [3, 4]), 0)]},
         "place.keep",

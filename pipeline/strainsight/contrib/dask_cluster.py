@@ -1,4 +1,4 @@
-"""A sweep on a Dask cluster: whoever connects to a scheduler trusts it, and it trusts them."""
+"""Sweeps on a Dask cluster. Clients, scheduler and workers trust each other."""
 
 from __future__ import annotations
 
@@ -19,36 +19,36 @@ from strainsight.errors import StrainsightError, UserError
 from strainsight.parallel import Captured, P, Progress, R, S, Sweep, captured, repeated, unwatched
 
 PATIENCE = 5.0
-"""[s] that a scheduler has to answer in, and a first worker to be there."""
+"""[s] for the scheduler to answer, and for a first worker."""
 LOOK = 0.2
-"""[s] between two looks at what is done."""
+"""[s] between two checks for results."""
 DESERTED = 60.0
-"""[s] without any worker after which a sweep is given up: where workers die, others often follow."""
+"""[s] without any worker after which a sweep is aborted."""
 SAME = ("strainsight", "numpy", "scipy", "numba", "dask", "distributed", "cloudpickle")
-"""Packages that must have one version everywhere: the results come from the first four, the rest carries them."""
+"""Packages that need the same version everywhere: the first four determine the results, the rest transports them."""
 CODE = "source code of strainsight"
 SILENT = 30.0
-"""[s] that a scheduler may leave a question open in the middle of a sweep: it may be busy, or stand still."""
+"""[s] for the scheduler to answer during a sweep, when it may be busy."""
 CARRYING = 10
-"""Times as long that results may be on their way."""
+"""Factor on that for the transfer of results."""
 
 
 FROZEN = 360.0
-"""[s] without a heartbeat after which a worker is frozen: Dask gives its tasks to others after 300 s, if it is left to do so. The
-heartbeats of a worker that computes for long come from another thread."""
+"""[s] without heartbeat after which a worker counts as frozen. Dask reassigns its tasks after 300 s. Heartbeats of a computing
+worker come from another thread."""
 ANSWER = 60.0
-"""[s] for all workers to state their versions, before they have anything to compute."""
+"""[s] for all workers to report their versions, before a computation."""
 EVERY = 1.0
-"""[s] between two looks at the workers."""
+"""[s] between two checks of the workers."""
 
 
 class _SilentError(Exception):
-    """The scheduler is there, and does not answer."""
+    """The scheduler exists, but does not answer."""
 
 
 @dataclass
 class _Watch:
-    """When the workers were last looked for, and when one was there [s]; worker → its last heartbeat, and when that was new."""
+    """Time of the last check and of the last known worker [s]; worker → its last heartbeat, and when it changed."""
 
     looked: float
     last_worker: float
@@ -57,10 +57,8 @@ class _Watch:
 
 @contextmanager
 def on_cluster(address: str) -> Iterator[Sweep]:
-    """Sweeps on the workers of a scheduler, as in "tcp://127.0.0.1:8786".
-
-    Raises UserError where `distributed` is missing, nothing or something else answers, no worker is there, or versions differ.
-    """
+    """Sweeps on the workers of a scheduler, as in "tcp://127.0.0.1:8786". Raises UserError if `distributed` is missing, no
+    scheduler answers, no worker exists, or versions differ."""
     try:
         from distributed import Client
     except ImportError:
@@ -79,7 +77,7 @@ def on_cluster(address: str) -> Iterator[Sweep]:
 
 
 def _require_scheduler(address: str) -> None:
-    """Ask who is there before a client is made: one that fails to connect goes on trying as it is thrown away."""
+    """Check the scheduler before a client is created: a client that fails to connect keeps trying."""
     from distributed.core import rpc
     from distributed.security import Security
 
@@ -129,7 +127,7 @@ def _require_workers(client: Any, address: str) -> None:
 
 
 def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str, str | None] | None = None) -> None:
-    """Raise UserError where a package has another version there."""
+    """Raise UserError if a package has another version there."""
     other = [
         f"{name} {_format_version(theirs.get(name))} there, {_format_version(version)} here"
         for name, version in (ours or versions()).items()
@@ -145,7 +143,7 @@ def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str
 
 @cache
 def versions() -> dict[str, str | None]:
-    """Python and the packages that must agree."""
+    """Versions of Python and the packages that must agree."""
     from distributed.versions import get_package_info
 
     info: dict[str, str | None] = get_package_info(SAME)
@@ -154,7 +152,7 @@ def versions() -> dict[str, str | None]:
 
 @cache
 def sources() -> str:
-    """Sixteen digits of sha256 over all modules of this package: one version stands for many states of a checkout."""
+    """Sixteen digits of sha256 over all modules of this package, to distinguish checkouts of one version."""
     root, sha = Path(strainsight.__file__).parent, hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         sha.update(path.relative_to(root).as_posix().encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
@@ -177,7 +175,7 @@ def _sweep(
     # Not scattered: scattered data die with the workers that hold them. The scheduler keeps how this came about, the data
     # themselves, and gives them to another worker; so it does with the tasks. Workers fetch them from each other.
     run = f"{task.__name__}-{uuid.uuid4().hex}"
-    # Pairs of name and place: the scheduler sees that they are alike, and spreads them over all workers.
+    # Pairs of name and place: the scheduler treats them as one group, and spreads them over all workers.
     keys = [(run, place) for place in range(len(points))]
     ours = versions() | {CODE: sources()}
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
@@ -203,7 +201,7 @@ def _identity(shared: Any) -> Any:
 
 
 def _run_task(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapping[str, str | None]) -> Captured:
-    """A task on a worker, which may have come after the first ones were asked for their versions."""
+    """Run a task on a worker, after checking its versions: it may have joined late."""
     from distributed import get_worker
 
     _refuse_others(versions() | {CODE: sources()}, f"worker {get_worker().address}", ours)
@@ -211,7 +209,7 @@ def _run_task(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours:
 
 
 def _collect(client: Any, futures: Sequence[Any], progress: Progress) -> list[Any]:
-    """The results in order; the error of a task ends them all."""
+    """The results in order; the error of a task ends the sweep."""
     from distributed import wait
 
     results: dict[Any, Captured] = {}
@@ -250,7 +248,7 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
 
 
 def _identities(client: Any) -> dict[str, Any]:
-    """Worker → what the scheduler knows of it; raises _SilentError where that does not answer."""
+    """Worker → its description by the scheduler; raises _SilentError without an answer."""
     try:
         workers: dict[str, Any] = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)[
             "workers"
@@ -261,7 +259,7 @@ def _identities(client: Any) -> dict[str, Any]:
 
 
 def _look_for_workers(client: Any, watch: _Watch) -> None:
-    """Raises UserError where no worker has been there, or one has had no heartbeat, for too long; _SilentError as above."""
+    """Raise UserError if there was no worker, or one sent no heartbeat, for too long; _SilentError as above."""
     if time.monotonic() - watch.looked < EVERY:
         return
     workers = _identities(client)

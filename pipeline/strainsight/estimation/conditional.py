@@ -1,4 +1,4 @@
-"""The reduced model at given parameters: linear, and ready for filters side by side."""
+"""Reduced model at given parameters: linear, for parallel filters."""
 
 from __future__ import annotations
 
@@ -13,29 +13,28 @@ from strainsight.rom.modal_step import HOLD, ModalMap, acceleration_map, modal_s
 from strainsight.rom.model import first_of_equal, modal_basis
 
 DIFFERENCE = 1e-3
-"""Relative step of the differences of a step of time in damping and stiffness: of fourth order, exact to 1e-11."""
+"""Relative step of the fourth-order differences in damping and stiffness, accurate to 1e-11."""
 
 
 @dataclass(frozen=True)
 class ConsideredParameters:
-    """Constants ν of mean zero and variance one, jointly with states and parameters. For the states x (n,) = [q, q̇, ζ] of the
-    filter, the loads w₁ known at the instant and all loads u:
+    """Considered constants ν (Schmidt-Kalman) of mean zero and variance one, in addition to states and parameters.
+
+    With the filter states x (n,) = [q, q̇, ζ], the loads w₁ known at the instant and all loads u:
 
         y = h(x) + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Σⱼ νⱼBₖⱼuⱼ)
 
-    source (d,): what each of the readings stands for; D (d, m, n), E (d, m, n_known), o (d, m); E (d, m, n_known + 1) where
-    something drifts, with t/T behind the loads in w₁ (`known_ends`).
-    Of the motion, in front of those: damping, σ of ln c of every mode by itself; frequency (k, r), what one of k of ν adds to
-    ln ω of every mode; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one of the
-    first f of the others adds to the input shape S [1/√kg] of r coordinates; what comes of it at once is in D and E
-    (`load_rows`). load (f,): the input u [N] that each changes. What they displace beyond the coordinates is in proportion to
-    νⱼuⱼ; behind: whether a smoother has it behind its states; B (d, m, f): what one of every ν reads of it.
-    learned: whether motion and loads are corrected by the samples' estimate of ν, so that σ holds what they leave open; where
-    not, gains of unknown loads consider ν (`considers`). Parameters have ν integrated out either way. discrepancy: σ of what
-    else a reading is off by, over its RMS, white; it matters where parameters are estimated under known loads.
-    about (d,), or of the first of ν, the others zero: about which readings are linear in them (`about_samples`). centre (k,):
-    parameters whose natural frequencies are those about which readings are linear at all others, too (`tune_frequencies`);
-    None: each has its own.
+    source (d,): meaning of each ν of the readings; D (d, m, n), E (d, m, n_known), o (d, m); with drifts E (d, m, n_known +
+    1), where t/T follows the loads in w₁ (`known_ends`). Those of the motion come first. damping: σ of ln c of each mode;
+    frequency (k, r): change of ln ω of each mode per unit ν; stiffness: σ of the logarithm of one common scale; 0 if exact.
+    shape (f, r, n_u): change of the input shape S [1/√kg] of r coordinates by the first f of the others; its instantaneous
+    effect is in D and E (`load_rows`). load (f,): the input u [N] that each of them changes. Truncated displacements are
+    proportional to νⱼuⱼ; behind: whether a smoother appends them to its states; B (d, m, f): their effect on the readings per
+    unit ν. learned: whether the samples' estimate of ν corrects motion and loads, which reduces σ; otherwise gains of unknown
+    loads consider ν (`considers`). For parameters ν is always integrated out. discrepancy: σ of white model error over the
+    RMS of a reading, relevant for parameters under known loads. about (d,), or of the first ν, others zero: linearisation
+    point of the readings (`linearise_about_samples`). centre (k,): parameters whose natural frequencies are used at all
+    others (`tune_frequencies`); None: no common frequencies.
     """
 
     source: tuple[str, ...]
@@ -55,17 +54,17 @@ class ConsideredParameters:
     centre: np.ndarray | None = None
 
     def sources(self, modes: int) -> tuple[str, ...]:
-        """What every ν stands for, those of the motion first."""
+        """Meaning of each ν, those of the motion first."""
         of_modes = ("damping",) * (modes * (self.damping > 0)) + ("frequency",) * len(self.frequency)
         return of_modes + ("stiffness",) * (self.stiffness > 0) + self.source
 
     def of_modes(self, modes: int) -> int:
-        """How many ν are of damping and frequency of modes; they come first."""
+        """Number of ν for damping and frequency of modes; they come first."""
         return modes * (self.damping > 0) + len(self.frequency)
 
 
 def none_considered(model: FilterModel) -> ConsideredParameters:
-    """Everything exact."""
+    """No considered parameters."""
     m = model.H.shape[-2]
     return ConsideredParameters(
         (), np.zeros((0, m, model.parameter_states.start)), np.zeros((0, m, len(model.known_inputs))), np.zeros((0, m))
@@ -75,10 +74,8 @@ def none_considered(model: FilterModel) -> ConsideredParameters:
 def split_by_record(
     considered: ConsideredParameters, count: int, renewed: tuple[str, ...]
 ) -> tuple[ConsideredParameters, ...]:
-    """Of `count` records that follow one another: ν of the sources `renewed` are constants of one record, all others of all.
-
-    What is renewed stands behind the rest, once for every record, and does nothing in the others. It is of the readings alone.
-    """
+    """Considered parameters of `count` successive records: ν of the sources `renewed` belong to one record, all others to
+    all. Renewed ν follow the others, one set per record, without effect in other records. They affect readings only."""
     if count == 1:
         return (considered,)
     renews = np.array([source in renewed for source in considered.source], dtype=bool)
@@ -101,8 +98,8 @@ def split_by_record(
 
 
 def known_ends(known: np.ndarray, considered: ConsideredParameters) -> np.ndarray:
-    """w₁ (T, p₁) at the end of every step: the known loads [N], and the share t/T of the record behind them where something
-    drifts; known (T, HOLD, n_known) of the whole record."""
+    """w₁ (T, p₁) at the end of each step: known loads [N], and the share t/T of the record with drifts; known (T, HOLD,
+    n_known)."""
     loads, steps = np.asarray(known.sum(axis=1)), len(known)
     if considered.E.shape[-1] == loads.shape[1]:
         return loads
@@ -110,20 +107,19 @@ def known_ends(known: np.ndarray, considered: ConsideredParameters) -> np.ndarra
 
 
 def conditional_states(model: FilterModel, offsets: int = 0) -> np.ndarray:
-    """Where the states of the filters of a grid filter, [q, q̇, ζ] and the offsets of channels, stand in x* and what is behind
-    it."""
+    """Indices in x* of the filter states [q, q̇, ζ] and of the channel offsets behind it."""
     return np.concatenate([np.arange(model.parameter_states.start), np.arange(model.size, model.size + offsets)])
 
 
 def considers(model: FilterModel, considered: ConsideredParameters) -> bool:
-    """Whether motion and loads are followed with gains that consider ν: where a load is unknown, which follows the samples, and
-    ν is not learned."""
+    """Whether the gains for motion and loads consider ν: with unknown loads, which follow the samples, and ν that is not
+    learned."""
     return bool(model.unknowns.inputs and considered.sources(model.model.size)) and not considered.learned
 
 
 def discrepancy(model: FilterModel, considered: ConsideredParameters, measurement: np.ndarray) -> np.ndarray:
-    """Variance (m,) of the discrepancy of a measurement's samples (T, m), NaN where missing; zero where a load is unknown, which
-    has to follow the samples, and where no parameter is."""
+    """Variance (m,) of the discrepancy of samples (T, m), NaN if missing; zero with unknown loads, which follow the samples, or
+    without parameters."""
     if model.unknowns.inputs or not model.unknowns.parameters:
         return np.zeros(measurement.shape[1])
     count = np.maximum(np.isfinite(measurement).sum(axis=0), 1)
@@ -133,10 +129,8 @@ def discrepancy(model: FilterModel, considered: ConsideredParameters, measuremen
 def linear_models(
     model: FilterModel, point: np.ndarray, considered: ConsideredParameters, biased: np.ndarray | None = None
 ) -> LinearModels:
-    """The filter's model without its parameters, at each of B values p (B, k) of them; noise as the model has it at the guess.
-
-    biased (b,): channels with an offset of their own, b states more behind [q, q̇, ζ].
-    """
+    """The filter model without its parameters, at B values p (B, k); noise as in the model at the guess. biased (b,):
+    channels with an offset, b more states behind [q, q̇, ζ]."""
     theta, B, process = theta_at(model, point), len(point), model.process
     model, shift = tune_frequencies(apply_damping(model, considered), considered, point)
     states, m = model.parameter_states.start, model.H.shape[-2]
@@ -184,10 +178,8 @@ def linear_models(
 
 
 def _linearise_about(models: LinearModels, of_modes: int) -> LinearModels:
-    """Linear about ν = a, of which the first, of damping and frequency, are in the models already:
-
-    A + Σₖ aₖAₖ,   H + Σₖ aₖ(Dₖ + Σⱼ aⱼBₖⱼUⱼ),   ∂H/∂νₖ = Dₖ + Σⱼ aⱼBₖⱼUⱼ, of a load j + Σₖ aₖBₖⱼUⱼ
-    """
+    """Linearise about ν = a; the first ν, of damping and frequency, are part of the models already: A + Σₖ aₖAₖ,   H + Σₖ
+    aₖ(Dₖ + Σⱼ aⱼBₖⱼUⱼ),   ∂H/∂νₖ = Dₖ + Σⱼ aⱼBₖⱼUⱼ, of a load j + Σₖ aₖBₖⱼUⱼ"""
     e, f = models.moving, len(models.U)
     a = np.where(np.arange(len(models.about)) < of_modes, 0.0, models.about)
     if not a.any():
@@ -202,7 +194,7 @@ def _linearise_about(models: LinearModels, of_modes: int) -> LinearModels:
 
 
 def _add_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
-    """The same with one constant state more for each biased channel (b,)."""
+    """Add a constant state for each biased channel (b,)."""
     b = len(biased)
     H, D, U = (pad_zeros(each, b, -1) for each in (models.H, models.D, models.U))
     H[:, biased, range(-b, 0)] = 1.0
@@ -210,7 +202,7 @@ def _add_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
 
 
 def apply_damping(model: FilterModel, considered: ConsideredParameters) -> FilterModel:
-    """With the damping about which the nuisances are linear, c exp(σν) of every mode."""
+    """The model with the damping of the linearisation point, c exp(σν) of each mode."""
     if considered.damping == 0 or not considered.about.any():
         return model
     damping = model.model.damping
@@ -223,15 +215,15 @@ def apply_damping(model: FilterModel, considered: ConsideredParameters) -> Filte
 def tune_frequencies(
     model: FilterModel, considered: ConsideredParameters, point: np.ndarray
 ) -> tuple[FilterModel, np.ndarray]:
-    """With the natural frequencies about which the nuisances are linear at each of B values p (B, k) of the parameters, and by
-    how much (B, k′) their ν is away from `about` there.
+    """The model with the natural frequencies of the linearisation point at B parameter values p (B, k), and the shift (B, k′) of
+    ν from `about`.
 
-    Readings know the frequency of a resonance much better than a parameter and ν that both change it. So at every p there are the
-    frequencies of the centre, of all modes with a tolerance of their own, by the least ν:
+    Readings determine a resonance frequency much better than a parameter and ν that both change it. Therefore all p use the
+    frequencies of the centre, for all modes with a frequency tolerance, by the least ν:
 
         ωⱼ(p) exp(Σₖ Fₖⱼ aₖ(p)) = ωⱼ(p̄)
 
-    where slopes at ν = 0 reach a fraction of the width of a resonance.
+    Slopes at ν = 0 are valid only for a fraction of the width of a resonance.
     """
     frequency = considered.frequency
     shift, about = (
@@ -254,8 +246,8 @@ def tune_frequencies(
 def _accelerations_by_frequency(
     model: FilterModel, considered: ConsideredParameters, point: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What one of every ν of the frequencies adds to what accelerometers read: rows (k, m′, states), and (k, m′, n_known) on
-    known loads; at the centre, or the first of the points (B, k)."""
+    """Sensitivity of accelerometers to each frequency ν: rows (k, m′, states), and (k, m′, n_known) on known loads; at the
+    centre, or the first of the points (B, k)."""
     moving, here = model.accelerometers, point[:1] if considered.centre is None else considered.centre[None]
     theta = theta_at(model, here)
     model, _ = tune_frequencies(replace(model, model=replace(model.model, frequency_factors=None)), considered, here)
@@ -277,7 +269,7 @@ def _accelerations_by_frequency(
 
 
 def theta_at(model: FilterModel, point: np.ndarray) -> dict[str, np.ndarray]:
-    """All parameters [SI], each (B,), at p (B, k) of those that are estimated."""
+    """All parameters [SI], each (B,), at the values p (B, k) of the estimated ones."""
     names, guess = model.unknowns.parameters, model.unknowns.guess
     fixed = {name: np.full(len(point), value) for name, value in model.fixed.items()}
     return fixed | {name: guess[name] * np.exp(point[:, i]) for i, name in enumerate(names)}
@@ -286,8 +278,7 @@ def theta_at(model: FilterModel, point: np.ndarray) -> dict[str, np.ndarray]:
 def acceleration_rows(
     model: FilterModel, theta: Mapping[str, np.ndarray], shape: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What accelerometers of shape φ (k, n) or (B, k, n) read: rows (B, k, states) on [q, q̇, ζ], and (B, k, n_known) on known
-    loads."""
+    """Rows of accelerometers of shape φ (k, n) or (B, k, n): (B, k, states) on [q, q̇, ζ], and (B, k, n_known) on known loads."""
     sensed = _add_batch_axis(acceleration_map(model.model, theta))
     rows, on_known = load_rows(model, shape @ sensed.input[..., 0, :])
     rows[..., model.motion] = shape @ sensed.transition
@@ -295,7 +286,7 @@ def acceleration_rows(
 
 
 def load_rows(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What reads all loads at once by `direct` (..., k, n_u): rows (..., k, states) on [q, q̇, ζ], and (..., k, n_known)."""
+    """Rows of a direct effect of all loads `direct` (..., k, n_u): (..., k, states) on [q, q̇, ζ], and (..., k, n_known)."""
     unknown, known = model.columns
     rows = np.zeros((*direct.shape[:-1], model.parameter_states.start))
     rows[..., model.position[: len(unknown)]] = direct[..., unknown] * model.amplitude
@@ -303,12 +294,12 @@ def load_rows(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def acceleration_change(model: FilterModel, theta: Mapping[str, np.ndarray], change: np.ndarray) -> np.ndarray:
-    """M⁻¹ΔS (B, n, n_u): what a change ΔS (n, n_u) of the input shape adds to q̈ at once."""
+    """M⁻¹ΔS (B, n, n_u): instantaneous change of q̈ by a change ΔS (n, n_u) of the input shape."""
     return _add_batch_axis(acceleration_map(model.model.acted_on(change), theta)).input[..., 0, :]
 
 
 def _add_batch_axis(modal: ModalMap, count: int = 1) -> ModalMap:
-    """With an axis of parameter values, also where the model has no parameter at all: `count` times the same then."""
+    """Add an axis of parameter values; a model without parameters is repeated `count` times."""
     if modal.transition.ndim > 2:
         return modal
     parts = (modal.transition, modal.input, modal.shape, modal.eigenvalue, modal.modes, modal.dual)
@@ -319,12 +310,8 @@ def _add_batch_axis(modal: ModalMap, count: int = 1) -> ModalMap:
 def _motion(
     model: FilterModel, modal: ModalMap, considered: ConsideredParameters, theta: Mapping[str, np.ndarray]
 ) -> ModalMotion:
-    """A step in the coordinates of the modes, and σ times its derivative in ln c of each of them, in their frequencies, in the
-    logarithm of the stiffness, and in the input shape.
-
-    Every mode of a step is a function of its own λ and c: on the damping of mode j its row of the step alone depends, and those
-    of the same frequency.
-    """
+    """A step in modal coordinates, and σ times its derivatives in ln c, frequencies, ln stiffness and input shape. Each mode
+    of a step depends on its λ and c only: damping of mode j affects its row, and those of the same frequency."""
     damping, q, lam = model.model.damping.at(theta), model.model.size, modal.eigenvalue
     unknown, known = model.columns
     B, n, hold, moving = len(lam), model.parameter_states.start, HOLD, 2 * q
@@ -332,7 +319,8 @@ def _motion(
     Phi_T = np.swapaxes(modal.modes, 1, 2)
 
     def step(table: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """pairs (B, 4, q), augmented (B, s, n) and fed (B, n, p), of a table (2, 2 + HOLD, B, q) and modal forces (B, q, n_u)."""
+        """pairs (B, 4, q), augmented (B, s, n) and fed (B, n, p), from a table (2, 2 + HOLD, B, q) and modal forces (B, q,
+        n_u)."""
         pairs = np.moveaxis(table[:, :2].reshape(4, B, q), 0, 1)
         # (B, 2q, HOLD, n_u)
         pushed = (table[:, 2:, ..., None] * forces).transpose(2, 0, 3, 1, 4).reshape(B, moving, hold, -1)
@@ -372,11 +360,11 @@ def _motion(
 
 
 def _scale_forces(table: np.ndarray, factor: float) -> np.ndarray:
-    """Of a table (2, 2 + HOLD, ...) under so many times the forces."""
+    """The table (2, 2 + HOLD, ...) for scaled forces."""
     return np.concatenate([table[:, :2], factor * table[:, 2:]], axis=1)
 
 
 def _slope(of: Callable[[float], np.ndarray]) -> np.ndarray:
-    """Derivative at zero, by central differences of fourth order."""
+    """Derivative at zero, by fourth-order central differences."""
     near, far = (of(k * DIFFERENCE) - of(-k * DIFFERENCE) for k in (1, 2))
     return (8 * near - far) / (12 * DIFFERENCE)

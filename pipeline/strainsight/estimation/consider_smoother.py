@@ -72,7 +72,7 @@ def smoothed_pieces(
     AT, (B, d, n) = transpose(models.A), start[2].shape
 
     def advanced(filters: Filters, span: slice) -> States:
-        """From where the filters stand, and what they are there, through the steps of a span."""
+        """Current states of the filters, and those after each step of a span."""
         first = filters.copy().states
         return concatenate([first, advance(models, filters, data.of(span), keep=True).states], axis=1)
 

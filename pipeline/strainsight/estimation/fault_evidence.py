@@ -35,13 +35,10 @@ BROAD = np.sqrt(3.0)
 
 @dataclass(frozen=True, kw_only=True)
 class CheckRecord(GridRecord):
-    """A record to be checked for faults of its channels and known loads.
-
-    turned_rows (m, angles, n*): rows of each channel rotated by each of ANGLES, NaN if impossible; turned: channel and
-    degrees → model and considered parameters with it rotated; load (n_known,): load of each column of `known`; moving (n*,
-    n*): covariance for unknown motion, None: the same; begin: samples of the record before these; span: first moving sample,
-    and the one after the last.
-    """
+    """A record to be checked for faults of its channels and known loads. turned_rows (m, angles, n*): rows of each channel
+    rotated by each of ANGLES, NaN if impossible; turned: channel and degrees → model and considered parameters with it
+    rotated; load (n_known,): load of each column of `known`; moving (n*, n*): covariance for unknown motion, None: the same;
+    begin: samples of the record before these; span: first moving sample, and the one after the last."""
 
     turned_rows: np.ndarray
     turned: Callable[[int, float], tuple[FilterModel, ConsideredParameters]]
@@ -271,11 +268,8 @@ def extract_moving_part(part: CheckRecord) -> CheckRecord:
 
 
 def extract_part(record: CheckRecord, begin: int, end: int) -> CheckRecord:
-    """Samples from begin to end (exclusive), with their moving part.
-
-    A stretch that does not start the record starts with an unknown motion, as wide as its readings require; a periodic motion
-    and a drift, t/T of the record, continue.
-    """
+    """Samples from begin to end (exclusive), with their moving part. A stretch that does not start the record starts with an
+    unknown motion, as wide as its readings require; a periodic motion and a drift, t/T of the record, continue."""
     every, whole = record.model.every, len(record.samples)
     samples = record.samples[begin:end]
     part = replace(

@@ -1,4 +1,5 @@
-"""Search for the fault of a channel or a known load that explains inconsistent measurements, by the evidence of the grid filter."""
+"""Search for the fault of a channel or a known load that explains inconsistent measurements. Faults are compared by the
+evidence of the grid filter."""
 
 from __future__ import annotations
 
@@ -49,14 +50,11 @@ FEWEST = 3
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Whether a record is inconsistent with its model, and why.
-
-    as_it_is: the record without a fault; check: each channel against the prediction by all others, or one step ahead if no
-    fault was searched or a load is wrong; without (m,): ratio of innovations to their claim without each channel, else empty;
-    tried: evaluated faults; named: the fault that explains the record, None if none or several do; candidates: all that do,
-    best first; shifted: mode too far from the model, if no fault explains the record; pattern: of an unmodelled load;
-    searched: whether a fault was searched.
-    """
+    """Whether a record is inconsistent with its model, and why. as_it_is: the record without a fault; check: each channel
+    against the prediction by all others, or one step ahead if no fault was searched or a load is wrong; without (m,): ratio
+    of innovations to their claim without each channel, else empty; tried: evaluated faults; named: the fault that explains
+    the record, None if none or several do; candidates: all that do, best first; shifted: mode too far from the model, if no
+    fault explains the record; pattern: of an unmodelled load; searched: whether a fault was searched."""
 
     inconsistent: bool
     as_it_is: Explained
@@ -83,12 +81,10 @@ def examine_record(
     progress: Callable[[float], None] = lambda share: None,
     first: tuple[Explained, GridRun | None] | None = None,
 ) -> Diagnosis:
-    """Check a record against its model, and search for faults if necessary; first: the result without a fault, if known.
-
-    A record is inconsistent if a fault explains it far better than none (`choose_fault`). It is also inconsistent if its
+    """Check a record against its model, and search for faults if necessary; first: the result without a fault, if known. A
+    record is inconsistent if a fault explains it far better than none (`choose_fault`). It is also inconsistent if its
     innovations are BELIEVABLE times larger than claimed and exceed `discrepancy`, a share of the reading. The same holds if a
-    mode is further from the model than STRETCHED of its tolerance (`shifted_mode`).
-    """
+    mode is further from the model than STRETCHED of its tolerance (`shifted_mode`)."""
     as_it_is, grid_run = first or explain_record(record, None)
     if grid_run is not None and not needs_fault_search(as_it_is, grid_run):
         return Diagnosis(False, as_it_is, _check_ahead(record, grid_run), searched=False)
@@ -113,13 +109,11 @@ def search_faults(
     progress: Callable[[float], None] = lambda share: None,
     first: tuple[Explained, GridRun | None] | None = None,
 ) -> Diagnosis:
-    """Try all faults of known loads and channels on a record; first: the result without a fault.
-
-    Load faults are ranked by filters without tolerances (`load_faults`). Faults of a channel without which the innovations
-    are plausible are ranked by the prediction of the other channels (`approximate_density`). The best are evaluated with all
-    tolerances (`explain_record`), as are swaps of the worst channels. A load fault that affects FEWEST channels is not a
-    channel fault. Without more channels than unknown loads no fault is named.
-    """
+    """Try all faults of known loads and channels on a record; first: the result without a fault. Load faults are ranked by
+    filters without tolerances (`load_faults`). Faults of a channel without which the innovations are plausible are ranked by
+    the prediction of the other channels (`approximate_density`). The best are evaluated with all tolerances
+    (`explain_record`), as are swaps of the worst channels. A load fault that affects FEWEST channels is not a channel fault.
+    Without more channels than unknown loads no fault is named."""
     m = record.samples.shape[1]
     as_it_is, grid_run = explain_record(record, None) if first is None else first
     tried: list[Explained] = []
@@ -135,10 +129,10 @@ def search_faults(
     order = np.argsort(np.where(np.isfinite(without), without, np.inf), kind="stable")
     alone = np.flatnonzero(without <= BELIEVABLE)
     if m <= len(record.model.unknowns.inputs):
-        # any reading is some load's: only what is stated of loads speaks against it
+        # any reading can be caused by some load: only the configured loads could exclude it
         return Diagnosis(False, as_it_is, check, without)
     if m == 1:
-        # nothing else says whether it is the channel or the load
+        # a single channel cannot distinguish a channel fault from a load fault
         wanted = [
             _as_channel_fault(one.fault) for one in candidates if one.fault is not None and one.fault.kind != "swapped"
         ]

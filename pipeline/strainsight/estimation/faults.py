@@ -50,12 +50,9 @@ MOST_PARTS, LONGEST_PART = 20, 0.2
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of a channel or a known load.
-
-    amount: factor (scale), number of the other channel or load (swapped), delay in samples (late), degrees (angle), shift of
-    the zero (shift) [unit], else 0; of_load: whether `channel` is the number of a known load; spans: channel, first sample
-    and end of temporary faults (spikes, stuck, shift).
-    """
+    """A fault of a channel or a known load. amount: factor (scale), number of the other channel or load (swapped), delay in
+    samples (late), degrees (angle), shift of the zero (shift) [unit], else 0; of_load: whether `channel` is the number of a
+    known load; spans: channel, first sample and end of temporary faults (spikes, stuck, shift)."""
 
     kind: Kind
     channel: int
@@ -102,11 +99,8 @@ class Fault:
 
 
 def undo_fault(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
-    """The record (T, m) without a fault, y' = T y, and ln |det T| of the remaining samples.
-
-    Omitted samples, at the end of a delayed channel or of a dead or clipped one, are NaN. Offset, drift and angle change the
-    model instead.
-    """
+    """The record (T, m) without a fault, y' = T y, and ln |det T| of the remaining samples. Omitted samples, at the end of a
+    delayed channel or of a dead or clipped one, are NaN. Offset, drift and angle change the model instead."""
     corrected, j = samples.copy(), fault.channel
     if fault.kind in ("sign", "scale"):
         corrected[:, j] *= fault.factor
@@ -137,10 +131,8 @@ def outlier_density(fault: Fault, samples: np.ndarray, noise: np.ndarray) -> flo
 
 
 def find_misfits(z: np.ndarray) -> list[tuple[int, int]]:
-    """Parts (first sample, end) in which the normalised residuals z (T,) are too large.
-
-    There the sum of ½z² − STEP grows by at least DROP, up to its maximum. NaN are ignored.
-    """
+    """Parts (first sample, end) in which the normalised residuals z (T,) are too large. There the sum of ½z² − STEP grows by
+    at least DROP, up to its maximum. NaN are ignored."""
     score = np.where(np.isfinite(z), 0.5 * np.nan_to_num(z) ** 2 - STEP, 0.0)
     parts: list[tuple[int, int]] = []
     total, most, first, best = 0.0, 0.0, 0, 0
@@ -172,10 +164,8 @@ def find_temporary_faults(samples: np.ndarray, predicted: np.ndarray, std: np.nd
 
 
 def _find_shift(residual: np.ndarray, std: np.ndarray) -> tuple[int, int, float]:
-    """First sample, end and size of the constant that explains most of the residuals (T,) with σ (T,).
-
-    Its gain in ln p is (Σ r/σ²)²/(2 Σ 1/σ²) over the part; its ends are searched on a grid, then around it.
-    """
+    """First sample, end and size of the constant that explains most of the residuals (T,) with σ (T,). Its gain in ln p is (Σ
+    r/σ²)²/(2 Σ 1/σ²) over the part; its ends are searched on a grid, then around it."""
     measured = np.isfinite(residual)
     weight = np.where(measured, 1 / std**2, 0.0)
     moment = weight * np.where(measured, residual, 0.0)
@@ -252,11 +242,9 @@ def approximate_density(
     fault: Fault, samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float, begin: int = 0
 ) -> float:
     """Approximate ln density of a channel's samples y (T,) under a fault, given the prediction ŷ ± σ (T,) by all others.
-
     Offsets and drifts are fitted. noise: σ of a sample, the unit; begin: samples of the record before these. For a rotated
     gauge ŷ is that of the rotated row. Correlations between samples are ignored: the value serves to select faults for
-    evaluation.
-    """
+    evaluation."""
     y, change = undo_fault(fault, samples[:, None])
     change += outlier_density(fault, samples[:, None], np.array([noise]))
     if fault.kind == "dead":
@@ -311,11 +299,9 @@ class Explained:
 
 def choose_fault(as_it_is: float, tried: Sequence[Explained]) -> tuple[Explained | None, tuple[Explained, ...]]:
     """The one fault that makes the innovations plausible, if no other family does as well, and all that do, best first.
-
     as_it_is: evidence without a fault. The evidence of a candidate exceeds that by MARGIN, its ratio is plausible, and its
     evidence is within APART of the best. Plausible is a ratio within SLACK of 1 or of the least of all faults, and at most
-    BELIEVABLE.
-    """
+    BELIEVABLE."""
     well = [one for one in tried if np.isfinite(one.evidence) and one.evidence - as_it_is >= MARGIN]
     least = min((one.ratio for one in well), default=np.inf)
     limit = min(BELIEVABLE, (1 + SLACK) * max(1.0, least))

@@ -16,18 +16,16 @@ from strainsight.estimation.sigma_point import SigmaPoints, sigma_points
 from strainsight.estimation.update import Form, Transition, apply, belief_of, transpose, whiten
 
 HALVINGS = 12
-"""How often an increment that fails or raises the cost is halved before it is given up."""
+"""Most halvings of an increment that fails or increases the cost."""
 SETTLED = 1e-6
 """The iteration ends when the next increment is shorter than this many standard deviations."""
 
 SHORT = 1e-3
-"""An increment of fewer standard deviations is taken whatever the cost says: the 1e-6 it is worth may be less than the
-rounding of the cost where the noise is small."""
+"""A shorter increment in standard deviations is accepted regardless of the cost, whose change may be less than its rounding."""
 LAST, IDLE = 3.0, 10.0
-"""Times SETTLED: an increment shorter than LAST that has shrunk to a tenth is taken to first order, without another step,
-which leaves out less than 1e-11 of a standard deviation; one shorter than IDLE that shrinks no more is rounding. Where x is put
-back on constraints one shorter than SHORT is taken so, too, if the next, shrunk as much again, would be shorter than LAST: what
-the first order leaves out is no larger than that."""
+"""Multiples of SETTLED. An increment shorter than LAST that has decreased to a tenth is accepted to first order without another
+step, at an error below 1e-11 of a standard deviation. One shorter than IDLE that no longer decreases is rounding. If x is
+projected on constraints, an increment shorter than SHORT is accepted if the next one is expected to be shorter than LAST."""
 
 
 @dataclass(frozen=True)
@@ -168,12 +166,10 @@ def run_filter(
     by_points: bool = False,
     **options: Any,
 ) -> FilterRun:
-    """`filter_runs` of the reduced model under known loads, with its options.
-
-    known (T, HOLD, n_known) hold coefficients [N]; measurement (T/every, m) or (T/every, B, m), one row a sample;
-    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is estimated; by_points: the
-    sigma-point filter. Raises ValueError where the known loads end before the samples.
-    """
+    """`filter_runs` of the reduced model under known loads, with its options. known (T, HOLD, n_known) hold coefficients [N];
+    measurement (T/every, m) or (T/every, B, m), one row a sample; biased (b,): channels with an unknown offset, behind x* in
+    mean, covariance and all that is estimated; by_points: the sigma-point filter. Raises ValueError where the known loads end
+    before the samples."""
     core, samples = driven_with_offsets(model, known, biased), model.by_step(measurement)
     if len(known) < len(samples):
         raise ValueError(f"the known loads cover {len(known)} steps, the samples {len(samples)}")

@@ -56,13 +56,11 @@ AGAIN, STAY = 3, 0.2
 
 @dataclass(frozen=True)
 class GridRun:
-    """Result of the grid filter: the posterior at the end, and the estimates along a record.
-
-    point (B, k), weight (B,): posterior of the parameters; nu (B, d), left (B, d, d): mean and covariance of ν at each point,
-    frequencies relative to those at the centre; about (d,): ν about which readings are linear; centre (k,): as in
-    `ConsideredParameters`; grid_count: number of grids built; step (k,): grid step of each parameter, infinite for columns;
-    run: filter run, with the considered parameters in its σ.
-    """
+    """Result of the grid filter: the posterior at the end, and the estimates along a record. point (B, k), weight (B,):
+    posterior of the parameters; nu (B, d), left (B, d, d): mean and covariance of ν at each point, frequencies relative to
+    those at the centre; about (d,): ν about which readings are linear; centre (k,): as in `ConsideredParameters`; grid_count:
+    number of grids built; step (k,): grid step of each parameter, infinite for columns; run: filter run, with the considered
+    parameters in its σ."""
 
     point: np.ndarray
     weight: np.ndarray
@@ -90,15 +88,12 @@ class GridRun:
 
 
 def filter_on_grid(record: GridRecord, keep: Keep = "all") -> GridRun:
-    """Posterior of the constant parameters, and of all states along the samples.
-
-    keep: "all" keeps the covariance at each instant, "parameters" only that of the parameters, in half the time. The grid
-    starts at the prior. When the posterior has narrowed or reached the edge, a new grid is built and filtered again from the
-    start. More than FEW parameters use `Columns`. With considered damping or frequencies, or free loads, readings are linear
-    about the most likely ν at the most likely parameters, and at their mean (`linearise_about_samples`). Raises NumericalError
-    if the grid needs more than MOST_POINTS points, if columns cannot follow the posterior, or if it deviates from the guess by a
-    factor of exp(LOST).
-    """
+    """Posterior of the constant parameters, and of all states along the samples. keep: "all" keeps the covariance at each
+    instant, "parameters" only that of the parameters, in half the time. The grid starts at the prior. When the posterior has
+    narrowed or reached the edge, a new grid is built and filtered again from the start. More than FEW parameters use
+    `Columns`. With considered damping or frequencies, or free loads, readings are linear about the most likely ν at the most
+    likely parameters, and at their mean (`linearise_about_samples`). Raises NumericalError if the grid needs more than
+    MOST_POINTS points, if columns cannot follow the posterior, or if it deviates from the guess by a factor of exp(LOST)."""
     return filter_records([record], keep)[0]
 
 
@@ -147,12 +142,9 @@ def filter_records(
 
 
 def _centre_frequencies(problem: GridProblem) -> GridProblem:
-    """The problem with frequencies about those at the most likely of the scanned parameters.
-
-    Each scanned parameter has its own frequencies, which finds the measured resonances. Otherwise a narrowing grid may lock
-    on to the resonance of another mode. Slopes in a frequency are no better than COARSE of the RMS reading, which is added as
-    discrepancy.
-    """
+    """The problem with frequencies about those at the most likely of the scanned parameters. Each scanned parameter has its
+    own frequencies, which finds the measured resonances. Otherwise a narrowing grid may lock on to the resonance of another
+    mode. Slopes in a frequency are no better than COARSE of the RMS reading, which is added as discrepancy."""
     if not problem.records[0].considered.frequency.any():
         return problem
     coarse = problem.map_considered(lambda each: replace(each, discrepancy=max(each.discrepancy, COARSE)))
@@ -165,11 +157,8 @@ def _centre_frequencies(problem: GridProblem) -> GridProblem:
 
 
 def _run_grid(problem: GridProblem, peak_points: np.ndarray) -> tuple[GridRun, ...]:
-    """A run of each record: on a grid for few parameters, on columns for more.
-
-    The posterior of few samples may have peaks far from those of the whole record. All grids but the first contain the peaks
-    (q, k) of the whole record.
-    """
+    """A run of each record: on a grid for few parameters, on columns for more. The posterior of few samples may have peaks
+    far from those of the whole record. All grids but the first contain the peaks (q, k) of the whole record."""
     if len(problem.model.unknowns.parameters) > FEW:
         return _filter_all(problem, build_columns(problem, *problem.prior, 0), rebuild_columns, at_end=True)
     first = build_first_grid(_construction(problem, peak_points))
@@ -226,10 +215,8 @@ def _filter_all(
 
 
 def _log_likelihood(now: WeightedFilters[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:
-    """ln p of these steps under the configured loads: from the loss of mass of the points.
-
-    With free loads the weights are no such density, and ln p is Σₜ ln Σᵢ wᵢ p(yₜ | y₁ … yₜ₋₁, θᵢ).
-    """
+    """ln p of these steps under the configured loads: from the loss of mass of the points. With free loads the weights are no
+    such density, and ln p is Σₜ ln Σᵢ wᵢ p(yₜ | y₁ … yₜ₋₁, θᵢ)."""
     if now.free_load is None:
         return float(after.log_mass[-1] - before.log_mass[0])
     with np.errstate(divide="ignore"):

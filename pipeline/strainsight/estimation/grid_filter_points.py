@@ -1,11 +1,8 @@
-"""Filters at the points of the parameter grid: their start, and their steps through the samples.
-
-An unknown load is modelled as a random walk, which no real load is. The likelihood of the configured walk depends on the size
-of the readings, and biases parameters on which that size depends. Therefore the walk is free enough to follow a line in the
-spectrum. What the gauge noise alone adds to the likelihood on average is subtracted: of the parameters by a filter of the
-loads alone (`advance_free_loads`), of ν by `noise_alone`. Source: Francke, Koopman and de Vos, J. Time Series Analysis 31
-(2010).
-"""
+"""Filters at the points of the parameter grid: their start, and their steps through the samples. An unknown load is modelled
+as a random walk, which no real load is. The likelihood of the configured walk depends on the size of the readings, and biases
+parameters on which that size depends. Therefore the walk is free enough to follow a line in the spectrum. What the gauge
+noise alone adds to the likelihood on average is subtracted: of the parameters by a filter of the loads alone
+(`advance_free_loads`), of ν by `noise_alone`. Source: Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010)."""
 
 from __future__ import annotations
 
@@ -47,11 +44,8 @@ SLIGHT = 1e-3
 
 @dataclass(frozen=True)
 class FreeLoadFilters:
-    """Filters with free loads at the grid points, by which the points are weighted.
-
-    alone: model of the loads alone, without ν and channel offsets; louder, quieter: its filters with a noise SLIGHT larger
-    and smaller than that of the gauges.
-    """
+    """Filters with free loads at the grid points, by which the points are weighted. alone: model of the loads alone, without
+    ν and channel offsets; louder, quieter: its filters with a noise SLIGHT larger and smaller than that of the gauges."""
 
     models: LinearModels
     filters: Filters
@@ -80,10 +74,8 @@ def build_free_load_filters(record: GridRecord, load_models: LinearModels, point
 
 def advance_free_loads(free_load: FreeLoadFilters, data: Data, less: np.ndarray, keep: bool) -> Passage:
     """Advance the filters, and return their passage with the fit by which the points are weighted. Arguments as in `advance`.
-
     For noise v alone, with S the covariance of all readings of the loads alone, E ln p(v) = −½ ln|S| − ½ tr(R S⁻¹) up to a
-    constant. tr(R S⁻¹) is the slope of ln|S| in ln R, from zero readings at R e^{±δ}.
-    """
+    constant. tr(R S⁻¹) is the slope of ln|S| in ln R, from zero readings at R e^{±δ}."""
     passage = advance(free_load.models, free_load.filters, data, keep, states=False, less=less)
     loads = np.zeros((len(data.known_end), free_load.alone.F.shape[-1]))
     quiet = replace(data, known=0 * data.known, known_end=loads, samples=np.where(np.isnan(data.samples), np.nan, 0.0))
@@ -101,11 +93,9 @@ SETTLED = 1e-9
 
 @dataclass(frozen=True)
 class _NoiseStep:
-    """One step of a filter on pure noise.
-
-    P (n, n): predicted covariance as claimed; covariance Π (n, n): that by noise alone; gain K (n, m); weight S⁻¹ (m, m) of
-    the innovations, zero for missing samples; noise R (m,), zero for missing samples.
-    """
+    """One step of a filter on pure noise. P (n, n): predicted covariance as claimed; covariance Π (n, n): that by noise
+    alone; gain K (n, m); weight S⁻¹ (m, m) of the innovations, zero for missing samples; noise R (m,), zero for missing
+    samples."""
 
     P: np.ndarray
     covariance: np.ndarray
@@ -373,9 +363,7 @@ def nu_has_moved(problem: GridProblem, nu: np.ndarray) -> bool:
 
 def _linearisation_point(problem: GridProblem, nu: np.ndarray) -> np.ndarray:
     """Linearisation point of ν: damping and frequencies of each mode, with unknown loads all ν that act on motion and rows.
-
-    Additive ν are linear anyway.
-    """
+    Additive ν are linear anyway."""
     about = np.clip(nu, -FARTHEST, FARTHEST)
     if not problem.has_free_loads:
         return np.asarray(about[: problem.records[0].considered.of_modes(problem.model.model.size)])

@@ -74,7 +74,7 @@ def _mix(
     (points, L, n), k = x.shape, len(smoother.centre)
     middle = x.mean(axis=0)
     off = x - middle
-    # regression of the motion on the parameters over the points, for what a nuisance does by way of them
+    # regression of the motion on the parameters over the points, for the effect of ν through them
     cross = np.einsum("bta,bi->tai", off, smoother.points - smoother.centre) / points
     slope = cross @ np.linalg.inv(smoother.spread) if k else cross
     cov = np.zeros((L, n + k, n + k))
@@ -92,12 +92,10 @@ def _mix(
 
 @dataclass(frozen=True)
 class AtPoints:
-    """Inputs of a smoother at b points (b, k) of the parameters.
-
-    centre (k,), spread (k, k): the posterior; points: its cubature rule, k points ahead and k behind; nu (d,), left (d, d):
-    mean and covariance of ν in σ; record: linearised as in the grid filter, with the discrepancy in its noise; models: at the
-    points, and at the centre behind them; start (x₀, P₀, V₀); truncation: what follows the states.
-    """
+    """Inputs of a smoother at b points (b, k) of the parameters. centre (k,), spread (k, k): the posterior; points: its
+    cubature rule, k points ahead and k behind; nu (d,), left (d, d): mean and covariance of ν in σ; record: linearised as in
+    the grid filter, with the discrepancy in its noise; models: at the points, and at the centre behind them; start (x₀, P₀,
+    V₀); truncation: what follows the states."""
 
     record: GridRecord
     points: np.ndarray
@@ -137,7 +135,7 @@ def build_smoother(record: GridRecord, grid_run: GridRun) -> AtPoints:
     points = np.concatenate([centre + ends, centre - ends]) if k else centre[None]
     model = replace(model, r=model.r + model.every * model.h * discrepancy(model, considered, record.samples))
     if not considered.learned:
-        # what the samples say of ν is neither in the motion nor in its σ
+        # the estimate of ν is neither in the motion nor in its σ
         left = left + removed_of(left)
     else:
         # exact in damping and frequencies about which the grid filter is linear, linear about zero in the rest of ν
@@ -152,7 +150,8 @@ def build_smoother(record: GridRecord, grid_run: GridRun) -> AtPoints:
 
 
 def _pieces(smoother: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
-    """Instants of a piece of the record, x (b, L, n) and P (b, L, n, n) at the points, and V (L, d, n) per unit ν of x̂ˢ − x.
+    """Instants of a piece of the record, with x (b, L, n) and P (b, L, n, n) at the points, and V (L, d, n), the error per unit
+    ν.
 
     P excludes the considered parameters. If ν is learned the record is one piece.
     """
@@ -203,11 +202,8 @@ def filter_at_point(
 
 
 def _effects(smoother: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Effects of a unit ν along a motion (T + 1, n) at the centre.
-
-    Returns those on the samples (T, m, d), on the motion (T + 1, d, n) and on the smoothing error (T + 1, d, n). Truncated
-    displacements use the mean of ν.
-    """
+    """Effects of a unit ν along a motion (T + 1, n) at the centre. Returns those on the samples (T, m, d), on the motion (T +
+    1, d, n) and on the smoothing error (T + 1, d, n). Truncated displacements use the mean of ν."""
     record, data = smoother.record, smoother.data
     one = linear_models(record.model, smoother.centre[None], record.considered, record.biased)
     steps, d, n = record.steps, one.considered_count, one.H.shape[-1]
@@ -232,11 +228,8 @@ def _effects(smoother: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.nda
 
 @dataclass(frozen=True)
 class Truncation:
-    """Displacement z = ν u that the reduced coordinates truncate, for f constants.
-
-    at (f,): their indices in ν; rows (f, n): u [N] from the states [q, q̇, ζ, offsets]; fed (T + 1, f): contribution of the
-    known loads.
-    """
+    """Displacement z = ν u that the reduced coordinates truncate, for f constants. at (f,): their indices in ν; rows (f, n):
+    u [N] from the states [q, q̇, ζ, offsets]; fed (T + 1, f): contribution of the known loads."""
 
     at: np.ndarray
     rows: np.ndarray

@@ -28,11 +28,8 @@ SEVERAL = 100.0
 
 
 def undo_load_fault(record: R, load: np.ndarray, fault: Fault) -> R:
-    """The record without a fault of a known load, or of two swapped ones; load (p,): load of each column of `known`.
-
-    Late loads are shifted to their own time. At the open end of the record they are held constant, and the samples are
-    omitted.
-    """
+    """The record without a fault of a known load, or of two swapped ones; load (p,): load of each column of `known`. Late
+    loads are shifted to their own time. At the open end of the record they are held constant, and the samples are omitted."""
     known, samples, W = record.known.copy(), record.samples, record.settled
     tones = np.zeros((0, *known.shape[1:]), dtype=complex) if W is None else W.hold.copy()
     wrong = load == fault.channel
@@ -67,11 +64,8 @@ def _shift(hold: np.ndarray, steps: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Innovations:
-    """Whitened innovations (B, T, m) of linear filters at B points of the parameters, without tolerances.
-
-    unloaded: without known loads; by_load[i][j]: contribution of load i acting as load j; log_prior (B,): of the points, with
-    that of σ.
-    """
+    """Whitened innovations (B, T, m) of linear filters at B points of the parameters, without tolerances. unloaded: without
+    known loads; by_load[i][j]: contribution of load i acting as load j; log_prior (B,): of the points, with that of σ."""
 
     unloaded: np.ndarray
     by_load: list[list[np.ndarray]]
@@ -166,11 +160,9 @@ LARGEST = 3.0
 
 @dataclass(frozen=True)
 class ResidualPattern:
-    """Direction in which innovations exceed their claimed covariance.
-
-    size: RMS over the claim; correlation: of successive samples; share (m,): squares of the channels in units of their noise;
-    gain: of ln p by a first-order autoregression instead of white noise.
-    """
+    """Direction in which innovations exceed their claimed covariance. size: RMS over the claim; correlation: of successive
+    samples; share (m,): squares of the channels in units of their noise; gain: of ln p by a first-order autoregression
+    instead of white noise."""
 
     size: float
     correlation: float

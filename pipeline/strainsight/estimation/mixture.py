@@ -165,7 +165,7 @@ class Mixture:
 
         The covariance (L, n + k, n + k) is that of states and parameters.
         """
-        # what the samples say of ν moves every estimate, and leaves the rest of it in P
+        # the estimate of ν corrects all estimates, and its remaining covariance is part of P
         x = states.x - np.einsum("btda,btd->bta", states.V, states.nu)
         heavy = np.flatnonzero((weights.positive > 0).any(axis=0))
         V, left, point = states.V[heavy], states.left[heavy], weights.point
@@ -203,10 +203,8 @@ class Mixture:
     def innovations(
         self, span: slice, weights: Weights, before: tuple[np.ndarray, np.ndarray], passage: Passage
     ) -> None:
-        """Add the innovations of L steps; weights: before each step.
-
-        before: mean (B, 1, d) and covariance (B, 1, d, d) of ν of each filter before the first step.
-        """
+        """Add the innovations of L steps; weights: before each step. before: mean (B, 1, d) and covariance (B, 1, d, d) of ν
+        of each filter before the first step."""
         if self.parameters_alone:
             return
         samples = self.record.data.samples[span]
@@ -266,10 +264,8 @@ def _first_indefinite(S: np.ndarray) -> int:
 
 
 def removed_of(left: np.ndarray) -> np.ndarray:
-    """1 − Λ (..., d, d): reduction of the unit prior covariance of ν by the samples.
-
-    Directions in which Λ exceeds the prior are set to zero: points with different ν are still likely.
-    """
+    """1 − Λ (..., d, d): reduction of the unit prior covariance of ν by the samples. Directions in which Λ exceeds the prior
+    are set to zero: points with different ν are still likely."""
     removed = np.eye(left.shape[-1]) - left
     try:
         # a factor says in a fourth of the time that there is no such direction

@@ -117,7 +117,7 @@ class FilterModel:
 
     @property
     def has_free_loads(self) -> bool:
-        """Whether parameters are judged beside unknown loads that are free."""
+        """Whether parameters are weighted with free unknown loads."""
         return self.free_loads and bool(self.unknowns.inputs and self.unknowns.parameters)
 
     @property
@@ -180,10 +180,8 @@ class FilterModel:
 
     @cached_property
     def process(self) -> np.ndarray:
-        """Q_h (n*, n*) or (B, n*, n*): the covariance that x* gathers in a step, at the fixed values and the guess.
-
-        What the drift of a parameter does to the motion within one step is left out: it depends on the motion.
-        """
+        """Q_h (n*, n*) or (B, n*, n*): the covariance that x* gathers in a step, at the fixed values and the guess. What the
+        drift of a parameter does to the motion within one step is left out: it depends on the motion."""
         rest, loads = np.zeros((1, 2 * self.model.size)), np.zeros((1, len(self.model.inputs)))
         F = linearise(self.model, self.unknowns, {**self.unknowns.guess, **self.fixed}, rest, loads)[0]
         return process_covariance(F, self.Q, self.h)
@@ -221,10 +219,8 @@ def loads_of(model: FilterModel, x: np.ndarray, known: np.ndarray) -> np.ndarray
 
 
 def physical(model: FilterModel, mean: np.ndarray, std: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Value and standard deviation [SI] of every unknown: u = amplitude·ũ; θ = guess·exp(p), σ_θ = θ σ_p (first order).
-
-    mean, std (..., n*). Returns arrays of shape (...).
-    """
+    """Value and standard deviation [SI] of every unknown: u = amplitude·ũ; θ = guess·exp(p), σ_θ = θ σ_p (first order). mean,
+    std (..., n*). Returns arrays of shape (...)."""
     values = {
         name: (a * mean[..., at], a * std[..., at])
         for name, a, at in zip(model.unknowns.inputs, model.amplitude, model.position, strict=False)
@@ -335,10 +331,8 @@ def measure(
 def surface_reading(
     model: FilterModel, rows: np.ndarray, change: AffineOperator, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What other places on the surface than the channels read at x* (B, n*), and the Jacobian, as of `measure`.
-
-    rows (k, n) of strain or displacement per coordinate at the references, change: what θ adds to them.
-    """
+    """What other places on the surface than the channels read at x* (B, n*), and the Jacobian, as of `measure`. rows (k, n)
+    of strain or displacement per coordinate at the references, change: what θ adds to them."""
     H = np.hstack([rows, np.zeros((len(rows), model.size - rows.shape[1]))])
     return measure(replace(model, H=H, change=change, quantity=None), x, np.zeros(len(model.known_inputs)))
 
@@ -346,11 +340,9 @@ def surface_reading(
 def augmented_jacobian(
     model: FilterModel, modal: ModalMap, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray
 ) -> np.ndarray:
-    """A* = [[A, Σⱼ BⱼRⱼ, θ ∂x⁺/∂θ], [0, exp(A_u h), 0], [0, 0, I]]  (1.55), at one or many states; R of `input_hold`.
-
-    modal: the step at theta; state (..., 2n) [q, q̇] and u (..., HOLD, n_u) at the start of the step.
-    Returns (..., n*, n*); without estimated parameters (1, n*, n*), as the state does not matter.
-    """
+    """A* = [[A, Σⱼ BⱼRⱼ, θ ∂x⁺/∂θ], [0, exp(A_u h), 0], [0, 0, I]]  (1.55), at one or many states; R of `input_hold`. modal:
+    the step at theta; state (..., 2n) [q, q̇] and u (..., HOLD, n_u) at the start of the step. Returns (..., n*, n*); without
+    estimated parameters (1, n*, n*), as the state does not matter."""
     upper = _map_jacobian(model, modal, theta, state, u, model.hold)
     J = np.zeros((*upper.shape[:-2], model.size, model.size))
     J[..., model.motion, :] = upper

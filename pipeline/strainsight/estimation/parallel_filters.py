@@ -1,4 +1,4 @@
-"""Linear Kalman filters side by side, each of a model of its own, on one measurement: the inner loop of the grid filter."""
+"""Parallel linear Kalman filters, each with its own model, on one measurement: the inner loop of the grid filter."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from strainsight.parallel import threads
 
 @dataclass(frozen=True)
 class ModalMotion:
-    """How B models of n states move in a step, and what e constants ν change of it, in coordinates z of the states x = T z in
-    which q modes are apart:
+    """A step of B models of n states, and its derivatives in e constants ν, in coordinates z of x = T z in which q modes
+    decouple:
 
         z⁺ₐ = p₀ₐ zₐ + p₁ₐ z_{q+a} + …,   z⁺_{q+a} = p₂ₐ zₐ + p₃ₐ z_{q+a} + …,   a < q
 
-    and what the other s = n − 2q do, to all of them and to each other, is the rows of `augmented`. A step takes a tenth of the
-    products that it takes of a full matrix.
-    basis T and its inverse (B, n, n); pairs p (B, 4, q); augmented (B, s, n); fed (B, n, p) by what is known; slopes in ν:
-    pairs_nu (B, e, 4, q), augmented_nu (B, e, s, n), fed_nu (B, e, n, p).
+    The rows of `augmented` are the effects of the other s = n − 2q states on all states. A step needs a tenth of the products
+    of a full matrix. basis T and its inverse (B, n, n); pairs p (B, 4, q); augmented (B, s, n); fed (B, n, p): known inputs;
+    slopes in ν: pairs_nu (B, e, 4, q), augmented_nu (B, e, s, n), fed_nu (B, e, n, p).
     """
 
     basis: np.ndarray
@@ -41,17 +40,17 @@ class ModalMotion:
         check_shapes(self, shapes, {"B": B, "n": n, "p": p, "q": q, "e": e, "s": n - 2 * q, "4": 4})
 
     def of(self, points: slice) -> ModalMotion:
-        """Of some of the models."""
+        """Selected models."""
         return ModalMotion(*(getattr(self, entry.name)[points] for entry in fields(self)))
 
     def about(self, nu: np.ndarray) -> ModalMotion:
-        """That at ν (e,), in which it is linear."""
+        """The motion at ν (e,), in which it is linear."""
         slopes = {"pairs": self.pairs_nu, "augmented": self.augmented_nu, "fed": self.fed_nu}
         moved = {name: getattr(self, name) + np.tensordot(slope, nu, (1, 0)) for name, slope in slopes.items()}
         return replace(self, **moved)
 
     def with_constants(self, count: int) -> ModalMotion:
-        """With as many more states that stay as they are."""
+        """Add `count` constant states."""
         if count == 0:
             return self
 
@@ -68,7 +67,7 @@ class ModalMotion:
 
 
 def _full_matrix(pairs: np.ndarray, augmented: np.ndarray) -> np.ndarray:
-    """(..., n, n) in the coordinates of the modes."""
+    """Full matrix (..., n, n) in modal coordinates."""
     q, n = pairs.shape[-1], augmented.shape[-1]
     full, a = np.zeros((*augmented.shape[:-2], n, n)), np.arange(q)
     for k, (i, j) in enumerate(((0, 0), (0, q), (q, 0), (q, q))):
@@ -78,7 +77,7 @@ def _full_matrix(pairs: np.ndarray, augmented: np.ndarray) -> np.ndarray:
 
 
 def pad_zeros(array: np.ndarray, count: int, *axes: int) -> np.ndarray:
-    """With as many more zeros along some axes, numbered from the last."""
+    """Append `count` zeros along some axes, numbered from the last."""
     return np.pad(array, [(0, count if axis - array.ndim in axes else 0) for axis in range(array.ndim)])
 
 
@@ -86,13 +85,12 @@ def pad_zeros(array: np.ndarray, count: int, *axes: int) -> np.ndarray:
 class LinearModels:
     """B models  x⁺ = A x + G w + Σₖ νₖ(Aₖx + Gₖw) + noise,   y = H x + F w₁ + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Bₖz) + noise
 
-    of one size. ν are d constants that no filter estimates, of mean zero and variance one; the first e of them change the motion.
-    motion: A (B, n, n); G (B, n, p) of what is known, w (T, p) in a step; A_ν (B, e, n, n), G_ν (B, e, n, p). Q (B, n, n)
-    covariance of a step; H (B, m, n); F (B, m, p₁) of what is known at its end, w₁ (T, p₁);
-    D (d, m, n), E (d, m, p₁), o (d, m). B (d, m, f) on
-    zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f of those that change the motion, U (f, n), W (f, p₁).
-    about (d,): ν is counted from there, and of every model from `shift` (B, d) beyond, so that its mean is −about − shift;
-    fixed_slope (d,): whether slopes are those there.
+    of one size. ν are d considered constants of mean zero and variance one; the first e of them change the motion. motion: A
+    (B, n, n); G (B, n, p) of the known inputs w (T, p); A_ν (B, e, n, n), G_ν (B, e, n, p). Q (B, n, n): covariance of a
+    step; H (B, m, n); F (B, m, p₁) of the known inputs w₁ (T, p₁) at its end; D (d, m, n), E (d, m, p₁), o (d, m). B (d, m,
+    f) on zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f ν that change the motion, U (f, n), W (f, p₁). about (d,): reference of ν, plus
+    `shift` (B, d) for each model, so that its mean is −about − shift; fixed_slope (d,): whether slopes are those at the
+    reference.
     """
 
     SHARED: ClassVar = ("D", "E", "offset", "B", "U", "W", "about", "fixed_slope")
@@ -150,23 +148,23 @@ class LinearModels:
 
     @property
     def moving(self) -> int:
-        """How many ν change the motion."""
+        """Number of ν that change the motion."""
         return self.motion.pairs_nu.shape[1]
 
     @property
     def kept_a_step(self) -> int:
-        """How many numbers the states of the filters are at one instant."""
+        """Number of values of the filter states at one instant."""
         n, d = self.H.shape[-1], self.considered_count
         return self.count * (n * (n + 1 + d) + d**2)
 
     def of(self, points: slice) -> LinearModels:
-        """Some of them."""
+        """Selected models."""
         by_model = {name: getattr(self, name)[points] for name in ("Q", "H", "F", "shift")}
         return replace(self, motion=self.motion.of(points), **by_model)
 
     @cached_property
     def compiled(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-        """As `take_steps` takes them: motion, readings, and what is beyond the coordinates."""
+        """Arguments of `take_steps`: motion, readings, and truncated displacements."""
         modal, acts = self.motion, (self.D != 0).any(axis=2) | (self.E != 0).any(axis=2)
         Q = modal.inverse @ self.Q @ np.swapaxes(modal.inverse, 1, 2)
         motion = (
@@ -186,13 +184,13 @@ class LinearModels:
 
 
 def compilable(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-    """One behind the other in memory and writable: loops are compiled once more, for seconds, for arrays of another kind."""
+    """Contiguous writable arrays: other kinds would compile the loops again, which takes seconds."""
     return tuple(np.require(each, requirements=("C", "W")) for each in arrays)
 
 
 def check_shapes(arrays: Any, shapes: str, sizes: dict[str, int]) -> None:
-    """Raises ValueError where an array has not the shape that it should have, as "name letters, …" with the size of every letter:
-    compiled loops do not look where they write."""
+    """Raise ValueError for inconsistent shapes, specified as "name letters, …" with the size of each letter: compiled loops do
+    not check bounds."""
     for name, letters in (each.split() for each in shapes.split(", ")):
         actual, shape = getattr(arrays, name).shape, tuple(sizes[letter] for letter in letters)
         if actual != shape:
@@ -202,18 +200,17 @@ def check_shapes(arrays: Any, shapes: str, sizes: dict[str, int]) -> None:
 
 
 KEPT = 4_000_000
-"""Numbers that are kept of the filters at a time."""
+"""Values of the filters stored at a time."""
 APART = 2000
-"""Steps of a filter from which another thread pays: it takes as long to start as some hundred of them, microseconds each."""
+"""Steps of a filter that justify a thread: starting one takes as long as a few hundred steps of microseconds each."""
 
 
 @dataclass(frozen=True)
 class Filters:
-    """Where B filters stand, in the coordinates z of `linear.Motion`; `advance` moves them: x (B, n), P (B, n, n); V (B, d, n)
-    what one of ν adds to the error x̂ − x;
-    gain (B, m, n), variance (B, m) of every channel in the last step, one channel after the other, and S (B, m, m) of all of
-    them before it; calm (B,) steady steps; nu (B, d) and left (B, d, d): mean and covariance of ν by the samples so far;
-    x_c, P_c, V_c: as x, P, V, by the gains that consider ν, of no entry where none are asked for; basis T (B, n, n)."""
+    """State of B filters in the coordinates z of `ModalMotion`; `advance` updates it. x (B, n), P (B, n, n); V (B, d, n):
+    error x̂ − x per unit ν; gain (B, m, n), variance (B, m) of each channel in the last sequential update, and S (B, m, m)
+    before it; calm (B,): steady steps; nu (B, d), left (B, d, d): mean and covariance of ν given the samples so far; x_c,
+    P_c, V_c: the same with gains that consider ν, or empty; basis T (B, n, n)."""
 
     x: np.ndarray
     P: np.ndarray
@@ -231,13 +228,13 @@ class Filters:
 
     @property
     def states(self) -> States:
-        """As they are, at one instant; by the gains that consider ν, where there are some."""
+        """The current states; with gains that consider ν, if any."""
         parts = (self.x_c, self.P_c, self.V_c) if self.x_c.size else (self.x, self.P, self.V)
         x, P, V = _to_states(self.basis, *(each[:, None] for each in parts))
         return States(x, P, V, self.nu[:, None].copy(), self.left[:, None].copy())
 
     def copy(self) -> Filters:
-        """The same, for others to move."""
+        """Copy of the filters."""
         return Filters(*(getattr(self, entry.name).copy() for entry in fields(self)))
 
 
@@ -245,8 +242,8 @@ R = TypeVar("R")
 
 
 def concatenate(parts: Sequence[R], axis: int = 0) -> R:
-    """Parts of one kind as one, every array joined along an axis, or the AXIS of the kind, but for what the parts have in
-    common (`SHARED`)."""
+    """Concatenate the arrays of several parts along an axis, or the AXIS of their class; `SHARED` fields are taken from the
+    first part."""
     first: Any = parts[0]
     axis = getattr(first, "AXIS", axis)
 
@@ -263,7 +260,7 @@ def concatenate(parts: Sequence[R], axis: int = 0) -> R:
 def _to_states(
     basis: np.ndarray, x: np.ndarray, P: np.ndarray, V: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x = T z (B, L, n), P (B, L, n, n) and V (B, L, d, n) of the states, of those in the coordinates of the modes."""
+    """x = T z (B, L, n), P (B, L, n, n) and V (B, L, d, n) of the states, from modal coordinates."""
     B, L, d, n = V.shape
     T = np.swapaxes(basis, 1, 2)
     half = (P.reshape(B, L * n, n) @ T).reshape(P.shape)
@@ -273,8 +270,7 @@ def _to_states(
 
 @dataclass(frozen=True)
 class States:
-    """B filters at L instants: x (B, L, n), P (B, L, n, n), V (B, L, d, n), nu (B, L, d), left (B, L, d, d), each as in
-    `Filters`."""
+    """B filters at L instants: x (B, L, n), P (B, L, n, n), V (B, L, d, n), nu (B, L, d), left (B, L, d, d); see `Filters`."""
 
     x: np.ndarray
     P: np.ndarray
@@ -283,14 +279,14 @@ class States:
     left: np.ndarray
 
     def first(self, count: int) -> States:
-        """At the first instants."""
+        """The first instants."""
         return States(*(each[:, :count] for each in (self.x, self.P, self.V, self.nu, self.left)))
 
 
 @dataclass(frozen=True)
 class Data:
-    """What filters are given of L steps: known (L, p) in each of them and known_end (L, p₁) at its end, samples (L, m) with NaN
-    where none, noise (L, m) and discrepancy (m,) their variances."""
+    """Inputs of L steps: known (L, p) and known_end (L, p₁) at the end; samples (L, m), NaN if missing; variances noise (L, m)
+    and discrepancy (m,)."""
 
     known: np.ndarray
     known_end: np.ndarray
@@ -299,15 +295,15 @@ class Data:
     discrepancy: np.ndarray
 
     def of(self, span: slice) -> Data:
-        """Of some steps."""
+        """Selected steps."""
         return Data(self.known[span], self.known_end[span], self.samples[span], self.noise[span], self.discrepancy)
 
 
 @dataclass(frozen=True)
 class Passage:
-    """What B filters found in L steps. fit (B, L): log-likelihood of each step's samples, with ν integrated out; where kept, else
-    of length 0 in L: states after each update; before it, expected (B, L, m) and S (B, L, m, m) of the samples at ν = 0, and
-    slope (B, L, m, d) of their innovations in ν."""
+    """Result of B filters for L steps. fit (B, L): log-likelihood of the samples, ν integrated out. If stored: states after
+    each update; expected (B, L, m) and S (B, L, m, m) of the samples at ν = 0, and slope (B, L, m, d) of the innovations in
+    ν."""
 
     fit: np.ndarray
     states: States
@@ -319,7 +315,7 @@ class Passage:
 def build_filters(
     models: LinearModels, x: np.ndarray, covariance: np.ndarray, V: np.ndarray, consider: bool = False
 ) -> Filters:
-    """B filters that begin with x (B, n), V (B, d, n) and one covariance (n, n); consider: with gains that do, as well."""
+    """B filters with x (B, n), V (B, d, n) and one covariance (n, n); consider: also with gains that consider ν."""
     (B, m, n), second = models.H.shape, models.count if consider else 0
     inverse = models.motion.inverse
     T = np.swapaxes(inverse, 1, 2)
@@ -333,20 +329,20 @@ def build_filters(
 def advance(
     models: LinearModels, filters: Filters, data: Data, keep: bool, states: bool = True, less: np.ndarray | None = None
 ) -> Passage:
-    """Take the filters L steps on, each a prediction and an update by every channel that measured (1.57-1.60):
+    """Advance the filters by L steps, each a prediction and an update by all channels with a sample (1.57-1.60):
 
         V⁻ = A V − (A_ν x̃ + G_ν w),   ε = D x̃⁻ + E w₁ + o + B z̃ − H V⁻,   V = V⁻ + K ε,   x̃ = x̂ − V ν̂
 
-    the error that constants ν make in a filter that does not know of them. Its innovations are e = ε ν + white noise, and least
-    squares on them give mean ν̂ and covariance of ν (Friedland's separate filter of a bias), and the likelihood of the samples
-    with ν integrated out. It is linear about the predicted motion, of which innovations are independent: noise makes no bias.
-    States that are kept are of a second filter where `filters` has one, with the gains of Schmidt, which consider ν:
+    V is the error per unit ν in a filter that ignores ν. Its innovations are e = ε ν + white noise. Least squares on them
+    yield mean ν̂ and covariance of ν (Friedland's separate-bias filter), and the likelihood with ν integrated out. The
+    linearisation about the predicted motion is independent of the innovations, so noise causes no bias. If `filters` contains
+    second filters, the stored states have the Schmidt-Kalman gains:
 
         K = (P⁻Hᵀ − V⁻εᵀ)(H P⁻Hᵀ + ε εᵀ + R)⁻¹,   P = (I − K H)P⁻(I − K H)ᵀ + K R Kᵀ
 
-    keep: whether states are returned, S of which is without the discrepancy; states: and not mean and covariance of ν alone;
-    less (L, d): information on ν that is taken off in every step (`noise_alone`). Changes `filters` in place.
-    Sources: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
+    keep: whether to return states, with S excluding the discrepancy; states: whether to return more than mean and covariance
+    of ν; less (L, d): information on ν subtracted in each step (`noise_alone`). Changes `filters` in place. Sources:
+    Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
     """
     B, m, n = models.H.shape
     less = np.zeros((0, models.considered_count)) if less is None else less

@@ -28,13 +28,11 @@ SHARP = 0.25
 
 @dataclass(frozen=True)
 class ParameterGrid:
-    """B points p = centre + frame z at integers z.
-
-    centre (k,), frame (k, k), node z (B, k); spacing: between neighbours, in standard deviations of the construction; sharp:
-    smallest variance of the highest peak that the grid resolves. The trapezoidal sum of a smooth density that vanishes at the
-    edge is far more accurate than the spacing: for a normal density of standard deviation σ the error is 2 exp(−2π²σ²/h²),
-    5e-9 at h = σ. Source: Trefethen and Weideman, SIAM Review 56 (2014).
-    """
+    """B points p = centre + frame z at integers z. centre (k,), frame (k, k), node z (B, k); spacing: between neighbours, in
+    standard deviations of the construction; sharp: smallest variance of the highest peak that the grid resolves. The
+    trapezoidal sum of a smooth density that vanishes at the edge is far more accurate than the spacing: for a normal density
+    of standard deviation σ the error is 2 exp(−2π²σ²/h²), 5e-9 at h = σ. Source: Trefethen and Weideman, SIAM Review 56
+    (2014)."""
 
     centre: np.ndarray
     frame: np.ndarray
@@ -73,11 +71,9 @@ class ParameterGrid:
         return np.array(sorted(wanted), dtype=int).reshape(-1, self.node.shape[1])
 
     def width(self, log_weight: np.ndarray) -> np.ndarray:
-        """Variance (..., k) of a density at its largest point, along the axes in units of the grid steps.
-
-        From second differences of the logarithm (..., B): exact for a normal density, infinite if they do not fall or are
-        unknown. For several peaks it is the variance of the highest one.
-        """
+        """Variance (..., k) of a density at its largest point, along the axes in units of the grid steps. From second
+        differences of the logarithm (..., B): exact for a normal density, infinite if they do not fall or are unknown. For
+        several peaks it is the variance of the highest one."""
         best = np.argmax(log_weight, axis=-1)
         neighbour = self.neighbour[best]
         values = np.take_along_axis(log_weight, neighbour.reshape(*best.shape, -1), axis=-1).reshape(neighbour.shape)
@@ -203,12 +199,9 @@ S = TypeVar("S", bound=PosteriorWeights[ParameterGrid])
 
 @dataclass(frozen=True)
 class GridConstruction(Generic[S]):
-    """Inputs of the grid construction.
-
-    prior: mean (k,) and covariance (k, k); at: grid, step → filters at its points after that step; refuse_lost: raises for an
-    implausible point (k,); most: largest number of points; peak_points (q, k): points that all grids but the first have to
-    contain.
-    """
+    """Inputs of the grid construction. prior: mean (k,) and covariance (k, k); at: grid, step → filters at its points after
+    that step; refuse_lost: raises for an implausible point (k,); most: largest number of points; peak_points (q, k): points
+    that all grids but the first have to contain."""
 
     prior: tuple[np.ndarray, np.ndarray]
     at: Callable[[ParameterGrid, int], S]
@@ -234,11 +227,9 @@ def _build_and_filter(
     other: np.ndarray | None = None,
     most: int | None = None,
 ) -> S:
-    """A grid about a guess of the posterior after `step` steps, grown until it covers it, with the filters at its points.
-
-    If the largest density stays at the edge, the grid is built about that point, three times as wide. other (q, k): points of
-    other peaks to be covered.
-    """
+    """A grid about a guess of the posterior after `step` steps, grown until it covers it, with the filters at its points. If
+    the largest density stays at the edge, the grid is built about that point, three times as wide. other (q, k): points of
+    other peaks to be covered."""
     construction.refuse_lost(mean)
     most = min(construction.most, most or construction.most)
     grid = _build_grid(construction, mean, covariance, other)
@@ -276,10 +267,8 @@ def _build_grid(
 
 
 def build_next_grid(construction: GridConstruction[S], now: S) -> S:
-    """Grid for the current posterior, by way of finer grids for a power of its density if the old grid is too coarse.
-
-    Raises NumericalError if no grid resolves the posterior.
-    """
+    """Grid for the current posterior, by way of finer grids for a power of its density if the old grid is too coarse. Raises
+    NumericalError if no grid resolves the posterior."""
     for _ in range(MOST_LAID):
         share, grid = 1.0, now.cover
         while True:
@@ -312,11 +301,9 @@ def build_next_grid(construction: GridConstruction[S], now: S) -> S:
 def _spread(
     construction: GridConstruction[S], grid: ParameterGrid, which: np.ndarray, log_weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Mean and covariance for the next grid from points (q,) of this one, and the least variance in grid steps.
-
-    The covariance is the smaller of that of the density and twice that of its square. They agree for a normal density; for a
-    curved one the second is closer to that at the peak.
-    """
+    """Mean and covariance for the next grid from points (q,) of this one, and the least variance in grid steps. The
+    covariance is the smaller of that of the density and twice that of its square. They agree for a normal density; for a
+    curved one the second is closer to that at the peak."""
 
     def least(covariance: np.ndarray) -> float:
         return float(grid.spread(covariance).min(initial=np.inf) * SPACING**2)

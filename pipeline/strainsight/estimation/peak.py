@@ -44,10 +44,8 @@ GRID = 3
 
 @dataclass(frozen=True)
 class PosteriorPeak:
-    """point (k,) where the posterior of the parameters is largest, density ln p(y, point) there, and evidence ln p(y).
-
-    about: the ν about which readings are linear, as of `ConsideredParameters`; None where it is that of the search's
-    arguments."""
+    """point (k,) where the posterior of the parameters is largest, density ln p(y, point) there, and evidence ln p(y). about:
+    the ν about which readings are linear, as of `ConsideredParameters`; None where it is that of the search's arguments."""
 
     point: np.ndarray
     evidence: float
@@ -62,7 +60,7 @@ def find_peak(record: GridRecord) -> PosteriorPeak:
 
     p(y | p) by a filter at p, tolerances integrated out: a scan of the prior, as fine as resonances are wide, then Newton's
     method on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A settled motion is far from linear
-    in the damping: the search is done again, linear about the damping that the samples speak for.
+    in the damping: the search is done again, linear about the most likely damping.
     """
     problem = GridProblem((record,))
     peak = _best(find_peaks(problem))

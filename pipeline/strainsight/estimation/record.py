@@ -22,11 +22,9 @@ from strainsight.estimation.parallel_filters import Data, LinearModels
 
 @dataclass(frozen=True)
 class Settled:
-    """Stationary start: the known loads have been sums of tones long enough for transients to vanish at t = 0.
-
-    frequency ω (k,) [rad/s]; hold W (k, HOLD, n_known) complex [N]: the hold coefficients of the step at jh are Σₖ Re Wₖ
-    exp(iωₖjh); std (2n,): σ of [q, q̇] about that motion.
-    """
+    """Stationary start: the known loads have been sums of tones long enough for transients to vanish at t = 0. frequency ω
+    (k,) [rad/s]; hold W (k, HOLD, n_known) complex [N]: the hold coefficients of the step at jh are Σₖ Re Wₖ exp(iωₖjh); std
+    (2n,): σ of [q, q̇] about that motion."""
 
     frequency: np.ndarray
     hold: np.ndarray
@@ -56,10 +54,8 @@ def periodic_start(model: FilterModel, models: LinearModels, settled: Settled) -
 def start_filters(
     model: FilterModel, models: LinearModels, mean: np.ndarray, covariance: np.ndarray, settled: Settled | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Filters at t = 0: x (B, n), P (n, n), and V (B, d, n), the error x̂ − x per unit ν.
-
-    mean (n,), covariance (n, n): of the states if the motion is not settled.
-    """
+    """Filters at t = 0: x (B, n), P (n, n), and V (B, d, n), the error x̂ − x per unit ν. mean (n,), covariance (n, n): of
+    the states if the motion is not settled."""
     B, n = models.count, len(mean)
     x, P, V = np.tile(mean, (B, 1)), covariance.copy(), np.zeros((B, models.considered_count, n))
     if settled is None:
@@ -73,10 +69,8 @@ def start_filters(
 def start_errors(
     model: FilterModel, considered: ConsideredParameters, covariance: np.ndarray, settled: Settled | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (n*, n*) of x* at t = 0 at the guess, with exact constants, and V (d + k, n).
-
-    V: error of the states before the parameters, per unit of each considered and estimated parameter.
-    """
+    """Covariance (n*, n*) of x* at t = 0 at the guess, with exact constants, and V (d + k, n). V: error of the states before
+    the parameters, per unit of each considered and estimated parameter."""
     n = model.parameter_states.start
     k = model.size - n
     ends = DIFFERENCE * np.concatenate([np.zeros((1, k)), *(step * np.eye(k) for step in (-2, -1, 1, 2))])
@@ -97,13 +91,10 @@ def _about(covariance: np.ndarray, settled: Settled) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GridRecord:
-    """A record and the prior of the grid filter.
-
-    model: one set of channels, parameters without drift; mean (n*,), covariance (n*, n*) at t = 0, parameters uncertain and
-    uncorrelated with the states; known (T, HOLD, n_known) [N]; samples (T/every, m), NaN if missing; biased (b,): channels
-    with an unknown offset, behind x* in mean and covariance; settled: periodic motion at t = 0 for all parameters and ν, in
-    place of that in mean and covariance.
-    """
+    """A record and the prior of the grid filter. model: one set of channels, parameters without drift; mean (n*,), covariance
+    (n*, n*) at t = 0, parameters uncertain and uncorrelated with the states; known (T, HOLD, n_known) [N]; samples (T/every,
+    m), NaN if missing; biased (b,): channels with an unknown offset, behind x* in mean and covariance; settled: periodic
+    motion at t = 0 for all parameters and ν, in place of that in mean and covariance."""
 
     model: FilterModel
     mean: np.ndarray
@@ -157,10 +148,8 @@ class GridRecord:
 
     @cached_property
     def free(self) -> tuple[FilterModel, FilterModel]:
-        """Models with free unknown loads: with all process noise, and with that of the loads alone.
-
-        Their `process` is a matrix exponential of twice the number of states.
-        """
+        """Models with free unknown loads: with all process noise, and with that of the loads alone. Their `process` is a
+        matrix exponential of twice the number of states."""
         free, loads = self.model.with_free_loads(self.steps), np.zeros(self.model.size, dtype=bool)
         loads[free.input_states] = True
         return free, replace(free, Q=np.where(np.outer(loads, loads), free.Q, 0.0))

@@ -1,7 +1,5 @@
-"""Consistency of a record of any length with its model.
-
-Faults are searched where the readings are largest; innovations are checked over the whole record.
-"""
+"""Consistency of a record of any length with its model. Faults are searched where the readings are largest; innovations are
+checked over the whole record."""
 
 from __future__ import annotations
 
@@ -70,12 +68,9 @@ class RecordCheck:
 
 
 def check_record(record: CheckRecord, discrepancy: float = 0.0, progress: Progress = lambda share: None) -> RecordCheck:
-    """Check a record against its model, as `examine_record` does for a stretch.
-
-    A record that is consistent where its readings are largest is filtered as a whole, with the most likely parameters of that
-    part. It is inconsistent if the innovations of any LONGEST samples are BELIEVABLE times larger than claimed; faults are
-    then searched there.
-    """
+    """Check a record against its model, as `examine_record` does for a stretch. A record that is consistent where its
+    readings are largest is filtered as a whole, with the most likely parameters of that part. It is inconsistent if the
+    innovations of any LONGEST samples are BELIEVABLE times larger than claimed; faults are then searched there."""
     stretches, checks = select_stretches(record), []
     for i, (begin, end) in enumerate(stretches):
 
@@ -122,11 +117,8 @@ def _check_stretch(part: CheckRecord, whole: CheckRecord, discrepancy: float, pr
 
 
 def _unmodelled_load(part: CheckRecord, fit: Fit, finding: Diagnosis) -> ResidualPattern | None:
-    """The residual pattern of an unmodelled load.
-
-    None if a fault brings the innovations to the claim, if a fault or faster loads explain the measurements as well, or if
-    there are too few channels.
-    """
+    """The residual pattern of an unmodelled load. None if a fault brings the innovations to the claim, if a fault or faster
+    loads explain the measurements as well, or if there are too few channels."""
     as_it_is, grid_run = fit
     inputs = part.model.unknowns.inputs
     samples = int(np.isfinite(part.samples).sum())
@@ -148,11 +140,9 @@ def _agrees(part: CheckRecord, fit: Fit) -> bool:
 
 
 def _intensity_at_rest(part: CheckRecord) -> float:
-    """Most likely factor on the intensity of unknown loads in a stretch at rest.
-
-    The full intensity would be a model error there, which for example a dead channel would reduce. If the stretch remains
-    inconsistent, one channel may be wrong, and the factor is that of the others.
-    """
+    """Most likely factor on the intensity of unknown loads in a stretch at rest. The full intensity would be a model error
+    there, which for example a dead channel would reduce. If the stretch remains inconsistent, one channel may be wrong, and
+    the factor is that of the others."""
     fits = [(factor, explain_record(scale_intensity(part, factor), None)) for factor in INTENSITIES]
     factor, fit = max(fits, key=lambda one: one[1][0].evidence)
     if _agrees(part, fit) or part.samples.shape[1] < 2:
@@ -213,10 +203,8 @@ def _check_whole(
 
 
 def _stretch_elsewhere(record: CheckRecord, grid_run: GridRun, checks: Sequence[RecordCheck]) -> tuple[int, int] | None:
-    """The stretch about the largest innovation outside the checked ones; None if that is within SPIKE.
-
-    Large innovations inside a consistent stretch are sudden load changes.
-    """
+    """The stretch about the largest innovation outside the checked ones; None if that is within SPIKE. Large innovations
+    inside a consistent stretch are sudden load changes."""
     size, _ = innovation_sizes(record, grid_run)
     checked = [(one.stretch.begin, one.stretch.begin + len(one.stretch.samples)) for one in checks]
     for first, behind in checked:

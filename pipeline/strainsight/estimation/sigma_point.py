@@ -86,7 +86,7 @@ class SigmaPoints:
 
     with A, H their slopes: the covariance of the extended filter, and what the product of the errors of parameter and motion
     adds, which that neglects. The density of parameter and motion is taken as normal after every step.
-    model: of every run; many: of all points of all runs; parameters: where they stand in x; curved: whether the reading is not
+    model: of every run; many: of all points of all runs; parameters: their indices in x; curved: whether the reading is not
     linear, and so needs a regression.
     """
 
@@ -129,7 +129,7 @@ def sigma_points(
 
 
 def _repeat_model(model: FilterModel, times: int) -> FilterModel:
-    """For so many points of every run, where each run has channels of its own."""
+    """The model for all points of all runs, if each run has its channels."""
     if model.H.ndim < 3:
         return model
     quantity = model.quantity

@@ -29,9 +29,8 @@ from strainsight.rom.modal_step import HOLD
 
 @dataclass(frozen=True)
 class WantedCovariances:
-    """Covariances that are kept of a smoother: rows (r, n*), or (T + 1, r, n*) where they change, of which σ is wanted at every
-    instant; states (k,), their
-    covariance with one another at every instant; instants (i,), all of it there."""
+    """Covariances to be stored by a smoother. rows (r, n*), or (T + 1, r, n*) if they change: σ at each instant; states (k,):
+    joint covariance at each instant; instants (i,): full covariance."""
 
     rows: np.ndarray
     states: np.ndarray
@@ -223,7 +222,7 @@ def _back(
     s = np.concatenate([z, np.sqrt(R) * solve_triangular(L[0], whitened, lower=True, trans="T")]) + N @ moved
     noise = np.hstack([A @ disturbance, added])
     r = noise.shape[1]
-    # large rows first: what orthogonal steps lose is small beside the first ones
+    # large rows first, as the rounding of orthogonal steps is relative to them
     rows = np.vstack([np.hstack([N @ noise, N @ A]), np.eye(r, r + len(A))])
     rotated, triangle = _eliminate(rows, np.concatenate([s, np.zeros(r)]))
     return triangle[r:, r:], rotated[r:]

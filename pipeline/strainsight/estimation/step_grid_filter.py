@@ -88,13 +88,10 @@ class StepGridRun:
 def filter_constants(
     problem: StepGridProblem, samples: np.ndarray, *, progress: Callable[[int], None] | None = None
 ) -> StepGridRun:
-    """Posterior of ξ and of all states along samples (T, m), NaN where missing.
-
-    The lattice begins at the prior, and is laid anew about the posterior whenever that has narrowed or moved to its edge; its
-    filters begin at t = 0. progress: called with the steps done.
-    Raises InfeasibleError where a constant has no prior width; NumericalError where no point is left, where a lattice would need
-    more than MOST_POINTS points, or FARTHEST standard deviations of the prior.
-    """
+    """Posterior of ξ and of all states along samples (T, m), NaN where missing. The lattice begins at the prior, and is laid
+    anew about the posterior whenever that has narrowed or moved to its edge; its filters begin at t = 0. progress: called
+    with the steps done. Raises InfeasibleError where a constant has no prior width; NumericalError where no point is left,
+    where a lattice would need more than MOST_POINTS points, or FARTHEST standard deviations of the prior."""
     _refuse_known(problem)
     construction = GridConstruction[WeightedHistories](
         problem.prior, lambda grid, step: _run_filters(problem, samples, grid, step),

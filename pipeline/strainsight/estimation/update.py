@@ -21,11 +21,9 @@ def predict(P: np.ndarray, A: np.ndarray, Q: np.ndarray) -> np.ndarray:
 def whitened_gain(
     P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float = np.nan
 ) -> tuple[np.ndarray, np.ndarray]:
-    """G = PHᵀL⁻ᵀ and the Cholesky factor L of S = HPHᵀ + R = LLᵀ: the gain is K = G L⁻¹ (1.58).
-
-    P (b, n, n); H (m, n) or (b, m, n); R (b, m) variances, or (b, m, m). Returns G (b, n, m), L (b, m, m).
-    Raises NumericalError, with the instant [s], where S is not positive definite.
-    """
+    """G = PHᵀL⁻ᵀ and the Cholesky factor L of S = HPHᵀ + R = LLᵀ: the gain is K = G L⁻¹ (1.58). P (b, n, n); H (m, n) or (b,
+    m, n); R (b, m) variances, or (b, m, m). Returns G (b, n, m), L (b, m, m). Raises NumericalError, with the instant [s],
+    where S is not positive definite."""
     HP = H @ P
     S = symmetric(HP @ transpose(H))
     if R.ndim == 3:
@@ -47,12 +45,9 @@ def gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float = np.nan) -
 
 
 def schmidt_gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, V: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Schmidt's gain, which considers constants ν of unit variance: K = (P Hᵀ − Vᵀεᵀ) S⁻¹, S = H P Hᵀ + ε εᵀ + R.
-
-    P (b, n, n) without what ν causes; H (m, n) or (b, m, n); R (b, m) or (m,) variances; V (b, d, n) what one of ν adds to the
-    error of the states, slope ε (b, m, d) to the innovation. Returns K (b, n, m).
-    Source: Schmidt, Advances in Control Systems 3 (1966).
-    """
+    """Schmidt's gain, which considers constants ν of unit variance: K = (P Hᵀ − Vᵀεᵀ) S⁻¹, S = H P Hᵀ + ε εᵀ + R. P (b, n, n)
+    excludes the effect of ν; H (m, n) or (b, m, n); R (b, m) or (m,) variances. V (b, d, n): error of the states per unit ν,
+    slope ε (b, m, d) of the innovation. Returns K (b, n, m). Source: Schmidt, Advances in Control Systems 3 (1966)."""
     S = H @ P @ transpose(H) + slope @ transpose(slope) + R[..., None] * np.eye(R.shape[-1])
     return transpose(np.linalg.solve(S, H @ P - slope @ V))
 

@@ -247,8 +247,7 @@ def curved_beam_masses(
     ids: np.ndarray,
     rotary: np.ndarray,
 ) -> np.ndarray:
-    """Consistent mass of beams of three nodes, of ½ ∫ m |u̇|² + (−θ̇_z, θ̇_y) R (−θ̇_z, θ̇_y)ᵀ + tr(R) θ̇_x² dx with their
-    functions.
+    """Consistent mass of beams of three nodes, of ½ ∫ m |u̇|² + (−θ̇_z, θ̇_y) R (−θ̇_z, θ̇_y)ᵀ + tr(R) θ̇_x² dx with their functions.
 
     per_length m (e, 2) at A and B [kg/m]; rotary R (e, 2, 2, 2) = ρ ∫ (y, z)ᵀ (y, z) dA at both ends [kg m]; the rest as
     `curved_beam_stiffnesses`. Returns (e, 18, 18) [kg, kg m, kg m²]. Raises DeckError for a beam that turns back.

@@ -7,8 +7,7 @@ With U₀ = [Φ₀, z₀] at θ₀ and U₁ = [Φ₁, z₁] at θ₁, and what o
 of A, B and D on U = [U₀, U₁] the blocks U₀ᵀAU₀, U₁ᵀBU₁ and N = U₀ᵀDU₁ = U₀ᵀBU₁ − U₀ᵀAU₁ are known, and both sets are reproduced
 whatever U₀ᵀDU₀ and U₁ᵀDU₁ are: two sets do not say these. But D is the strain energy of the region alone,
 which is c₁K̃₁ + c₂K̃₂ of an isotropic material, K̃ the stiffness of our own elements with unit modulus and two Poisson ratios: N
-gives c by least squares, and what is left of it, S = N − U₀ᵀK̃U₁, enters by the motion of the region, U₁ ≈ U₀a and U₀ ≈ U₁b
-there:
+gives c by least squares, and what is left of it, S = N − U₀ᵀK̃U₁, enters by the motion of the region, U₁ ≈ U₀a and U₀ ≈ U₁b there:
 
     U₁ᵀDU₁ = U₁ᵀK̃U₁ + (aᵀS + Sᵀa)/2,     U₀ᵀDU₀ = U₀ᵀK̃U₀ + (Sb + bᵀSᵀ)/2
 

@@ -21,13 +21,10 @@ from strainsight.multibody.system import Element, System
 
 @dataclass(frozen=True)
 class Balance:
-    """(1.3) at (q, v, a, μ, λ, u, θ), without the multipliers: M a + c + f.
-
-    phi φ (m,); B (m, n) = ∂φ/∂q; B_rate (m, n) = ∂φ̇/∂q; driven: φ_t and more where joints are driven, φ̇ = Bv + φ_t;
-    load (n,) = M(q)a + c(q, v) + f(q, v, u, θ); mass M (n, n);
-    stiffness (n, n) = ∂(load − Bᵀλ)/∂q; damping (n, n) = ∂load/∂v; constraint_stiffness (n, n) = ∂(Bᵀμ)/∂q;
-    gradient (nr, n) of all relations; by_parameters (n, nθ + width of u): ∂f/∂(θ, u) of the elements.
-    """
+    """(1.3) at (q, v, a, μ, λ, u, θ), without the multipliers: M a + c + f. phi φ (m,); B (m, n) = ∂φ/∂q; B_rate (m, n) =
+    ∂φ̇/∂q; driven: φ_t and more where joints are driven, φ̇ = Bv + φ_t; load (n,) = M(q)a + c(q, v) + f(q, v, u, θ); mass M
+    (n, n); stiffness (n, n) = ∂(load − Bᵀλ)/∂q; damping (n, n) = ∂load/∂v; constraint_stiffness (n, n) = ∂(Bᵀμ)/∂q; gradient
+    (nr, n) of all relations; by_parameters (n, nθ + width of u): ∂f/∂(θ, u) of the elements."""
 
     phi: np.ndarray
     B: np.ndarray
@@ -158,7 +155,7 @@ class Instant:
 def instant(
     system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, p_second: np.ndarray
 ) -> Instant:
-    """What (1.3) says of a state on the constraints, free of any time step:
+    """Accelerations and reactions of a state on the constraints by (1.3), independent of any time step:
 
         [M  −Bᵀ] [v̇]     [c + f                                  ]
         [B   0 ] [λ ] = − [B_rate v + ṗ (B_p v + ∂φ_t/∂p) + φ_p p̈]
@@ -200,11 +197,8 @@ def instant_slopes(
     p_second: np.ndarray,
     now: Instant,
 ) -> InstantSlopes:
-    """Of the instant, by both rows of (1.3) as they are solved for (v̇, λ), off the constraints, too:
-
-    [M  −Bᵀ] [∂v̇]     [∂(M v̇ + c + f − Bᵀλ)                      ]
-    [B   0 ] [∂λ] = − [∂(B v̇ + B_rate v + …) = ∂φ̈,  ∂φ̈/∂v = 2 B_rate]
-    """
+    """Of the instant, by both rows of (1.3) as they are solved for (v̇, λ), off the constraints, too: [M  −Bᵀ] [∂v̇]     [∂(M
+    v̇ + c + f − Bᵀλ)                      ] [B   0 ] [∂λ] = − [∂(B v̇ + B_rate v + …) = ∂φ̈,  ∂φ̈/∂v = 2 B_rate]"""
     n, m, d = system.size, system.constrained, system.metric
     at = balance(system, q, v, u, theta, a=now.acceleration, lam=now.lam)
     A, s = _matrix(system, at)
@@ -229,7 +223,7 @@ def _bends(
     p, p_rate = u[drives.at : drives.at + len(drives.names)], u[drives.at + len(drives.names) :]
     for i, (row, across, k) in enumerate(zip(drives.row, drives.across, drives.which, strict=True)):
         if across < 0:
-            continue  # neither p nor its square stands beside q
+            continue  # neither p nor its square multiplies q
         c, s = np.cos(p[k]), np.sin(p[k])
         bends[row] = c * whole[row] - s * whole[across] - 2 * p_rate[k] * (s * rate[row] + c * rate[across])
         bends[row] += p_second[k] * at.driven.gradient[i] - p_rate[k] ** 2 * at.B[row]

@@ -18,10 +18,8 @@ TURNED = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
 
 @dataclass(frozen=True)
 class Carried:
-    """A vector that a body carries: b = t r + R(c + C η), bilinear in (R, η), so of constant second derivative.
-
-    body: its name, None for the ground (b = c); t [-]; c (3,); C (3, n). A clamped body has r = 0, R = I.
-    """
+    """A vector that a body carries: b = t r + R(c + C η), bilinear in (R, η), so of constant second derivative. body: its
+    name, None for the ground (b = c); t [-]; c (3,); C (3, n). A clamped body has r = 0, R = I."""
 
     body: str | None
     t: float
@@ -39,11 +37,9 @@ def constant(vector: np.ndarray) -> Carried:
 
 @dataclass(frozen=True)
 class Frame:
-    """A right-handed frame on a body: origin p = r + R(o + Φη), axes a_k = R(I + [Ψη]×)A₀e_k.
-
-    body: its name, None for the ground; origin o (3,) [m] and axes A₀ (3, 3), its columns, in body axes; displacement
-    Φ (3, n) [m] and rotation Ψ (3, n) [rad] of the interface node where the body is flexible (small rotation).
-    """
+    """A right-handed frame on a body: origin p = r + R(o + Φη), axes a_k = R(I + [Ψη]×)A₀e_k. body: its name, None for the
+    ground; origin o (3,) [m] and axes A₀ (3, 3), its columns, in body axes; displacement Φ (3, n) [m] and rotation Ψ (3, n)
+    [rad] of the interface node where the body is flexible (small rotation)."""
 
     name: str
     body: str | None = None
@@ -89,13 +85,10 @@ RIGID = 12
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A rigid body, q = [r, R₁, R₂, R₃] (12,), RᵀR = I; a material point x sits at p = r + R x.
-
-    mass [kg]; centre (3,) [m] of mass in body axes; inertia (3, 3) [kg m²] about the body's origin, in body axes.
-    A straight rod has no inertia about its axis: the joints must then hold that rotation.
-    modes, moves, size: as of `FlexibleBody`.
-    Raises InfeasibleError for a mass that is not positive or an inertia that no distribution of mass has.
-    """
+    """A rigid body, q = [r, R₁, R₂, R₃] (12,), RᵀR = I; a material point x sits at p = r + R x. mass [kg]; centre (3,) [m] of
+    mass in body axes; inertia (3, 3) [kg m²] about the body's origin, in body axes. A straight rod has no inertia about its
+    axis: the joints must then hold that rotation. modes, moves, size: as of `FlexibleBody`. Raises InfeasibleError for a mass
+    that is not positive or an inertia that no distribution of mass has."""
 
     name: str
     mass: float
@@ -131,12 +124,10 @@ class RigidBody:
 @dataclass(frozen=True)
 class FlexibleBody:
     """A reduced elastic body: p = r + R(x + Φη), small deformation; q = [r, R₁, R₂, R₃, η] (12 + n,), or η if clamped.
-
-    clamped: the body's frame is the ground's, M η̈ + C η̇ + K η = f exactly. stiffness K(θ), damping C(θ) (n, n),
-    affine in named parameters (a plain matrix: constant) [N/m, N s/m in the unit of η]; mass (n, n); invariants: the
-    inertia in the floating frame. Shapes of a free body must hold no rigid motion (fix them to one interface).
-    Raises InfeasibleError for shapes that do not agree or a mass that is not positive.
-    """
+    clamped: the body's frame is the ground's, M η̈ + C η̇ + K η = f exactly. stiffness K(θ), damping C(θ) (n, n), affine in
+    named parameters (a plain matrix: constant) [N/m, N s/m in the unit of η]; mass (n, n); invariants: the inertia in the
+    floating frame. Shapes of a free body must hold no rigid motion (fix them to one interface). Raises InfeasibleError for
+    shapes that do not agree or a mass that is not positive."""
 
     name: str
     clamped: bool
@@ -178,7 +169,7 @@ class FlexibleBody:
 
     @property
     def moves(self) -> bool:
-        """Whether the body has a frame of its own, r and R."""
+        """Whether the body has a floating frame, r and R."""
         return not self.clamped
 
     @property
@@ -208,10 +199,8 @@ def mass_matrix(body: Body) -> np.ndarray:
 
 
 def metric(body: Body) -> np.ndarray:
-    """d (size,) with d² of the unit of the mass matrix: coordinates times d are comparable, whatever the units.
-
-    d² = m for r, tr(∫ρxxᵀ)/3 for R (no direction preferred), M_kk for η. Raises InfeasibleError for a point mass.
-    """
+    """d (size,) with d² of the unit of the mass matrix: coordinates times d are comparable, whatever the units. d² = m for r,
+    tr(∫ρxxᵀ)/3 for R (no direction preferred), M_kk for η. Raises InfeasibleError for a point mass."""
     if isinstance(body, FlexibleBody) and body.clamped:
         return np.sqrt(np.diag(body.mass))
     if isinstance(body, RigidBody):

@@ -13,7 +13,8 @@ from strainsight.multibody.step import CARRIED, GAMMA, INSTANTS, Method
 from strainsight.multibody.system import System
 
 APART = 1e-6
-"""Smallest of the diagonal of R beside the largest, in pivoted QR factors of the constraints, from which these are good."""
+"""Least ratio of the smallest to the largest diagonal entry of R, in pivoted QR factors of the constraints, for which they are
+used."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,8 @@ class Tangent:
 
 
 def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> Tangent:
-    """Of the system held where it is: q on the constraints; v only sets the forces that depend on it.
-
-    The stiffness is K_T − Σ λ ∇²φ, K_T the tangent of all forces, λ the constraint forces that balance them best.
-    """
+    """Of the system held where it is: q on the constraints; v only sets the forces that depend on it. The stiffness is K_T −
+    Σ λ ∇²φ, K_T the tangent of all forces, λ the constraint forces that balance them best."""
     d = system.metric
     at = balance(system, q, v, u, theta)
     scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
@@ -72,7 +71,7 @@ def _null_space(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray
 ROUNDING = 100.0
 """Times n eps ‖K‖, K before its terms cancel: a stiffness below is none."""
 GROWS = 1e-6
-"""Growth of a motion beside its own quickness above which it is unstable: what only swings is on the edge, and rounds off."""
+"""Growth rate of a motion relative to its own rate above which it is unstable: undamped oscillations are at the limit."""
 
 
 @dataclass(frozen=True)
@@ -135,10 +134,8 @@ def coupled_modes(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, t
 
 
 def growth(system: System, modes: CoupledModes) -> tuple[float, str]:
-    """Rate [1/s] of the motion by which the state is left, 0 where it is stable, and the body that moves most in it.
-
-    A motion that nothing holds neither grows nor returns, and counts as stable.
-    """
+    """Rate [1/s] of the motion by which the state is left, 0 where it is stable, and the body that moves most in it. A motion
+    that nothing holds neither grows nor returns, and counts as stable."""
     if not len(modes.squares):
         return 0.0, ""
     values, vectors = np.linalg.eig(modes.A)
@@ -158,8 +155,8 @@ FINENESS = 2000
 
 
 def resolved_frequency(frequencies: np.ndarray, h: float, method: Method) -> float:
-    """Frequency of a load [Hz] below which its displacement in every undamped mode of frequencies (k,) [Hz] is within SHARE of
-    the exact one, in steps of h [s]; never above the first mode, beside which no share holds."""
+    """Frequency of a load [Hz] up to which the displacement of all undamped modes of frequencies (k,) [Hz] is accurate to
+    SHARE. In steps of h [s]; at most the first mode."""
     first = float(np.min(frequencies))
     tried = np.geomspace(1e-4, 1.0, FINENESS)[:-1] * min(first, 0.5 / h)
     off = np.max([relative_error(tried, float(frequency), h, method) for frequency in frequencies], axis=0)

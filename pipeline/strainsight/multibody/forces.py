@@ -39,10 +39,8 @@ class ForceLaw(Protocol):
 @runtime_checkable
 class CompiledLaw(ForceLaw, Protocol):
     """A law that the step calls without Python; one without these members is called back through `load`, 10 to 30 µs a call.
-
-    address: of a function with SIGNATURE that answers as `load` does, by `compiled_law`, or 0; memory: how
-    many numbers it keeps from one trial state to the next, zero at first, on which no answer may depend but by rounding.
-    """
+    address: of a function with SIGNATURE that answers as `load` does, by `compiled_law`, or 0; memory: how many numbers it
+    keeps from one trial state to the next, zero at first, on which no answer may depend but by rounding."""
 
     @property
     def address(self) -> int: ...
@@ -83,12 +81,10 @@ class FunctionLaw(ABC):
 
 @dataclass(frozen=True)
 class RelativeElement:
-    """A force law on relations between frames: Q = −∇ρᵀ F(ρ, ρ̇, θ); it gives the bodies the power −F·ρ̇.
-
-    relations (k): their value is subtracted, so ρ is measured from it; parameters: names of θ among the system's; aligned:
-    cosines of axes between which the law takes the angle to be small; inputs: names among the system's loads u, whose values
-    the law has behind its parameters.
-    """
+    """A force law on relations between frames: Q = −∇ρᵀ F(ρ, ρ̇, θ); it gives the bodies the power −F·ρ̇. relations (k):
+    their value is subtracted, so ρ is measured from it; parameters: names of θ among the system's; aligned: cosines of axes
+    between which the law takes the angle to be small; inputs: names among the system's loads u, whose values the law has
+    behind its parameters."""
 
     name: str
     relations: tuple[Relation, ...]
@@ -128,8 +124,8 @@ Force = RelativeElement | PointForce | PointMoment | Gravity
 
 
 SIGNATURE = int64(int64, int64, *[types.CPointer(float64)] * 9)  # type: ignore[no-untyped-call]
-"""Of a force law: answer = law(k, p, numbers, memory, ρ (k), ρ̇ (k), θ (p), F (k), ∂F/∂ρ (k, k), ∂F/∂ρ̇ (k, k), ∂F/∂θ (k, p));
-what it fills is given as zeros. numbers, memory: its own (`CompiledLaw`)."""
+"""Signature of a force law: law(k, p, numbers, memory, ρ (k), ρ̇ (k), θ (p), F (k), ∂F/∂ρ (k, k), ∂F/∂ρ̇ (k, k), ∂F/∂θ (k,
+p)). Outputs are passed as zeros. numbers, memory: of the law (`CompiledLaw`)."""
 NONE, STILL, MOVING = 0, 1, 2
 """Its answers: there is no such load; ∂F/∂ρ̇ is zero, and was left alone; all are given."""
 ABORT = -1

@@ -25,7 +25,7 @@ CONSISTENT = 1e-6
 NEAREST = 20
 """Iterations of `nearest_state`."""
 AT_REST = 1e-15
-"""A correction below this, beside the state in the metric, is none."""
+"""A smaller correction, relative to the state in the metric, is zero."""
 
 
 @dataclass(frozen=True)
@@ -90,11 +90,9 @@ def driven_slopes(system: System, q: np.ndarray, u: np.ndarray) -> list[tuple[st
 
 
 def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
-    """The nearest q with φ(q) = 0, in the metric of the mass: Gauss-Newton, q ← q − D⁻²Bᵀ(BD⁻²Bᵀ)⁺φ.
-
-    Raises InfeasibleError where no configuration nearby satisfies the joints (contradictory, the worst are named),
-    where they are redundant there (the dependent ones are named), or where a motion that they leave carries no mass.
-    """
+    """The nearest q with φ(q) = 0, in the metric of the mass: Gauss-Newton, q ← q − D⁻²Bᵀ(BD⁻²Bᵀ)⁺φ. Raises InfeasibleError
+    if no configuration nearby satisfies the joints (the worst are named), if they are redundant there (the dependent ones are
+    named), or if an unconstrained motion has no mass."""
     q = np.array(q, dtype=float)
     d = system.metric
     if not system.constrained:
@@ -102,7 +100,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
     for _ in range(50):
         phi, B, _ = constraints_at(system, q, u)
         unit, s = unit_rows(B, 1 / d)
-        # pseudo-inverse: redundant joints are no reason to fail, only contradictory ones
+        # pseudo-inverse: redundant joints are permitted, inconsistent ones are not
         x = np.linalg.lstsq(unit, -s * phi, rcond=1e-10)[0]
         size, whole = np.linalg.norm(x), np.linalg.norm(d * q)
         if size > 0.5 * whole:
@@ -182,7 +180,7 @@ def _across(B: np.ndarray, lower: np.ndarray, value: np.ndarray) -> np.ndarray:
 
 
 def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> None:
-    """Raise InfeasibleError naming the constraints that a state breaks, φ(q) ≠ 0 or B(q)v ≠ −φ_t, beside its own size."""
+    """Raise InfeasibleError naming the constraints that a state violates, φ(q) ≠ 0 or B(q)v ≠ −φ_t, relative to its size."""
     d = system.metric
     phi, B, rate = constraints_at(system, q, u)
     if not len(phi):
@@ -251,7 +249,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
 
 
 def _dependence(system: System, T: np.ndarray, order: np.ndarray, rank: int) -> str:
-    """What to say of columns beyond the rank: which they are, and on which others each depends."""
+    """Message about columns beyond the rank, and those on which each depends."""
     names = system.constraints
     shares = np.linalg.solve(T[:rank, :rank], T[:rank, rank:])
     dependent = []
@@ -267,11 +265,11 @@ CONVERGED = 1e-12
 ROUNDING = 1e-8
 """A correction below this that no longer shrinks is rounding."""
 NEAR = 1e-11
-"""Shift of the first step beside the stiffness where q is nearly there: Newton's own."""
+"""Shift of the first step, relative to the stiffness, if q is nearly in equilibrium: a Newton step."""
 FIRMEST = 1e6
-"""Shift beside the stiffness beyond which a trial state that some force does not allow is not gone round."""
+"""Largest shift, relative to the stiffness, to avoid a trial state that a force does not permit."""
 FREE = 1e-12
-"""Stiffness of a motion beside the largest (in the metric of the mass) below which nothing holds it."""
+"""Stiffness of a motion, relative to the largest (in the metric of the mass), below which it is unrestrained."""
 
 
 def static_equilibrium(

@@ -169,9 +169,7 @@ def between(drives: Drives, h: float, share: float) -> tuple[np.ndarray, np.ndar
 @dataclass(frozen=True)
 class Joint:
     """φ(q) = 0 (1.2) for every relation, φ(q, p(t)) = 0 for one that is driven; any tuple of relations makes a joint.
-
-    aligned: cosines of axes that the relations keep parallel; that they point the same way only the start can say.
-    """
+    aligned: cosines of axes that the relations keep parallel; that they point the same way only the start can say."""
 
     name: str
     relations: tuple[Relation | DrivenRelation, ...]
@@ -238,10 +236,8 @@ def distance(name: str, i: Frame, j: Frame, length: float) -> Joint:
 
 def generic(name: str, i: Frame, j: Frame, directions: Sequence[str]) -> Joint:
     """Some of x, y, z, displacements of j along the axes of i, and about_x, about_y, about_z, turns there: a relation each.
-
-    One turn that is held keeps two axes at right angles (about_x y_j·z_i, about_y x_j·z_i, about_z x_j·y_i), two keep the third
-    axis of both parallel, three all axes.
-    """
+    One turn that is held keeps two axes at right angles (about_x y_j·z_i, about_y x_j·z_i, about_z x_j·y_i), two keep the
+    third axis of both parallel, three all axes."""
     relations: list[Relation] = [offset(i, k, j) for k in range(3) if "xyz"[k] in directions]
     turns = [k for k in range(3) if f"about_{'xyz'[k]}" in directions]
     parallel: list[int] = []

@@ -32,10 +32,8 @@ Measure = Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class AlongDisplacement(ABC):
-    """T(x, ẋ, θ) along a displacement x(ρ), ẋ = ∇x·ρ̇:
-
-    F = T ∇x,     ∂F/∂ρ = ∇x (T_x ∇x + T_ẋ ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = T_ẋ ∇x ∇xᵀ,     ∂F/∂θ = ∇x T_θᵀ
-    """
+    """T(x, ẋ, θ) along a displacement x(ρ), ẋ = ∇x·ρ̇: F = T ∇x,     ∂F/∂ρ = ∇x (T_x ∇x + T_ẋ ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ =
+    T_ẋ ∇x ∇xᵀ,     ∂F/∂θ = ∇x T_θᵀ"""
 
     measure: Measure
 
@@ -70,10 +68,8 @@ class SpringDamper(FunctionLaw):
 def spring(
     name: str, i: Frame, j: Frame, stiffness: float, damping: float = 0.0, length: float = 0.0
 ) -> RelativeElement:
-    """Along the line of the origins of i and j, pulling for T > 0: T = k(l − l₀) + c l̇, ρ = l².
-
-    stiffness k [N/m], damping c [N s/m], length l₀ [m]. Raises NumericalError in `load` for l below SHORTEST.
-    """
+    """Along the line of the origins of i and j, pulling for T > 0: T = k(l − l₀) + c l̇, ρ = l². stiffness k [N/m], damping c
+    [N s/m], length l₀ [m]. Raises NumericalError in `load` for l below SHORTEST."""
     law = SpringDamper(stiffness, damping, length, _pull, lambda rho: _no_direction(rho, i.name, j.name))
     return RelativeElement(name, (distance_squared(i, j),), law)
 
@@ -116,11 +112,9 @@ FARTHEST = 3.0
 def torsion(
     name: str, i: Frame, j: Frame, stiffness: float, damping: float = 0.0, angle: float = 0.0, axis: str = "z"
 ) -> RelativeElement:
-    """About an axis that both frames keep together, T = k(φ − φ₀) + c φ̇ on i, −T on j.
-
-    φ = atan2(y_i·x_j, x_i·x_j) with the axis as z; stiffness k [N m/rad], damping c [N m s/rad], angle φ₀ [rad]. A damper
-    alone turns as far as it likes. Raises NumericalError in `load` for |φ − φ₀| above FARTHEST.
-    """
+    """About an axis that both frames keep together, T = k(φ − φ₀) + c φ̇ on i, −T on j. φ = atan2(y_i·x_j, x_i·x_j) with the
+    axis as z; stiffness k [N m/rad], damping c [N m s/rad], angle φ₀ [rad]. A damper alone turns as far as it likes. Raises
+    NumericalError in `load` for |φ − φ₀| above FARTHEST."""
     i, j = i.turned(axis), j.turned(axis)
     c, s = np.cos(angle), np.sin(angle)
 
@@ -183,10 +177,8 @@ def _load(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  
 
 @dataclass(frozen=True)
 class LinearLaw(FunctionLaw):
-    """F = (K + Σ θ_j K_j)(ρ − rest) + D ρ̇.
-
-    stiffness K (k, k), rest (k,), terms K_j in the order of the parameters, damping D (k, k) or None.
-    """
+    """F = (K + Σ θ_j K_j)(ρ − rest) + D ρ̇. stiffness K (k, k), rest (k,), terms K_j in the order of the parameters, damping
+    D (k, k) or None."""
 
     stiffness: np.ndarray
     rest: np.ndarray
@@ -205,11 +197,9 @@ class LinearLaw(FunctionLaw):
 
 
 def bushing(name: str, i: Frame, j: Frame, stiffness: Sequence[float], damping: Sequence[float]) -> RelativeElement:
-    """The six displacements d of j in i, each with its own spring and damper: F = diag(k) d + diag(c) ḋ.
-
-    stiffness k (6,) [N/m, then N m/rad], damping c (6,) [N s/m, then N m s/rad]: along x, y, z of i, then about them. Where
-    k or c of a rotation is not zero the rotation has to be small.
-    """
+    """The six displacements d of j in i, each with its own spring and damper: F = diag(k) d + diag(c) ḋ. stiffness k (6,)
+    [N/m, then N m/rad], damping c (6,) [N s/m, then N m s/rad]: along x, y, z of i, then about them. Where k or c of a
+    rotation is not zero the rotation has to be small."""
     k, c = np.asarray(stiffness, dtype=float), np.asarray(damping, dtype=float)
     turning = bool(k[3:].any() or c[3:].any())
     law = LinearLaw(np.diag(k), np.zeros(6), damping=np.diag(c) if c.any() else None)
@@ -279,10 +269,8 @@ def _components(frame: Frame, direction: np.ndarray) -> tuple[Relation, ...]:
 
 
 def regular_friction(rate: float, coulomb: float, viscous: float, speed: float) -> tuple[float, float, float]:
-    """T = T_c tanh(ẋ/ẋ₀) + c ẋ, ∂T/∂ẋ, ∂T/∂T_c.
-
-    What should stick creeps by T/T_c ẋ₀: the smaller ẋ₀, the less, and the smaller the steps that it takes.
-    """
+    """T = T_c tanh(ẋ/ẋ₀) + c ẋ, ∂T/∂ẋ, ∂T/∂T_c. What should stick creeps by T/T_c ẋ₀: the smaller ẋ₀, the less, and the
+    smaller the steps that it takes."""
     s = float(np.tanh(rate / speed))
     return coulomb * s + viscous * rate, coulomb * (1 - s * s) / speed + viscous, s
 
@@ -310,10 +298,8 @@ def friction(
     speed: float,
     axis: str = "z",
 ) -> RelativeElement:
-    """Against the turn of j about an axis that both frames keep together, any number of turns, or its slide along an axis of i.
-
-    T on j is −T_c tanh(ω/ω₀) − cω. The Coulomb part is as given, whatever the joint carries.
-    """
+    """Against the turn of j about an axis that both frames keep together, any number of turns, or its slide along an axis of
+    i. T on j is −T_c tanh(ω/ω₀) − cω. The Coulomb part is as given, whatever the joint carries."""
     if motion == "slide":
         law = Friction(lambda rho: (float(rho[0]), np.ones(1), np.zeros((1, 1))), coulomb, viscous, speed)
         return RelativeElement(name, (offset(i, "xyz".index(axis), j),), law)
@@ -344,7 +330,7 @@ class TurningGravity:
 
 
 def turning_gravity(name: str, bodies: Sequence[Body], acceleration: np.ndarray, axis: np.ndarray) -> RelativeElement:
-    """What a bench feels that is itself turned about an axis, slowly: of its own rotation there is nothing else."""
+    """Gravity of a bench that is slowly rotated about an axis; its rotation has no other effect."""
     weights = [
         Relation(f"{name} on {body.name}", (constant(e),), (mass_moment(body),)) for body in bodies for e in np.eye(3)
     ]

@@ -14,10 +14,8 @@ from strainsight.multibody.bodies import Body, Carried, Frame, constant
 
 @dataclass(frozen=True)
 class Relation:
-    """ρ(q) = x·y − value, with x and y a carried vector or the difference of two: (plus,) or (plus, minus).
-
-    ∇ρ = J_xᵀ y + J_yᵀ x,     ∇²ρ = J_xᵀ J_y + J_yᵀ J_x + y·∇²x + x·∇²y     (∇²x, ∇²y constant)
-    """
+    """ρ(q) = x·y − value, with x and y a carried vector or the difference of two: (plus,) or (plus, minus). ∇ρ = J_xᵀ y +
+    J_yᵀ x,     ∇²ρ = J_xᵀ J_y + J_yᵀ J_x + y·∇²x + x·∇²y     (∇²x, ∇²y constant)"""
 
     name: str
     x: tuple[Carried, ...]
@@ -57,10 +55,8 @@ def place(j: Frame, direction: np.ndarray, value: float = 0.0) -> Relation:
 
 
 def bearing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
-    """The five displacements of ring j in ring i, x the axis: [axial x, radial y, radial z, tilt about y, about z].
-
-    d_k = a_{i,k}·(p_j − p_i),     tilt_y = −a_{j,x}·a_{i,z},     tilt_z = a_{j,x}·a_{i,y}     [m, m, m, rad, rad]
-    """
+    """The five displacements of ring j in ring i, x the axis: [axial x, radial y, radial z, tilt about y, about z]. d_k =
+    a_{i,k}·(p_j − p_i),     tilt_y = −a_{j,x}·a_{i,z},     tilt_z = a_{j,x}·a_{i,y}     [m, m, m, rad, rad]"""
     tilt_y = Relation(f"tilt of {j.name} about y of {i.name}", (-i.axis(2),), (j.axis(0),))
     tilt_z = Relation(f"tilt of {j.name} about z of {i.name}", (i.axis(1),), (j.axis(0),))
     return offset(i, 0, j), offset(i, 1, j), offset(i, 2, j), tilt_y, tilt_z

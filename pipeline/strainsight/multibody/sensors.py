@@ -54,7 +54,7 @@ class Accelerometer:
 
 
 class Felt(NamedTuple):
-    """What an accelerometer feels beside q and v: v̇ (n,), and the acceleration of gravity (3,) [m/s²]."""
+    """Additional inputs of an accelerometer: v̇ (n,), and the acceleration of gravity (3,) [m/s²]."""
 
     acceleration: np.ndarray
     gravity: np.ndarray
@@ -95,17 +95,15 @@ class CompiledSensors:
             y[first:last][self.rate] = rates[first:last][self.rate] @ v
             slopes[first:last][self.rate] = G_rate[self.rate]
         if self.accelerometers:
-            assert felt is not None  # whoever reads accelerometers says what they feel
+            assert felt is not None  # required with accelerometers
             y[last:], slopes[last:], rates[last:], *_ = self.accelerations(q, v, felt)
         return y, slopes, rates
 
     def accelerations(
         self, q: np.ndarray, v: np.ndarray, felt: Felt
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """y (k,), ∂y/∂q, ∂y/∂v, ∂y/∂v̇ (k, n), ∂y/∂g (k, 3) of the accelerometers, A the axes they read along:
-
-        y = A (∇p v̇ + vᵀ∇²p v − g)
-        """
+        """y (k,), ∂y/∂q, ∂y/∂v, ∂y/∂v̇ (k, n), ∂y/∂g (k, 3) of the accelerometers, A the axes they read along: y = A (∇p v̇ +
+        vᵀ∇²p v − g)"""
         count, n = 3 * len(self.accelerometers), len(q)
         y, by_g = np.empty(count), np.zeros((count, 3))
         by_q, by_v, by_a = np.empty((3, count, n))

@@ -18,12 +18,12 @@ from strainsight.multibody.system import System
 FINEST = 1024
 """Most parts of a step."""
 SAMPLED, STRAIGHT = 64, 1e-3
-"""Instants of a step at which loads are looked at beforehand, and how far off their largest value they may be from straight
-lines between the parts: otherwise a load that passes between them would not be seen."""
+"""Instants of a step at which loads are checked in advance, and their largest deviation from straight lines between the parts,
+so that short loads are not missed."""
 TINY = 1e-10
-"""Motion of a body beside the largest of any that is none."""
+"""Motion of a body, relative to the largest, that is negligible."""
 EASY = 16.0
-"""Times that a step has to be better than asked for before the next one is divided into half as many parts."""
+"""Factor by which a step must be more accurate than required before the next one uses half as many parts."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def simulate_controlled(
     tolerance: float,
     progress: Callable[[int], None] | None = None,
 ) -> Controlled:
-    """`advance` through every step in n and in 2n parts, n = 1, 2, 4, …, until both end alike; the 2n parts are kept:
+    """`advance` through every step in n and in 2n parts, n = 1, 2, 4, …, until both ends agree; the result is that of 2n parts:
 
         max over bodies  ‖D (q₂ₙ − qₙ)‖ / max over time ‖D q‖  ≤  tolerance / steps
 
@@ -214,9 +214,9 @@ WEIGHTS = np.array(
 )
 """Integrals up to the stages of the polynomials that are 1 at one stage and 0 at the others (Hairer, Wanner 1996)."""
 ITERATIONS, DONE = 25, 1e-12
-"""Most of a step, and what a last change of the displacements is, beside the coordinates in the metric of the mass."""
+"""Most iterations of a step, and the last change of the displacements relative to the coordinates in the metric of the mass."""
 SLOW = 0.05
-"""Factor by which an iteration has to be better than the one before for its matrices to serve the next step, too."""
+"""Factor by which an iteration must decrease for its matrices to serve the next step, too."""
 
 
 def simulate_radau(
@@ -296,7 +296,7 @@ def _step(
         change = -(across @ np.array([lu_solve(f, r) for f, r in zip(factors, along, strict=True)])).real
         x = x + change
         moved = float(np.linalg.norm(h**2 * system.metric * change[:, :n]))
-        # what starts at zero moves beside where it gets
+        # a motion that starts at zero is relative to its end
         size = max(size, float(np.linalg.norm(system.metric * places, axis=1).max()))
         if not np.isfinite(moved):
             break

@@ -26,11 +26,9 @@ HALVINGS = 6
 
 @dataclass(frozen=True)
 class EulerStep:
-    """(q, v)_{k+1} with μ, λ (m,) [h· and 1· the unit of a constraint force], iterations, and what it was the answer to.
-
-    μ and λ are those of the joints; they are zero for the rigidity of bodies, which is not among the equations that are
-    solved. motion ζ (nt,): v in minimal coordinates; memory: what force laws remember.
-    """
+    """(q, v)_{k+1} with μ, λ (m,) [h· and 1· the unit of a constraint force], iterations, and what it was the answer to. μ
+    and λ are those of the joints; they are zero for the rigidity of bodies, which is not among the equations that are solved.
+    motion ζ (nt,): v in minimal coordinates; memory: what force laws remember."""
 
     q: np.ndarray
     v: np.ndarray
@@ -87,7 +85,7 @@ class StepProblem(NamedTuple):
     """What stages start from, q, v (n,), and under what: u (k, nu), θ, w (n,) or (0,)."""
 
     system: System
-    compile_system: Compiled
+    compiled: Compiled
     point: StepPoint
     q: np.ndarray
     v: np.ndarray

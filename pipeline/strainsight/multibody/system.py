@@ -53,14 +53,11 @@ class TurningMoment:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """What (1.3) needs, over q = [q_b for every body]; made by `assemble`.
-
-    size n; of (name → slice): a body's coordinates; constraints (m): the name of every row of φ, those of the rigid
-    motions first; inputs, parameters: the names of u and θ; drives: of joints that are driven, then u goes on with p and ṗ of
-    every drive; relations: the constraints, then those of elements, inputs
-    and gravity; metric d (n,): d² is the diagonal scale of the mass; mass (n, n): the constant part of M; inertia: the
-    bodies whose mass moves; stiffness, damping (n, n): elastic, constant and per parameter (nθ, n, n).
-    """
+    """What (1.3) needs, over q = [q_b for every body]; made by `assemble`. size n; of (name → slice): a body's coordinates;
+    constraints (m): the name of every row of φ, those of the rigid motions first; inputs, parameters: the names of u and θ;
+    drives: of joints that are driven, then u goes on with p and ṗ of every drive; relations: the constraints, then those of
+    elements, inputs and gravity; metric d (n,): d² is the diagonal scale of the mass; mass (n, n): the constant part of M;
+    inertia: the bodies whose mass moves; stiffness, damping (n, n): elastic, constant and per parameter (nθ, n, n)."""
 
     bodies: tuple[Body, ...]
     joints: tuple[Joint, ...]
@@ -119,12 +116,9 @@ class System:
 
 
 def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Iterable[Force] = ()) -> System:
-    """The system of these bodies, joints and forces.
-
-    Raises InfeasibleError for two bodies or joints of one name, a body that no one gave, shapes that do not fit a body,
-    a frame whose axes are not orthonormal, a point mass. Whether the joints are independent depends on the
-    configuration: `project_position` checks it.
-    """
+    """The system of these bodies, joints and forces. Raises InfeasibleError for two bodies or joints of one name, a body that
+    no one gave, shapes that do not fit a body, a frame whose axes are not orthonormal, a point mass. Whether the joints are
+    independent depends on the configuration: `project_position` checks it."""
     bodies, joints, forces = tuple(bodies), tuple(joints), tuple(forces)
     _refuse_twins("bodies", [b.name for b in bodies])
     _refuse_twins("joints", [j.name for j in joints])

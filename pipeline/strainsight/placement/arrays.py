@@ -28,13 +28,11 @@ SAMPLES = 10.0
 
 @dataclass(frozen=True)
 class ArrayPlacement:
-    """A layout, and what a Kalman filter on it claims once it is steady.
-
-    gauges (k,): rows of H, the most missed first; names (u,) of the states that count; std (u,) [unit of the state]: σ of
-    each; std_of_pool (u,): σ with every candidate; without (k, u): σ without each gauge, inf where one is lost; P (n, n):
-    covariance of the whole state; removed (s,): candidates in the order in which the elimination removed them; cost: the
-    criterion of the layout, of all candidates the mean over states 1; lower_bound: below it no layout of as many gauges comes.
-    """
+    """A layout, and what a Kalman filter on it claims once it is steady. gauges (k,): rows of H, the most missed first; names
+    (u,) of the states that count; std (u,) [unit of the state]: σ of each; std_of_pool (u,): σ with every candidate; without
+    (k, u): σ without each gauge, inf where one is lost; P (n, n): covariance of the whole state; removed (s,): candidates in
+    the order in which the elimination removed them; cost: the criterion of the layout, of all candidates the mean over states
+    1; lower_bound: below it no layout of as many gauges comes."""
 
     gauges: np.ndarray
     names: tuple[str, ...]
@@ -65,7 +63,8 @@ def place_arrays(
     fixed: Collection[int] = (),
     conflicts: np.ndarray | None = None,
 ) -> ArrayPlacement:
-    """The `keep` rows of H by which a steady Kalman filter knows the states best: elimination, exchanges, a lower bound.
+    """The `keep` rows of H with which a steady-state Kalman filter estimates the states best: elimination, exchanges, a lower
+    bound.
 
         ẋ = F x + w,  y = H x + v;   0 = F P + P Fᵀ + Q − P Hᵀ R⁻¹ H P
 
@@ -73,7 +72,7 @@ def place_arrays(
     intensities of w and v, of a sample's noise σ every h seconds σ²h; states: numbers of those that count, all by default,
     each relative to its σ with every candidate; names (n,) of the states; criterion: "trace", "log_determinant" or
     "worst_eigenvalue"; fixed: rows of H that stay; conflicts (p, 2): pairs of rows that are not kept both.
-    Raises ConfigError where shapes contradict each other, InfeasibleError where no layout detects every state.
+    Raises ConfigError for inconsistent shapes, InfeasibleError if no layout detects every state.
     Source: thesis, algorithm 2 and (5.14).
     """
     F, H, Q = (np.asarray(matrix, dtype=float) for matrix in (F, H, Q))
@@ -122,7 +121,7 @@ def place_modes(
     fixed: Collection[int] = (),
     conflicts: np.ndarray | None = None,
 ) -> ArrayPlacement:
-    """The `keep` gauges by which a steady Kalman filter knows loads on a structure of known modes best.
+    """The `keep` gauges with which a steady-state Kalman filter estimates loads on a structure of known modes best.
 
         q̈ + 2ζω q̇ + ω² q = Φᵀ B a ũ,   ũ̇ = w of intensity κ 2π f,   y = S Φ q + v,   Φᵀ M Φ = I
 

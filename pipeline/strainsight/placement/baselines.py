@@ -1,7 +1,6 @@
 """Layouts by other rules on the same pool, to be scored by the same covariance.
 
-Rows are (pool, k), or (pool, c, k) where a gauge or a group of them has up to c channels (zero rows where it has fewer):
-all channels of such a unit enter and leave as one. Channels of unlike quantity or noise are compared at unit noise.
+Rows (pool, k), or (pool, c, k) for up to c channels (zero rows if fewer): modal strain, or whitened rows of the augmented model.
 """
 
 from __future__ import annotations
@@ -29,11 +28,9 @@ TRIES = 200
 def random_sets(
     pool: int, keep: int, count: int, seed: int, allowed: Callable[[np.ndarray], bool] | None = None
 ) -> np.ndarray:
-    """`count` sets of `keep` different gauges out of `pool`, uniformly; (count, keep), each ascending.
-
-    allowed: only sets for which it is true, by rejection and so uniformly among them; fewer than `count`, or none, where
-    `TRIES` · count draws do not find as many.
-    """
+    """`count` sets of `keep` different gauges out of `pool`, uniformly; (count, keep), each ascending. allowed: only sets for
+    which it is true, by rejection and so uniformly among them; fewer than `count`, or none, where `TRIES` · count draws do
+    not find as many."""
     _check(pool, keep)
     rng = np.random.default_rng(seed)
     sets: list[np.ndarray] = []
@@ -95,7 +92,7 @@ def qr_pivoting(rows: np.ndarray, keep: int) -> np.ndarray:
 
 
 def _pivots(rows: np.ndarray) -> np.ndarray:
-    """Rows (m, k) in the order in which each is the longest beside the span of those before it, as many as are independent."""
+    """Rows (m, k) in the order of their distance from the span of those before, as long as they are independent."""
     rest = rows.copy()
     selected: list[int] = []
     length = np.sum(rest**2, axis=1)

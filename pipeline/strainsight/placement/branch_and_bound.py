@@ -65,10 +65,8 @@ class Search:
         return self.cost * (1 - self.gap)
 
     def offer(self, gauges: np.ndarray, bound: float = np.inf) -> None:
-        """Take a set as incumbent if it costs less, with the swaps that help it.
-
-        Where its covariance cannot be solved to accuracy, `bound` is all that is known of it.
-        """
+        """Take a set as incumbent if it costs less, with the swaps that help it. Where its covariance cannot be solved to
+        accuracy, `bound` is all that is known of it."""
         while tuple(gauges) not in self.tried:
             self.tried.add(tuple(gauges))
             try:
@@ -95,10 +93,8 @@ class Search:
         return Node(inside, np.zeros_like(inside), () if cut is None else (cut,), w)
 
     def children(self, node: Node, bound: float) -> list[tuple[float, Node]]:
-        """Cuts until they no longer pay, then the two halves of the node with their bounds; () where none is left.
-
-        Empties, too, a node whose gauges lose an unknown all together, and scores one that holds a single set.
-        """
+        """Cuts until they no longer pay, then the two halves of the node with their bounds; () where none is left. Empties,
+        too, a node whose gauges lose an unknown all together, and scores one that holds a single set."""
         inside, outside, cuts = node.inside, node.outside, list(node.cuts)
         if not all(detects(pool, pool.stacked(~outside)) for pool in self.pools):
             return []
@@ -201,7 +197,7 @@ def _twins(pools: Sequence[Pool]) -> np.ndarray:
         length = np.linalg.norm(pool.rows, axis=2, keepdims=True)
         size = np.where(length > 0, length, 1.0)
         unit = pool.rows / size
-        # the sign of the first of the largest, which are ± alike where rows are symmetric
+        # the sign of the first of the largest entries, which are ± equal for symmetric rows
         largest = np.abs(unit) >= (1 - TIE) * np.abs(unit).max(axis=2, keepdims=True)
         sign = np.sign(np.take_along_axis(unit, largest.argmax(axis=2)[:, :, None], axis=2))
         keys.append(_near(np.concatenate([unit * sign, np.log(size)], axis=2)))

@@ -23,11 +23,9 @@ CLOSE = 1e-4
 
 @dataclass(frozen=True)
 class Certificate:
-    """No set of this size costs less than lower_bound; gap = (cost − lower_bound)/cost of the set that was certified.
-
-    weights (pool,) of the relaxation, 0 ≤ w ≤ 1; iterations: evaluations of the relaxed cost;
-    relaxed: the least relaxed cost found, which no bound can exceed; including (pool,): no such set with that gauge costs less.
-    """
+    """No set of this size costs less than lower_bound; gap = (cost − lower_bound)/cost of the set that was certified. weights
+    (pool,) of the relaxation, 0 ≤ w ≤ 1; iterations: evaluations of the relaxed cost; relaxed: the least relaxed cost found,
+    which no bound can exceed; including (pool,): no such set with that gauge costs less."""
 
     lower_bound: float
     gap: float
@@ -159,9 +157,7 @@ def relaxed_loop(pool: Pool, rows: np.ndarray, last: np.ndarray | None) -> Loop:
 @dataclass(frozen=True)
 class Cut:
     """f_s(v) ≥ offset_s + slope_s·v for all gauge weights v ≥ 0: f_s the metric, touched at the weights it was made at.
-
-    offset (s,), slope (s, pool); cost (s,): f_s there; P: covariances there, for the next one to start from.
-    """
+    offset (s,), slope (s, pool); cost (s,): f_s there; P: covariances there, for the next one to start from."""
 
     offset: np.ndarray
     slope: np.ndarray
@@ -215,8 +211,8 @@ def lowest(
         min agg_s(t_s),   t_s ≥ offset_ks + slope_ks·v,   A v ≤ b,   0 ≤ v ≤ 1,   Σ v = keep,   v = 1 inside, 0 elsewhere
 
     The linear program only chooses the multipliers μ_ks of the cuts (Σ_k μ_ks = 1/scenarios for the mean, Σ μ = 1 for
-    the worst) and λ ≥ 0 of the limits beside the count; with any of them, Σ μ (offset + slope·v) + λ·(A v − b) bounds the
-    aggregate, and its least over v is had by sorting: the bound does not depend on the tolerances of the program. It is
+    the worst) and λ ≥ 0 of the limits other than the count; with any of them, Σ μ (offset + slope·v) + λ·(A v − b) bounds the
+    aggregate, and its minimum over v follows from sorting: the bound does not depend on the tolerances of the program. It is
     infinite where the program has no point. inside, free (pool,) bool, at least one way to choose.
     """
     limits = as_limits(len(free), keep)
@@ -266,10 +262,8 @@ def lowest(
 
 
 def _binding(limits: Limits, places: np.ndarray, used: np.ndarray, floor: int) -> tuple[np.ndarray, np.ndarray]:
-    """The limits that the free gauges could break, each at a largest entry of one: A (k, free), b (k,).
-
-    The count and Σ size·v ≥ floor come first, where they are not one equation.
-    """
+    """The limits that the free gauges could break, each at a largest entry of one: A (k, free), b (k,). The count and Σ
+    size·v ≥ floor come first, where they are not one equation."""
     part = limits.rows[:, places]
     room = limits.most - used
     open_ = np.asarray(part.sum(axis=1)).ravel() > room

@@ -117,10 +117,8 @@ class RemovedGauge:
 
 
 def least_missed(step: RemovedGauge, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
-    """The gauge of the smallest rise, None where every removal costs infinity; the number of exact solves; the bounds.
-
-    relief (m,): the rise counts per relief, and gauges of none stay; 1 where not given.
-    """
+    """The gauge of the smallest rise, None where every removal costs infinity; the number of exact solves; the bounds. relief
+    (m,): the rise counts per relief, and gauges of none stay; 1 where not given."""
     left = step.left
     worth, least = step.together(step.bounds), step.together(step.lifted)
     per = np.ones(len(worth)) if relief is None else relief
@@ -162,10 +160,8 @@ def least_missed(step: RemovedGauge, relief: np.ndarray | None = None) -> tuple[
 
 
 def known_to_go(step: RemovedGauge, gauge: int) -> Choice:
-    """The removal of a gauge without which every unknown is known to be observable, whatever the test of what is left says.
-
-    The test compares with the strongest row there: beside one of 1e10 times the weight, all others are rounding.
-    """
+    """The removal of a gauge without which every unknown is known to be observable, regardless of the numerical test.
+    The test is relative to the strongest row: compared with one of 1e10 times the weight, all others are rounding."""
     at = int(np.flatnonzero(step.left.index == gauge)[0])
     increments, rises = [], []
     for pool, loop in zip(step.pools, step.loops, strict=True):
@@ -178,14 +174,12 @@ def known_to_go(step: RemovedGauge, gauge: int) -> Choice:
 
 @dataclass(frozen=True)
 class Elimination:
-    """What was removed and what it cost.
-
-    kept ascending; removed (s,) in order; cost (s + 1,) aggregate of the metric, the whole pool first; rise (s,) its
-    increments, not differences of `cost` and so with all their digits; blocks (s + 1, states that any scenario weighs)
-    their variances times their weights, Mᵢᵢ (of the worst scenario where that is the aggregate), which add up to the trace;
-    solves (s,): exact Riccati solves of every step, one a scenario; ties: per step, gauges that were as good as the one
-    removed, all of them but for rises of zero; residual: the largest relative one of all; pools: the scenarios as solved.
-    """
+    """What was removed and what it cost. kept ascending; removed (s,) in order; cost (s + 1,) aggregate of the metric, the
+    whole pool first; rise (s,) its increments, not differences of `cost` and so with all their digits; blocks (s + 1, states
+    that any scenario weighs) their variances times their weights, Mᵢᵢ (of the worst scenario where that is the aggregate),
+    which add up to the trace; solves (s,): exact Riccati solves of every step, one a scenario; ties: per step, gauges that
+    were as good as the one removed, all of them but for rises of zero; residual: the largest relative one of all; pools: the
+    scenarios as solved."""
 
     selected: np.ndarray
     removed: np.ndarray

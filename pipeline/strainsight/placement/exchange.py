@@ -115,7 +115,7 @@ def exchange(
     the i whose removal bound in the enlarged set allows a gain are removed exactly. The first swap that helps is made; of
     equal ones, that of the lower indices.
     gauges: a set that detects every unknown; limits: of which every set on the way breaks none;
-    where they leave room for j beside all of them, j is added and none leaves. limit: of exact solves.
+    if they permit j in addition to the set, j is added and none leaves. limit: of exact solves.
     """
     chosen = np.sort(np.asarray(gauges, dtype=int))
     bounded = as_limits(len(pools[0].rows), len(chosen) if limits is None else limits)

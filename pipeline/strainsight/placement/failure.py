@@ -98,7 +98,7 @@ class LossSearch:
     def _first_addition(
         self, chosen: list[int], room: list[int], loss: dict[int, float]
     ) -> tuple[int, int, dict[int, float]] | None:
-        """The gauge that fits beside all of the set and helps, as a swap for −1: L ≥ f(S − g + j) ≥ agg(f_s − φᵍ_j)."""
+        """The gauge that fits in addition to the set and helps, as a swap for −1: L ≥ f(S − g + j) ≥ agg(f_s − φᵍ_j)."""
         if not room:
             return None
         fatal, largest = measure(loss)
@@ -158,11 +158,8 @@ class RobustSet:
 
 
 def loss_if_one_fails(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregate = "mean") -> np.ndarray:
-    """Aggregate of the metric of the set when each one of its gauges, in the order given, fails.
-
-    inf where an unknown is lost, NaN where the covariance is not solved to accuracy. gauges (k,): different pool rows.
-    Returns (k,).
-    """
+    """Aggregate of the metric of the set when each one of its gauges, in the order given, fails. inf where an unknown is
+    lost, NaN where the covariance is not solved to accuracy. gauges (k,): different pool rows. Returns (k,)."""
     chosen = [int(g) for g in gauges]
     return np.array([_without(pools, chosen, g, aggregate) for g in chosen])
 

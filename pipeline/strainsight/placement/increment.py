@@ -21,20 +21,17 @@ from strainsight.placement.riccati import (
 
 CONVERGED = 1e-13
 QUADRATIC, ROUNDING = 1e-4, 1e-9
-"""Relative size of a step of Newton's iteration from which on each is the square of the one before, but for rounding; and that
-of the rounding with which its result is taken. D as a difference of two P would have less digits: on the lug Newton's is within
-2e-10 of D refined in long doubles, the difference is off by 7e-9 to 3e-8."""
+"""Relative size of a Newton step from which convergence is quadratic, and that of the rounding at which its result is
+accepted. The difference of two P has fewer digits: on the lug Newton's D is within 2e-10 of D refined in long doubles, the
+difference is off by 7e-9 to 3e-8."""
 DOUBT = 1e-10
 """Share of their largest parts by which the slopes of a bound may be wrong: their rounding, amplified by the loop."""
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """What the lower bounds of all removals from one loop share.
-
-    factor L (n, n): L Lᵀ = P X P;   X (n, n): Aᵀ X + X A + W = 0 in the Schur coordinates of the loop; G there, as one
-    matrix (n, n) or as two whose product it is.
-    """
+    """What the lower bounds of all removals from one loop share. factor L (n, n): L Lᵀ = P X P;   X (n, n): Aᵀ X + X A + W =
+    0 in the Schur coordinates of the loop; G there, as one matrix (n, n) or as two whose product it is."""
 
     loop: Loop
     factor: np.ndarray
@@ -165,11 +162,9 @@ def addition(F: np.ndarray, Q: np.ndarray, loop: Loop, block: np.ndarray) -> np.
 
 
 def _fixed_point(loop: Loop, block: np.ndarray, sign: float) -> np.ndarray | None:
-    """D by repeated Lyapunov solves with the loop at hand; None where they do not contract by 0.3.
-
-    Where they contract, 𝓛_A + t(𝓛_A' − 𝓛_A) is regular for all 0 ≤ t ≤ 1, so no eigenvalue of the loop crosses the
-    axis on the way from A to A': the limit is the stabilising solution.
-    """
+    """D by repeated Lyapunov solves with the loop at hand; None where they do not contract by 0.3. Where they contract, 𝓛_A +
+    t(𝓛_A' − 𝓛_A) is regular for all 0 ≤ t ≤ 1, so no eigenvalue of the loop crosses the axis on the way from A to A': the
+    limit is the stabilising solution."""
     U = loop.U
     h, b, G = U.T @ block.T, U.T @ (loop.P @ block.T), _in_schur(loop)
     D = lyapunov_in_schur(loop, sign * (b @ b.T))

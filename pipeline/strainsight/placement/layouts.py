@@ -1,4 +1,4 @@
-"""Layouts within limits by an integer program, those that detect every unknown, and why there is none."""
+"""Layouts within limits by an integer program, those that detect every unknown, and why no layout exists."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ from strainsight.placement.limits import BUDGET, KEEP, SPACING, Limits
 from strainsight.placement.scenario import Pool
 
 SEES = 1e-9
-"""A gauge sees a direction where it answers to it more than this share of what the best one does."""
+"""A gauge responds to a direction if its answer exceeds this share of the largest one."""
 NODES = 200
-"""Nodes of one program whose answer is to be proven: a limit of work and not of time, so that no machine's speed decides."""
+"""Nodes of a program whose answer must be proven: a limit of work, not of time, so that the result does not depend on the
+machine."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """gauges (k,) ascending, None where there are none; bound: no layout is worth more; settled: within its nodes."""
+    """gauges (k,) ascending, None if none exist; bound: no layout is worth more; settled: whether the program ended within its
+    nodes."""
 
     gauges: np.ndarray | None
     bound: float
@@ -47,13 +49,14 @@ def best_layout(
     nodes: int = NODES,
     gap: float = 0.0,
 ) -> Found:
-    """The layout of the greatest Σ value·v, by an integer program.
+    """Layout with the largest Σ value·v, by an integer program.
 
         rows·v ≤ most for the limits of these names (all),   Σ size·v ≥ floor,
         Σ v over each of `hits` ≥ 1,   Σ a·v ≥ b for each (a, b) of `sums`
 
-    value (pool,); allowed (pool,) bool: rows that may be had; required (pool,) bool: rows that have to be, beside the fixed
-    ones; hits: masks (pool,); sums: a (pool,) and b; nodes: most of the search; gap: share by which it may miss the best.
+    value (pool,); allowed (pool,) bool: available rows; required (pool,) bool: rows that must be selected in addition to the
+    fixed ones; hits: masks (pool,); sums: a (pool,) and b; nodes: most of the search; gap: permitted relative gap to the
+    optimum.
     """
     count = len(limits.size)
     selected = np.array([names is None or name in names for name in limits.names])
@@ -92,11 +95,9 @@ def best_layout(
 
 
 class Detection:
-    """What a set of gauges loses, and so which gauges every layout needs one of.
-
-    hits: masks (pool,): a layout without any gauge of one of them loses an unknown; sums: channels (pool,) of every gauge, and
-    how many a layout needs at least, one an unknown. Without that every set of too few gauges would have to be tried.
-    """
+    """Unknowns that a set of gauges cannot detect, and masks of which each layout needs a gauge. hits: masks (pool,): a
+    layout without a gauge of one of them loses an unknown; sums: channels (pool,) of each gauge, and the number that a layout
+    needs at least, one per unknown. Without them all sets of too few gauges would be tried."""
 
     def __init__(self, pools: Sequence[Pool]):
         self.pools = pools
@@ -105,10 +106,8 @@ class Detection:
         self._known: set[bytes] = set()
 
     def loses(self, gauges: np.ndarray) -> bool:
-        """Whether this set loses an unknown; every direction that it loses becomes one of `hits`.
-
-        F v = λ v, h_g v = 0 for all g of the set: a layout that tells v has a gauge with h_g v ≠ 0.
-        """
+        """Whether this set loses an unknown; each lost direction becomes one of `hits`. F v = λ v, h_g v = 0 for all g of the
+        set: a layout that detects v has a gauge with h_g v ≠ 0."""
         lost = False
         for pool in self.pools:
             rows, modes = pool.stacked(gauges), pool.modes
@@ -127,7 +126,7 @@ class Detection:
         return lost
 
     def words(self, gauges: np.ndarray, names: Sequence[str]) -> str:
-        """The unknowns that a set loses, by name."""
+        """Names of the unknowns that a set loses."""
         for pool in self.pools:
             directions = undetectable_directions(pool.scenario.F, pool.stacked(gauges), pool.modes)
             if directions.shape[1]:
@@ -151,11 +150,8 @@ class Detection:
 
 
 def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> InfeasibleError:
-    """Why no layout is within the limits: the first limit that leaves none, families in turn.
-
-    names: of the unknowns. The fixed gauges alone, then zones, spacing, budget and count; then the same with every unknown
-    to be detected.
-    """
+    """Why no layout is within the limits: the first limit that excludes all, family by family. names: of the unknowns. The
+    fixed gauges alone, then zones, spacing, budget and count; then the same with detection of every unknown."""
     fixed = np.array(sorted(limits.fixed), dtype=int)
     broken = np.flatnonzero(limits.used(fixed) > limits.most)
     if len(broken):

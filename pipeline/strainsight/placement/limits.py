@@ -21,13 +21,10 @@ ROUNDED = 1e-9
 
 @dataclass(frozen=True)
 class Limits:
-    """Layouts v ∈ {0, 1}^pool with rows·v ≤ most, least ≤ Σ size·v, v = 1 on fixed rows of the pool.
-
-    rows (constraints, pool) ≥ 0; most (constraints,); names: dotted config key of every constraint, the same for all of
-    one key; size (pool,): gauges in every pool row, 2 in a mirrored pair; keep: most gauges, rows[0] = size; least: 0
-    under a budget, else keep, less what a row of more than one gauge may leave over; key: config key of the fixed ones. A
-    part of a layout breaks no limit.
-    """
+    """Layouts v ∈ {0, 1}^pool with rows·v ≤ most, least ≤ Σ size·v, v = 1 on fixed rows of the pool. rows (constraints, pool)
+    ≥ 0; most (constraints,); names: dotted config key of every constraint, the same for all of one key; size (pool,): gauges
+    in every pool row, 2 in a mirrored pair; keep: most gauges, rows[0] = size; least: 0 under a budget, else keep, less what
+    a row of more than one gauge may leave over; key: config key of the fixed ones. A part of a layout breaks no limit."""
 
     rows: csr_array
     most: np.ndarray
@@ -50,19 +47,19 @@ class Limits:
 
     @cached_property
     def labels(self) -> np.ndarray:
-        """A label for every pool row (pool,), the same where the limits do not distinguish two."""
+        """Label of each pool row (pool,), the same if the limits do not distinguish two rows."""
         c = self.columns
         labels: dict[tuple[bytes, bytes], int] = {}
         keys = [(c.indices[a:b].tobytes(), c.data[a:b].tobytes()) for a, b in zip(c.indptr, c.indptr[1:], strict=False)]
         return np.array([labels.setdefault(key, len(labels)) for key in keys])
 
     def column(self, gauge: int) -> tuple[np.ndarray, np.ndarray]:
-        """The constraints that a gauge takes part in, and what it takes of each."""
+        """Constraints of a gauge, and its amount in each."""
         part = slice(self.columns.indptr[gauge], self.columns.indptr[gauge + 1])
         return self.columns.indices[part], self.columns.data[part]
 
     def used(self, gauges: np.ndarray) -> np.ndarray:
-        """What a set, by index or as a mask (pool,), takes of every limit (constraints,)."""
+        """Amount of each limit (constraints,) used by a set, given by index or as a mask (pool,)."""
         chosen = np.zeros(len(self.size))
         chosen[gauges] = 1.0
         return np.asarray(self.rows @ chosen)
@@ -75,19 +72,19 @@ class Limits:
         return complete and bool(np.all(self.used(chosen) <= self.most))
 
     def fits(self, used: np.ndarray, gauge: int) -> bool:
-        """Whether a set that takes `used` of the limits may have this gauge, too."""
+        """Whether a set that uses `used` of the limits may contain this gauge, too."""
         at, part = self.column(gauge)
         return bool(np.all(used[at] + part <= self.most[at]))
 
     def too_large(self, used: np.ndarray) -> np.ndarray:
-        """The pool rows (pool,) bool that a set that takes `used` of the limits may not have beside."""
+        """Mask (pool,) of the rows that do not fit in addition to a set that uses `used` of the limits."""
         room = np.repeat(self.most - used, np.diff(self.rows.indptr))
         excluded = np.zeros(len(self.size), dtype=bool)
         excluded[self.rows.indices[self.rows.data > room]] = True
         return excluded
 
     def packed(self, order: Iterable[int], start: np.ndarray) -> np.ndarray:
-        """start, by index or as a mask, and then every gauge of `order` that still fits; ascending indices."""
+        """start, by index or as a mask, then each gauge of `order` that still fits; ascending indices."""
         chosen = np.zeros(len(self.size), dtype=bool)
         chosen[start] = True
         used = self.used(chosen)
@@ -113,14 +110,11 @@ def limits_of(
     zones: Sequence[tuple[str, np.ndarray, int]] = (),
     key: str = FIXED,
 ) -> Limits:
-    """The `Limits` of a pool of so many rows.
-
-    fixed: rows that stay and count; size (pool,): gauges in each, 1 where not given; price (pool,) ≥ 0 and budget: with a
-    budget `keep` is an upper limit; near (p, 2): rows that may not both be kept, of which two fixed ones are as they are,
-    and with twice the same a row that may not be kept at all; zones: (config key, members (pool,), at most so many),
-    members bool, or how many gauges of the row lie inside; key: dotted config key of the fixed ones.
-    Raises ConfigError where the pool is smaller than `keep` or the fixed gauges are more.
-    """
+    """The `Limits` of a pool of so many rows. fixed: rows that stay and count; size (pool,): gauges in each, 1 where not
+    given; price (pool,) ≥ 0 and budget: with a budget `keep` is an upper limit; near (p, 2): rows that may not both be kept,
+    of which two fixed ones are as they are, and with twice the same a row that may not be kept at all; zones: (config key,
+    members (pool,), at most so many), members bool, or how many gauges of the row lie inside; key: dotted config key of the
+    fixed ones. Raises ConfigError where the pool is smaller than `keep` or the fixed gauges are more."""
     sizes = np.ones(pool, dtype=int) if size is None else np.asarray(size, dtype=int)
     fixed_rows = frozenset(int(g) for g in fixed)
     bonded, total = int(sizes[list(fixed_rows)].sum()), int(sizes.sum())
@@ -157,10 +151,7 @@ def limits_of(
 
 
 class Swaps:
-    """Which gauges of a set may be swapped for which others.
-
-    room (pool,) bool: the gauges that fit beside the whole set.
-    """
+    """Swaps permitted by the limits. room (pool,) bool: gauges that fit in addition to the whole set."""
 
     def __init__(self, limits: Limits, chosen: np.ndarray, movable: np.ndarray):
         self.limits = limits
@@ -231,7 +222,7 @@ class Polytope:
 
             ½|v − w|² + λᵀ(A v − b)
 
-        To the accuracy of the dual's search where there are limits beside the count.
+        To the accuracy of the dual's search if there are limits other than the count.
         """
         projected = np.ones_like(w)
         free = w[~self.fixed]

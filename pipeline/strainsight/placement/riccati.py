@@ -14,18 +14,16 @@ from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.loads.observability import balanced_units, undetectable_directions
 
 CANCELLED = 10.0
-"""Where Σ PᵢᵢGᵢᵢ > CANCELLED tr(P G), the sum G has lost digits that P G P needs: the ratio is 1 to 3 with strain gauges,
-6e3 where an accelerometer reads a load and a modulus at once, each far better than anything distinguishes them."""
+"""Limit of Σ PᵢᵢGᵢᵢ / tr(P G), above which the sum G has lost digits needed for P G P. The ratio is 1 to 3 with strain
+gauges, and 6e3 if an accelerometer measures a load and a modulus that are far better known than distinguished."""
 
 
 @dataclass(frozen=True)
 class Information:
-    """G = HᵀR⁻¹H = RᵀR (n, n) of a set of gauges: their sum, and a factor R (k, n) where that is asked for.
-
-    What a gauge of extreme precision reads is known so well that ‖P h‖ is a small share ε of ‖P‖‖h‖. A relative rounding
-    u of the entries of G, which no way of summing avoids, then changes P G P by u/ε² of itself, that of R by u/ε. rows:
-    gives H at unit noise (m, n), called where that matters; None where only the sum is known.
-    """
+    """G = HᵀR⁻¹H = RᵀR (n, n) of a set of gauges: their sum, and a factor R (k, n) where that is asked for. What a gauge of
+    extreme precision reads is known so well that ‖P h‖ is a small share ε of ‖P‖‖h‖. A relative rounding u of the entries of
+    G, which no way of summing avoids, then changes P G P by u/ε² of itself, that of R by u/ε. rows: gives H at unit noise (m,
+    n), called where that matters; None where only the sum is known."""
 
     G: np.ndarray
     rows: Callable[[], np.ndarray] | None = None
@@ -78,10 +76,8 @@ CLOSE = 1e-3
 
 @dataclass(frozen=True)
 class Loop:
-    """A filter's closed loop A = F − P G with its real Schur form A = U T Uᵀ; abscissa is max Re λ(A) [1/s].
-
-    factor R (k, n), G = RᵀR, where rounding of the sum G would be felt, else None.
-    """
+    """A filter's closed loop A = F − P G with its real Schur form A = U T Uᵀ; abscissa is max Re λ(A) [1/s]. factor R (k, n),
+    G = RᵀR, where rounding of the sum G would be felt, else None."""
 
     P: np.ndarray
     information: Information
@@ -117,7 +113,7 @@ def lyapunov(loop: Loop, S: np.ndarray) -> np.ndarray:
 
 
 def lyapunov_in_schur(loop: Loop, S: np.ndarray, adjoint: bool = False) -> np.ndarray:
-    """Y of T Y + Y Tᵀ + S = 0, S symmetric (n, n): X = U Y Uᵀ solves A X + X Aᵀ + U S Uᵀ = 0; adjoint: of Tᵀ Y + Y T + S = 0."""
+    """Solve T Y + Y Tᵀ + S = 0, S symmetric (n, n). X = U Y Uᵀ satisfies A X + X Aᵀ + U S Uᵀ = 0. adjoint: Tᵀ Y + Y T + S = 0."""
     first, second = "TN" if adjoint else "NT"
     Y, scale, info = dtrsyl(loop.T, loop.T, -S, trana=first, tranb=second)
     if info < 0:
@@ -203,10 +199,8 @@ def balance(F: np.ndarray, Q: np.ndarray, G: Information) -> tuple[np.ndarray, n
 
 
 def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
-    """P of (5.14) from nothing: in these coordinates, or in balanced ones where these leave a residual above 1e-10.
-
-    Raises NumericalError where neither reaches it.
-    """
+    """P of (5.14) from nothing: in these coordinates, or in balanced ones where these leave a residual above 1e-10. Raises
+    NumericalError where neither reaches it."""
     error = np.inf
     try:
         P = solve_care(F, Q, G)
@@ -251,7 +245,7 @@ def _unsorted(_real: float, _imag: float | None = None) -> None:
 
 
 ACCEPTED_IN_STEPS = 1e-9
-"""Largest error of a covariance, beside σᵢσⱼ, that is taken as solved."""
+"""Largest permitted error of a covariance, relative to σᵢσⱼ."""
 NOT_REACHED = 1e-8
 """States whose σ is below this share of the largest are taken as not reached by the noise."""
 SETTLED = 1e-13
@@ -288,7 +282,7 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
         variance = np.sum(L**2, axis=1)
         F, C, L = _double(F, C, L)
         grown = np.sum(L**2, axis=1) - variance
-        # P⁻ grows, so each variance beside itself: a state that nothing but one noise reaches may dwarf the others
+        # P⁻ grows; relative to each variance, as a state with a single noise source may dwarf the others
         if np.all(grown <= SETTLED * np.maximum(variance, NOT_REACHED**2 * variance.max())):
             break
     before = updated(L, H)

@@ -38,12 +38,10 @@ Gauges = Sequence[int] | np.ndarray
 
 @dataclass(frozen=True)
 class Scenario:
-    """ẋ* = F x* + w, y = H x* + v with intensities Q and r, and the metric of its layouts: weight of each state, criterion.
-
-    A pool row is what is bonded and removed as one. H (pool, n*) where each measures one signal, (pool, c, n*) where up to
-    c, with rows of zeros where fewer; r (pool,) or (pool, c), positive there too, in [y² s].
-    F, Q (n*, n*) [1/s], [x*²/s]; weight (n*,) diagonal of W.
-    """
+    """ẋ* = F x* + w, y = H x* + v with intensities Q and r, and the metric of its layouts: weight of each state, criterion. A
+    pool row is what is bonded and removed as one. H (pool, n*) where each measures one signal, (pool, c, n*) where up to c,
+    with rows of zeros where fewer; r (pool,) or (pool, c), positive there too, in [y² s]. F, Q (n*, n*) [1/s], [x*²/s];
+    weight (n*,) diagonal of W."""
 
     F: np.ndarray
     Q: np.ndarray
@@ -72,10 +70,8 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Pool:
-    """A scenario in the coordinates where the whole pool gives diag P = 1: x* = scale · x̃.
-
-    rows (pool, c, n*): its gauges at unit noise; P (n*, n*) and its relative residual; modes: the marginal ones of F.
-    """
+    """A scenario in the coordinates where the whole pool gives diag P = 1: x* = scale · x̃. rows (pool, c, n*): its gauges at
+    unit noise; P (n*, n*) and its relative residual; modes: the marginal ones of F."""
 
     scenario: Scenario
     rows: np.ndarray
@@ -105,13 +101,10 @@ class Pool:
 
 
 def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray | None = None) -> Pool:
-    """Steady covariance of the whole pool, in balanced coordinates.
-
-    names: of the unknowns, the last states, for the message, which compares them in these units (names,).
-    Raises ConfigError where a number is not finite or a noise
-    not positive, InfeasibleError where the pool cannot detect them or where the process noise does not reach all that
-    fails to decay, NumericalError where the residual stays above 1e-10.
-    """
+    """Steady covariance of the whole pool, in balanced coordinates. names: of the unknowns, the last states, for the message,
+    which compares them in these units (names,). Raises ConfigError where a number is not finite or a noise not positive,
+    InfeasibleError where the pool cannot detect them or where the process noise does not reach all that fails to decay,
+    NumericalError where the residual stays above 1e-10."""
     _check(scenario)
     size = len(scenario.F)
     rows = scenario.rows.reshape(-1, size)
@@ -147,10 +140,8 @@ def solve_named_pool(names: Sequence[str], scenario: Scenario) -> Pool:
 
 
 def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> InfeasibleError:
-    """What does not decay and is reached by no process noise, in words; directions w (n*, k): wᵀF = λwᵀ, wᵀQ = 0.
-
-    A motion of the structure has λ ≠ 0, an unknown λ = 0.
-    """
+    """What does not decay and is reached by no process noise, in words; directions w (n*, k): wᵀF = λwᵀ, wᵀQ = 0. A motion of
+    the structure has λ ≠ 0, an unknown λ = 0."""
     moves = np.any(np.abs(directions.T @ F) > 1e-6 * (np.abs(directions.T) @ np.abs(F)), axis=1)
     if moves.any():
         return InfeasibleError(
@@ -267,10 +258,8 @@ def weight_of_pools(pools: Sequence[Pool], unknown: np.ndarray) -> np.ndarray:
 
 
 def thesis_weight(size: int, unknown: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Weights (size,) of the plain trace over the unknowns in their physical units (algorithm 2): scale² [N², SI²].
-
-    unknown (count,): their indices in x*; scale (count,).
-    """
+    """Weights (size,) of the plain trace over the unknowns in their physical units (algorithm 2): scale² [N², SI²]. unknown
+    (count,): their indices in x*; scale (count,)."""
     weight = np.zeros(size)
     weight[np.asarray(unknown, dtype=int)] = scale**2
     return weight
@@ -279,8 +268,8 @@ def thesis_weight(size: int, unknown: np.ndarray, scale: np.ndarray) -> np.ndarr
 LARGE = 60
 """States from which a pool is searched by its slow motions."""
 AGREES = 1e-3
-"""Relative difference in σ of every unknown, all gauges of the pool there, up to which motions count as slow enough to leave out:
-the fewer gauges there are, the slower the filter, and the less it sees of quick motions."""
+"""Relative difference in σ of each unknown, with all gauges of the pool, up to which quick motions are left out. Fewer gauges
+make the filter slower and less sensitive to quick motions."""
 WORTH = 0.7
 """Share of the states above which a scenario in slow motions is not worth having."""
 APART = 1e-3

@@ -1,4 +1,4 @@
-"""The gauges that are left while they leave one by one, and a layout within them as the proof that one is left."""
+"""A layout within the remaining gauges, as a proof that one exists while gauges are removed one by one."""
 
 from __future__ import annotations
 
@@ -14,19 +14,17 @@ from strainsight.placement.riccati import Information
 from strainsight.placement.scenario import Pool
 
 EFFORT = 20
-"""Nodes of the search of another layout; where they are not enough, the gauge stays while the layout at hand has it."""
+"""Nodes of the search for another layout; if they are not enough, the gauge stays while the current layout contains it."""
 REACH = 200
-"""Pool rows that such a search may choose from; the rest of the layout at hand stays as it is."""
+"""Largest number of pool rows of such a search; the rest of the current layout is unchanged."""
 
 
 class Witness:
-    """units (pool,) bool: a layout that detects every unknown, of as many gauges as the limits allow.
-
-    Under a budget there is no such goal, and any layout that detects every unknown will do.
-    """
+    """units (pool,) bool: a layout that detects every unknown, with as many gauges as the limits permit. Under a budget there
+    is no target size, and any layout that detects every unknown is accepted."""
 
     def __init__(self, limits: Limits, detection: Detection, worth: np.ndarray, names: Sequence[str]):
-        """worth (pool,): what a gauge is about worth. Raises InfeasibleError where the limits leave no layout."""
+        """worth (pool,): approximate worth of each gauge. Raises InfeasibleError if no layout is within the limits."""
         self.limits, self.detection = limits, detection
         # what a gauge takes of the whole of count and budget
         self._dear = np.zeros(len(limits.size))
@@ -41,7 +39,7 @@ class Witness:
         layout = self._greedy(present, worth)
         if layout is None:
             size = limits.size.astype(float)
-            # of more than one number, as many as are found soon will do; only that there is none at all takes a proof
+            # with a range of sizes any size found quickly is enough; only infeasibility needs a proof
             for nodes in (NODES,) if limits.least == limits.keep else (EFFORT, NODES):
                 layout = detection.layout(limits, size, floor=limits.least, nodes=nodes).gauges
                 if layout is not None:
@@ -53,11 +51,9 @@ class Witness:
         self.units = np.isin(np.arange(len(limits.size)), layout)
 
     def spares(self, gauge: int, present: np.ndarray, worth: np.ndarray) -> bool:
-        """Whether a layout is found without this gauge of those present (pool,) bool; it is the witness from then on.
-
-        In turn: another gauge in its place, the gauges worth most as far as they fit, an integer program over the `REACH`
-        rows around the gauge, which is a proof where no more than those are left.
-        """
+        """Whether a layout without this gauge exists in present (pool,) bool; it becomes the witness. Tried in turn: another
+        gauge in its place, the most valuable gauges that fit, an integer program over the `REACH` rows around the gauge,
+        which is a proof if no more rows remain."""
         if not self.units[gauge]:
             return True
         rest = present.copy()
@@ -96,8 +92,8 @@ class Witness:
                 return layout
 
     def _around(self, gauge: int, rest: np.ndarray, worth: np.ndarray) -> np.ndarray:
-        """The rows of `rest` (pool,) bool, `REACH` at most, that share a limit with the gauge or see what is lost with it,
-        or share one with those, and so on; of equals, those worth most."""
+        """At most `REACH` rows of `rest` (pool,) bool that share a limit with the gauge, detect what is lost with it, or are
+        connected to those; of equals, the most valuable."""
         if rest.sum() <= REACH:
             return rest
         left = self.units & rest
@@ -128,13 +124,11 @@ class Witness:
 
 
 class Guard:
-    """What the limits say to an elimination: whether one is still broken, who may leave for it, and who has to stay.
-
-    there, held (pool,) bool: gauges that have not left, and those of the witness without which no other was found.
-    """
+    """Interface of the limits to an elimination: broken limits, gauges that may leave for them, and gauges that have to stay.
+    there, held (pool,) bool: remaining gauges, and those of the witness that cannot be replaced."""
 
     def __init__(self, limits: Limits, detection: Detection, names: Sequence[str]):
-        """Raises InfeasibleError where the bonded gauges break a limit by themselves."""
+        """Raises InfeasibleError if the bonded gauges alone break a limit."""
         self.limits, self.names, self.detection = limits, names, detection
         self.there = np.ones(len(limits.size), dtype=bool)
         self.held = np.zeros(len(limits.size), dtype=bool)
@@ -146,7 +140,7 @@ class Guard:
 
     @property
     def excess(self) -> np.ndarray:
-        """By how much every limit is broken (constraints,)."""
+        """Excess over each limit (constraints,)."""
         return np.maximum(self.limits.used(self.there) - self.limits.most, 0.0)
 
     @property
@@ -155,16 +149,13 @@ class Guard:
 
     @property
     def relief(self) -> np.ndarray:
-        """What a rise is divided by (pool,), 0 for gauges that need not leave: see `eliminate`."""
+        """Divisor of a rise (pool,), 0 for gauges that need not leave: see `eliminate`."""
         return np.asarray(self.limits.rows.T @ (self.excess / self._whole**2))
 
     def lets_go(self, gauge: int, index: np.ndarray, bounds: np.ndarray) -> bool:
-        """Whether a layout is found without this gauge; index (m,), bounds (m,): what the gauges still there are worth.
-
-        It is held where none is, and no longer when a witness without it is found: what is left holds the witness, so
-        while it breaks a limit, a gauge that the limit counts is no part of the witness, and is not held.
-        Raises InfeasibleError where there was no layout to begin with.
-        """
+        """Whether a layout without this gauge exists; index (m,), bounds (m,): worth of the remaining gauges. Otherwise the
+        gauge is held until a witness without it is found. The remaining gauges contain the witness; while they break a limit,
+        a gauge counted by that limit is not part of the witness. Raises InfeasibleError if no layout existed initially."""
         worth = self._worth(index, bounds)
         witness = self._get_witness(worth)
         spared = witness.spares(gauge, self.there, worth)
@@ -174,7 +165,7 @@ class Guard:
         return spared
 
     def surplus(self, index: np.ndarray, bounds: np.ndarray) -> int:
-        """The gauge worth least that a broken limit counts and the witness does without; as in `lets_go`."""
+        """The least valuable gauge that a broken limit counts and the witness does not need; as in `lets_go`."""
         worth = self._worth(index, bounds)
         out = np.flatnonzero(self.there & ~self._get_witness(worth).units & (self.relief > 0))
         return int(out[tied_order(worth[out])[0]])
@@ -191,18 +182,16 @@ class Guard:
 
 
 SUMMED = 256
-"""G of so few gauges is summed anew at every removal; of more, after as many removals."""
+"""G of so few gauges is summed again at each removal; of more, after as many removals."""
 
 
 class Remaining:
-    """Packed rows of the gauges left, in the order of their indices; those of gauges just removed are zero until packed.
-
-    index (m,): gauge at each place; movable (m,): still there, not fixed and not held; count: gauges still there. Columns that no
-    gauge of a scenario sees, as velocities and unknowns under strain gauges, are left out of the rows.
-    """
+    """Packed rows of the remaining gauges in index order; rows of removed gauges are zero until packed. index (m,): gauge at
+    each place; movable (m,): remaining, neither fixed nor held; count: remaining gauges. Columns without response in any
+    scenario, such as velocities under strain gauges, are omitted."""
 
     def __init__(self, pools: Sequence[Pool], fixed: Collection[int], labels: np.ndarray | None = None):
-        """fixed: gauges that stay; labels (pool,): labels, gauges of different ones are no twins whatever they read."""
+        """fixed: gauges that stay; labels (pool,): gauges with different labels are no twins."""
         self.index = np.arange(len(pools[0].rows))
         self.count = len(self.index)
         self._fixed = np.isin(self.index, list(fixed))
@@ -222,11 +211,11 @@ class Remaining:
 
     @property
     def gauges(self) -> np.ndarray:
-        """Indices of the gauges still there, ascending."""
+        """Indices of the remaining gauges, ascending."""
         return self.index[self._there]
 
     def without(self, at: int) -> np.ndarray:
-        """Indices of the gauges still there but the one at this place."""
+        """Indices of the remaining gauges except the one at this place."""
         present = self._there.copy()
         present[at] = False
         return self.index[present]
@@ -238,29 +227,29 @@ class Remaining:
         return np.asarray(flat.reshape(len(rows), rows.shape[1], -1))
 
     def gram(self, scenario: int) -> np.ndarray:
-        """G = HᵀR⁻¹H (n, n) of the gauges still there."""
+        """G = HᵀR⁻¹H (n, n) of the remaining gauges."""
         G = np.zeros((self._size[scenario],) * 2)
         G[np.ix_(self._columns[scenario], self._columns[scenario])] = self._G[scenario]
         return G
 
     def information(self, scenario: int) -> Information:
-        """The same G with the rows it is the sum of, as they are now."""
+        """G with the rows of which it is the sum."""
         return Information(self.gram(scenario), partial(self._pools[scenario].stacked, self.gauges))
 
     def twins(self, at: int) -> np.ndarray:
-        """Places of the movable gauges that say the same as the one at this place, itself among them."""
+        """Places of the movable gauges with the same rows as that at this place, itself included."""
         return np.flatnonzero((self._twin == self._twin[at]) & self.movable) if self._has_twins else np.array([at])
 
     def one_of_each(self, places: np.ndarray) -> np.ndarray:
-        """The first of every set of twins among the places."""
+        """First of each set of twins among the places."""
         return places[np.unique(self._twin[places], return_index=True)[1]] if self._has_twins else places
 
     def hold(self, gauges: np.ndarray) -> None:
-        """These gauges (pool,) bool stay for now, beside the fixed ones, and no others."""
+        """Keep these gauges (pool,) bool for now, in addition to the fixed ones, and no others."""
         self.movable = self._there & ~(self._fixed | gauges)[self.index]
 
     def remove(self, at: int) -> None:
-        """Take the gauge at this place away."""
+        """Remove the gauge at this place."""
         self._there[at] = self.movable[at] = False
         self.count -= 1
         self._since += 1
@@ -286,10 +275,7 @@ class Remaining:
 
 
 def twin_groups(rows: Sequence[np.ndarray]) -> np.ndarray:
-    """A number for every gauge (m,): the same for gauges whose channels (m, c, k) agree in every scenario.
-
-    Up to the sign and the order of the channels, which change nothing in hᵀh.
-    """
+    """Number of each gauge (m,), the same if their channels (m, c, k) agree in all scenarios, up to sign and order."""
     labels = np.zeros(len(rows[0]), dtype=np.int64)
     for part in rows:
         m, c, k = part.shape

@@ -45,9 +45,10 @@ LACKING = (
     "import sys; sys.path[:] = filter(None, sys.path); import importlib.util as u; "
     "print(*(m for m in ('numpy', 'petsc4py', 'slepc4py') if u.find_spec(m) is None))"
 )
-"""What is asked of an interpreter, which may be older than -P and PYTHONSAFEPATH: "" stands for the working folder."""
+"""Code that prints the missing packages of an interpreter, which may be older than -P and PYTHONSAFEPATH; "" is the working
+folder."""
 LIMIT = 60.0
-"""[s] for an interpreter to say what it lacks."""
+"""[s] for an interpreter to report its missing packages."""
 WHERE = "apt install python3-slepc4py, or pip install 'strainsight[mpi]'"
 
 
@@ -61,7 +62,7 @@ class Programs:
 
 
 def programs(environment: Mapping[str, str] = os.environ) -> Programs:
-    """Raises UserError on Windows, where the launcher is not there, or an interpreter lacks petsc4py or slepc4py."""
+    """Launcher and interpreter. Raises UserError on Windows, without a launcher, or without petsc4py and slepc4py."""
     if os.name == "nt":
         raise UserError("solver: slepc is available on Linux and macOS only", key="solver", remedy="set solver: direct")
     launcher = _launcher(environment)
@@ -109,7 +110,7 @@ def _debian() -> list[tuple[str, tuple[str, ...]]]:
 
 
 def _lacking(programs: Programs) -> str:
-    """The packages that the interpreter lacks; why it does not run, where it does not."""
+    """Missing packages of the interpreter, or why it does not run."""
     try:
         process = subprocess.run(
             [programs.python, "-c", LACKING],
@@ -129,30 +130,28 @@ def _lacking(programs: Programs) -> str:
 
 WORKER = Path(__file__).with_name("worker.py")
 START_LIMIT = 120.0
-"""[s] until the processes have found each other."""
+"""[s] until the processes are connected."""
 SHORT, LONG = 0.001, 0.02
 """[s] between two looks for an answer."""
 TAIL = 6
-"""Lines of what MPI has said that an error repeats."""
+"""Lines of the MPI output that an error repeats."""
 CONVERGED, RESTARTS = 1e-14, 1000
-"""Of the Krylov-Schur iterations: residual beside λ, and how often they start again at most."""
+"""Krylov-Schur iterations: relative residual, and most restarts."""
 KILLED = 128 + 9
 FAILURE = "failure.json"
-"""What one process alone has met."""
+"""Error of a single process."""
 
 
 @dataclass(frozen=True)
 class OverMpi:
-    """Factorise by MUMPS in the processes of MPI; say: takes a sentence on who does it, once for each factor."""
+    """Factorise by MUMPS in MPI processes; say: receives a sentence about each factorisation."""
 
     say: Callable[[str], None] = lambda text: None
 
     def __call__(self, A: sparse.csr_array) -> Factor:
-        """A = LLᵀ as `fem.factorisation.factorise`, scaled likewise, with `lowest` for modes.
-
-        Raises NumericalError where A is not positive definite or a process dies, UserError where MPI, PETSc or SLEPc cannot be
-        had, do not fit together, or have too little memory.
-        """
+        """A = LLᵀ as `fem.factorisation.factorise`, scaled likewise, with `lowest` for modes. Raises NumericalError if A is
+        not positive definite or a process dies, UserError if MPI, PETSc or SLEPc are missing, incompatible, or have too
+        little memory."""
         scale = conditioned(A)
         session = _Session(programs())
         try:
@@ -197,7 +196,7 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
 
 
 class _Session:
-    """Processes of MPI and their folder, until `close`."""
+    """MPI processes and their folder, until `close`."""
 
     def __init__(self, programs: Programs):
         self.programs, self.requests, self.written, self.started = programs, 0, 0, False
@@ -211,7 +210,7 @@ class _Session:
         self.folder = Path(self.process.stdout.readline().decode().rstrip("\n"))
 
     def start(self) -> dict[str, Any]:
-        """Start the processes; who they are. Raises UserError where they do not come, or are not what is needed."""
+        """Start the processes and return their description. Raises UserError if they do not start or are not suitable."""
         assert self.process.stdin is not None
         command = [*self.programs.launcher, self.programs.python, str(WORKER)]
         self.process.stdin.write(json.dumps([command, dict(self.programs.environment)]).encode() + b"\n")
@@ -244,7 +243,7 @@ class _Session:
             np.save(self.folder / f"{name}.{part}.npy", getattr(upper, part))
 
     def ask(self, do: str, **what: Any) -> dict[str, Any]:
-        """One request to all processes, and the answer."""
+        """Send a request to all processes, and return the answer."""
         self._request(do, **what)
         return self._wait(f"answer-{self.requests - 1}.json", np.inf)
 
@@ -269,13 +268,13 @@ class _Session:
         shutil.rmtree(self.folder, ignore_errors=True)  # of a supervisor that was killed
 
     def array(self, columns: np.ndarray) -> str:
-        """A new file of columns (n, k), each as a row of it."""
+        """Write columns (n, k) to a new file, as its rows; return its name."""
         name = self._name()
         np.save(self.folder / name, np.ascontiguousarray(columns.T, dtype=float))
         return name
 
     def room(self, k: int, n: int) -> str:
-        """A new file for a result (k, n)."""
+        """Create a file for a result (k, n); return its name."""
         name = self._name()
         np.lib.format.open_memmap(self.folder / name, "w+", dtype=float, shape=(k, n)).flush()
         return name
@@ -292,7 +291,7 @@ class _Session:
         return np.asarray(array.T)
 
     def _wait(self, name: str, limit: float) -> dict[str, Any]:
-        """What a file says, once it is there. Raises what the processes refuse, or have died of."""
+        """Content of a file as soon as it exists. Raises the error reported by the processes, or the cause of their end."""
         answer, pause, until = self.folder / name, SHORT, time.monotonic() + limit
         while not answer.exists():
             ended = self.process.poll() is not None or (self.folder / ENDED).exists()
@@ -314,7 +313,7 @@ class _Session:
         return result
 
     def _refused(self, answer: dict[str, Any]) -> NumericalError | UserError:
-        """What all processes know alike."""
+        """Error that all processes have in common."""
         kind = answer["refused"]
         if kind == "indefinite":
             return NumericalError(NOT_DEFINITE, remedy=MECHANISM)
@@ -340,7 +339,7 @@ class _Session:
         return NumericalError(text, key="solver", remedy="look up the code in the MUMPS manual; or set solver: direct")
 
     def _failed(self) -> NumericalError | UserError:
-        """Of processes that have ended by themselves."""
+        """Error of processes that ended unexpectedly."""
         failure, ended = self.folder / FAILURE, self.folder / ENDED
         if failure.exists():
             return self._refused(json.loads(failure.read_text()))
@@ -361,7 +360,7 @@ class _Session:
         )
 
     def _last_output(self) -> str:
-        """The last lines that the launcher or its processes have printed."""
+        """Last lines printed by the launcher or its processes."""
         try:
             text = (self.folder / SAID).read_text(errors="replace")
         except OSError:

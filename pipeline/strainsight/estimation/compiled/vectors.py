@@ -1,8 +1,6 @@
-"""Products, copies and solutions of small arrays.
-
-Plain loops that numba compiles: they take the same steps on every processor, and a step of twenty-odd states in microseconds. A
-slice that is assigned to would take seconds to compile, as numba makes a message of the shapes that do not fit.
-"""
+"""Products, copies and solutions of small arrays. Plain loops that numba compiles: they take the same steps on every
+processor, and a step of twenty-odd states in microseconds. A slice that is assigned to would take seconds to compile, as
+numba makes a message of the shapes that do not fit."""
 
 from __future__ import annotations
 

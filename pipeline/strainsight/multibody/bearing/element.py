@@ -27,11 +27,9 @@ from strainsight.multibody.relations import Relation, bearing_displacements, dot
 
 @dataclass(frozen=True)
 class BearingLoad:
-    """F = ∂Π/∂q, the load on the inner ring that holds it at q while the outer ring is at rest.
-
-    force (5,) [N, N, N, N m, N m]; tangent (5, 5) = ∂F/∂q, symmetric, positive semidefinite;
-    slopes (5, 6) = ∂F/∂θ, θ in the order of PARAMETERS, zero where they were not asked for; energy Π [J].
-    """
+    """F = ∂Π/∂q, the load on the inner ring that holds it at q while the outer ring is at rest. force (5,) [N, N, N, N m, N
+    m]; tangent (5, 5) = ∂F/∂q, symmetric, positive semidefinite; slopes (5, 6) = ∂F/∂θ, θ in the order of PARAMETERS, zero
+    where they were not asked for; energy Π [J]."""
 
     force: np.ndarray
     tangent: np.ndarray
@@ -41,12 +39,10 @@ class BearingLoad:
 
 @dataclass(frozen=True)
 class BallLoads:
-    """What every ball carries, contacts in the order il, ir, ol, or.
-
-    angle (z,) station φ [rad]; force (z, 4) Q [N]; contact_angle (z, 4) β [rad] from the radial plane; pressure (z, 4) peak
-    [Pa]; approach (z, 4) |p − c_k| − L_k [m], negative: gap; centre (z, 2) p = (V, W), axial and radial from the pitch
-    circle [m]; semi_axes (z, 4, 2) of the contact ellipse along and across the raceway [m].
-    """
+    """What every ball carries, contacts in the order il, ir, ol, or. angle (z,) station φ [rad]; force (z, 4) Q [N];
+    contact_angle (z, 4) β [rad] from the radial plane; pressure (z, 4) peak [Pa]; approach (z, 4) |p − c_k| − L_k [m],
+    negative: gap; centre (z, 2) p = (V, W), axial and radial from the pitch circle [m]; semi_axes (z, 4, 2) of the contact
+    ellipse along and across the raceway [m]."""
 
     angle: np.ndarray
     force: np.ndarray
@@ -237,9 +233,9 @@ def _bounded_newton(H: np.ndarray, g: np.ndarray, trust: float) -> np.ndarray:
 
 
 TILT_WEIGHT, RADIAL_WEIGHT = 4.4, 2.2 * 1.73
-"""Weights of tilting moment and radial force beside the axial one in the friction of a ball slewing bearing."""
+"""Friction of a ball slewing bearing: weights of tilting moment and radial force relative to the axial force."""
 SMALL = 1.0
-"""[N or N m] below which the size of a load is rounded off, so that it has a slope at zero."""
+"""[N or N m] below which the size of a load is smoothed, so that it has a slope at zero."""
 
 
 @dataclass(frozen=True)

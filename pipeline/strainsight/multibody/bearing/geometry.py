@@ -36,10 +36,8 @@ def point_contact(along: float, across: float, modulus: float) -> tuple[float, f
 
 @inner
 def _elliptic(k: float) -> tuple[float, float]:
-    """K(m) and s(m) = (1 − E(m)/K(m))/m at m = 1 − k², by the arithmetic-geometric mean, to round-off for 0 < k ≤ 1.
-
-    c₁² = m (1 − k)/(4 (1 + k)) is divided by m beforehand, so that the circle m = 0 is no special case.
-    """
+    """K(m) and s(m) = (1 − E(m)/K(m))/m at m = 1 − k², by the arithmetic-geometric mean, to round-off for 0 < k ≤ 1. c₁² = m
+    (1 − k)/(4 (1 + k)) is divided by m beforehand, so that the circle m = 0 is no special case."""
     a, b = 0.5 * (1 + k), math.sqrt(k)
     c = 0.5 * (1 - k)
     term = 0.25 * (1 - k) / (1 + k)
@@ -90,10 +88,8 @@ def groove_curvatures(ball: float, groove: float, pitch: float, cosine: float, s
 def groove_contact(
     ball: float, groove: float, pitch: float, cosine: float, side: float, modulus: float
 ) -> tuple[float, float, float]:
-    """K of a ball in a groove, ∂K/∂D and ∂K/∂r by the chain rule of `point_contact` over `groove_curvatures`.
-
-    Arguments as in `groove_curvatures`; modulus E* [Pa]. Returns [N/m^1.5], [N/m^2.5], [N/m^2.5].
-    """
+    """K of a ball in a groove, ∂K/∂D and ∂K/∂r by the chain rule of `point_contact` over `groove_curvatures`. Arguments as in
+    `groove_curvatures`; modulus E* [Pa]. Returns [N/m^1.5], [N/m^2.5], [N/m^2.5]."""
     along, across = groove_curvatures(ball, groove, pitch, cosine, side)
     constant, share = point_contact(along, across, modulus)
     gamma = side * ball * cosine / pitch
@@ -130,7 +126,7 @@ CONTACTS = ("inner left", "inner right", "outer left", "outer right")
 
 AXIAL = np.array([1.0, -1.0, 1.0, -1.0])
 RADIAL = np.array([1.0, 1.0, -1.0, -1.0])
-"""Signs of the direction from the ball to the groove centre, (± sin α, ± cos α): also that of the force on the ball."""
+"""Sign of the direction from the ball to the groove centre, (± sin α, ± cos α), which is also that of the force on the ball."""
 
 LEAST_GAP, WIDEST = 1e-9, 1e6
 """Share of the ball's radius by which a groove's must be larger, and how many times it may be as large: beyond, rounding
@@ -206,12 +202,10 @@ class Bearing:
 
     @cached_property
     def contacts(self) -> Contacts:
-        """What the forces need, computed once.
-
-        Groove centres  c_k = ℓ_k (± sin α, ± cos α),  ℓ_k = r_k − D/2  of now ("follow") or of the nominal ("fixed").
-        Hertz constants at the free contact angle, as Harris has them. Balls orbit at half the speed of the contact of the
-        inner ring, ω_c = ω (1 − D cos α/d_m)/2, on the pitch circle:  F_c = (π/6) ρ D³ ω_c² d_m/2.
-        """
+        """What the forces need, computed once. Groove centres  c_k = ℓ_k (± sin α, ± cos α),  ℓ_k = r_k − D/2  of now
+        ("follow") or of the nominal ("fixed"). Hertz constants at the free contact angle, as Harris has them. Balls orbit at
+        half the speed of the contact of the inner ring, ω_c = ω (1 − D cos α/d_m)/2, on the pitch circle:  F_c = (π/6) ρ D³
+        ω_c² d_m/2."""
         D, d_m = self.ball_diameter, self.pitch_diameter
         sine, cosine = math.sin(self.contact_angle), math.cos(self.contact_angle)
         follow = self.groove_centres == "follow"
@@ -231,12 +225,9 @@ class Bearing:
 
 @dataclass(frozen=True)
 class Contacts:
-    """The four contacts of a ball, relative to the pitch circle, with their slopes.
-
-    table (4, 10): x_k, ρ_k: groove centre [m];  L_k = r_k − D/2 − preload: distance of the ball centre at touch [m];
-    K_k [N/m^1.5];  ∂K_k/∂D, ∂K_k/∂r_k;  ∂x_k/∂D, ∂x_k/∂r_k;  ∂ρ_k/∂D, ∂ρ_k/∂r_k
-    centrifugal (2,): F_c [N], radially outwards, and ∂F_c/∂D [N/m]
-    """
+    """The four contacts of a ball, relative to the pitch circle, with their slopes. table (4, 10): x_k, ρ_k: groove centre
+    [m];  L_k = r_k − D/2 − preload: distance of the ball centre at touch [m]; K_k [N/m^1.5];  ∂K_k/∂D, ∂K_k/∂r_k;  ∂x_k/∂D,
+    ∂x_k/∂r_k;  ∂ρ_k/∂D, ∂ρ_k/∂r_k centrifugal (2,): F_c [N], radially outwards, and ∂F_c/∂D [N/m]"""
 
     table: np.ndarray
     centrifugal: np.ndarray

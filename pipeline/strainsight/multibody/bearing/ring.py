@@ -10,18 +10,16 @@ from strainsight.compiled import carray, inner, kept
 
 ITERATIONS = 200
 NEAR, FALL = 3e-8, 0.1
-"""Unbalanced force beside all forces on a ball from which one linear correction is exact to round-off, and by how much it
-has to fall in a step before."""
+"""Unbalanced force, relative to all forces on a ball, from which one linear correction is exact, and its required decrease
+before."""
 LOOSE = 1e-10
 """Approach, as a share of the ball diameter, whose force counts as no contact."""
 
 
 @inner
 def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: float, out: np.ndarray) -> None:
-    """c_k (4, 2) in the axial plane of one ball; those of the inner ring have moved by  A_k (u, w, τ).
-
-    A_k = [1 0 R + ρ_k; 0 1 −x_k];  u axial, w radial displacement [m], τ tilt about the tangent of the pitch circle [rad].
-    """
+    """c_k (4, 2) in the axial plane of one ball; those of the inner ring have moved by  A_k (u, w, τ). A_k = [1 0 R + ρ_k; 0
+    1 −x_k];  u axial, w radial displacement [m], τ tilt about the tangent of the pitch circle [rad]."""
     for k in range(4):
         out[k, 0], out[k, 1] = table[k, 0], table[k, 1]
         if k < 2:
@@ -31,10 +29,8 @@ def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: fl
 
 @inner
 def pinched(table: np.ndarray, c: np.ndarray) -> tuple[float, float]:
-    """The ball centre between the two opposite grooves that are farthest distance: exact where only they touch.
-
-    On their line, the elongation |c_i − c_o| − L_i − L_o divided as K_i^(−2/3) to K_o^(−2/3).
-    """
+    """The ball centre between the two opposite grooves that are farthest distance: exact where only they touch. On their
+    line, the elongation |c_i − c_o| − L_i − L_o divided as K_i^(−2/3) to K_o^(−2/3)."""
     best, px, pr = -math.inf, 0.0, 0.0
     for i in range(2):
         for o in range(2, 4):
@@ -112,11 +108,9 @@ def gradient_and_hessian(
 def ball_centre(
     table: np.ndarray, c: np.ndarray, push: float, soft: float, loose: float, state: np.ndarray
 ) -> tuple[float, float, float]:
-    """p = argmin Π(p): the equilibrium of one ball, thesis (1.18); Newton with halved steps on a convex function.
-
-    push F_c, loose [N], soft ε [N/m]; fills `state` (`contact_state`) at p. Returns p [m] and the force that remains
-    unbalanced, as a multiple of what is tolerated: above one the ball did not settle.
-    """
+    """p = argmin Π(p): the equilibrium of one ball, thesis (1.18); Newton with halved steps on a convex function. push F_c,
+    loose [N], soft ε [N/m]; fills `state` (`contact_state`) at p. Returns p [m] and the force that remains unbalanced, as a
+    multiple of what is tolerated: above one the ball did not settle."""
     px, pr = pinched(table, c)
     reach = 0.0
     for k in range(4):

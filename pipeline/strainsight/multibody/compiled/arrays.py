@@ -31,11 +31,10 @@ class Moments(NamedTuple):
 
 
 class Sparsity(NamedTuple):
-    """Sparsity of the matrix of a step: body, dt and feels of `Arrays`; joints: number of joint constraints.
-
-    tied, pushed (nb, any): bodies that share a joint or an element with a body, itself included; reached (nb, any): bodies
-    coupled through both; joint_rows (nb, any): joint constraints of a body. place (N,): positions of the unknowns (nt, μ, λ) in
-    the matrix; low (N,): last nonzero row of each column, fill-in included."""
+    """Sparsity of the matrix of a step: body, dt and feels of `Arrays`; joints: number of joint constraints. tied, pushed
+    (nb, any): bodies that share a joint or an element with a body, itself included; reached (nb, any): bodies coupled through
+    both; joint_rows (nb, any): joint constraints of a body. place (N,): positions of the unknowns (nt, μ, λ) in the matrix;
+    low (N,): last nonzero row of each column, fill-in included."""
 
     body: np.ndarray
     dt: np.ndarray
@@ -51,14 +50,13 @@ class Sparsity(NamedTuple):
 
 class Arrays(NamedTuple):
     """What a system is made of, by number; compiled functions take the part that they need, for each array is an argument.
-
     Bodies (nb): body (nb, 6): whether it moves, its first natural and its first minimal coordinate, modes, where its inertia
-    begins in `inertia` (−1: it is constant, in `mass`), number of minimal coordinates; d (n,), dt (nt,): diagonal scale of the
-    mass, natural and minimal. weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
+    begins in `inertia` (−1: it is constant, in `mass`), number of minimal coordinates; d (n,), dt (nt,): diagonal scale of
+    the mass, natural and minimal. weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
     Elements (ne): element (ne, 4): first row, rows, parameters and loads, where its memory begins; element_feels;
-    element_parameter: places in (θ, u). joints: how many constraints are held, rigid: how many come before theirs; drive (k, 4):
-    row of a driven constraint, of its second relation or −1, which drive, power; drive_at, drives: where p begins in u, how many.
-    """
+    element_parameter: places in (θ, u). joints: how many constraints are held, rigid: how many come before theirs; drive (k,
+    4): row of a driven constraint, of its second relation or −1, which drive, power; drive_at, drives: where p begins in u,
+    how many."""
 
     body: np.ndarray
     d: np.ndarray

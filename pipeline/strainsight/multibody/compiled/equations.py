@@ -16,11 +16,8 @@ from strainsight.multibody.relations import Relations, Values, Vectors, carried_
 
 @joined
 def carried(r: Relations, body: np.ndarray, q: np.ndarray, z: np.ndarray) -> Vectors:
-    """Vectors in minimal coordinates, J (nc, 3, 6 + k), its rate under q alone:
-
-    b = t r + R y,  y = c + C η;     δb = t δr + ε × Ry + RC δη
-    rate = t ṙ + ω × Ry + RC η̇;     δrate = ω × (ε × Ry + RC δη) + ε × RC η̇      at the same (ṙ, ω, η̇)
-    """
+    """Vectors in minimal coordinates, J (nc, 3, 6 + k), its rate under q alone: b = t r + R y,  y = c + C η;     δb = t δr +
+    ε × Ry + RC δη rate = t ṙ + ω × Ry + RC η̇;     δrate = ω × (ε × Ry + RC δη) + ε × RC η̇      at the same (ṙ, ω, η̇)"""
     nc, most = len(r.t), r.C.shape[2]
     b, rate, turned = np.zeros((nc, 3)), np.zeros((nc, 3)), np.zeros((nc, 3))
     J, Jr = np.zeros((nc, 3, 6 + most)), np.zeros((nc, 3, 6 + most))

@@ -166,10 +166,8 @@ def right_side(
 @inner
 def factorise(Z: np.ndarray, low: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
     """Z = LU by Gauss with row pivots in the envelope, in place: whether Z is regular, the pivots, the last column of a row.
-
-    low (N,): the last row that a column reaches, not falling; so no row below is looked at, and what is filled stays within. As
-    the pattern of Z is that of its transpose, a row reaches no column beyond.
-    """
+    low (N,): the last row that a column reaches, not falling; so no row below is looked at, and what is filled stays within.
+    As the pattern of Z is that of its transpose, a row reaches no column beyond."""
     N = len(Z)
     pivots, last = np.empty(N, dtype=np.int64), np.empty(N, dtype=np.int64)
     for i in range(N):

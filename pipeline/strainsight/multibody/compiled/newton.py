@@ -10,25 +10,24 @@ from strainsight.multibody.compiled.equations import BROKEN, NO_LOAD, SOLVED, eq
 from strainsight.multibody.compiled.matrix import expand_step, factorise, right_side, scale_terms, substitute
 
 INFINITE, SINGULAR, ENDLESS = 3, 4, 5
-"""How an iteration ends beside SOLVED, NO_LOAD and BROKEN: not finite; singular; too many iterations."""
+"""Outcomes of an iteration other than SOLVED, NO_LOAD and BROKEN: not finite; singular; too many iterations."""
 ITERATIONS = 25
 CONVERGED = 1e-12
-"""Largest correction of a body's coordinates beside the coordinates themselves, or its expected successor."""
+"""Largest correction of a body, or its expected successor, relative to its coordinates."""
 ROUNDING = 1e-8
-"""A correction below this that no longer shrinks is rounding."""
+"""A smaller correction that no longer decreases is rounding."""
 DIGITS, OF_ITS_OWN = 1e-14, 1e-6
-"""So is one below the first beside the coordinates of the whole system, and the second beside those of its body: a body that
-hardly deforms follows the last digits of places that others have."""
+"""A correction is also rounding below these limits relative to the whole system and to its body. A nearly rigid body follows the
+last digits of other positions."""
 SLOW = 1e-3
-"""Motion in a step beside the coordinates below which the velocity is as good as none."""
+"""Motion in a step, relative to the coordinates, below which the velocity is negligible."""
 STILL = 1e-10
-"""Deformation of a body beside the whole system's coordinates that is as good as none: what no load deforms is rounding."""
+"""Deformation of a body, relative to the whole system, that is negligible: that of an unloaded body is rounding."""
 CLOSE, FAST, ROUNDED = 0.01, 1e-4, 1e-2
-"""A correction below which the next iteration tries the matrix of this one; what that one's has to be beside it to count; and
-what its expected successor has to be beside CONVERGED: with the old matrix corrections go on shrinking by the same factor
-only, and not by its square."""
+"""A correction below CLOSE lets the next iteration reuse its matrix. The next correction must be below FAST of it. Its expected
+successor must be below ROUNDED of CONVERGED: with the old matrix the convergence is linear only."""
 BELIEVED, LAST_DIGIT = 0.01, 1e-17
-"""What the successor of a first correction has to be beside CONVERGED where it is not looked at, and the least that it is."""
+"""Required successor of a first correction, relative to CONVERGED, if it is not computed, and its least value."""
 USUAL, SMALL = 2.0, 1e-6
 """Times the first correction of the step before, above which something has happened, a contact say; and the largest one whose
 successor is believed."""
@@ -49,13 +48,11 @@ def newton(
     lam: np.ndarray,
     corrections: np.ndarray,
 ) -> tuple[int, int, TrialState]:
-    """How it ended, iterations, and the state, from a trial q, v that is put on the rotations first, and μ, λ (m,).
-
-    Undamped while the corrections shrink; a step after which they grow, or to where a law has no load, is halved. corrections
-    (3,): the first two of a stage that led here, where they were last seen, and the first of the last one; or zeros. A first one
-    that is no larger than either, and whose successor, if it fell by its square as theirs, would be far below what is asked for,
-    is the only one. They are brought up to date, and the second counts for twice as much every time it is believed.
-    """
+    """How it ended, iterations, and the state, from a trial q, v that is put on the rotations first, and μ, λ (m,). Undamped
+    while the corrections shrink; a step after which they grow, or to where a law has no load, is halved. corrections (3,):
+    the first two of a stage that led here, where they were last seen, and the first of the last one; or zeros. A first one
+    that is no larger than either, and whose successor, if it fell by its square as theirs, would be far below what is asked
+    for, is the only one. They are brought up to date, and the second counts for twice as much every time it is believed."""
     nt, m = len(s.dt), s.joints
     q, z = on_rotations(s.body, nt, q, v)
     trial = last = TrialState(q, z, mu, lam)
@@ -144,10 +141,8 @@ def total(r: np.ndarray) -> float:
 
 @inner
 def on_rotations(body: np.ndarray, nt: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """q (n,) with the nearest rotations for R, and the ζ (nt,) nearest to v: ω = ½ Σ R_β × V_β.
-
-    R ← ½(R + R⁻ᵀ) (Higham), whose quadratic convergence ends at the polar factor of any regular R.
-    """
+    """q (n,) with the nearest rotations for R, and the ζ (nt,) nearest to v: ω = ½ Σ R_β × V_β. R ← ½(R + R⁻ᵀ) (Higham),
+    whose quadratic convergence ends at the polar factor of any regular R."""
     q, z = q.copy(), np.empty(nt)
     C = np.empty(9)
     for k in range(len(body)):
@@ -240,8 +235,8 @@ def further(x: np.ndarray, change: np.ndarray, share: float) -> np.ndarray:
 
 @inner
 def correction(s: Arrays, h: float, trial: TrialState, change: StateChange) -> tuple[float, float]:
-    """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them; and of all
-    coordinates and velocities beside the coordinates of the whole system, [-]."""
+    """Largest correction of any body, relative to its coordinates and to its velocity (or SLOW of them); and of all coordinates
+    and velocities, relative to the coordinates of the whole system [-]."""
     body, d, dt, q, z, y, dz = s.body, s.d, s.dt, trial.q, trial.z, change.y, change.z
     count = len(body)
     squares, whole, moved_by, speed = np.zeros((count, 4)), 0.0, 0.0, 0.0

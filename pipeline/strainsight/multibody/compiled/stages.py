@@ -18,14 +18,10 @@ ROWS = 7
 
 
 class Past(NamedTuple):
-    """What a stage leaves to those behind it.
-
-    end (2, n): q', v' of the last one, or (0, n). rate (2, n): its  e = (q' − q)/h − v'  and  a = (v' − v)/h,  or (0, n).
-    differences (k, ROWS, 2, n): backward ones, from step to step, of its change from the stage before, for every stage of a step;
-    known (k,): how many there are.
-    corrections (k, 3): the first and the second of Newton's iteration where it was last seen how they follow each other, and the
-    first of the last one.
-    """
+    """What a stage leaves to those behind it. end (2, n): q', v' of the last one, or (0, n). rate (2, n): its  e = (q' − q)/h
+    − v'  and  a = (v' − v)/h,  or (0, n). differences (k, ROWS, 2, n): backward ones, from step to step, of its change from
+    the stage before, for every stage of a step; known (k,): how many there are. corrections (k, 3): the first and the second
+    of Newton's iteration where it was last seen how they follow each other, and the first of the last one."""
 
     end: np.ndarray
     rate: np.ndarray
@@ -72,11 +68,9 @@ def solve_stages(
     near: np.ndarray,
     past: Past,
 ) -> Stages:
-    """Implicit Euler of p.h from p.q, p.v under u[0], then from  x + carried (x₁ − x)  under u[1], …, u (k, nu).
-
-    near (2, n): q', v' from which the last one's iteration starts; (0, n): from what is foreseen, or q + hv, v where nothing is.
-    mu, lam, memory: those of the stage before. Ends at the first stage that is not solved, whose trial state it leaves.
-    """
+    """Implicit Euler of p.h from p.q, p.v under u[0], then from  x + carried (x₁ − x)  under u[1], …, u (k, nu). near (2, n):
+    q', v' from which the last one's iteration starts; (0, n): from what is foreseen, or q + hv, v where nothing is. mu, lam,
+    memory: those of the stage before. Ends at the first stage that is not solved, whose trial state it leaves."""
     count, n, h = len(u), len(p.q), p.h
     iterations, ended = np.zeros(count, dtype=np.int64), SOLVED
     starts, starts_v = np.empty((count, n)), np.empty((count, n))
@@ -133,7 +127,7 @@ def solve_stages(
 
 @inner
 def copy(a: np.ndarray, out: np.ndarray) -> None:
-    """out ← a (n,); numba would make a message of its own for shapes that do not fit."""
+    """out ← a (n,); numba would create a separate message for inconsistent shapes."""
     for j in range(len(a)):
         out[j] = a[j]
 

@@ -84,10 +84,8 @@ def in_modes(
     h: float,
     method: Method,
 ) -> LinearBench:
-    """M ÿ + C ẏ + K y = B u, q + T y, in its modes K φ = λ M φ; M, C, K (r, r), B (r, nu), the others of `LinearBench`.
-
-    Modes are turned and signed by what the white force does to q, so that no rounding chooses among them.
-    """
+    """M ÿ + C ẏ + K y = B u, q + T y, in its modes K φ = λ M φ. M, C, K (r, r), B (r, nu), others as in `LinearBench`. Repeated
+    modes and signs are chosen by the effect of the white force on q, so that they do not depend on rounding."""
     stiffness, modes = eigh(K, M)
     felt = np.sqrt(force)[:, None] * T
     modes = modes @ turned(stiffness, felt @ modes)

@@ -77,7 +77,7 @@ class AugmentedStep:
     printed: bool = False
     second: np.ndarray | None = None
     _last: dict[int, Advance] = field(default_factory=dict, init=False, repr=False)
-    _taken: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
+    _recent: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
     _rests: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False)
     _begun: dict[int, Begun] = field(default_factory=dict, init=False, repr=False)
     _added: dict[str, tuple[tuple[np.ndarray | None, ...], np.ndarray]] = field(
@@ -245,7 +245,7 @@ class AugmentedStep:
         return x
 
     def violation(self, x: np.ndarray, k: int) -> np.ndarray:
-        """How far x (B, size) at kh is off φ(q) = 0, beside ‖Dq‖ and in unit rows: the largest constraint (B,) [-]."""
+        """Violation of φ(q) = 0 by x (B, size) at kh, relative to ‖Dq‖ and in unit rows: the largest constraint (B,) [-]."""
         off = np.zeros(len(x))
         for run, state in enumerate(x):
             phi, B, _ = constraints_at(self.system, state[self.q], self.known[k])
@@ -315,13 +315,13 @@ class AugmentedStep:
         return self._begun[run]
 
     def _take(self, run: int, x: np.ndarray, k: int) -> _Taken:
-        before = self._taken.get(run, ())
+        before = self._recent.get(run, ())
         for one in before:
             if one.k == k and np.array_equal(one.x, x):
                 return one
         # an update ends at a trial, but may have refused one since
         step = self._fresh(run, x, k)
-        self._taken[run] = (step, *before[:1])
+        self._recent[run] = (step, *before[:1])
         return step
 
     def _fresh(self, run: int, x: np.ndarray, k: int) -> _Taken:
@@ -376,7 +376,7 @@ class AugmentedStep:
 
     def _near(self, run: int, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Where the step taken last in this run says that x leads, to first order."""
-        before = self._taken.get(run)
+        before = self._recent.get(run)
         if not before or not np.isfinite(before[0].ahead.sum()) or (self.rest and before[0].k == 0):
             return None  # the slopes of a step from rest know nothing of its q and v
         last, moved = before[0], self.w.start

@@ -116,9 +116,7 @@ class ParameterCoordinates:
 
     def covariance(self, theta: np.ndarray, std_of_theta: np.ndarray) -> np.ndarray:
         """Covariance (p, p) of ξ, to first order, of free parameters that are independent in θ with these deviations (p,).
-
-        Not diagonal where a ball's diameter and a groove of it are free together.
-        """
+        Not diagonal where a ball's diameter and a groove of it are free together."""
         slopes = self.theta(self.xi(theta))[1][self.free]
         factor = np.linalg.inv(slopes) * np.asarray(std_of_theta, dtype=float)
         return factor @ factor.T
@@ -130,13 +128,10 @@ def parameter_coordinates(
     theta: np.ndarray,
     bearings: Mapping[str, np.ndarray],
 ) -> ParameterCoordinates:
-    """Coordinates of the free ones among a system's parameters.
-
-    system_parameters (nθ,): names, a bearing's "<bearing>.<one of PARAMETERS>", anything else a modulus; free (p,): the
-    unknown ones; theta (nθ,): values of all; bearings: of every bearing that has a free parameter its six values [m] in the
-    order of PARAMETERS, for those that are no parameter of the system.
-    Raises InfeasibleError for an unknown name or bearing, a name twice, a value that has no ξ.
-    """
+    """Coordinates of the free ones among a system's parameters. system_parameters (nθ,): names, a bearing's "<bearing>.<one
+    of PARAMETERS>", anything else a modulus; free (p,): the unknown ones; theta (nθ,): values of all; bearings: of every
+    bearing that has a free parameter its six values [m] in the order of PARAMETERS, for those that are no parameter of the
+    system. Raises InfeasibleError for an unknown name or bearing, a name twice, a value that has no ξ."""
     names, reference = list(system_parameters), np.array(theta, dtype=float)
     twice = sorted({name for name in free if list(free).count(name) > 1})
     if twice:
@@ -218,10 +213,8 @@ def start_covariance(
 
 
 def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """∂q/∂u (n, all inputs) and ∂q/∂θ (n, nθ) of an equilibrium q (n,):  K ∂q = −∂f  on  B ∂q = 0.
-
-    Raises InfeasibleError where nothing holds a motion of the system.
-    """
+    """∂q/∂u (n, all inputs) and ∂q/∂θ (n, nθ) of an equilibrium q (n,):  K ∂q = −∂f  on  B ∂q = 0. Raises InfeasibleError
+    where nothing holds a motion of the system."""
     still = np.zeros(system.size)
     tangent = tangent_space(system, q, still, u, theta)
     by_u = input_slopes(system, tangent.at, np.asarray(q, dtype=float))
@@ -236,10 +229,8 @@ def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndar
 
 
 def white_force(system: System, acceleration: float) -> np.ndarray:
-    """Variances Q_w (n,) of the white generalised force that stands for a white acceleration a [m/s²] of every body:
-
-    (d √m a)², m the mass of the body [kg], d the metric of its coordinates: √kg for r, m √kg for R, √M_kk for η.
-    """
+    """Variances Q_w (n,) of the white generalised force that stands for a white acceleration a [m/s²] of every body: (d √m
+    a)², m the mass of the body [kg], d the metric of its coordinates: √kg for r, m √kg for R, √M_kk for η."""
     variance = np.empty(system.size)
     for body in system.bodies:
         mass = body.mass if isinstance(body, RigidBody) else body.invariants.mass

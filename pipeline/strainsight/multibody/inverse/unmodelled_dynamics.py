@@ -23,8 +23,8 @@ WIDTH = 1e-4
 CHECKED = 4
 """Every how many steps the error that is left of `linearise` is estimated anew: half of what its cost would be in each."""
 KEPT, CLOSE = 8, 0.05
-"""How many steps a linearisation serves at most; twice as many as before where at its end it is off by less than CLOSE of σ of
-what no state tells, one where it is not."""
+"""Most steps that one linearisation serves. The number doubles while its final error is below CLOSE of σ of the unobservable
+part, and is one otherwise."""
 
 
 class Start(NamedTuple):
@@ -42,9 +42,7 @@ class Start(NamedTuple):
 @dataclass(frozen=True)
 class StepError:
     """e = change + by_state ((q, v) − start) + by_load (c − start) + by_noise δ + ε, what (q', v') lacks after the step.
-
-    change (2n,); by_state (2n, 2n); by_load, by_noise (2n, k); noise (2n, 2n): covariance of ε, which δ does not tell.
-    """
+    change (2n,); by_state (2n, 2n); by_load, by_noise (2n, k); noise (2n, 2n): covariance of ε, which δ does not tell."""
 
     change: np.ndarray
     by_state: np.ndarray
@@ -144,7 +142,7 @@ def change_at(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray])
 @dataclass(frozen=True, eq=False)
 class _Flow:
     """The bench linearised at one place: T (n, r) and D²T (n, r); mass, damping, stiffness (r, r), push B (r, all inputs), of
-    them unknown (r, k) by c; in states (ωy, ẏ, c), so that both halves of a motion count alike: F, the intensity Q of their
+    them unknown (r, k) by c; in states (ωy, ẏ, c), so that both halves of a motion have equal weight: F, the intensity Q of their
     noise, yields (r, r) = M⁻¹, units of the states; doublings of a part of the step that make the whole."""
 
     T: np.ndarray
@@ -264,12 +262,11 @@ def begin_step(
     rest: bool,
     before: Begun | None,
 ) -> Begun:
-    """Of step k from x, linearised half-way between its start and `ahead`, q' and v' of the step alone; xi (p,) of x.
-
-    rest: whether it begins in the equilibrium under its loads and parameters: then nothing is left out whatever they are, but of
-    the rates and of what is drawn. before: the step before, whose estimate of the error goes on, and its linearisation while it
-    serves: then only what moves the bench at the start is found anew. When it has served, what it is off by is part of the error.
-    """
+    """Of step k from x, linearised half-way between its start and `ahead`, q' and v' of the step alone; xi (p,) of x. rest:
+    whether it begins in the equilibrium under its loads and parameters: then nothing is left out whatever they are, but of
+    the rates and of what is drawn. before: the step before, whose estimate of the error goes on, and its linearisation while
+    it serves: then only what moves the bench at the start is found anew. When it has served, what it is off by is part of the
+    error."""
     system, _, loads, _ = plant
     n, p = 2 * system.size, len(xi)
     by_xi = np.zeros((n, p))
