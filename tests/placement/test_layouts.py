@@ -204,7 +204,7 @@ REFUSED = {
     "too few in a zone": (
         {"keep": 2, "zones": [("place.at_most.0", np.isin(ALL, [3, 4]), 0)]},
         "place.keep",
-        "the fewest of the pool that detect every unknown within place.at_most.0 are 3",
+        "the smallest set that detects every unknown within place.at_most.0 has 3",
     ),
 }
 
@@ -214,7 +214,7 @@ def test_the_first_family_that_leaves_no_layout_is_named(case):
     asked, key, words = REFUSED[case]
     error = refusal(limits_of(POOL, **asked), Detection([walks(READ)]), NAMES)
     assert words in str(error)
-    assert "as far as" not in str(error)
+    assert "search limit" not in str(error)
     assert error.key == key
     assert error.remedy
 

@@ -279,14 +279,14 @@ def test_what_is_not_detected_or_not_reached_is_found_by_a_test_and_not_by_diver
     assert steady_factor(np.diag([1.02, 0.5]), np.array([[0.0, 1.0]]), np.eye(2)) is None  # grows, unseen
     quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])  # turns for ever, and is read in one direction: that is enough
     assert steady_factor(quarter, np.array([[1.0, 0.0]]), np.eye(2)) is not None
-    with pytest.raises(InfeasibleError, match="reached by no noise"):
+    with pytest.raises(InfeasibleError, match="has no process noise"):
         steady_factor(walk, np.eye(2), np.array([[1.0], [0.0]]))
 
 
 def test_accuracy_that_is_not_reached_is_reported_with_its_size_and_is_no_advice(monkeypatch):
     A, H, N = system(3, 0.3, 1.0)
     monkeypatch.setattr(riccati, "MOST_DOUBLINGS", 3)
-    with pytest.raises(NumericalError, match=r"solved to \d\.\de-\d\d only") as refused:
+    with pytest.raises(NumericalError, match=r"accurate to \d\.\de-\d\d only") as refused:
         steady_factor(A, H, N)
     assert refused.value.exit_code == 1
     assert "keep" not in refused.value.remedy

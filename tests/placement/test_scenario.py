@@ -320,7 +320,7 @@ def test_a_zone_around_all_that_see_an_unknown_is_named_with_it():
     with pytest.raises(InfeasibleError, match=r"cost 10, but place.budget is 9"):
         eliminate([scenario], Rules(4, price=price, budget=9.0).limits)
     blind = Rules(3, fixed=(0, 1, 2), zones=[zone("place.at_most.0", range(POOL), 9)]).limits
-    with pytest.raises(InfeasibleError, match=r"the fewest of the pool .* within place.at_most.0 are 4") as refused:
+    with pytest.raises(InfeasibleError, match=r"the smallest set .* within place.at_most.0 has 4") as refused:
         eliminate([scenario], blind)
     assert refused.value.key == "place.keep"
 

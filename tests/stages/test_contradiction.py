@@ -69,7 +69,7 @@ def test_a_heavier_structure_is_named_by_the_mode_that_it_moves(tmp_path):
     assert code == 3
     assert not found["/trusted"]
     assert float(best) == pytest.approx(modelled[int(mode) - 1] * np.sqrt(7850 / 10200), rel=0.05)
-    assert "nothing speaks against" not in said
+    assert "consistent with the claimed" not in said
 
 
 def test_a_wrong_sign_is_named_with_its_key_and_takes_the_sigma_away(project):
