@@ -206,7 +206,7 @@ def test_no_answer_in_time(tmp_path, monkeypatch):
         ({"slepc": False}, {PYTHON: sys.executable}, f"{sys.executable} lacks slepc4py", ""),
     ],
 )
-def test_what_does_not_serve_is_refused(tmp_path, monkeypatch, stub, environment, said, remedy):
+def test_unsuitable_installation_is_refused(tmp_path, monkeypatch, stub, environment, said, remedy):
     K = pretend(tmp_path, monkeypatch, **stub)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)

@@ -70,7 +70,7 @@ def sources(model):
     return x, y
 
 
-def test_sigma_is_that_of_the_error_that_every_source_makes():
+def test_sigma_equals_error_of_each_source():
     """Filter and smoother are linear in their samples: what they make of each source by itself, less the motion that it is."""
     model = loaded_chain()
     x, y = sources(model)
@@ -85,7 +85,7 @@ def test_sigma_is_that_of_the_error_that_every_source_makes():
     assert (nothing[1][1][: STEPS // 2, 4] < nothing[0][1][: STEPS // 2, 4]).all()
 
 
-def test_the_first_samples_are_read_as_by_all_of_bayes():
+def test_first_samples_match_full_bayes():
     model = loaded_chain()
     _, y = draw_truth(model, np.zeros(5), P, forces(STEPS), [3])
     (own, _), (all_of_it, _) = (both(model, y[:, 0] + 2e-3, offsets(learned)) for learned in (False, True))
@@ -93,7 +93,7 @@ def test_the_first_samples_are_read_as_by_all_of_bayes():
         np.testing.assert_allclose(considered[1], learned[1], rtol=1e-9, atol=1e-12)
 
 
-def test_smoother_that_learns_constants_is_bayes_where_samples_are_missing():
+def test_learning_smoother_matches_bayes_with_missing_samples():
     """Motion, load and constants are one normal vector, conditioned on the samples that are there."""
     model = loaded_chain()
     _, O, read_states, Q = states(np.zeros(2), forces(STEPS), np.diag(model.Q))
@@ -109,7 +109,7 @@ def test_smoother_that_learns_constants_is_bayes_where_samples_are_missing():
     np.testing.assert_allclose(later[1], np.sqrt(variance), rtol=1e-9, atol=1e-12)
 
 
-def test_a_model_without_any_parameter_is_that_of_the_same_stiffness():
+def test_model_without_parameters_matches_fixed_stiffness():
     model = loaded_chain()
     K = sum(value * STIFFNESS[name] for name, value in REFERENCE.items())
     plain = replace(model, model=replace(model.model, stiffness=AffineOperator(K, {}), reference={}), fixed={})
@@ -119,7 +119,7 @@ def test_a_model_without_any_parameter_is_that_of_the_same_stiffness():
         np.testing.assert_allclose(one[1], other[1], rtol=1e-9, atol=1e-12)
 
 
-def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
+def test_smoother_without_constants_matches_rts():
     model, none = loaded_chain(), none_considered(loaded_chain())
     _, y = draw_truth(model, np.zeros(5), P, forces(STEPS), [3])
     one = linear_models(model, np.zeros((1, 0)), none)
@@ -133,7 +133,7 @@ def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.P[0], axis1=1, axis2=2)) / std, 1.0, atol=1e-9)
 
 
-def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
+def test_smoothed_sigma_does_not_exceed_filtered_sigma():
     model, first = chain(), start_of()
     own, known = constants(model), both_forces()[:, :, :1]
     for noise in (1.0, 1e-1, 1e-2):
@@ -145,7 +145,7 @@ def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
 
 
 @pytest.mark.parametrize("learned", [False, *slowly(True)])
-def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
+def test_piecewise_smoothing_matches_whole_record(monkeypatch, learned):
     model = chain(tuple(REFERENCE)[:1])
     own, mean, first, known = (
         replace(constants(model), learned=learned),
@@ -199,7 +199,7 @@ def measured():
     return model, y[:, 0] + np.tensordot([1.8, -1.6, 1.7], FELT, axes=1)
 
 
-def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
+def test_parameters_and_drifts_match_brute_force_bayes():
     """All readings are one Gaussian at every θ: drifts are one more covariance of it, and one more regression."""
     model, y = measured()
     P, columns = start(), FELT.reshape(3, -1).T
@@ -225,7 +225,7 @@ def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
     assert (np.abs(exact.mean[-1, 0, 5:] - mean) > 0.5 * std).any()
 
 
-def test_motion_that_learns_drifts_is_the_regression_on_all_samples():
+def test_motion_with_learned_drifts_matches_regression():
     model, P = loaded_chain(), start()[:5, :5]
     y, own = measured()[1], drifts(learned=True)
     grid_run = filter_on_grid(GridRecord(model, np.zeros(5), P, forces(), y, own))
@@ -259,7 +259,7 @@ def filters():
 
 
 @pytest.mark.parametrize("unknown", [(), ("E",)])
-def test_an_offset_adds_itself_to_its_channel_and_nothing_else(filters, unknown):
+def test_offset_affects_only_its_channel(filters, unknown):
     plain = filters[unknown]
     model, n = Biased(plain, AT), plain.size
     rng = np.random.default_rng(4)

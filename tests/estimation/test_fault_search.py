@@ -105,14 +105,14 @@ def test_an_offset_and_a_drift_are_those_of_generalised_least_squares(short, kin
     assert found.std == pytest.approx(information**-0.5, rel=1e-6)
 
 
-def test_a_turned_gauge_is_judged_by_the_row_it_has_then(short, monkeypatch):
+def test_turned_gauge_uses_rotated_row(short, monkeypatch):
     model, P, y = short
     monkeypatch.setattr("tests.estimation.chain.ROWS", np.array([TURNED, [-1.0, 1.0]]), raising=True)
     found, _ = explain_record(suspect(model, P, forces(), y, TURNED), Fault("angle", 0, 45.0))
     assert found.evidence == pytest.approx(dense(y, P), rel=1e-9)
 
 
-def test_laplace_at_the_peak_is_what_the_bank_integrates():
+def test_laplace_evidence_matches_grid_integral():
     model, P = driven_chain(), driven_start()
     steps = 200
     _, y = draw_truth(model, np.zeros(6), P, forces(steps), [5])
@@ -213,7 +213,7 @@ def test_a_search_for_faults_in_a_sound_record_finds_none(four):
     assert found.best_of(0) is None or found.best_of(0).evidence - found.as_it_is.evidence < 5
 
 
-def test_of_two_channels_that_read_the_same_none_is_blamed_for_a_delay(four):
+def test_identical_channels_are_ambiguous(four):
     model, P, _ = four
     twin = replace(model, H=model.H[[0, 0]], r=model.r[:2])
     calm = 0 * forces(LONG)
@@ -225,7 +225,7 @@ def test_of_two_channels_that_read_the_same_none_is_blamed_for_a_delay(four):
     assert {own.fault.channel for own in found.candidates} == {0, 1}
 
 
-def test_no_channel_is_blamed_where_any_reading_is_some_load(four):
+def test_no_fault_named_without_redundant_channels(four):
     model, P, y = four
     one = replace(model, H=model.H[:1], r=model.r[:1])
     samples = y[:, 0, :1] + 0.5 * np.sin(0.5 * np.arange(LONG))[:, None]

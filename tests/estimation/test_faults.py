@@ -44,7 +44,7 @@ SAMPLES = RNG.standard_normal((60, 3))
         (Fault("swapped", 0, 2), lambda y: y[:, [2, 1, 0]]),
     ],
 )
-def test_what_a_fault_does_is_undone(fault, made):
+def test_fault_is_undone(fault, made):
     np.testing.assert_allclose(undo_fault(fault, made(SAMPLES))[0], SAMPLES, rtol=1e-12)
 
 
@@ -56,7 +56,7 @@ def test_a_factor_changes_the_density_by_its_jacobian():
 
 
 @pytest.mark.parametrize("n", [3, -3])
-def test_a_delay_is_undone_but_for_the_end(n):
+def test_delay_is_undone_except_at_end(n):
     late = shifted(SAMPLES[:, 0], -n)
     back = shifted(late, n)
     there = np.isfinite(back)
@@ -90,7 +90,7 @@ def test_a_channel_without_samples_has_no_numbers():
     assert np.isnan([check.measured, check.residual, check.correlation]).all()
 
 
-def test_the_delay_that_fits_is_found_and_a_change_of_sign_is_none():
+def test_best_delay_is_found():
     t = np.arange(500)
     foreseen = np.sin(2 * np.pi * t / 60) + 0.3 * np.sin(2 * np.pi * t / 23)
     found = find_delay(shifted(foreseen, -7), foreseen, np.full(500, 0.01), 0.01)
@@ -102,7 +102,7 @@ def test_the_delay_that_fits_is_found_and_a_change_of_sign_is_none():
     )
 
 
-def test_noise_alone_is_as_dense_as_its_own_normal_density():
+def test_dead_density_of_noise_is_normal():
     from scipy.stats import norm
 
     y = 4.0 + 0.3 * RNG.standard_normal(200)
@@ -132,7 +132,7 @@ def hypothesis(kind, evidence, ratio=1.0, channel=0, amount=0.0):
         ([], None),
     ],
 )
-def test_one_fault_is_named_where_no_other_explains_the_record_as_well(found, named):
+def test_unique_fault_is_named(found, named):
     best, candidates = choose_fault(-1000, found)
     assert (best.fault.kind if best else None) == named
     assert best is None or best in candidates
@@ -174,7 +174,7 @@ def test_a_sound_record_is_consistent(record):
 
 
 @pytest.mark.parametrize("name", ["sign", "kilonewtons", "pounds", "late", *slowly("early")])
-def test_the_fault_of_a_load_is_named(record, name):
+def test_load_fault_is_named(record, name):
     wrong, fault = WRONG[name]
     found = examine_record(replace(record, known=held(wrong)))
     assert found.inconsistent
@@ -185,17 +185,17 @@ def test_the_fault_of_a_load_is_named(record, name):
     assert found.best_of(0) is None
 
 
-def test_all_channels_reversed_are_one_load_reversed(record):
+def test_reversed_channels_are_reversed_load(record):
     found = examine_record(replace(record, samples=-record.samples))
     assert found.named.fault == Fault("sign", 0, of_load=True)
 
 
-def test_one_channel_reversed_is_no_load(record):
+def test_reversed_channel_is_not_load_fault(record):
     found = examine_record(replace(record, samples=record.samples * [1, -1, 1, 1]))
     assert found.named.fault == Fault("sign", 1)
 
 
-def test_of_one_channel_and_one_load_neither_is_blamed(record):
+def test_single_channel_and_load_are_ambiguous(record):
     model = record.model.of_channels(np.array([1]))
     found = examine_record(suspect(model, record.covariance, record.known, -record.samples[:, 1:2]))
     assert found.named is None
@@ -214,7 +214,7 @@ def test_evidence_is_that_of_the_record_with_the_right_load(record):
     assert explain_record(late, Fault("late", 0, 2, of_load=True))[0].evidence == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_birge_ratio_bounds_how_often_a_grid_is_laid(record):
+def test_birge_ratio_bounds_number_of_grids(record):
     quiet = replace(record.model, r=1e-2 * record.model.r)
     late = replace(record, model=quiet, known=held(WIDE[:-7]))
     claimed, widened = (filter_records([late], birge_ratio=ratio)[0] for ratio in (1.0, 1.5))
@@ -240,7 +240,7 @@ def test_swapped_loads_are_exchanged_with_their_tones():
 
 
 @pytest.mark.parametrize("n", [3, -3])
-def test_a_delay_moves_steps_and_tones_alike(n):
+def test_delay_shifts_steps_and_tones(n):
     w, model = 2.0, driven_chain()
     t = model.h * np.arange(41)
     sine = held(np.cos(w * t)[:, None])

@@ -98,7 +98,7 @@ def considering(states, y, whole, considered):
 
 @pytest.mark.parametrize("learned", [False, True])
 @pytest.mark.parametrize("parameters", [("k1", "k2"), ("k2",), ()])
-def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
+def test_grid_claim_matches_least_squares(parameters, learned):
     """One regression without any recursion; states that do not follow ν by the gains of a filter that considers it."""
     model = chain(parameters)
     k = len(parameters)
@@ -132,7 +132,7 @@ def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
 
 
 @pytest.mark.parametrize(("learned", "free"), [(False, False), *slowly((False, True), (True, False)), (True, True)])
-def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
+def test_grid_claim_matches_filter_on_exact_readings(learned, free):
     model = replace(chain(("k1", "k2")), free_loads=free)
     own = replace(constants(model), learned=learned)
     P, x = start(7), nominal()
@@ -144,13 +144,13 @@ def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
 
 
 @pytest.mark.parametrize(("parameters", "free"), [(("k1", "k2"), True), ((), False)])
-def test_the_parts_are_the_whole(parameters, free):
+def test_budget_parts_sum_to_variance(parameters, free):
     model = replace(chain(parameters), free_loads=free)
     claim = predict_grid_std(model, nominal(), forces(), start(model.size), constants(model))
     np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
 
 
-def test_without_parameters_and_tolerances_it_is_that_of_the_kalman_filter():
+def test_grid_claim_without_parameters_matches_kalman_filter():
     model = chain()
     own = none_considered(model)
     grid_run, filtered = (of(model, nominal(), forces(), start(), own) for of in (predict_grid_std, covariance_recursion))
@@ -159,7 +159,7 @@ def test_without_parameters_and_tolerances_it_is_that_of_the_kalman_filter():
         np.testing.assert_allclose(grid_run.budget[name], part, rtol=1e-7, atol=1e-15, err_msg=name)
 
 
-def test_known_constants_and_samples_without_end_leave_nothing():
+def test_sigma_vanishes_for_infinite_samples():
     model = replace(chain(("k1",)), Q=np.zeros((6, 6)))
     P = np.zeros((6, 6))
     P[5, 5] = 0.2**2
@@ -172,7 +172,7 @@ def test_known_constants_and_samples_without_end_leave_nothing():
 
 
 @pytest.mark.parametrize("quieter", [1e-3, 1e-6, 1e-9])
-def test_confounded_constants_stay_unknown_however_quiet_the_readings(quieter):
+def test_confounded_constants_keep_prior_sigma(quieter):
     """A scale of all springs of σ 1 % beside both springs, each known to 20 %: samples say what each is times the scale."""
     model = chain(("k1", "k2"))
     model = replace(model, Q=np.zeros((7, 7)), r=model.r * quieter**2)
@@ -184,7 +184,7 @@ def test_confounded_constants_stay_unknown_however_quiet_the_readings(quieter):
     np.testing.assert_allclose(sum(found.budget.values())[-1, 5:], expected**2, rtol=4e-4)
 
 
-def test_the_claim_of_many_gauges_is_that_of_the_filter_with_all_of_them():
+def test_claim_of_many_gauges_matches_filter():
     gauges = tuple(np.linspace(0.02, 1.9, 60))
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), gauges=gauges)
     std = covariance_recursion(model, np.zeros((61, 8)), np.zeros((60, 3, 1)), P0).std
@@ -215,7 +215,7 @@ def test_the_claim_along_a_motion_holds_for_accelerometers_and_input_models():
     np.testing.assert_allclose(std[:, 0, 10:], run.std[:, 0, 10:], rtol=1e-4)
 
 
-def test_the_parts_are_the_errors_of_each_source_alone():
+def test_budget_parts_match_errors_of_each_source():
     """Every sample, every step of the process and every state at the start by itself: squares of what the filter makes of it."""
     model, P = chain(), start()
     budget = covariance_recursion(model, nominal(), forces(), P).budget
@@ -244,7 +244,7 @@ def test_the_parts_are_the_errors_of_each_source_alone():
         np.testing.assert_allclose(budget[name], np.sum(error**2, axis=1), rtol=1e-7, atol=1e-18)
 
 
-def test_what_constants_add_is_the_slope_of_the_error():
+def test_constant_sensitivity_equals_error_slope():
     """Central differences of a filter that is fed with what a slightly different chain reads without noise."""
     model, size = chain(("k1", "k2")), 1e-3
     P, known, mean = start(model.size), forces()[..., :1], believed(model)
@@ -293,7 +293,7 @@ def full_state(x):
     return np.hstack([x[1:], np.full((len(x) - 1, 1), 2.0), np.zeros((len(x) - 1, 1))])
 
 
-def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_read(loaded):
+def test_accelerometer_gain_scales_load_response(loaded):
     _, model, mean, P, u, x = loaded
     gain, size, channels = 0.03, 1e-3, len(model.H)
     y = measure(model, full_state(x), u[:, :, 1].sum(axis=1)[:, None])[0]
@@ -317,7 +317,7 @@ def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_re
     np.testing.assert_allclose(found / total.max(axis=0), total / total.max(axis=0), atol=1e-4)
 
 
-def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(loaded):
+def test_load_position_sensitivity_equals_error_slope(loaded):
     beam, model, mean, P, u, x = loaded
     size, shape, channels, moving = 1e-4, beam.model.input_shape, len(model.H), model.accelerometers
     changes = 0.02 * np.stack([shape * [1, 0], shape * [0, 1], shape[:, ::-1], shape[::-1] * [1, -1]])

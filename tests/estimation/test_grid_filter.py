@@ -58,7 +58,7 @@ def square(measured):
     return found, point, np.array(density), 0.8**2 * std.prod()
 
 
-def test_is_bayes_by_brute_force(square):
+def test_matches_brute_force_bayes(square):
     found, point, log_density, cell = square
     w = np.exp(log_density - log_density.max())
     edge = w.reshape(19, 19)[[0, -1]].max(), w.reshape(19, 19)[:, [0, -1]].max()
@@ -73,7 +73,7 @@ def test_is_bayes_by_brute_force(square):
 
 
 @pytest.mark.parametrize("accelerometers", [0, 1])
-def test_without_parameters_it_is_the_filter(accelerometers):
+def test_without_parameters_matches_kalman_filter(accelerometers):
     model = make_filter(make_beam(modes=4), inputs=("tip",), parameters=(), known=(), accelerometers=accelerometers)
     mean, P, known = np.zeros(model.size), prior(model), np.zeros((60, 3, 0))
     _, y = draw_truth(model, mean, P, known, [1])
@@ -89,7 +89,7 @@ def test_without_parameters_it_is_the_filter(accelerometers):
         np.testing.assert_allclose(getattr(found, name), getattr(run, name), rtol=1e-8, atol=1e-9)
 
 
-def test_a_point_of_the_bank_is_the_filter_at_these_parameters():
+def test_grid_point_matches_filter_at_its_parameters():
     beam = make_beam(modes=4, graded=True)
     model = make_filter(
         beam, inputs=(), parameters=("E", "rho"), known=("tip",), accelerometers=1, q_parameter=0.0, q_velocity=1e-4
@@ -129,7 +129,7 @@ def crescent():
     return quiet, P, slow, y[:, 0]
 
 
-def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step(monkeypatch):
+def test_grid_is_rebuilt_only_when_posterior_narrows(monkeypatch):
     quiet, P, slow, y = crescent()
     with finer(0.5, 10.0):
         fine = filter_on_grid(GridRecord(quiet, np.zeros(7), P, slow, y, none_considered(quiet)))
@@ -143,7 +143,7 @@ def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step
         assert found.grid_count < 30
 
 
-def test_what_samples_remove_of_a_covariance_is_one_less_what_they_leave_without_growth():
+def test_removed_covariance_is_one_minus_remaining():
     rng = np.random.default_rng(4)
     axes = np.linalg.qr(rng.normal(size=(6, 5, 5)))[0]
     left = rng.uniform(0, 1, (6, 5))
@@ -156,7 +156,7 @@ def test_what_samples_remove_of_a_covariance_is_one_less_what_they_leave_without
     np.testing.assert_allclose(removed_of(grown), exact, rtol=0, atol=1e-14)
 
 
-def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
+def test_unlearned_motion_contains_full_constant_error():
     """At every parameter the plain filter's states, and σ that holds how an offset of one σ moves them."""
     model = driven_chain(parameters=())
     P = driven_start()[:4, :4]
@@ -176,7 +176,7 @@ def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
 
 
 @pytest.mark.parametrize(("source", "sizes"), [("damping", (0.1, 0.0)), ("stiffness", (0.0, 0.1))])
-def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
+def test_motion_sensitivity_equals_error_slope(source, sizes):
     model = driven_chain(noise=5e-5, parameters=())
     P, steps, size = driven_start()[:4, :4], 80, 1e-3
     considered = replace(none_considered(model), damping=sizes[0], stiffness=sizes[1])
@@ -209,7 +209,7 @@ def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
 
 
 @pytest.mark.slow
-def test_constants_that_are_learned_are_states_of_the_filter():
+def test_learned_constants_match_filter_states():
     model, P, std = chain(noise=2e-4), start(), np.array([2e-3, 5e-3])
     _, y = draw_truth(model, np.zeros(7), P, forces(), [3])
     y = y[:, 0] + np.array([1.5e-3, -4e-3])
@@ -240,7 +240,7 @@ def test_constants_that_are_learned_are_states_of_the_filter():
         np.testing.assert_allclose(getattr(grid_run.run, name), getattr(states.run, name), atol=tolerance)
 
 
-def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged():
+def test_discrepancy_adds_noise_excluded_from_innovation_check():
     model = make_filter(
         make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4
     )
@@ -273,7 +273,7 @@ def acting_otherwise(model, load, column):
 
 
 @pytest.mark.slow
-def test_sigma_holds_where_an_unknown_load_acts_otherwise():
+def test_sigma_is_calibrated_with_misaligned_unknown_load():
     """Chains whose unknown load acts on the second mass, too, by a drawn constant."""
     model, P, draws, mean = chain(noise=5e-4), start(), 60, np.zeros(7)
     considered = acting_otherwise(model, "unknown", [0.0, 0.15])
@@ -296,7 +296,7 @@ def test_sigma_holds_where_an_unknown_load_acts_otherwise():
 @pytest.mark.parametrize(
     ("column", "parameters"), [([0.0, 0.1], ()), ([0.2, 0.0], ("k1", "k2"))], ids=["gain", "direction"]
 )
-def test_a_constant_force_that_acts_otherwise_is_an_unknown_load(column, parameters):
+def test_misaligned_constant_force_matches_unknown_load(column, parameters):
     """ν ΔS F of a force F that does not change is a load of shape ΔS, unknown and constant, with σ = F."""
     noise = 5e-5
     whole, force, states = chain(noise), np.zeros((STEPS, 3, 1)), 4 + len(parameters)

@@ -94,7 +94,7 @@ def moments(w, values):
     return mean, np.sqrt(np.tensordot(w, (values - mean) ** 2, axes=1))
 
 
-def test_parameters_beside_it_are_bayes(case):
+def test_parameters_with_damping_match_bayes(case):
     kind, model, P, considered, y, w, point, _ = case
     found = filter_on_grid(GridRecord(model, np.zeros(5), P, forces(STEPS), y, considered))
     mean, std = moments(w, point)
@@ -107,7 +107,7 @@ def test_parameters_beside_it_are_bayes(case):
         np.testing.assert_allclose(np.sqrt(np.diagonal(left)), std[1:], rtol=0.05)
 
 
-def test_the_motion_that_is_learned_is_too(case):
+def test_learned_motion_matches_bayes(case):
     kind, model, P, considered, y, w, _, motion = case
     considered = replace(considered, learned=True)
     found = filter_on_grid(GridRecord(model, np.zeros(5), P, forces(STEPS), y, considered))
@@ -120,7 +120,7 @@ def test_the_motion_that_is_learned_is_too(case):
     assert np.abs((found.run.mean[-1, 0, :4] - mean[-1]) / std[-1]).max() < 1.5 * off
 
 
-def test_a_damping_that_is_as_it_is_meant_to_be_is_not_looked_for():
+def test_nominal_damping_is_not_relinearised():
     model, P, y, tolerances = damped(driven=True)
     assert not filter_on_grid(
         GridRecord(model, np.zeros(5), P, forces(40), y, replace(tolerances, damping=1e-3))
@@ -188,7 +188,7 @@ def test_accelerometers_read_what_other_masses_do_at_once():
         np.testing.assert_allclose(own.E[k, :, 0], b, atol=1e-6 * np.abs(b).max())
 
 
-def test_at_every_parameter_there_are_the_frequencies_of_the_centre():
+def test_tuned_frequencies_equal_centre():
     model = driven_chain(parameters=("k1",))
     considered = replace(none_considered(model), frequency=SPREAD * np.eye(2), centre=np.array([0.05]))
     own, shift = tune_frequencies(model, considered, np.array([[0.05], [0.4]]))
@@ -198,7 +198,7 @@ def test_at_every_parameter_there_are_the_frequencies_of_the_centre():
     np.testing.assert_allclose(lam[1] * own.model.frequency_factors[1] ** 2, lam[0], rtol=1e-12)
 
 
-def test_a_modulus_that_resonances_alone_tell_is_known_no_better_than_twice_the_frequencies():
+def test_modulus_sigma_is_twice_frequency_sigma():
     """Both springs by one factor E under a force of unknown size: ω goes with √E."""
     K = sum(value * STIFFNESS[name] for name, value in REFERENCE.items())
     model = driven_chain(noise=1e-5, parameters=("k1",))
@@ -226,7 +226,7 @@ def normal(k, seed=0):
 
 
 @pytest.mark.parametrize("k", [2, 4, 7])
-def test_of_a_normal_density_they_have_the_moments_wherever_they_stand(k):
+def test_columns_reproduce_normal_moments(k):
     mean, covariance = normal(k)
     prior = 1e4 * np.eye(k)
     f, A = weakest(covariance, prior)
@@ -249,7 +249,7 @@ def test_of_a_normal_density_they_have_the_moments_wherever_they_stand(k):
 
 
 @pytest.mark.parametrize("k", [2, 5])
-def test_the_weakest_direction_is_the_one_that_samples_leave_widest(k):
+def test_weakest_direction_has_largest_remaining_variance(k):
     _, covariance = normal(k, 2)
     _, prior = normal(k, 3)
     f, A = weakest(covariance, prior)
@@ -290,7 +290,7 @@ def likelihood():
 
 
 @pytest.mark.parametrize("std", [*slowly(0.05), 0.2])
-def test_parameters_that_samples_cannot_part_keep_what_was_known_of_them(likelihood, std):
+def test_indistinguishable_parameters_keep_prior(likelihood, std):
     """The likelihood of four springs in parallel is that of their sum: against 300 000 draws of the prior, weighed by it."""
     y, log_likelihood = likelihood
     model, P = five(std)
@@ -311,7 +311,7 @@ def test_parameters_that_samples_cannot_part_keep_what_was_known_of_them(likelih
 
 
 @pytest.mark.parametrize("learned", [True, *slowly(False)])
-def test_with_constants_they_find_what_a_lattice_finds(monkeypatch, learned):
+def test_columns_match_grid(monkeypatch, learned):
     model, P, known = gauged_chain(("k1", "k2")), gauged_start(7), both_forces()[:40, :, :1]
     own = replace(constants(model), learned=learned)
     _, y = draw_truth(model, np.zeros(7), P, known, [4])
@@ -334,7 +334,7 @@ def test_with_constants_they_find_what_a_lattice_finds(monkeypatch, learned):
     np.testing.assert_allclose(np.sqrt(np.diag(left)), np.sqrt(np.diag(spread)), rtol=0.03)
 
 
-def test_the_smoother_begins_where_the_filter_ends(likelihood):
+def test_smoother_starts_at_filter_end(likelihood):
     (y, _), (model, P) = likelihood, five(0.1)
     own = none_considered(model)
     grid_run = filter_on_grid(GridRecord(model, np.zeros(10), P, forces(), y, own))
@@ -345,7 +345,7 @@ def test_the_smoother_begins_where_the_filter_ends(likelihood):
     assert (later.std[1:, 0] < 1.05 * grid_run.run.std[1:, 0]).all()
 
 
-def test_readings_of_another_model_are_refused_and_not_followed_without_end(likelihood):
+def test_readings_of_another_model_are_refused(likelihood):
     (y, _), (model, P) = likelihood, five(0.2)
     with pytest.raises(NumericalError):
         filter_on_grid(GridRecord(model, np.zeros(10), P, forces(), 1e3 * y, none_considered(model)))

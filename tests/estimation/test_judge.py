@@ -54,7 +54,7 @@ def case():
     return replace(model, free_loads=True), P, y[:, 0]
 
 
-def test_they_are_judged_by_what_no_load_could_cause(case):
+def test_parameters_are_weighted_with_free_loads(case):
     """A square of points 0.9 σ apart, each of one dense density of all readings."""
     model, P, y = case
     with finer(0.8, 16.0):
@@ -76,7 +76,7 @@ def test_they_are_judged_by_what_no_load_could_cause(case):
     assert std[1] == pytest.approx(stated[1], rel=0.02)
 
 
-def test_gains_beside_them_are_integrated_out():
+def test_gains_are_integrated_out_with_free_loads():
     """Of both gauges, 5 %, drawn 1.6 and −1.3 of that, beside k₂: Bayes over all three on a grid of dense densities."""
     spread, true, states, steps, force = 0.05, np.array([0.06, 1.6, -1.3]), [0, 1, 2, 3, 4, 6], STEPS // 2, 30.0
     whole, P = chain(), start()
@@ -115,7 +115,7 @@ def test_gains_beside_them_are_integrated_out():
     assert std == pytest.approx(exact, rel=0.02)
 
 
-def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
+def test_linearisation_matches_bilinear_model():
     """All matrices at random; central differences of a bilinear function are exact."""
     rng, (n, m, p, p1, e, f, d) = np.random.default_rng(8), (5, 3, 6, 2, 5, 2, 7)
     A, G, Q, H, F = (rng.standard_normal((2, *shape)) for shape in ((n, n), (n, p), (n, n), (m, n), (m, p1)))
@@ -159,7 +159,7 @@ LOADS = [
 ]
 
 
-def test_how_free_a_load_is_does_not_depend_on_how_stiff_it_was_stated():
+def test_free_load_is_independent_of_configured_intensity():
     model, at = chain(), 4
     for factor in (1e-3, 1.0, 30.0):
         Q = replace(model, Q=model.Q * factor).with_free_loads(STEPS).Q
@@ -172,7 +172,7 @@ def test_how_free_a_load_is_does_not_depend_on_how_stiff_it_was_stated():
 
 
 @pytest.mark.parametrize("model", LOADS, ids=str)
-def test_a_line_has_the_energy_of_the_noise_that_drives_a_load_along_it(model):
+def test_free_load_noise_matches_energy_of_tone(model):
     """Of a sine of amplitude 1 and 3 Hz, 40 periods of it: its noise by derivatives of the sine, and ∫w²dt; whatever κ."""
     duration, omega = 40 / 3.0, 2 * np.pi * 3.0
     t = np.linspace(0, duration, 40 * 400, endpoint=False)
@@ -188,7 +188,7 @@ def test_a_line_has_the_energy_of_the_noise_that_drives_a_load_along_it(model):
     assert line_intensity(model, 3.0, duration) == pytest.approx(np.mean(noise**2) * duration, rel=1e-6)
 
 
-def test_the_mean_is_that_of_unit_readings_one_after_the_other():
+def test_noise_bias_matches_unit_readings():
     """Σ εᵀS⁻¹e is a quadratic form of the readings: its mean is the sum over readings of one σ in one sample and channel."""
     rng, (n, m, d, e, steps) = np.random.default_rng(3), (4, 2, 4, 2, 30)
     A = rng.standard_normal((n, n))
@@ -221,7 +221,7 @@ def test_the_mean_is_that_of_unit_readings_one_after_the_other():
     np.testing.assert_allclose(noise_alone(models, P0, R).sum(axis=0), expected, rtol=1e-10)
 
 
-def test_where_nothing_changes_any_more_steps_are_those_before():
+def test_steady_noise_steps_are_reused():
     model = replace(chain(), free_loads=True)
     first = replace(model, every=2), np.zeros(7), start()
     record = GridRecord(*first, forces(800), np.zeros((400, 2)), damping(model))
@@ -235,7 +235,7 @@ def damping(model, spread=0.5):
     return replace(none_considered(model), damping=spread)
 
 
-def test_noise_does_not_speak_for_a_damping():
+def test_noise_does_not_bias_damping():
     whole, kept, steps = chain(), [0, 1, 2, 3, 4, 6], 150
     unknowns = replace(whole.unknowns, parameters=("k2",))
     Q, P = whole.Q[np.ix_(kept, kept)], start()[np.ix_(kept, kept)]

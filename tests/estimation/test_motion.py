@@ -156,7 +156,7 @@ def test_reading_and_jacobian_are_those_of_the_rows_at_the_parameter(sets):
         np.testing.assert_allclose(np.broadcast_to(J, (3, 3, 6))[..., i], slope, atol=1e-6 * np.abs(slope).max())
 
 
-def test_elsewhere_on_the_surface_is_read_as_a_channel_there_would():
+def test_virtual_gauge_matches_channel():
     model = unknown()
     x = np.random.default_rng(1).standard_normal((4, 5)) * 0.1
     y, J = measure(model, x, np.zeros(1))
@@ -201,7 +201,7 @@ def by_brute_force(model, y):
     return mean, np.sqrt(w @ (grid - mean) ** 2)
 
 
-def test_bank_is_bayes_by_brute_force_and_the_other_filters_are_near():
+def test_grid_filter_matches_brute_force_bayes():
     model = unknown()
     y = samples(model, 0.12, 7)
     mean, std = by_brute_force(model, y)

@@ -46,7 +46,7 @@ def dense(model, y):
 
 
 @pytest.mark.parametrize("by", ["bank", "moments"])
-def test_instants_belong_together_as_in_the_whole_posterior(by):
+def test_sampled_paths_match_joint_posterior(by):
     model, known = loaded_chain(), forces(STEPS)
     y = measured(model, known, P, np.zeros(5))
     expected = dense(model, y)
@@ -77,7 +77,7 @@ def drawn_paths(model, known, own):
 
 
 @pytest.mark.parametrize("learned", [*slowly(False), True])
-def test_every_instant_has_the_mean_and_covariance_that_the_smoother_claims(learned):
+def test_sampled_paths_match_smoother_moments(learned):
     model, known = chain(("k1", "k2")), both_forces()[:, :, :1]
     own = replace(constants(model), learned=learned)
     *_, claimed, x, p = drawn_paths(model, known, own)
@@ -91,7 +91,7 @@ def test_every_instant_has_the_mean_and_covariance_that_the_smoother_claims(lear
 
 
 @pytest.mark.parametrize(("parameters", "learned"), [((), False), (("k1",), True)])
-def test_what_loads_displace_beyond_the_coordinates_is_drawn_as_the_smoother_claims(parameters, learned):
+def test_sampled_truncation_matches_smoother(parameters, learned):
     """z = ν u of a known and of an unknown load, behind the states; of the known load its history times one normal number."""
     model, known = chain(parameters), both_forces()[:, :, :1]
     both = constants(model)
@@ -118,7 +118,7 @@ def test_what_loads_displace_beyond_the_coordinates_is_drawn_as_the_smoother_cla
     assert nu.std() == pytest.approx(1.0, abs=4 * SAMPLING) if not learned else nu.std() < 1.0
 
 
-def test_what_is_carried_to_drawn_parameters_is_what_the_smoother_finds_there():
+def test_sampled_motion_matches_smoother_at_parameters():
     """At a parameter two standard deviations off, against smoothing there: within a twentieth of σ."""
     model, known = chain(("k1",)), both_forces()[:, :, :1]
     given, grid_run, claimed, x, p = drawn_paths(model, known, none_considered(model))
@@ -134,7 +134,7 @@ def test_what_is_carried_to_drawn_parameters_is_what_the_smoother_finds_there():
         assert np.abs(off).max() < 0.05 + 5 / np.sqrt(near.sum())
 
 
-def test_a_seed_is_a_set_of_draws_and_a_part_of_the_states_is_that_part():
+def test_seed_determines_draws():
     model, known = loaded_chain(), forces(STEPS)
     y, none = measured(model, known, P, np.zeros(5)), none_considered(model)
     grid_run = filter_on_grid(GridRecord(model, np.zeros(5), P, known, y, none))
@@ -157,7 +157,7 @@ def spring_forces(x, p):
 
 
 @pytest.mark.slow
-def test_the_interval_holds_the_truth_in_95_of_100_records():
+def test_interval_contains_truth_in_95_percent():
     """Damage in both springs of truths of the filter's own model; that of the smoothed history is too small in most."""
     model, known = chain(("k1",)), both_forces()[:, :, :1]
     none, first, mean = none_considered(model), start(model.size), np.zeros(model.size)

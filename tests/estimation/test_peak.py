@@ -77,7 +77,7 @@ def tone_of(phase, steps):
 
 
 @pytest.mark.parametrize(("truth", "noise"), [(0.45, 1e-3), (-0.55, 1e-3), (0.7, 5e-3)])
-def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise):
+def test_peak_search_finds_global_maximum(truth, noise):
     force = AMPLITUDE * np.sin(0.7 * np.arange(150))
     y = readings_from_rest([truth], force)[0] + noise * np.random.default_rng(1).standard_normal((150, 2))
     density = log_density(lambda p: readings_from_rest(p, force), y, noise)
@@ -94,7 +94,7 @@ def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise)
 @pytest.mark.parametrize(
     ("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), *slowly((0.35, -0.3, 1e-3)), (0.7, 0.5, 2e-2)]
 )
-def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, truth, noise):
+def test_settled_start_has_bimodal_posterior(phase, truth, noise):
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     density = log_density(lambda p: settled_readings(p, phase, 40), y, noise)
     weight = np.exp(density - density.max())
@@ -111,7 +111,7 @@ def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, 
 
 
 @pytest.mark.parametrize("noise", [1e-5, 1e-6])
-def test_a_sharp_peak_between_the_points_of_the_first_lattice_is_found(noise):
+def test_peak_between_grid_points_is_found(noise):
     truth, phase = -0.3, 0.7
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     model, (known, tone) = model_of(noise), tone_of(phase, 40)
@@ -142,7 +142,7 @@ def test_the_peak_of_a_settled_motion_is_linear_about_the_damping_of_its_record(
     assert best.evidence - 8 < peak.evidence < best.evidence
 
 
-def test_widths_of_resonances_are_those_of_finite_differences():
+def test_resonance_widths_match_finite_differences():
     def frequencies(name, p):
         values = REFERENCE | {name: REFERENCE[name] * np.exp(p)}
         return np.sqrt(np.linalg.eigvalsh(sum(values[own] * STIFFNESS[own] for own in values)))
@@ -222,7 +222,7 @@ def settled_prior(model, motion):
     return np.diag([motion**2] * 4 + [0.1**2] * (model.size - 4))
 
 
-def test_the_start_and_its_slopes_are_those_of_a_long_run():
+def test_periodic_start_matches_long_run():
     model, size = damped_model(("k1", "k2")), 1e-4
     assert np.exp(-DECAY * LEAD * H) < 1e-10
 
@@ -243,7 +243,7 @@ def test_the_start_and_its_slopes_are_those_of_a_long_run():
 
 
 @pytest.mark.parametrize("learned", [*slowly(False), True])
-def test_filter_and_smoother_are_those_that_waited_from_rest(learned):
+def test_settled_start_matches_long_record_from_rest(learned):
     model = damped_model(("k1",))
     considered = replace(constants(model), learned=learned)
     rng = np.random.default_rng(4)
@@ -268,7 +268,7 @@ def test_filter_and_smoother_are_those_that_waited_from_rest(learned):
     np.testing.assert_allclose(found.run.std[0], expected.run.std[LEAD], rtol=1e-3)
 
 
-def test_what_is_expected_is_what_the_bank_claims_on_exact_readings():
+def test_expected_sigma_matches_grid_filter():
     model = damped_model(("k1",))
     whole, known = constants(model), force(np.arange(STEPS))
     # so small that the posterior is normal

@@ -58,7 +58,7 @@ def named(record):
     return found.named
 
 
-def test_a_stretch_lies_where_the_channels_read_most(record):
+def test_stretch_is_at_largest_readings(record):
     ((first, behind),) = select_stretches(record)
     assert behind - first == SHORT
     assert first <= REST
@@ -71,7 +71,7 @@ def test_a_stretch_lies_where_the_channels_read_most(record):
     assert select_stretches(spike) == ((first, behind),)
 
 
-def test_channels_that_read_at_different_times_have_a_stretch_each(record):
+def test_each_active_period_has_a_stretch(record):
     def change(y):
         y[:] = 0.1 * y
         y[50:60, :2] += 0.1
@@ -83,7 +83,7 @@ def test_channels_that_read_at_different_times_have_a_stretch_each(record):
     assert any(first <= 600 and behind >= 610 for first, behind in two)
 
 
-def test_a_drift_goes_on_in_a_stretch(record):
+def test_drift_continues_in_stretch(record):
     none = none_considered(record.model)
     E = np.zeros((1, 4, 2))
     E[0, 1, -1] = 0.3
@@ -94,7 +94,7 @@ def test_a_drift_goes_on_in_a_stretch(record):
     np.testing.assert_allclose(read, 0.3 * np.arange(101, 181) / (REST + MOVING), rtol=1e-12)
 
 
-def test_a_periodic_motion_goes_on_in_a_stretch(record):
+def test_periodic_motion_continues_in_stretch(record):
     frequency = np.array([3.0, 7.0])
     held = np.array([1 + 2j, 0.5j])[:, None, None] * np.ones((2, 3, 1))
     part = extract_part(replace(record, settled=Settled(frequency, held, np.ones(4))), 100, 180)
@@ -102,7 +102,7 @@ def test_a_periodic_motion_goes_on_in_a_stretch(record):
     np.testing.assert_allclose(part.settled.hold, expected, rtol=1e-12)
 
 
-def test_a_sound_record_behind_rest_agrees(record):
+def test_sound_record_after_rest_is_consistent(record):
     assert not check_record(record).finding.inconsistent
 
 
@@ -113,7 +113,7 @@ def scalable(record, std):
     return replace(record, considered=considered)
 
 
-def test_a_sudden_load_of_a_sound_record_is_no_reason_to_search_its_rest(record):
+def test_sudden_load_does_not_trigger_fault_search(record):
     model = replace(record.model, r=0.01 * record.model.r)
     y = draw_truth(model, np.zeros(5), start()[:5, :5], forces(MOVING), [3])[1][:, 0]
     samples = np.concatenate([0.1 * record.samples[:REST], y])
@@ -123,7 +123,7 @@ def test_a_sudden_load_of_a_sound_record_is_no_reason_to_search_its_rest(record)
     assert not check.finding.inconsistent
 
 
-def test_at_rest_unknown_loads_are_as_intense_as_is_most_likely(record):
+def test_load_intensity_at_rest_is_most_likely(record):
     rest, moving = extract_part(record, 100, 500), extract_part(record, REST, REST + MOVING)
     assert is_at_rest(rest)
     assert not is_at_rest(moving)
@@ -135,7 +135,7 @@ def test_at_rest_unknown_loads_are_as_intense_as_is_most_likely(record):
 
 
 @pytest.mark.parametrize("kind", ["swapped", "drift", *slowly("sign", 2.0, "offset")])
-def test_a_fault_behind_rest_is_named(record, kind):
+def test_fault_after_rest_is_identified(record, kind):
     """A drift is told from an offset by the rest before the motion; both are far larger than the motion."""
     samples, fault = broken(kind, record.samples)
     if kind in ("offset", "drift"):
@@ -147,7 +147,7 @@ def test_a_fault_behind_rest_is_named(record, kind):
         assert abs(found.amount - expected) < 4 * found.std + 0.02 * expected
 
 
-def test_spikes_are_named_wherever_they_are(record):
+def test_spikes_are_identified(record):
     def change(y):
         y[40, 1] += 50 * NOISE
         y[300, 3] -= 500 * NOISE
@@ -158,7 +158,7 @@ def test_spikes_are_named_wherever_they_are(record):
     assert fault.spans == ((0, REST + 60, REST + 61), (1, 40, 41), (3, 300, 301))
 
 
-def test_what_is_wrong_in_the_rest_is_found(record):
+def test_fault_at_rest_is_detected(record):
     check = check_record(changed(record, lambda y: y.__setitem__((slice(100, 200), 2), y[100:200, 2] + 15 * NOISE)))
     assert check.finding.inconsistent
     fault = check.finding.named.fault
@@ -168,7 +168,7 @@ def test_what_is_wrong_in_the_rest_is_found(record):
     assert abs(behind + check.stretch.begin - 200) <= 2
 
 
-def test_innovations_are_looked_at_to_the_end_of_the_record(record):
+def test_innovations_are_checked_to_end_of_record(record):
     noise = 10 * NOISE * np.random.default_rng(2).standard_normal((100, 4))
     check = check_record(changed(record, lambda y: y.__setitem__(slice(50, 150), y[50:150] + noise)))
     assert check.finding.inconsistent
@@ -176,7 +176,7 @@ def test_innovations_are_looked_at_to_the_end_of_the_record(record):
     assert 50 <= check.worst[0] <= 150
 
 
-def test_parts_that_do_not_fit_end_where_they_fit_again():
+def test_misfit_ends_where_record_fits():
     z = np.random.default_rng(3).standard_normal(400)
     z[100] = 1e3
     z[200:260] += 8
@@ -203,7 +203,7 @@ def sound():
 
 
 @pytest.mark.parametrize("strain", [(1, 1, -1, 1), (1, 0.5, 1, -1)])
-def test_additional_load_is_named_and_no_channel_accused(sound, strain):
+def test_unmodelled_load_is_identified(sound, strain):
     finding = check_record(replace(sound, samples=sound.samples + 2 * NOISE * np.outer(SLOW, strain))).finding
     assert finding.inconsistent
     assert finding.pattern is not None
@@ -212,7 +212,7 @@ def test_additional_load_is_named_and_no_channel_accused(sound, strain):
     assert np.count_nonzero(finding.pattern.share > 0.05) > 1
 
 
-def test_load_faster_than_its_process_noise_is_no_additional_load(sound):
+def test_fast_load_is_not_unmodelled_load(sound):
     finding = check_record(scale_intensity(sound, 0.01)).finding
     assert finding.inconsistent
     assert finding.pattern is None
@@ -220,7 +220,7 @@ def test_load_faster_than_its_process_noise_is_no_additional_load(sound):
 
 
 @pytest.mark.parametrize("change", [lambda y: 1.5 * y, lambda y: y + 10 * NOISE])
-def test_fault_of_one_channel_is_no_additional_load(sound, change):
+def test_channel_fault_is_not_unmodelled_load(sound, change):
     samples = sound.samples.copy()
     samples[:, 1] = change(samples[:, 1])
     finding = check_record(replace(sound, samples=samples)).finding
@@ -228,7 +228,7 @@ def test_fault_of_one_channel_is_no_additional_load(sound, change):
     assert finding.named.fault.channel == 1
 
 
-def test_pattern_is_that_of_the_dyad_in_white_innovations():
+def test_residual_pattern_recovers_dyad():
     """Of ν = L(ν̃ + s a v): size² is 1 + s², shares are the squares of L v."""
     rng = np.random.default_rng(0)
     direction, factor = np.array([0.6, 0.0, -0.8]), np.diag([1.0, 2.0, 0.5])
@@ -246,7 +246,7 @@ def test_white_innovations_have_no_pattern():
         assert residual_pattern(white, white, np.ones(5), 1.0) is None
 
 
-def test_two_patterns_are_no_single_load():
+def test_two_patterns_are_not_one_load():
     slow = np.stack([np.sin(0.1 * np.arange(2000)), np.cos(0.07 * np.arange(2000))], axis=1)
     white = np.random.default_rng(0).standard_normal((2000, 4))
     white[:, :2] += 4 * slow

@@ -103,7 +103,7 @@ def square(measured):
     return grid_runs, point, w, [own[1:] for own in found], evidence
 
 
-def test_two_records_are_bayes_by_brute_force(square):
+def test_two_records_match_brute_force_bayes(square):
     grid_runs, point, w, found, evidence = square
     mean = w @ point
     std = np.sqrt(w @ (point - mean) ** 2)
@@ -120,7 +120,7 @@ def test_two_records_are_bayes_by_brute_force(square):
     np.testing.assert_allclose(np.diag(covariance), variance, rtol=1e-6)
 
 
-def test_the_last_instant_is_that_of_all_samples(square):
+def test_last_instant_contains_all_samples(square):
     grid_runs, _, w, found, _ = square
     x = np.array([own[0][-10:-5] for own in found])
     mean = w @ x
@@ -130,7 +130,7 @@ def test_the_last_instant_is_that_of_all_samples(square):
     np.testing.assert_allclose(run.std[-1, 0, :5], std, rtol=1e-6)
 
 
-def test_one_record_smooths_by_what_the_other_says_of_constants(measured):
+def test_smoother_shares_constants_between_records(measured):
     """Parameters known: smoothed motion and loads of both records are those of one dense Gaussian."""
     model, P = loaded_chain(), start()[:5, :5]
     own = considered()
@@ -146,7 +146,7 @@ def test_one_record_smooths_by_what_the_other_says_of_constants(measured):
         first = span.stop
 
 
-def test_motion_as_it_is_read_knows_nothing_of_other_records(measured):
+def test_unlearned_motion_is_independent_of_other_records(measured):
     model, P, own = loaded_chain(), start()[:5, :5], considered(learned=False)
     alone = ConsideredParameters(("gain", "offset", "offset"), np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), np.vstack([SHARED, OWN]))
     for r, grid_run in enumerate(campaign(model, P, measured, own)):
@@ -159,7 +159,7 @@ def test_motion_as_it_is_read_knows_nothing_of_other_records(measured):
             np.testing.assert_allclose(found.std, expected.std, rtol=1e-9)
 
 
-def test_histories_have_the_moments_of_the_smoother_and_the_constants_in_common(measured):
+def test_sampled_histories_match_smoother_and_share_constants(measured):
     model, own, count = chain(), considered(), 4000
     grid_runs = campaign(model, start(), measured, own)
     parts = []
@@ -248,7 +248,7 @@ def stiffness_of(model, P, y, renewed=()):
     return float(mean[0]), float(np.sqrt(covariance[0, 0]))
 
 
-def test_errors_of_gauges_that_all_records_share_do_not_average_away():
+def test_shared_gauge_errors_do_not_average_out():
     """Quiet readings, whose gains are all that is not known: F/k is, and ln k with σ of the gain."""
     model, P = driven(2e-5)
     _, y = draw_truth(model, np.zeros(5), np.diag([*np.diag(P)[:4], 1e-30]), slow(), range(4))
@@ -261,7 +261,7 @@ def test_errors_of_gauges_that_all_records_share_do_not_average_away():
 
 
 @pytest.mark.slow
-def test_sigma_of_a_campaign_holds():
+def test_sigma_of_campaign_is_calibrated():
     model, P = driven(1e-4)
     off = []
     rng = np.random.default_rng(3)
@@ -279,14 +279,14 @@ def test_sigma_of_a_campaign_holds():
     assert 0.85 <= np.sqrt(np.mean(off**2)) <= 1.15
 
 
-def test_a_record_beyond_the_model_is_refused():
+def test_record_outside_model_is_refused():
     model, P = driven(1e-4)
     _, y = draw_truth(model, np.zeros(5), P, slow(), range(2))
     with pytest.raises(NumericalError):
         stiffness_of(model, P, [y[:, 0], 1e9 * y[:, 1]])
 
 
-def test_a_birge_ratio_of_root_two_makes_one_record_of_two_equal_ones(measured):
+def test_birge_ratio_root_two_halves_information(measured):
     """ln p(y, y | θ) / 2 = ln p(y | θ)."""
     record = GridRecord(chain(), np.zeros(7), start(), held_of(0), measured[0], none_considered(chain()))
     with finer(0.5, 14.0):

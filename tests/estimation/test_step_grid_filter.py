@@ -131,7 +131,7 @@ def joint_density(model, mean, P, xi, y):
 
 
 @pytest.mark.parametrize("how", [{}, {"form": "square_root", "iterations": 10, "through_step": True}])
-def test_where_the_step_is_linear_at_fixed_constants_the_bank_is_bayes_by_brute_force(how):
+def test_step_grid_filter_matches_brute_force_bayes(how):
     model = replace(WEAKLY_SEEN, known=WEAKLY_SEEN.known[:40], sigma=0.02)
     mean, P = start(model.walk)
     _, y = model.drawn(mean, P, np.random.default_rng(4))
@@ -148,7 +148,7 @@ def test_where_the_step_is_linear_at_fixed_constants_the_bank_is_bayes_by_brute_
 
 
 @pytest.mark.slow
-def test_its_sigma_holds_over_drawn_truths_where_the_extended_filter_is_overconfident():
+def test_grid_filter_is_calibrated_where_ekf_is_overconfident():
     """RMS of the error over RMS of σ, 100 truths of the model itself: 0.85 to 1.15; the extended filter's is 1.25."""
     model, (mean, P) = WEAKLY_SEEN, start(WEAKLY_SEEN.walk)
     draws = [model.drawn(mean, P, np.random.default_rng(7000 + seed)) for seed in range(100)]
@@ -176,7 +176,7 @@ class Breaking(Oscillator):
         return np.where(x[:, XI:] < self.least, np.nan, ahead), A
 
 
-def test_points_whose_filters_diverge_or_have_no_start_weigh_nothing(measured):
+def test_diverged_points_have_zero_weight(measured):
     model, mean, P, y = measured
     breaking = Breaking(**{name: getattr(model, name) for name in ("known", "white", "walk", "sigma")})
     grid_run = problem_of(mean, P, runs_of(breaking))
@@ -194,7 +194,7 @@ def test_points_whose_filters_diverge_or_have_no_start_weigh_nothing(measured):
     assert not found.weight[outside].any()
 
 
-def test_where_no_filter_is_left_it_is_refused_with_a_remedy(measured):
+def test_divergence_at_all_points_is_refused(measured):
     model, mean, P, y = measured
     breaking = Breaking(known=model.known)
     object.__setattr__(breaking, "least", np.inf)
@@ -222,7 +222,7 @@ def passed(filters, samples, keep):
 
 
 @pytest.mark.parametrize("before", [0, 30, 200])
-def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_kept_before(before):
+def test_innovation_covariance_matches_riccati(before):
     """S = H P⁻Hᵀ + R, P⁻ by SciPy; a filter that had become steady in a part that was not kept had S = 0."""
     samples = np.random.default_rng(3).standard_normal((before + 300, 2))
     filters = build_filters(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
@@ -234,7 +234,7 @@ def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_ke
         np.testing.assert_allclose(found.S[0, 0], H @ P @ H.T + np.diag(R), rtol=1e-11)
 
 
-def test_what_decays_ends_at_zero_and_not_among_the_least_numbers_that_slow_a_processor():
+def test_decaying_states_are_flushed_to_zero():
     never = np.zeros((2, 2))
     models = plain_models(A, never, H)
     filters = build_filters(models, np.ones((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
@@ -273,14 +273,14 @@ def test_loops_are_compiled_once_for_arrays_of_any_kind():
     assert len(take_steps.signatures) == 1
 
 
-def test_loops_that_are_kept_notice_a_change_of_every_file():
+def test_compiled_loops_detect_file_changes():
     stamp = take_steps._cache._cache_file._source_stamp
     for module in (compiled, vectors):
         file = Path(module.__file__).stat()
         assert (file.st_mtime, file.st_size) in stamp, module.__name__
 
 
-def test_a_step_of_modes_apart_is_that_of_full_matrices():
+def test_modal_step_matches_full_matrices():
     model = chain(tuple(REFERENCE)[:1])
     own = replace(constants(model), stiffness=0.01)
     apart = linear_models(model, np.array([[-0.2], [0.0], [0.1]]), own)

@@ -181,7 +181,7 @@ def test_spin_turns_the_body_about_the_global_axis():
         np.testing.assert_allclose(v[3 + 3 * k : 6 + 3 * k], np.cross(spin, R[:, k]), atol=1e-15)
 
 
-def test_contradictory_joints_are_named():
+def test_inconsistent_joints_are_named():
     """A ball held at two points 1 m apart on the body by places 1.2 m apart on the ground."""
     joints = [
         spherical("left", frame("hook", None), frame("end", "ball")),
@@ -222,7 +222,7 @@ def test_motion_without_mass_is_named():
     np.testing.assert_allclose(project_position(held, q), q, atol=1e-15)
 
 
-def test_a_body_out_of_all_proportion_is_named():
+def test_disproportionate_inertia_is_named():
     planet = RigidBody("planet", 1e30, np.zeros(3), 1e30 * np.eye(3))
     system = assemble([BALL, planet], [spherical("joint", frame("wall", None), frame("end", "ball"))])
     with pytest.raises(InfeasibleError, match="the inertia of body planet is too large compared with the rest"):

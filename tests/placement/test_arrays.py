@@ -102,7 +102,7 @@ def test_modes_and_a_strain_operator_give_the_best_pair():
     np.testing.assert_allclose(placed.std, sigma(placed.gauges), rtol=1e-5)
 
 
-def test_without_loads_every_mode_has_a_force_of_its_own():
+def test_default_loads_are_modal_forces():
     _, shapes, frequencies, S = beam()
     placed = place_modes(shapes, frequencies, 0.02, S, keep=3)
     undamped = place_modes(shapes, frequencies, 0.0, S, keep=3)
@@ -129,7 +129,7 @@ def test_without_loads_every_mode_has_a_force_of_its_own():
         ({"conflicts": [0, 1, 2]}, "conflicts"),
     ],
 )
-def test_arrays_that_contradict_each_other_are_refused(change, words):
+def test_inconsistent_arrays_are_refused(change, words):
     F, H, Q, R = system()
     with pytest.raises(ConfigError, match=words):
         place_arrays(**({"F": F, "H": H, "Q": Q, "R": R, "keep": 3} | change))

@@ -182,7 +182,7 @@ def test_where_the_program_fails_one_plane_still_bounds_every_layout(monkeypatch
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_where_one_layout_is_left_the_bound_is_what_the_planes_say_of_it(aggregate):
+def test_single_layout_bound_equals_cutting_planes(aggregate):
     cuts, inside, free = drawn(0)
     for limits, taken in ((limits_of(POOL, 7), free), (limits_of(POOL, 1), np.zeros(POOL, dtype=bool))):
         low = lowest(cuts, inside, free, limits, aggregate)

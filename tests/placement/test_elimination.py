@@ -25,7 +25,7 @@ from .conftest import beam_of, covariance_in_digits, oracle, scenarios_of
 from .whole_pools import augment_rows, eliminate, whole_pool_weight
 
 
-def test_it_is_lazy(monkeypatch):
+def test_elimination_evaluates_few_bounds(monkeypatch):
     asked = []
 
     def counted(*arguments):
@@ -42,7 +42,7 @@ def test_it_is_lazy(monkeypatch):
     assert np.all(found.rise > 0)
 
 
-def test_it_is_lazy_where_the_slope_of_the_criterion_says_little(monkeypatch):
+def test_elimination_is_lazy_with_flat_criterion(monkeypatch):
     H = np.random.default_rng(0).normal(size=(60, 3))
     scenario = Scenario(np.zeros((3, 3)), np.eye(3), H, np.ones(60), np.ones(3), WorstEigenvalue())
     found = eliminate([scenario], 6)
@@ -101,7 +101,7 @@ def test_the_residual_is_the_largest_of_all_steps(monkeypatch):
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_gauges_that_read_rounding_are_ties_and_leave_in_their_order(aggregate):
+def test_rounding_level_gauges_are_ties(aggregate):
     scenarios = scenarios_of(beam_of(20, 4), ("Fz",), ("E",), instants=(55, 260))
     silent = [3, 7, 8, 15]
     for seed in range(3):

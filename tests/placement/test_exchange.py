@@ -42,7 +42,7 @@ def test_the_limit_is_never_passed_and_never_passes_for_an_end(instants):
     assert exact.swaps == whole.swaps
 
 
-def test_beside_gauges_that_may_not_leave_room_is_filled():
+def test_room_next_to_fixed_gauges_is_filled():
     pools = eliminate(scenarios_of(beam_of(12), ("Fz",), ("E",)), 4).pools
     bonded = [1, 5, 7]
     limits = limits_of(12, 6, fixed=bonded, price=np.ones(12), budget=5.0)
@@ -309,7 +309,7 @@ def test_twins_do_not_depend_on_the_unit(unit):
     np.testing.assert_array_equal(found[:, None] == found, np.all(rows[:, None] == rows, axis=(2, 3)))
 
 
-def test_twins_are_those_that_may_leave_and_stand_apart_where_they_are_distinguished():
+def test_twins_are_movable_and_respect_labels():
     (scenario,) = scenarios_of(beam_of(6, 2), ("Fz",), ("E",))
     same = np.array([0, 1, 0, 2, 0, 1, 3, 0])
     r = scenario.r[same]
@@ -345,7 +345,7 @@ def test_the_elbow_is_where_the_last_worthy_gauge_is(trace, keep, worth):
     assert worth_keeping(np.array(trace), keep) == worth
 
 
-def test_rows_are_alike_by_their_angle_whatever_length_and_sign():
+def test_redundancy_depends_on_angle_of_rows():
     tilt = np.deg2rad(8.0)  # cos = 0.9903
     steps = np.array([[np.cos(k * tilt), np.sin(k * tilt), 0.0] for k in range(3)]) * [[1], [-5], [1e-6]]
     rows = np.vstack([steps, [0, 0, 1], [0, 0, 0], [0, 1e-9, -1]])
@@ -355,7 +355,7 @@ def test_rows_are_alike_by_their_angle_whatever_length_and_sign():
     assert redundant_groups(rows @ turn) == redundant_groups(rows)
 
 
-def test_gauges_of_several_channels_are_alike_where_they_span_the_same_space():
+def test_redundant_rosettes_span_same_space():
     rng = np.random.default_rng(1)
     plane, mix = rng.standard_normal((2, 6)), rng.standard_normal((2, 2))
     basis = np.linalg.qr(plane.T)[0].T

@@ -85,7 +85,7 @@ def test_the_unit_of_prices_changes_nothing(unit):
         assert there.gauges.tolist() == here.gauges.tolist()
 
 
-def test_out_of_nodes_nothing_is_claimed_to_be_settled():
+def test_search_limit_is_reported():
     # a knapsack of prices that are next to what they are worth; no branching allowed
     rng = np.random.default_rng(0)
     price = rng.integers(1000, 2000, 24).astype(float)
@@ -131,7 +131,7 @@ def tells(gauges):
     return {state for g in gauges for state in READ[g]} == {0, 1, 2}
 
 
-def test_what_is_lost_is_lost_and_every_layout_has_a_gauge_of_each_mask():
+def test_masks_cover_every_layout():
     detection = Detection([walks(READ)])
     for v in EVERY:
         assert detection.loses(np.flatnonzero(v)) == (not tells(np.flatnonzero(v)))
@@ -143,7 +143,7 @@ def test_what_is_lost_is_lost_and_every_layout_has_a_gauge_of_each_mask():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_best_layout_that_tells_all(seed):
+def test_best_layout_detects_all_unknowns(seed):
     value = np.random.default_rng(seed).normal(0.0, 1.0, POOL)
     found = Detection([walks(READ)]).layout(limits_of(POOL, 4), value)
     layouts = [v for v in EVERY if v.sum() <= 4 and tells(np.flatnonzero(v))]
@@ -220,7 +220,7 @@ def test_the_first_family_that_leaves_no_layout_is_named(case):
 
 
 @pytest.mark.parametrize("case", ["no room in two zones", "too few"])
-def test_what_was_not_proven_is_not_said_as_if_it_were(monkeypatch, case):
+def test_unproven_refusal_states_search_limit(monkeypatch, case):
     def hasty(*arguments, **more):
         return replace(best_layout(*arguments, **more), settled=False)
 

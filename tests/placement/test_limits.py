@@ -102,7 +102,7 @@ def one_move_away(units, rules):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_fits_beside_a_set_what_fills_it_and_who_may_leave_for_whom(case):
+def test_limits_of_additions_and_swaps(case):
     rules, rng = CASES[case](), np.random.default_rng(7)
     limits = rules.limits
     for _ in range(8):

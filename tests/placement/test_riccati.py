@@ -54,7 +54,7 @@ PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
 
 
 @pytest.mark.parametrize(("inputs", "parameters", "noise", "precision"), PRECISE)
-def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digits(
+def test_precise_accelerometers_with_strain_match_sixty_digits(
     inputs, parameters, noise, precision
 ):
     # the sum HᵀR⁻¹H alone left errors of 3e-8 to 1e-3 here, or no solution within 1e-10
@@ -229,7 +229,7 @@ def stepped(A, H, N, *steps):
 
 
 @pytest.mark.parametrize(("noise", "damping", "enough"), [(1e-5, 0.3, 100), (1.0, 0.02, 300)])
-def test_it_is_where_a_filter_comes_to_by_plain_steps(noise, damping, enough):
+def test_steady_covariance_matches_recursion_limit(noise, damping, enough):
     A, H, N = system(1, damping, noise)
     before, after = stepped(A, H, N, enough, enough + 20)
     P = covariance(A, H, N)
@@ -273,7 +273,7 @@ def test_a_state_of_rounding_size_changes_nothing():
     assert P[0, 0] < 1e-30
 
 
-def test_what_is_not_detected_or_not_reached_is_found_by_a_test_and_not_by_divergence():
+def test_undetected_states_are_found_by_test():
     walk = np.eye(2)
     assert steady_factor(walk, np.array([[1.0, 1.0]]), np.eye(2)) is None  # the sum of two walks
     assert steady_factor(np.diag([1.02, 0.5]), np.array([[0.0, 1.0]]), np.eye(2)) is None  # grows, unseen

@@ -78,7 +78,7 @@ def test_a_start_far_from_the_solution_does_not_show():
         np.testing.assert_allclose(refine(pool, information(rows), start), exact, rtol=1e-9, atol=1e-12)
 
 
-def test_what_no_process_noise_reaches_is_named():
+def test_missing_process_noise_is_named():
     H, weight = np.eye(3), np.array([0.0, 0.0, 1.0])
     F = np.array([[0.0, 1.0, 0.0], [-4.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     with pytest.raises(InfeasibleError, match="undamped motion"):
@@ -88,7 +88,7 @@ def test_what_no_process_noise_reaches_is_named():
         solve_pool(Scenario(F, np.diag([0.0, 1.0, 0.0]), H, np.ones(3), weight), ["Fz"])
 
 
-def test_a_set_that_cannot_tell_scores_infinity():
+def test_undetecting_set_scores_infinity():
     pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
     unknown = np.arange(len(pools[0].P) - 2, len(pools[0].P))
     assert score(pools, [3]) == np.inf
@@ -127,7 +127,7 @@ def test_every_metric_comes_from_the_same_covariance():
     np.testing.assert_allclose(scores(by, gauges, unknown, amplitudes, share=share).std, expected, rtol=1e-8)
 
 
-def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(monkeypatch):
+def test_unsolved_set_is_distinguished_from_undetecting(monkeypatch):
     pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
 
     def refuse(*_):

@@ -46,7 +46,7 @@ def test_near_the_densest_packing_a_layout_is_left_however_little_work_is_spent(
     assert np.all(found.rise > 0)
 
 
-def test_no_clock_has_a_say(monkeypatch):
+def test_result_is_independent_of_time(monkeypatch):
     scenario, near = scattered(250, 0.15)
     asked = []
 
@@ -112,7 +112,7 @@ def test_rosettes_that_share_their_unknowns_badly_are_no_dead_end(six_loads):
     assert eliminate([six_loads], 2).selected.tolist() == [1, 2]
 
 
-def test_beside_far_stronger_gauges_that_have_to_leave_the_weak_one_is_found():
+def test_weak_gauge_is_found_next_to_strong_gauges():
     # either strong gauge alone makes rounding of the weak one, which sees both unknowns
     F, Q = np.zeros((2, 2)), np.eye(2)
     H = np.array([[[1.0, 0], [0, 0]], [[0, 1.0], [0, 0]], [[1, 0], [0, 1.0]]])

@@ -125,7 +125,7 @@ def test_projection_puts_a_state_back_on_its_constraints():
     np.testing.assert_array_equal(back[:, model.w.start :], x[:, model.w.start :])
 
 
-def test_a_modulus_beside_the_loads_of_a_weightless_bench_at_rest_is_not_separated_from_them():
+def test_modulus_and_loads_of_weightless_bench_are_inseparable():
     M, C, K, shape, _ = springs()
     body = FlexibleBody("body", True, AffineOperator(0 * K, {"E": K / 7.0}), M, C, inertia_of(M, 3.0))
     frame = Frame("end", "body", displacement=shape, rotation=0 * shape)
@@ -198,7 +198,7 @@ def of(free, theta=THETA, **bearings):
 
 
 @pytest.mark.parametrize("free", SETS, ids=" ".join)
-def test_there_and_back_with_slopes_that_are_the_differences(free):
+def test_coordinates_roundtrip_with_exact_slopes(free):
     found = of(free)
     xi = found.xi(THETA)
     back, slopes = found.theta(xi)
@@ -254,7 +254,7 @@ def test_spread_of_the_coordinates_is_that_of_the_values(free):
     np.testing.assert_allclose(P / np.outer(scale, scale), drawn_correlation, atol=0.06)
 
 
-def test_what_cannot_be_is_refused():
+def test_infeasible_parameters_are_refused():
     with pytest.raises(
         InfeasibleError, match=r"b\.radius_inner_left of 0\.029 is not above the ball's radius of 0\.03001"
     ):

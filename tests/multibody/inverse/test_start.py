@@ -140,7 +140,7 @@ def test_its_slopes_are_those_of_differences(loaded):
         np.testing.assert_allclose(slopes[:, j], by_hand, rtol=0, atol=1e-4 * np.abs(by_hand).max())
 
 
-def test_one_that_cannot_be_followed_is_sought(loaded, monkeypatch):
+def test_untracked_equilibrium_is_searched(loaded, monkeypatch):
     """A modulus fifty times as large, and Newton's iteration that is given one step."""
     b, coordinates, q = loaded
     zero = zero_at_rest(b.system, b.sensors, ALL, q, LOADS, coordinates)
@@ -238,7 +238,7 @@ def algorithm_1(b, model, x, P, y):
     return np.array([mean for mean, _ in found]), np.array([std for _, std in found])
 
 
-def test_with_both_it_is_algorithm_1_as_printed(case):
+def test_step_matches_printed_algorithm(case):
     b, model, x, P, y = case
     own = np.concatenate([np.arange(2 * b.system.size), model.position])
     mean, std = algorithm_1(b, model, x[own], P[np.ix_(own, own)], y)

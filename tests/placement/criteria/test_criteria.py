@@ -35,7 +35,7 @@ def steps(seed, k, count):
         yield B @ B.T
 
 
-def test_each_has_an_oracle_a_place_in_the_config_and_a_name_of_its_own():
+def test_every_criterion_is_registered():
     assert get_args(PlaceSection.model_fields["criterion"].annotation) == tuple(VARIANCE)
     assert [criterion.name for criterion in CRITERIA] == list(VARIANCE)
     assert [criterion_of(name) for name in VARIANCE] == list(CRITERIA)
