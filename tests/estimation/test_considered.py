@@ -177,9 +177,9 @@ def test_piecewise_smoothing_matches_whole_record(monkeypatch, learned):
     assert found.covariance is None
     assert len(shares) == (1 if learned else -(-last // 7))
     assert shares[-1] == 1.0
-    with pytest.raises(ValueError, match="not kept"):
+    with pytest.raises(ValueError, match="did not store"):
         found.covariance_at(5)
-    with pytest.raises(ValueError, match="not kept"):
+    with pytest.raises(ValueError, match="did not store"):
         found.std_of(np.ones((1, model.size)))
 
 

@@ -368,7 +368,7 @@ def test_a_record_that_loses_the_filter_from_the_start_is_refused():
     mean, P0 = np.zeros(7), np.diag([0.0] * 6 + [0.01])
     _, y = draw_truth(model, mean, P0, u, [0, 1])
     y[30:, 1] = 1e3
-    with pytest.raises(NumericalError, match="diverges with the noise as stated"):
+    with pytest.raises(NumericalError, match="diverges with the configured noise"):
         tune(model, mean, P0, u, y, parts=("noise",))
     assert run_filter(model, mean, P0, u, y).lost.tolist()[0] == -1
 
