@@ -242,8 +242,8 @@ def build_columns(
             if len(parts) > MOST_COLUMNS:
                 raise NumericalError(
                     f"the posterior of the parameters extends over more than {MOST_COLUMNS} standard deviations",
-                    remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial "
-                    "standard deviation",
+                    remedy="estimate fewer parameters, or reduce their initial standard deviation: the measurements hardly "
+                    "distinguish them",
                 )
     cover = Columns(np.concatenate([part.cover.centre for part in parts]), across, parts[0].cover.precision)
     whole = concatenate(parts)
