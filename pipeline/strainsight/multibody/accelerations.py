@@ -1,4 +1,4 @@
-"""Accelerations at an instant, and what joints and drives carry there."""
+"""Accelerations at an instant, and the reactions of joints and drives."""
 
 from __future__ import annotations
 
@@ -254,7 +254,7 @@ def saddle(K: np.ndarray, B: np.ndarray) -> np.ndarray:
 
 
 def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """A⁻¹b, the smallest of the nearest where A is singular: by LU factors where these say that it is regular."""
+    """A⁻¹b, or the least-squares solution of least norm for a singular A; LU factors if they are regular."""
     lu, order, failed = dgetrf(A)
     if failed == 0 and dgecon(lu, np.abs(A).sum(axis=0).max())[0] > 1e-9:
         return np.asarray(dgetrs(lu, order, b)[0])
@@ -281,8 +281,8 @@ def measure(
     theta: np.ndarray,
     p_second: np.ndarray,
 ) -> ReadingSlopes:
-    """What sensors read of a state, and all that it depends on: accelerometers feel loads and parameters at once, and not only
-    what these have moved; free of any time step. Arguments as of `instant`."""
+    """Sensor readings and their slopes: accelerometers respond directly to loads and parameters; independent of the time step.
+    Arguments as in `instant`."""
     now = instant(system, q, v, u, theta, p_second)
     felt = Felt(now.acceleration, gravity_at(system, u))
     y, by_q, by_v = sensors.read(q, v, felt)
@@ -299,18 +299,18 @@ def measure(
 
 
 def at_rest(system: System, u: np.ndarray) -> Felt:
-    """What is felt where nothing moves."""
+    """Accelerometer input of a bench at rest."""
     return Felt(np.zeros(system.size), gravity_at(system, u))
 
 
 def gravity_at(system: System, u: np.ndarray) -> np.ndarray:
-    """Acceleration of gravity (3,) [m/s²], all of it."""
+    """Total acceleration of gravity (3,) [m/s²]."""
     steady = sum((force.acceleration for force in system.forces if isinstance(force, Gravity)), np.zeros(3))
     return np.asarray(steady + sum((law.at(u[k])[0] for law, k in _turning(system)), np.zeros(3)))
 
 
 def _turning(system: System) -> list[tuple[TurningGravity, int]]:
-    """Gravity that turns, with the place of its angle in u."""
+    """Rotating gravity laws, with the index of their angle in u."""
     laws = [(element.force.law, int(element.inputs[0])) for element in system.elements if len(element.inputs)]
     return [(law, k) for law, k in laws if isinstance(law, TurningGravity)]
 

@@ -13,7 +13,7 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.rom.inertia import InertiaInvariants
 
 TURNED = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
-"""Axes in the cyclic order that ends with the one meant."""
+"""Cyclic order of the axes that ends with the selected one."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ def mass_moment(body: Body) -> Carried:
 
 
 def mass_matrix(body: Body) -> np.ndarray:
-    """M (size, size) where it is constant: [[m, Sᵀ], [S, J]] ⊗ 1 of a rigid body, the reduced mass of a clamped one."""
+    """M (size, size) if constant: [[m, Sᵀ], [S, J]] ⊗ 1 of a rigid body, the reduced mass of a clamped one."""
     if isinstance(body, FlexibleBody):
         return np.asarray(body.mass, dtype=float)
     first = body.mass * np.asarray(body.centre, dtype=float)
@@ -229,7 +229,7 @@ class Inertia(NamedTuple):
 
 
 def as_inertia(at: int, x: InertiaInvariants) -> Inertia:
-    """Arrays of the body whose coordinates begin at `at`, contiguous as compiled code wants them."""
+    """Contiguous arrays of the body whose coordinates begin at `at`, for compiled code."""
     fields = (x.first, x.first_modal, x.second, x.coupling, x.coupling_modal, x.modal)
     return Inertia(at, float(x.mass), *(np.ascontiguousarray(field, dtype=float) for field in fields))
 

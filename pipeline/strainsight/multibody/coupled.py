@@ -165,9 +165,9 @@ def resolved_frequency(frequencies: np.ndarray, h: float, method: Method) -> flo
 
 
 def load_error(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Method) -> np.ndarray:
-    """Share (nu,) of the RMS of each load about its mean that the step gets wrong, 0 of a constant one:
+    """Share (nu,) of the RMS of each load about its mean that the step does not resolve, 0 for a constant load:
 
-        √(Σ e²|U|² / Σ |U|²),     e = min(1, error of the displacement in any mode),     U its spectrum in Hann's window
+        √(Σ e²|U|² / Σ |U|²),     e = min(1, error of the displacement in any mode),     U its spectrum with Hann's window
 
     loads (T + 1, nu) every h [N, N m]; frequencies (k,) [Hz] of the undamped modes.
     """

@@ -1,4 +1,4 @@
-"""Force laws between two frames: springs, dampers, bushings, friction, and loads that turn with what they act on."""
+"""Force laws between two frames: springs, dampers, bushings, friction, and follower loads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from strainsight.multibody.relations import (
 )
 
 SHORTEST = 1e-6
-"""[m] between the ends of a spring below which its direction is rounding."""
+"""[m] Shortest distance of the ends of a spring; below, its direction is rounding."""
 
 Measure = Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]]
 """ρ (k,) → a displacement x(ρ), ∇x (k,), ∇²x (k, k)."""
@@ -51,8 +51,8 @@ class AlongDisplacement(ABC):
 
 @dataclass(frozen=True)
 class SpringDamper(FunctionLaw):
-    """F = T ∇x, T = k x + c ẋ along a displacement x(ρ), from where the spring is without force; stiffness k [N/m or N m/rad],
-    damping c [N s/m or N m s/rad], origin of x."""
+    """F = T ∇x, T = k x + c ẋ along a displacement x(ρ) from the unloaded position; stiffness k [N/m or N m/rad], damping c [N
+    s/m or N m s/rad], origin of x."""
 
     stiffness: float
     damping: float
@@ -106,7 +106,7 @@ def _pull(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  
 
 
 FARTHEST = 3.0
-"""[rad] from its angle without moment to which a torsion spring turns: at π its moment would jump."""
+"""[rad] Largest rotation of a torsion spring from its unloaded angle: at π its moment would jump."""
 
 
 def torsion(
@@ -217,7 +217,7 @@ class Actuator(AlongDisplacement):
 
 @dataclass(frozen=True)
 class Follower:
-    """A load u(t) C ρ, linear in the axes it turns with: F = −u C ρ. C (k, k) is not symmetric: it has no potential."""
+    """A load u(t) C ρ, linear in the axes that rotate with it: F = −u C ρ. C (k, k) is not symmetric, so it has no potential."""
 
     coefficients: np.ndarray
 
@@ -269,8 +269,8 @@ def _components(frame: Frame, direction: np.ndarray) -> tuple[Relation, ...]:
 
 
 def regular_friction(rate: float, coulomb: float, viscous: float, speed: float) -> tuple[float, float, float]:
-    """T = T_c tanh(ẋ/ẋ₀) + c ẋ, ∂T/∂ẋ, ∂T/∂T_c. What should stick creeps by T/T_c ẋ₀: the smaller ẋ₀, the less, and the
-    smaller the steps that it takes."""
+    """T = T_c tanh(ẋ/ẋ₀) + c ẋ, ∂T/∂ẋ, ∂T/∂T_c. Sticking parts creep at T/T_c ẋ₀; a smaller ẋ₀ reduces the creep and requires
+    smaller steps."""
     s = float(np.tanh(rate / speed))
     return coulomb * s + viscous * rate, coulomb * (1 - s * s) / speed + viscous, s
 

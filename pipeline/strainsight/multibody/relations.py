@@ -1,4 +1,4 @@
-"""Relations between frames, scalar products of two vectors of bodies: values, gradients and rates of all at once."""
+"""Relations between frames, scalar products of two vectors of bodies: values, gradients and rates."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def dot(i: Frame, a: int, j: Frame, b: int) -> Relation:
 
 
 def cosine(i: Frame, a: int, j: Frame, b: int) -> Relation:
-    """a_{i,a}·a_{j,b}: 1 where the two axes point the same way [-]."""
+    """a_{i,a}·a_{j,b}: 1 for parallel axes [-]."""
     return Relation(f"the axes of '{i.name}' and '{j.name}'", (i.axis(a),), (j.axis(b),))
 
 
 def offset(i: Frame, a: int, j: Frame) -> Relation:
-    """a_{i,a}·(p_j − p_i) [m]: the place of j along an axis of i."""
+    """a_{i,a}·(p_j − p_i) [m]: position of j along an axis of i."""
     return Relation(f"{j.name} along {'xyz'[a]} of {i.name}", (i.axis(a),), (j.point, -i.point))
 
 

@@ -78,7 +78,7 @@ class CompiledSensors:
 
     @property
     def accelerated(self) -> slice:
-        """Rows of the accelerometers, the last ones."""
+        """Rows of the accelerometers, which come last."""
         return slice(len(self.channels) - 3 * len(self.accelerometers), len(self.channels))
 
     def read(self, q: np.ndarray, v: np.ndarray, felt: Felt | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ from strainsight.multibody.step import Advance, Method, advance
 from strainsight.multibody.system import System
 
 FINEST = 1024
-"""Most parts of a step."""
+"""Largest number of parts of a step."""
 SAMPLED, STRAIGHT = 64, 1e-3
 """Instants of a step at which loads are checked in advance, and their largest deviation from straight lines between the parts,
 so that short loads are not missed."""
@@ -94,7 +94,7 @@ def _run(
 
 @contextmanager
 def at_time(t: float) -> Iterator[None]:
-    """Say in a NumericalError at which time [s] it was raised."""
+    """Add the time [s] to a NumericalError."""
     try:
         yield
     except NumericalError as error:
@@ -103,7 +103,7 @@ def at_time(t: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Controlled:
-    """The run, and into how many parts each step (T,) was divided at last."""
+    """The run, and the final number of parts of each step (T,)."""
 
     run: Trajectory
     parts: np.ndarray
@@ -174,7 +174,7 @@ def simulate_controlled(
 
 
 def _check_straight(u: np.ndarray, heaviest: np.ndarray, parts: int) -> tuple[np.ndarray, int]:
-    """The largest loads (nu,) so far, and in how many parts, at least as many as these, u (SAMPLED + 1, nu) is straight."""
+    """Largest loads (nu,) so far, and the number of parts, at least the given one, in which u (SAMPLED + 1, nu) is straight."""
     largest = np.maximum(heaviest, np.abs(u).max(axis=0, initial=0.0))
     at = np.arange(len(u))
     while parts < SAMPLED:
@@ -204,7 +204,7 @@ def _refusal(time: float, h: float, parts: int, off: float, unsolved: NumericalE
 
 ROOT = np.sqrt(6.0)
 PLACES = np.array([(4 - ROOT) / 10, (4 + ROOT) / 10, 1.0])
-"""Of the stages in a step; the last one is its end."""
+"""Stages in a step; the last one is its end."""
 WEIGHTS = np.array(
     [
         [(88 - 7 * ROOT) / 360, (296 - 169 * ROOT) / 1800, (-2 + 3 * ROOT) / 225],
@@ -260,9 +260,9 @@ def simulate_radau(
 
 
 Equations = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Balance]
-"""(a, λ) (n + m,), q, v (n,) and loads (nu,) of a stage → the terms there."""
+"""(a, λ) (n + m,), q, v (n,) and loads (nu,) of a stage → its terms."""
 Factors = list[tuple[np.ndarray, np.ndarray]]
-"""Of the matrix of every eigenvalue."""
+"""LU factors for each eigenvalue."""
 
 
 def _step(

@@ -21,7 +21,7 @@ from strainsight.multibody.relations import relation_rows
 from strainsight.multibody.system import System
 
 HALVINGS = 6
-"""How often the step is halved to find a start for Newton's iteration."""
+"""Halvings of the step to find a start for Newton's iteration."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def step(
 
 
 class StepProblem(NamedTuple):
-    """What stages start from, q, v (n,), and under what: u (k, nu), θ, w (n,) or (0,)."""
+    """Start and conditions of the stages: q, v (n,); u (k, nu), θ, w (n,) or (0,)."""
 
     system: System
     compiled: Compiled
@@ -97,7 +97,7 @@ class StepProblem(NamedTuple):
 def problem_of(
     system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, w: np.ndarray | None
 ) -> StepProblem:
-    """All as contiguous numbers."""
+    """The problem with contiguous arrays."""
     result = compile_system(system)
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
     u, theta = np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float)
@@ -106,7 +106,7 @@ def problem_of(
 
 
 def left_by(problem: StepProblem, guess: EulerStep | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """μ, λ (m,) and the memory of force laws that the stage before leaves."""
+    """μ, λ (m,) and the memory of force laws after the previous stage."""
     if guess is not None:
         return guess.mu, guess.lam, guess.memory
     none = np.zeros(problem.system.constrained)
@@ -135,7 +135,7 @@ def stages(
 
 
 def list_stages(problem: StepProblem, h: float, result: Stages) -> tuple[EulerStep, ...]:
-    """The stages one by one."""
+    """The stages as a tuple."""
     return tuple(
         EulerStep(
             result.q[i], result.v[i], result.mu[i], result.lam[i], int(result.iterations[i]), result.motion[i], result.memory[i],
@@ -146,7 +146,7 @@ def list_stages(problem: StepProblem, h: float, result: Stages) -> tuple[EulerSt
 
 
 class _Trial(NamedTuple):
-    """Where Newton's iteration starts."""
+    """Start of Newton's iteration."""
 
     q: np.ndarray
     v: np.ndarray
@@ -156,7 +156,7 @@ class _Trial(NamedTuple):
 
 
 def _lead(problem: StepProblem, h: float, first: _Trial, halvings: int) -> EulerStep | None:
-    """Newton at h/2ᵏ, …, h/2, h, each started from the one before."""
+    """Newton's iteration at h/2ᵏ, …, h/2, h, each started from the previous one."""
     q, v = problem.q, problem.v
     start = first
     try:
@@ -185,7 +185,7 @@ REASONS = {
 
 
 def _refusal(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...], ended: int, count: int) -> NumericalError:
-    """The error that names a broken force, else the constraint farthest from zero, else the body off balance."""
+    """Error that names a broken force, else the constraint with the largest residual, else the unbalanced body."""
     q = trial[0]
     try:
         off = _farthest(problem, h, trial)
@@ -235,18 +235,18 @@ def _dependent(system: System, q: np.ndarray, u: np.ndarray) -> str:
 
 Method = Literal["second_order", "thesis"]
 GAMMA = 1.0 - np.sqrt(0.5)
-"""Both stages are steps of γh; with this γ the method is of second order and damps what is far too quick for the step."""
+"""Both stages are steps of γh; this γ makes the method second-order and damps very fast motions."""
 CARRIED = (1.0 - GAMMA) / GAMMA
-"""Share of the first stage's change from which the second stage starts."""
+"""Share of the change in the first stage from which the second stage starts."""
 LAG, GAIN = 0.113, 0.0178
-"""What turns freely by φ a step lags by LAG φ² of its angle and gains GAIN φ⁴ of its spin a step (measured; see the tests)."""
+"""A free rotation by φ per step lags by LAG φ² of its angle and gains GAIN φ⁴ of its spin per step (measured; see the tests)."""
 INSTANTS: Mapping[Method, tuple[float, ...]] = MappingProxyType({"second_order": (GAMMA, 1.0), "thesis": (1.0,)})
-"""Where in the step its stages end, as shares of it: the instants at which loads act."""
+"""Ends of the stages as shares of the step: the instants at which loads act."""
 
 
 @dataclass(frozen=True)
 class Advance:
-    """The state at the end, q, v (n,), the implicit steps that led there, and what the next ones are foreseen from."""
+    """State at the end, q, v (n,), the implicit steps, and the data from which the next ones are predicted."""
 
     stages: tuple[EulerStep, ...]
     past: Past
@@ -310,7 +310,7 @@ def advance(
 
 
 def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
-    """That of the advance before; of one in steps of another length its last acceleration alone."""
+    """Past of the previous step; for another step length its last acceleration only."""
     if last is None:
         return nothing(count, n)
     before = last.stages[-1]
@@ -320,7 +320,7 @@ def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
 
 
 def linear_step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:
-    """What `advance` makes of M ÿ + C ẏ + K y = f: of (y, ẏ) (2r, 2r), and of f at start and end (2r, r), straight between."""
+    """Matrices of `advance` for M ÿ + C ẏ + K y = f: of (y, ẏ) (2r, 2r), and of f at start and end (2r, r), linear in between."""
     r, stage_step = len(M), h * INSTANTS[method][0]
     velocity = np.linalg.solve(M / stage_step + C + stage_step * K, np.column_stack([-K, M / stage_step, np.eye(r)]))
     whole = np.vstack([stage_step * velocity, velocity])

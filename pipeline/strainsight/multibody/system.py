@@ -32,7 +32,7 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Element:
-    """A force law at rows of the relations: element, which rows, which parameters of θ, which loads of u."""
+    """A force law on relations: element, its rows, its parameters in θ, its loads in u."""
 
     force: RelativeElement
     rows: slice
@@ -93,7 +93,7 @@ class System:
 
     @property
     def rigid(self) -> int:
-        """How many of them, the first, keep the bodies' frames orthonormal."""
+        """Number of leading constraints that keep the bodies' frames orthonormal."""
         return 6 * sum(body.moves for body in self.bodies)
 
     def modal(self, name: str) -> slice:
@@ -102,7 +102,7 @@ class System:
         return slice(self.of[name].stop - body.modes, self.of[name].stop)
 
     def most_in(self, x: np.ndarray) -> str:
-        """The body with the largest of these entries (n,) by size."""
+        """The body with the largest absolute value of these entries (n,)."""
         return max(self.of, key=lambda name: float(np.max(np.abs(x[self.of[name]]), initial=0.0)))
 
     def at(self, theta: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -127,7 +127,7 @@ def _unsettled(ball: int, excess: float, q: np.ndarray) -> NumericalError:
 
 ITERATIONS = 200
 FLOOR = 1e-9
-"""Approach, as a share of the ball diameter, at which the forces are below all that a load is resolved to."""
+"""Approach, as a share of the ball diameter, below which forces are negligible."""
 
 
 def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
@@ -178,7 +178,7 @@ def _none(kind: type[StrainsightError], F: np.ndarray, why: str) -> StrainsightE
 
 
 def _newton(bearing: Bearing, unit: np.ndarray, F: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
-    """The minimiser in y = q/unit, and the force that remains unbalanced as a multiple of what is tolerated."""
+    """The minimiser in y = q/unit, and the unbalanced force as a multiple of the tolerance."""
     span = float(np.max(bearing.contacts.table[:, 2]))
     floor = FLOOR**1.5 * _largest_force(bearing)
     trust = 1e-3 * bearing.ball_diameter
@@ -258,18 +258,19 @@ class Drag:
 
     @property
     def turns(self) -> bool:
-        """Whether it resists the turn."""
+        """Whether friction resists the rotation."""
         return bool(self.moment or self.coefficient or self.viscous)
 
 
 def ring_relations(outer: Frame, inner: Frame, drag: Drag) -> tuple[Relation, ...]:
-    """The five displacements of the inner ring in the outer one; with friction cosine and sine of its turn about x, too."""
+    """The five displacements of the inner ring relative to the outer one; with friction also cosine and sine of its rotation
+    about x."""
     five = bearing_displacements(outer, inner)
     return (*five, dot(outer, 1, inner, 1), dot(outer, 2, inner, 1)) if drag.turns else five
 
 
 class BearingLaw:
-    """F(ρ, ρ̇, θ) of a bearing on `ring_relations`; θ: those of its parameters that are free, by name, in order."""
+    """F(ρ, ρ̇, θ) of a bearing on `ring_relations`; θ: its free parameters, by name, in order."""
 
     def __init__(self, bearing: Bearing, free: Sequence[str] = (), drag: Drag | None = None):
         self._places = [PARAMETERS.index(name) for name in free]
@@ -313,18 +314,18 @@ class BearingLaw:
 
     @property
     def address(self) -> int:
-        """0, which is in Python, where the bearing takes from motion."""
+        """Address of the compiled law; 0, for a law in Python, with friction or damping."""
         if self._drag.turns or self._drag.damping.any():
             return 0
         return int(compiled_law(ring_law, "multibody/bearing/ring.py").address)
 
     @property
     def memory(self) -> int:
-        """What is kept of every ball, from which it is followed."""
+        """Stored values of the balls, from which they are tracked."""
         return 6 + KEPT * self._bearing.balls
 
     def numbers(self, theta: np.ndarray) -> np.ndarray:
-        """As `ring_law` takes them."""
+        """Numbers of `ring_law`."""
         self._move(theta)
         cache = self._at
         sizes = [cache.pitch_diameter / 2, cache.ball_diameter, cache.balls]

@@ -1,4 +1,4 @@
-"""What a four-point-contact ball bearing is made of, and where its groove centres stand."""
+"""Geometry of a four-point-contact ball bearing: its parameters and groove centres."""
 
 from __future__ import annotations
 
@@ -129,8 +129,8 @@ RADIAL = np.array([1.0, 1.0, -1.0, -1.0])
 """Sign of the direction from the ball to the groove centre, (± sin α, ± cos α), which is also that of the force on the ball."""
 
 LEAST_GAP, WIDEST = 1e-9, 1e6
-"""Share of the ball's radius by which a groove's must be larger, and how many times it may be as large: beyond, rounding
-leaves no contact ellipse."""
+"""Least relative excess of the groove radius over the ball radius, and its largest ratio: beyond, rounding leaves no contact
+ellipse."""
 
 
 @dataclass(frozen=True)

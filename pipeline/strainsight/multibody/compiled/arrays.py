@@ -1,4 +1,4 @@
-"""A system as the arrays that compiled code takes."""
+"""A system as arrays for compiled code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from strainsight.multibody.system import System
 
 MOTIONS = 6
-"""Minimal coordinates of a body that moves before its modal ones: a displacement, a turn."""
+"""Minimal coordinates of a moving body before its modal ones: displacement and rotation."""
 
 
 class Moments(NamedTuple):
@@ -79,8 +79,8 @@ class Arrays(NamedTuple):
 
 
 class StepPoint(NamedTuple):
-    """What a step starts from and under what: q, v (n,) at its start, h, u with p and ṗ behind the loads, θ, K(θ), C(θ) (n, n),
-    w (n,) or (0,); of every element the address of its law and where its numbers begin; the numbers."""
+    """Start and conditions of a step: q, v (n,), h, u with p and ṗ behind the loads, θ, K(θ), C(θ) (n, n), w (n,) or (0,);
+    addresses of the force laws, offsets of their numbers, and the numbers."""
 
     q: np.ndarray
     v: np.ndarray
@@ -96,7 +96,7 @@ class StepPoint(NamedTuple):
 
 
 class TrialState(NamedTuple):
-    """A state that an iteration tries: q (n,), ζ (nt,), μ, λ (m,)."""
+    """Trial state of an iteration: q (n,), ζ (nt,), μ, λ (m,)."""
 
     q: np.ndarray
     z: np.ndarray
@@ -105,7 +105,7 @@ class TrialState(NamedTuple):
 
 
 class StateChange(NamedTuple):
-    """Of a trial state: y and that of ζ (nt, k), of μ and λ (joints, k)."""
+    """Change of a trial state: y and that of ζ (nt, k), of μ and λ (joints, k)."""
 
     y: np.ndarray
     z: np.ndarray
@@ -133,7 +133,7 @@ class Terms(NamedTuple):
 
 
 def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Sparsity]:
-    """Over minimal coordinates. memory: numbers that every element's law keeps from one trial state to the next."""
+    """Arrays over minimal coordinates. memory: values that each law stores from one trial state to the next."""
     names = [body.name for body in system.bodies]
     body, inertia, flat = np.zeros((len(names), 6), dtype=np.int64), {x.at: x for x in system.inertia}, [np.zeros(0)]
     t0, begin, dt = 0, 0, []
@@ -206,7 +206,7 @@ def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Sparsity]:
 
 
 def natural(system: System, s: Arrays) -> Arrays:
-    """The same over natural coordinates, in which the rigidity of bodies is a constraint: `balance`."""
+    """The same over natural coordinates, in which the rigidity of bodies is a constraint: see `balance`."""
     rigid, products = system.rigid, system.products
     body = products.body.copy()
     body[:, 4] = s.body[:, 4]
@@ -222,7 +222,7 @@ def natural(system: System, s: Arrays) -> Arrays:
 
 
 def _padded(rows: Sequence[Sequence[int]], least: int = 0) -> np.ndarray:
-    """Lists of different lengths as one array, filled up with −1."""
+    """Lists of different lengths as one array, padded with −1."""
     padded = np.full((len(rows), max([least, *(len(row) for row in rows)])), -1, dtype=np.int64)
     for k, row in enumerate(rows):
         padded[k, : len(row)] = row
@@ -238,8 +238,8 @@ def _neighbours(count: int, groups: Sequence[Sequence[int]]) -> list[list[int]]:
 
 
 def _places(body: np.ndarray, near: list[list[int]], joints: list[list[int]]) -> np.ndarray:
-    """From the free ends of chains to what is held: every joint's multipliers behind the first of its bodies that has motions
-    left for them, so that elimination fills little and meets no zero."""
+    """Elimination order from the free ends of chains to the supports. Multipliers of a joint follow the first of its bodies with
+    remaining motions, for little fill-in and no zero pivot."""
     count = len(body)
     links = np.zeros((count, count))
     for k, bodies in enumerate(near):
@@ -269,7 +269,7 @@ def _places(body: np.ndarray, near: list[list[int]], joints: list[list[int]]) ->
 
 
 def _reach(body: np.ndarray, near: list[list[int]], joints: list[list[int]], place: np.ndarray) -> np.ndarray:
-    """Last row (N,) that is not zero in a column or in one before it, elimination included."""
+    """Last nonzero row (N,) of each column and those before it, fill-in included."""
     nt, count = int(body[:, 5].sum()), len(joints)
     spans = [range(body[k, 2], body[k, 2] + body[k, 5]) for k in range(len(body))]
     filled = np.eye(len(place), dtype=bool)
@@ -291,12 +291,12 @@ def _reach(body: np.ndarray, near: list[list[int]], joints: list[list[int]], pla
 
 NONE = np.zeros(0)
 REMEMBERED = 4
-"""Values of θ for which what laws need is remembered."""
+"""Number of values of θ whose preparation is stored."""
 
 
 class Compiled:
-    """arrays with their pattern, natural: of the step, of `balance`; memory: how many numbers the laws keep; in_python: of every
-    element the law that is called back, or None."""
+    """arrays with their pattern, of the step; natural: of `balance`; memory: values stored by the laws; in_python: law called
+    back for each element, or None."""
 
     def __init__(self, system: System):
         laws = [element.force.law for element in system.elements]
@@ -312,12 +312,11 @@ class Compiled:
         self._numbers: list[tuple[bytes, np.ndarray] | None] = [None] * len(laws)
 
     def failure(self) -> Exception | None:
-        """The error of a law in Python at which compiled code stopped."""
+        """Error of a Python law that stopped compiled code."""
         return next(filter(None, [law.pop_failure() for law in self.in_python if law is not None]), None)
 
     def at(self, system: System, theta: np.ndarray) -> StepPoint:
-        """A point with all that depends on θ (nθ,), and without a state. Raises the errors of a law that cannot have these
-        parameters."""
+        """A point with everything that depends on θ (nθ,), without a state. Raises the errors of a law with these parameters."""
         point = self._prepared.get(theta.tobytes())
         if point is None:
             point = self._prepare(system, theta)
@@ -342,7 +341,7 @@ class Compiled:
         )  # fmt: skip
 
     def _numbers_of(self, e: int, law: ForceLaw, parameters: np.ndarray) -> np.ndarray:
-        """Those of element e, once for parameters that have not changed."""
+        """Numbers of element e, stored for unchanged parameters."""
         last = self._numbers[e]
         if last is None or last[0] != parameters.tobytes():
             assert isinstance(law, CompiledLaw)
@@ -354,7 +353,7 @@ _compiled: WeakKeyDictionary[System, Compiled] = WeakKeyDictionary()
 
 
 def compile_system(system: System) -> Compiled:
-    """The compiled form of a system, made once."""
+    """The compiled form of a system, created once."""
     result = _compiled.get(system)
     if result is None:
         result = _compiled[system] = Compiled(system)

@@ -1,4 +1,4 @@
-"""What a step leaves out: the exact flow of the bench linearised along it, with loads that move within it, less the step."""
+"""Unmodelled dynamics of a step: the exact linearised flow of the bench, with loads that vary within the step, minus the step."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from strainsight.multibody.step import Method, linear_step
 from strainsight.multibody.system import System
 
 ROUNDING = 1e-12
-"""Share of its variance that is left of a motion when the load's ends are known, below which it is rounding."""
+"""Relative variance of a motion with known load at both ends below which it is rounding."""
 WIDTH = 1e-4
-"""Of the differences by parameters, whose coordinates are logarithms, or µm of preload."""
+"""Step of the differences in the parameter coordinates: logarithms, or µm of preload."""
 CHECKED = 4
-"""Every how many steps the error that is left of `linearise` is estimated anew: half of what its cost would be in each."""
+"""Steps between two estimates of the remaining error of `linearise`, which would double the cost in each step."""
 KEPT, CLOSE = 8, 0.05
 """Most steps that one linearisation serves. The number doubles while its final error is below CLOSE of σ of the unobservable
 part, and is one otherwise."""
 
 
 class Start(NamedTuple):
-    """Where a step begins, and what is known of its loads: q, v (n,), c (k,) of the unknown ones, u and u_end (width,) at
-    its start and end, the unknown ones of c at both; theta (nθ,)."""
+    """Start of a step: q, v (n,); c (k,): unknown loads; u and u_end (width,): loads at start and end, with c for the unknown
+    ones; theta (nθ,)."""
 
     q: np.ndarray
     v: np.ndarray
@@ -41,8 +41,8 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True)
 class StepError:
-    """e = change + by_state ((q, v) − start) + by_load (c − start) + by_noise δ + ε, what (q', v') lacks after the step.
-    change (2n,); by_state (2n, 2n); by_load, by_noise (2n, k); noise (2n, 2n): covariance of ε, which δ does not tell."""
+    """Error of a step, e = change + by_state ((q, v) − start) + by_load (c − start) + by_noise δ + ε, missing in (q', v').
+    change (2n,); by_state (2n, 2n); by_load, by_noise (2n, k); noise (2n, 2n): covariance of ε, which is independent of δ."""
 
     change: np.ndarray
     by_state: np.ndarray
