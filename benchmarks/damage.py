@@ -22,11 +22,12 @@ from tests.estimation.truth import draw_truth
 from strainsight import api
 from strainsight.config.estimate import DamageSettings
 from strainsight.damage import interval_of
-from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
-from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.conditional import ConsideredParameters
+from strainsight.estimation.grid_filter import GridRun, filter_on_grid
+from strainsight.estimation.grid_filter_smoother import sample_paths, smooth_on_grid
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.record import BankRecord, Settled
+from strainsight.estimation.record import GridRecord, Settled
+from strainsight.experiment.structure.considered import Tolerated, build_considered, tolerated
 from strainsight.experiment.structure.damage import (
     Places,
     damage_at,
@@ -36,7 +37,6 @@ from strainsight.experiment.structure.damage import (
     walking,
     walks,
 )
-from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, tolerated
 from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance, problem_of, sample_std
 from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.start import loading_of
@@ -191,40 +191,40 @@ def own_record(shared: Filtering, number: int) -> Record:
     return Record(reading, true_damage(coordinates_of(shared.places, q), q, theta), number)
 
 
-Bank = tuple[FilterModel, np.ndarray, np.ndarray, np.ndarray, np.ndarray, Nuisances]
+GridInputs = tuple[FilterModel, np.ndarray, np.ndarray, np.ndarray, np.ndarray, ConsideredParameters]
 
 
 def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool, bool]:
     """Whether the interval holds the truth; damage by draws, and by the smoothed history, over it; (slopes, places) each; whether
     the samples speak for the other walk, and whether they tell neither."""
 
-    def filtered(problem: Problem, P: np.ndarray) -> tuple[Bank, BankRun]:
+    def filtered(problem: Problem, P: np.ndarray) -> tuple[GridInputs, GridRun]:
         model = filter_model(problem, channels, shared.h)
-        nuisances = nuisances_of(shared.tolerances, model, channels, behind=True)
-        args = (model, np.zeros(model.size), P, shared.known, y, nuisances)
-        return args, filter_bank(BankRecord(*args, settled=shared.settled))
+        considered = build_considered(shared.tolerances, model, channels, behind=True)
+        args = (model, np.zeros(model.size), P, shared.known, y, considered)
+        return args, filter_on_grid(GridRecord(*args, settled=shared.settled))
 
-    def other(_: tuple[Bank, BankRun], name: str) -> tuple[Bank, BankRun]:
+    def other(_: tuple[GridInputs, GridRun], name: str) -> tuple[GridInputs, GridRun]:
         return filtered(*shared.otherwise[name])
 
     channels = shared.channels
     noise = sample_noise(1, record.number, *record.reading.shape) * sample_std(shared.problem, channels, shared.h)
     y = record.reading + noise
     stated = filtered(shared.problem, shared.covariance)
-    (args, bank), changed, undecided = walks(
+    (args, grid_run), changed, undecided = walks(
         stated, list(shared.otherwise), other, lambda walked: float(walked[1].run.log_likelihood[0])
     )
     model = args[0]
     q = slice(0, model.model.size)
-    later = smooth_bank(BankRecord(*stated[0], settled=shared.settled), stated[1]).mean[:, 0]
+    later = smooth_on_grid(GridRecord(*stated[0], settled=shared.settled), stated[1]).mean[:, 0]
     theta = theta_at(model, later[-1, stated[0][0].parameter_states])
     width = np.shape(shared.places.rows.at(theta))[-1]
     states = Displaced(np.zeros((0, width)), model.model.size).states(later)
     mean = true_damage(shared.places, later[:, states], theta)
     drawn = [
         true_damage(shared.places, own, theta_at(model, p))
-        for part in bank_paths(
-            BankRecord(*args, settled=shared.settled), bank, shared.draws, 1_000_000 + record.number, states=q
+        for part in sample_paths(
+            GridRecord(*args, settled=shared.settled), grid_run, shared.draws, 1_000_000 + record.number, states=q
         )
         for p, own in zip(part.parameter, part.state, strict=True)
     ]

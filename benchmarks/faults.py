@@ -22,15 +22,15 @@ import numpy as np
 
 from strainsight import api
 from strainsight.config.estimate import Estimate
+from strainsight.estimation.fault_evidence import CheckRecord
 from strainsight.estimation.fault_search import Diagnosis
 from strainsight.estimation.faults import Fault
 from strainsight.estimation.record_check import check_record
-from strainsight.estimation.suspect import Suspect
 from strainsight.experiment.structure import truth as drawn_installations
 from strainsight.experiment.structure import truth as truths
-from strainsight.experiment.structure.consistency import Turning, suspect_of, turning_of
+from strainsight.experiment.structure.considered import Tolerated, tolerated
+from strainsight.experiment.structure.consistency import Turning, build_check_record, turning_of
 from strainsight.experiment.structure.measured import Measured, RecordSettings
-from strainsight.experiment.structure.nuisances import Tolerated, tolerated
 from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
 from strainsight.experiment.structure.record_filter import RecordFilter
 from strainsight.experiment.structure.structure import Structure
@@ -133,7 +133,7 @@ def study_of(name: str, noise: float = NOISE, more: Sequence[str] = (), rest: fl
     return Study(structure, tolerances, trial, turning, reading, count)
 
 
-def suspect(study: Study, samples: np.ndarray) -> Suspect:
+def suspect(study: Study, samples: np.ndarray) -> CheckRecord:
     trial = study.trial
     model, m = filter_model(trial.problem, trial.chosen, trial.h), len(trial.chosen)
     settings = RecordSettings("", "", Estimate.model_construct(), *("estimate",) * 4)
@@ -142,7 +142,7 @@ def suspect(study: Study, samples: np.ndarray) -> Suspect:
     time = trial.h * np.arange(len(samples) + 1)
     test = Measured(time, trial.h, 1, known, samples, trial.chosen, ("",) * m, *nothing)
     given = RecordFilter(trial.problem, study.tolerances, model, test, trial.covariance, trial.settled)
-    return suspect_of(study.structure, given, study.turning)
+    return build_check_record(study.structure, given, study.turning)
 
 
 def record(study: Study, realisation: int, channel: int = 0, degrees: float = 0.0) -> np.ndarray:
@@ -198,7 +198,7 @@ def with_fault(study: Study, what: str, realisation: int) -> tuple[np.ndarray, F
 
 def outcome(found: Diagnosis, fault: Fault | None) -> str:
     """What was made of a record that has this fault."""
-    if not found.contradicts:
+    if not found.inconsistent:
         return "not seen"
     if fault is None:
         return "accused"

@@ -1,6 +1,6 @@
-"""Bank, sigma-point and extended filter where a parameter is hardly seen.
+"""Grid, sigma-point and extended filter where a parameter is hardly seen.
 
-`python -m benchmarks.filters [draws [draws of the bank]]`
+`python -m benchmarks.filters [draws [draws of the grid filter]]`
 
 The coarse hub under 10 kN along x, 20 Hz, ramped up in 0.2 s; four placed gauges, 1 % noise, 0.5 s. Every draw has E and ρ of its
 own from a prior of 10 %, and its motion and samples from the filter's own model, so that nothing but the filter can be wrong. A
@@ -20,11 +20,11 @@ import numpy as np
 from tests.estimation.truth import draw_truth
 
 from strainsight import api
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.experiment.structure.structure import Structure
 
@@ -64,9 +64,9 @@ def drifting(model: FilterModel) -> FilterModel:
     return replace(model, Q=Q)
 
 
-def by_bank(model: FilterModel, P: np.ndarray, known: np.ndarray, y: np.ndarray) -> Found:
+def run_grid_filter(model: FilterModel, P: np.ndarray, known: np.ndarray, y: np.ndarray) -> Found:
     runs = [
-        filter_bank(BankRecord(model, np.zeros(model.size), P, known, y[:, b], no_nuisances(model))).run
+        filter_on_grid(GridRecord(model, np.zeros(model.size), P, known, y[:, b], none_considered(model))).run
         for b in range(y.shape[1])
     ]
     mean, std = (np.stack([getattr(run, key)[-1, 0] for run in runs]) for key in ("mean", "std"))
@@ -90,7 +90,7 @@ def main(words: list[str]) -> None:
         "sigma-point, constant": lambda: by(model, P, known, y, points=True),
         "extended, constant": lambda: by(model, P, known, y),
         "extended, δ = 0.05/√s": lambda: by(drifting(model), P, known, y),
-        "bank": lambda: by_bank(model, P, known, y[:, :fewer]),
+        "bank": lambda: run_grid_filter(model, P, known, y[:, :fewer]),
     }
     print("| filter | unknown | RMS error | RMS σ | ratio | within 2σ | ms a draw |\n|---|---|---|---|---|---|---|")
     for name, run in filters.items():

@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.sigma import CASES, ROOT, Drawn, none, one
 
 from strainsight import api
-from strainsight.experiment.structure.nuisances import tolerated
+from strainsight.experiment.structure.considered import tolerated
 from strainsight.experiment.structure.placement import StructurePlacement
 from strainsight.experiment.structure.problem import problem_of
 from strainsight.experiment.structure.structure import Structure

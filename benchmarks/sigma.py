@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight import api
-from strainsight.experiment.structure.nuisances import tolerated
+from strainsight.experiment.structure.considered import tolerated
 from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
 from strainsight.experiment.structure.start import Loading
 from strainsight.experiment.structure.structure import Structure

@@ -60,6 +60,7 @@ def test_placement_notebook_prints_four_gauges_and_a_calibrated_error(run_notebo
 def test_estimation_notebook_recovers_the_force_within_20_percent(run_notebook):
     text, figures = run_notebook("estimation")
     assert numbers(text, r"error: ([\d.]+) %")[0] < 20
+    assert "consistent with the claimed σ" in text
     assert figures == 2
 
 

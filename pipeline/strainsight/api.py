@@ -331,8 +331,8 @@ def expect(
     `.std`: σ of every unknown relative to its scale; `.without`: the same without each gauge in turn; `.budget`: shares of the
     variance by source.
     """
+    from strainsight.experiment.structure.considered import tolerated
     from strainsight.experiment.structure.expectation import expectation
-    from strainsight.experiment.structure.nuisances import tolerated
     from strainsight.experiment.structure.problem import problem_of
 
     structure, numbers = _structure(case, mesh, reduced, training), np.asarray(gauges, dtype=int)

@@ -75,7 +75,7 @@ def _count(signal, work, cycles):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _corrected(range_, mean, rule, constant):  # type: ignore[no-untyped-def]
+def _correct(range_, mean, rule, constant):  # type: ignore[no-untyped-def]
     """The range at mean zero that does the same damage; constant: tensile strength, or sensitivity M."""
     if rule == NONE or range_ <= 0.0:
         return range_
@@ -114,7 +114,7 @@ def _sums(signals, curve, rule, constant, out):  # type: ignore[no-untyped-def]
         count = _count(signals[p], work, cycles)
         miner, moment = 0.0, 0.0
         for i in range(count):
-            corrected = _corrected(cycles[i, 0], cycles[i, 1], rule, constant)
+            corrected = _correct(cycles[i, 0], cycles[i, 1], rule, constant)
             power = (corrected / curve[0]) ** curve[2]
             moment += cycles[i, 2] * power
             if corrected >= curve[3] and corrected > curve[5]:
@@ -153,11 +153,9 @@ def _one_number(stress, kind, out):  # type: ignore[no-untyped-def]
 @dataclass(frozen=True)
 class Curve:
     """N = N_ref (Δσ_ref/Δσ)^m down to the knee, N = N_k (Δσ_k/Δσ)^m₂ below it, and no damage at all below the cut-off.
-
     reference: Δσ_ref [Pa], a range (twice the amplitude), at N_ref = cycles; slope m [-]; knee N_k cycles, infinite for one
-    line; second m₂ [-], infinite for none of the damage below the knee; cut_off N cycles, infinite for none.
-    Two slopes and a cut-off are the curves of EN 1993-1-9 (3, 5; knee at 5e6, cut-off at 1e8).
-    """
+    line; second m₂ [-], infinite for none of the damage below the knee; cut_off N cycles, infinite for none. Two slopes and a
+    cut-off are the curves of EN 1993-1-9 (3, 5; knee at 5e6, cut-off at 1e8)."""
 
     reference: float
     cycles: float
@@ -214,7 +212,7 @@ class MeanStress:
 
     def equivalent(self, range_: np.ndarray, mean: np.ndarray) -> np.ndarray:
         """Ranges [Pa] of cycles (c,) by their ranges and means [Pa]."""
-        return np.array([_corrected(r, m, self.rule, self.constant) for r, m in zip(range_, mean, strict=True)])
+        return np.array([_correct(r, m, self.rule, self.constant) for r, m in zip(range_, mean, strict=True)])
 
 
 KINDS = {"signed_von_mises": SIGNED_VON_MISES, "principal": PRINCIPAL}
@@ -246,10 +244,8 @@ def damage_of(signals: np.ndarray, curve: Curve, mean: MeanStress | None = None)
 
 
 def equivalent_range(moment: np.ndarray, curve: Curve, cycles: float) -> np.ndarray:
-    """Δσ_eq [Pa] of which N_eq = cycles do the same damage on a line of slope m without knee or cut-off:
-
-    Δσ_eq = (Σ nᵢ Δσᵢ^m / N_eq)^(1/m)
-    """
+    """Δσ_eq [Pa] of which N_eq = cycles do the same damage on a line of slope m without knee or cut-off: Δσ_eq = (Σ nᵢ Δσᵢ^m
+    / N_eq)^(1/m)"""
     return np.asarray(curve.reference * (moment / cycles) ** (1 / curve.slope))
 
 
@@ -281,12 +277,10 @@ class Interval:
 
 
 def interval_of(draws: np.ndarray) -> Interval:
-    """Of draws (N, ...), N ≥ FEWEST, by the order statistics of place q (N + 1).
-
-    Where the draws and the truth come from one distribution the truth lies below the k-th smallest of N draws with probability
-    k/(N + 1), whatever that is: the interval is exact for any N. Infinite draws are the largest there are; NaN stays NaN.
-    Raises ValueError for fewer draws. Source: Weibull (1939); Hyndman and Fan, The American Statistician 50 (1996), type 6.
-    """
+    """Of draws (N, ...), N ≥ FEWEST, by the order statistics of place q (N + 1). Where the draws and the truth come from one
+    distribution the truth lies below the k-th smallest of N draws with probability k/(N + 1), whatever that is: the interval
+    is exact for any N. Infinite draws are the largest there are; NaN stays NaN. Raises ValueError for fewer draws. Source:
+    Weibull (1939); Hyndman and Fan, The American Statistician 50 (1996), type 6."""
     if len(draws) < FEWEST:
         raise ValueError(f"{len(draws)} samples are not enough for a 95 % interval; {FEWEST} are needed")
     ordered = np.sort(draws, axis=0)

@@ -34,7 +34,7 @@ PLACEMENTS = [
     ("parameters.E.process_noise_scale", "3.16e+06 %", {"parameters.E.process_noise_scale": 1e6}),
     (
         "place.estimate",
-        "E is reached by no process noise",
+        "E has no or too little process noise",
         {"parameters.E.process_noise_scale": 1e-30, "screen.keep": "all"},
     ),
     ("filter.drift", "parameters are constant in the grid filter", {"filter.drift": True}),

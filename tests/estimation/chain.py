@@ -132,4 +132,4 @@ def driven_start():
 
 def finer(spacing, depth):
     """Lattices of this spacing [σ] that reach so far below their largest density [ln]."""
-    return patch.multiple("strainsight.estimation.lattice", SPACING=spacing, DEPTH=depth)
+    return patch.multiple("strainsight.estimation.parameter_grid", SPACING=spacing, DEPTH=depth)

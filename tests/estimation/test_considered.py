@@ -10,13 +10,13 @@ import pytest
 from scipy.linalg import block_diag, expm
 
 from strainsight.estimation import consider_smoother
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
+from strainsight.estimation.conditional import ConsideredParameters, linear_models, none_considered
 from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.grid_filter_smoother import smooth_on_grid
 from strainsight.estimation.parallel_filters import Data
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.reduced import Biased, DrivenModel
 from strainsight.estimation.smoother import WantedCovariances, smooth
 from strainsight.fem.affine import AffineOperator
@@ -41,16 +41,16 @@ P = start()[:5, :5]
 
 def offsets(learned=False):
     E = np.stack([np.zeros_like(DRIFTS), DRIFTS], axis=2)
-    return Nuisances(("offset",) * 4, np.zeros((4, 2, 5)), E, OFFSETS, learned=learned)
+    return ConsideredParameters(("offset",) * 4, np.zeros((4, 2, 5)), E, OFFSETS, learned=learned)
 
 
-def both(model, y, nuisances):
+def both(model, y, considered):
     y = y.copy()
     for at in MISSING:
         y[at] = np.nan
-    bank = filter_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances))
-    later = smooth_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances), bank)
-    return [(own.mean[:, 0], own.std[:, 0]) for own in (bank.run, later)]
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(5), P, forces(STEPS), y, considered))
+    later = smooth_on_grid(GridRecord(model, np.zeros(5), P, forces(STEPS), y, considered), grid_run)
+    return [(own.mean[:, 0], own.std[:, 0]) for own in (grid_run.run, later)]
 
 
 def sources(model):
@@ -70,7 +70,7 @@ def sources(model):
     return x, y
 
 
-def test_sigma_is_that_of_the_error_that_every_source_makes():
+def test_sigma_equals_error_of_each_source():
     """Filter and smoother are linear in their samples: what they make of each source by itself, less the motion that it is."""
     model = loaded_chain()
     x, y = sources(model)
@@ -85,7 +85,7 @@ def test_sigma_is_that_of_the_error_that_every_source_makes():
     assert (nothing[1][1][: STEPS // 2, 4] < nothing[0][1][: STEPS // 2, 4]).all()
 
 
-def test_the_first_samples_are_read_as_by_all_of_bayes():
+def test_first_samples_match_full_bayes():
     model = loaded_chain()
     _, y = draw_truth(model, np.zeros(5), P, forces(STEPS), [3])
     (own, _), (all_of_it, _) = (both(model, y[:, 0] + 2e-3, offsets(learned)) for learned in (False, True))
@@ -93,7 +93,7 @@ def test_the_first_samples_are_read_as_by_all_of_bayes():
         np.testing.assert_allclose(considered[1], learned[1], rtol=1e-9, atol=1e-12)
 
 
-def test_smoother_that_learns_constants_is_bayes_where_samples_are_missing():
+def test_learning_smoother_matches_bayes_with_missing_samples():
     """Motion, load and constants are one normal vector, conditioned on the samples that are there."""
     model = loaded_chain()
     _, O, read_states, Q = states(np.zeros(2), forces(STEPS), np.diag(model.Q))
@@ -109,7 +109,7 @@ def test_smoother_that_learns_constants_is_bayes_where_samples_are_missing():
     np.testing.assert_allclose(later[1], np.sqrt(variance), rtol=1e-9, atol=1e-12)
 
 
-def test_a_model_without_any_parameter_is_that_of_the_same_stiffness():
+def test_model_without_parameters_matches_fixed_stiffness():
     model = loaded_chain()
     K = sum(value * STIFFNESS[name] for name, value in REFERENCE.items())
     plain = replace(model, model=replace(model.model, stiffness=AffineOperator(K, {}), reference={}), fixed={})
@@ -119,8 +119,8 @@ def test_a_model_without_any_parameter_is_that_of_the_same_stiffness():
         np.testing.assert_allclose(one[1], other[1], rtol=1e-9, atol=1e-12)
 
 
-def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
-    model, none = loaded_chain(), no_nuisances(loaded_chain())
+def test_smoother_without_constants_matches_rts():
+    model, none = loaded_chain(), none_considered(loaded_chain())
     _, y = draw_truth(model, np.zeros(5), P, forces(STEPS), [3])
     one = linear_models(model, np.zeros((1, 0)), none)
     begin = np.zeros((1, 5)), P, np.zeros((1, 0, 5))
@@ -133,19 +133,19 @@ def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.P[0], axis1=1, axis2=2)) / std, 1.0, atol=1e-9)
 
 
-def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
+def test_smoothed_sigma_does_not_exceed_filtered_sigma():
     model, first = chain(), start_of()
     own, known = constants(model), both_forces()[:, :, :1]
     for noise in (1.0, 1e-1, 1e-2):
         quiet = replace(model, r=model.r * noise**2)
         _, y = draw_truth(quiet, np.zeros(5), first, known, [3])
-        bank = filter_bank(BankRecord(quiet, np.zeros(5), first, known, y[:, 0], own))
-        later = smooth_bank(BankRecord(quiet, np.zeros(5), first, known, y[:, 0], own), bank)
-        assert (later.std <= bank.run.std * (1 + 1e-6)).all()
+        grid_run = filter_on_grid(GridRecord(quiet, np.zeros(5), first, known, y[:, 0], own))
+        later = smooth_on_grid(GridRecord(quiet, np.zeros(5), first, known, y[:, 0], own), grid_run)
+        assert (later.std <= grid_run.run.std * (1 + 1e-6)).all()
 
 
 @pytest.mark.parametrize("learned", [False, *slowly(True)])
-def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
+def test_piecewise_smoothing_matches_whole_record(monkeypatch, learned):
     model = chain(tuple(REFERENCE)[:1])
     own, mean, first, known = (
         replace(constants(model), learned=learned),
@@ -156,14 +156,14 @@ def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
     _, y = draw_truth(model, mean, first, known, [3])
     samples, last = y[:, 0], len(y)
     samples[7, 0], samples[15] = np.nan, np.nan
-    bank = filter_bank(BankRecord(model, mean, first, known, samples, own))
-    whole = smooth_bank(BankRecord(model, mean, first, known, samples, own), bank)
+    grid_run = filter_on_grid(GridRecord(model, mean, first, known, samples, own))
+    whole = smooth_on_grid(GridRecord(model, mean, first, known, samples, own), grid_run)
     rows = np.random.default_rng(1).standard_normal((3, model.size))
     wanted = WantedCovariances(rows, np.array([4, 1]), np.array([0, 6, 7, last]))
     monkeypatch.setattr(consider_smoother, "KEPT", 7 * linear_models(model, np.zeros((3, 1)), own).kept_a_step)
     shares = []
-    found = smooth_bank(
-        BankRecord(model, mean, first, known, samples, own), bank, wanted=wanted, progress=shares.append
+    found = smooth_on_grid(
+        GridRecord(model, mean, first, known, samples, own), grid_run, wanted=wanted, progress=shares.append
     )
     close = partial(np.testing.assert_allclose, rtol=1e-9, atol=1e-15)
     close(found.mean, whole.mean)
@@ -177,9 +177,9 @@ def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
     assert found.covariance is None
     assert len(shares) == (1 if learned else -(-last // 7))
     assert shares[-1] == 1.0
-    with pytest.raises(ValueError, match="not kept"):
+    with pytest.raises(ValueError, match="did not store"):
         found.covariance_at(5)
-    with pytest.raises(ValueError, match="not kept"):
+    with pytest.raises(ValueError, match="did not store"):
         found.std_of(np.ones((1, model.size)))
 
 
@@ -190,7 +190,7 @@ FELT = END[:, None] * np.arange(1, LONG + 1)[:, None] / LONG
 
 def drifts(learned=False):
     E = np.stack([np.zeros((3, 2)), END], axis=2)
-    return Nuisances(("drift", "drift", "temperature"), np.zeros((3, 2, 5)), E, np.zeros((3, 2)), learned=learned)
+    return ConsideredParameters(("drift", "drift", "temperature"), np.zeros((3, 2, 5)), E, np.zeros((3, 2)), learned=learned)
 
 
 def measured():
@@ -199,13 +199,13 @@ def measured():
     return model, y[:, 0] + np.tensordot([1.8, -1.6, 1.7], FELT, axes=1)
 
 
-def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
+def test_parameters_and_drifts_match_brute_force_bayes():
     """All readings are one Gaussian at every θ: drifts are one more covariance of it, and one more regression."""
     model, y = measured()
     P, columns = start(), FELT.reshape(3, -1).T
     with finer(0.6, 20.0):
-        bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, drifts()))
-    mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
+        grid_run = filter_on_grid(GridRecord(model, np.zeros(7), P, forces(), y, drifts()))
+    mean, std = grid_run.run.mean[-1, 0, 5:], grid_run.run.std[-1, 0, 5:]
     axis = 0.7 * np.arange(-11, 12)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     log_density, nu = np.empty(len(point)), np.empty((len(point), 3))
@@ -220,16 +220,16 @@ def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
     expected = w @ point
     np.testing.assert_allclose(mean / std, expected / std, atol=1e-6)
     np.testing.assert_allclose(std, np.sqrt(w @ (point - expected) ** 2), rtol=1e-6)
-    np.testing.assert_allclose(bank.nuisances[0], w @ nu, atol=1e-5)
-    exact = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model))).run
+    np.testing.assert_allclose(grid_run.nu_moments[0], w @ nu, atol=1e-5)
+    exact = filter_on_grid(GridRecord(model, np.zeros(7), P, forces(), y, none_considered(model))).run
     assert (np.abs(exact.mean[-1, 0, 5:] - mean) > 0.5 * std).any()
 
 
-def test_motion_that_learns_drifts_is_the_regression_on_all_samples():
+def test_motion_with_learned_drifts_matches_regression():
     model, P = loaded_chain(), start()[:5, :5]
     y, own = measured()[1], drifts(learned=True)
-    bank = filter_bank(BankRecord(model, np.zeros(5), P, forces(), y, own))
-    later = smooth_bank(BankRecord(model, np.zeros(5), P, forces(), y, own), bank)
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(5), P, forces(), y, own))
+    later = smooth_on_grid(GridRecord(model, np.zeros(5), P, forces(), y, own), grid_run)
     mean, covariance = joint(np.zeros(2), start())
     columns = FELT.reshape(3, -1).T
     whole, rows = covariance + columns @ columns.T, covariance[-2:].copy()
@@ -238,8 +238,8 @@ def test_motion_that_learns_drifts_is_the_regression_on_all_samples():
     left = rows[:, -2:] - rows @ np.linalg.solve(whole, rows.T)
     np.testing.assert_allclose(ROWS @ later.mean[-1, 0, :2], expected, atol=1e-6 * np.sqrt(np.diag(left)).min())
     np.testing.assert_allclose(ROWS @ later.covariance[-1, 0, :2, :2] @ ROWS.T, left, rtol=1e-5, atol=1e-8 * left.max())
-    np.testing.assert_allclose(later.mean[-1, 0] / later.std[-1, 0], bank.run.mean[-1, 0] / later.std[-1, 0], atol=1e-5)
-    np.testing.assert_allclose(later.std[-1, 0], bank.run.std[-1, 0], rtol=1e-5)
+    np.testing.assert_allclose(later.mean[-1, 0] / later.std[-1, 0], grid_run.run.mean[-1, 0] / later.std[-1, 0], atol=1e-5)
+    np.testing.assert_allclose(later.std[-1, 0], grid_run.run.std[-1, 0], rtol=1e-5)
 
 
 AT = np.array([0, 2])
@@ -259,7 +259,7 @@ def filters():
 
 
 @pytest.mark.parametrize("unknown", [(), ("E",)])
-def test_an_offset_adds_itself_to_its_channel_and_nothing_else(filters, unknown):
+def test_offset_affects_only_its_channel(filters, unknown):
     plain = filters[unknown]
     model, n = Biased(plain, AT), plain.size
     rng = np.random.default_rng(4)

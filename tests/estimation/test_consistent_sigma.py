@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from scipy.spatial.distance import mahalanobis
 from scipy.stats import binom, chi2
 
-from strainsight.estimation.consistency import after_start, nees, nis, verdict, whiteness, whiteness_band
+from strainsight.estimation.consistency import after_start, check_innovations, nees, nis, whiteness, whiteness_band
 from strainsight.estimation.decision import (
     ALLOWED,
     LEVEL,
@@ -19,15 +19,15 @@ from strainsight.estimation.decision import (
     TOO_CAUTIOUS,
     Claim,
     Decision,
+    autocorrelation_time,
     band_of,
     benefit_of,
+    check_ratio,
     chi_square_band,
     claim_of,
     exit_code_in,
     expected_ratio,
-    judged,
     not_identified,
-    samples_alike,
     word_of,
 )
 from strainsight.estimation.filter import run_filter
@@ -56,7 +56,7 @@ def honesty(error, std):
         (("tip",), (), 6, 600, {"models": {"tip": Matern(10.0, 2.5)}, "every": 2}),
     ],
 )
-def test_claimed_deviation_is_the_real_error(inputs, parameters, modes, steps, options):
+def test_claimed_sigma_equals_rms_error(inputs, parameters, modes, steps, options):
     beam = make_beam(modes=modes)
     known = () if inputs else ("tip",)
     model = make_filter(beam, inputs=inputs, parameters=parameters, known=known, **options)
@@ -114,48 +114,48 @@ def test_whiteness_tells_white_from_coloured():
 @pytest.mark.parametrize(
     ("process", "noise", "said"),
     [
-        (1, 1, "as large as the noise you stated and independent"),
-        (1, 1 / 9, "2.6 times larger than the noise you stated: check channels, known loads and the model"),
-        (9, 9, "3.0 times smaller than the noise you stated: lower noise_std or process_noise"),
-        (1 / 100, 1, "resembles the one before"),
+        (1, 1, "as large as the configured noise and uncorrelated"),
+        (1, 1 / 9, "2.6 times larger than the configured noise: check channels, known loads and the model"),
+        (9, 9, "3.0 times smaller than the configured noise: lower noise_std or process_noise"),
+        (1 / 100, 1, "successive ones are correlated"),
         (1 / 100, 1, "; check channels, known loads and the model"),
         (1, 9, "; lower noise_std"),
     ],
 )
-def test_a_verdict_names_what_was_stated_wrongly(process, noise, said):
+def test_innovation_check_identifies_wrong_noise(process, noise, said):
     model = make_filter(make_beam(modes=4), ("tip",))
     nothing, P0 = np.zeros((2000, 3, 0)), np.diag([0.0] * 8 + [1.0])
     _, y = draw_truth(model, np.zeros(9), P0, nothing, [0])
     run = run_filter(replace(model, Q=process * model.Q, r=noise * model.r), np.zeros(9), P0, nothing, y)
-    found = verdict(run.whitened)
+    found = check_innovations(run.whitened)
     assert said in found.text
     assert "raise" not in found.text
     assert found.consistent == (process == noise == 1)
-    assert verdict(run.whitened[:, 0]).text == found.text
+    assert check_innovations(run.whitened[:, 0]).text == found.text
 
 
-def test_a_verdict_on_a_record_of_zeros_says_what_is_missing():
-    found = verdict(np.zeros((100, 2)))
+def test_innovation_check_reports_zero_record():
+    found = check_innovations(np.zeros((100, 2)))
     assert (found.ratio, found.correlation, found.consistent) == (0.0, 0.0, False)
-    assert "all innovations are zero, as of channels that are not connected" in found.text
+    assert "all innovations are zero, as if the channels were not connected" in found.text
 
 
-def test_a_verdict_on_coloured_innovations_of_the_right_size():
+def test_innovation_check_detects_coloured_innovations():
     white = np.random.default_rng(3).standard_normal((4000, 5))
     opposed = (white[1:] - 0.5 * white[:-1]) / np.sqrt(1.25)
     assert (
-        "each undoes the one before (correlation -0.39): the filter overreacts; check channels, known loads and the model"
-        in verdict(opposed).text
+        "successive ones alternate (correlation -0.39): the filter gain is too large; check channels, known loads and the model"
+        in check_innovations(opposed).text
     )
-    assert verdict(white).consistent
-    assert verdict(white).band[0] < 1 < verdict(white).band[1]
+    assert check_innovations(white).consistent
+    assert check_innovations(white).band[0] < 1 < check_innovations(white).band[1]
     white[::2] = np.nan
-    assert verdict(white).consistent
-    assert not verdict(np.full((10, 3), np.nan)).consistent
+    assert check_innovations(white).consistent
+    assert not check_innovations(np.full((10, 3), np.nan)).consistent
 
 
 @pytest.mark.parametrize(("size", "correlation"), [(1.08, 0.0), (1 / 1.08, 0.0), (1.0, 0.08), (1.0, -0.08)])
-def test_a_long_record_is_judged_by_what_matters_not_by_its_length(size, correlation):
+def test_innovation_check_ignores_small_deviations_in_long_records(size, correlation):
     rng = np.random.default_rng(5)
 
     def innovations(off, neighbours):
@@ -164,13 +164,13 @@ def test_a_long_record_is_judged_by_what_matters_not_by_its_length(size, correla
         white = rng.standard_normal((40001, 4))
         return off * (white[1:] + b * white[:-1]) / np.sqrt(1 + b**2)
 
-    found = verdict(innovations(size, correlation))
+    found = check_innovations(innovations(size, correlation))
     assert found.ratio == pytest.approx(size, rel=0.01)
     assert found.correlation == pytest.approx(correlation, abs=0.01)
     low, high = np.sqrt(chi2.ppf([0.00135, 0.99865], 160_000) / 160_000)
     assert not (low < found.ratio < high) or abs(found.correlation) > found.chance
     assert found.consistent
-    assert not verdict(innovations(size**1.5, 1.5 * correlation)).consistent
+    assert not check_innovations(innovations(size**1.5, 1.5 * correlation)).consistent
 
 
 def few(count, tries, share):
@@ -178,7 +178,7 @@ def few(count, tries, share):
     return count <= binom.ppf(0.9999, tries, share)
 
 
-def test_the_band_of_a_mean_square_is_that_of_tables():
+def test_chi_square_band_matches_tables():
     rng = np.random.default_rng(1)
     means = np.mean(rng.standard_normal((20000, 10, 4)) ** 2, axis=(1, 2))
     low, high = chi_square_band(4, 10, 0.95)
@@ -189,7 +189,7 @@ def test_the_band_of_a_mean_square_is_that_of_tables():
 
 
 @pytest.mark.parametrize("draws", [1, 30])
-def test_of_sigmas_that_hold_27_in_ten_thousand_are_called_wrong(draws):
+def test_false_alarm_rate_is_27_in_ten_thousand(draws):
     e = np.random.default_rng(4).standard_normal((100_000, draws))
     ratio, (low, high) = np.sqrt(np.mean(e**2, axis=1)), band_of(draws)
     for outside in (ratio < low, ratio > high):
@@ -197,28 +197,29 @@ def test_of_sigmas_that_hold_27_in_ten_thousand_are_called_wrong(draws):
         assert binom.ppf(1e-4, 100_000, 0.00135) <= count <= binom.ppf(1 - 1e-4, 100_000, 0.00135)
 
 
-def test_many_draws_do_not_speak_up_for_less_than_a_tenth():
-    assert [judged(ratio, 10**6).verdict for ratio in (0.85, 0.95, 1.0, 1.05, 1.15)] == [
+def test_deviations_below_ten_percent_are_consistent():
+    assert [check_ratio(ratio, 10**6).result for ratio in (0.85, 0.95, 1.0, 1.05, 1.15)] == [
         "too cautious", "consistent", "consistent", "consistent", "overconfident"
     ]  # fmt: skip
     assert chi_square_band(1, 10**6)[1] < 1.005
 
 
-def test_a_claim_is_judged_by_as_many_draws_as_there_are():
+def test_claim_band_depends_on_number_of_draws():
     once, often = claim_of(np.array(2.0), np.array(1.0)), claim_of(np.full(20, -0.2), np.full(20, 0.1))
     assert (once.draws, often.draws) == (1, 20)
     assert (once.ratio, often.ratio) == pytest.approx((2.0, 2.0))
-    assert (once.verdict, often.verdict) == ("consistent", "overconfident")
+    assert (once.result, often.result) == ("consistent", "overconfident")
     assert once.band[1] == pytest.approx(3.2053, abs=1e-3)  # two-sided 0.00135 of a normal
-    assert claim_of(np.full(20, 0.3), np.ones(20)).verdict == "too cautious"
+    assert claim_of(np.full(20, 0.3), np.ones(20)).result == "too cautious"
 
 
 @pytest.mark.parametrize("unit", [1e-11, 1e-3, 1e9])
-def test_a_verdict_knows_no_unit(unit):
+def test_claim_is_invariant_to_units(unit):
     rng = np.random.default_rng(8)
     error, std = rng.standard_normal((300, 3)), rng.uniform(0.5, 2.0, (300, 3))
-    ours, other = (claim_of(factor * error, factor * std, alike=samples_alike(error / std)) for factor in (1.0, unit))
-    assert (ours.draws, ours.verdict) == (other.draws, other.verdict)
+    time = autocorrelation_time(error / std)
+    ours, other = (claim_of(factor * error, factor * std, samples_per_draw=time) for factor in (1.0, unit))
+    assert (ours.draws, ours.result) == (other.draws, other.result)
     assert ours.ratio == pytest.approx(other.ratio, rel=1e-12)
 
 
@@ -229,48 +230,49 @@ def in_time(rho, samples, many, seed=6):
 
 
 @pytest.mark.parametrize("rho", [*slowly(0.0), 0.9])
-def test_samples_that_follow_each_other_count_as_so_many_independent_ones(rho):
+def test_autocorrelation_time_counts_independent_samples(rho):
     """The mean of x² over n samples scatters by 2/n Σ ρ_k² = 2/n (1 + ρ²)/(1 − ρ²), k over all lags."""
     n, x = 400, in_time(rho, 400, 8_000)
-    alike = samples_alike(x)
-    assert alike == pytest.approx((1 + rho**2) / (1 - rho**2), rel=0.03)
-    assert np.var(np.mean(x**2, axis=0)) == pytest.approx(2 * alike / n, rel=0.05)
-    assert claim_of(x[:, 0], np.ones(n), alike=alike).draws == int(n / alike)
+    time = autocorrelation_time(x)
+    assert time == pytest.approx((1 + rho**2) / (1 - rho**2), rel=0.03)
+    assert np.var(np.mean(x**2, axis=0)) == pytest.approx(2 * time / n, rel=0.05)
+    assert claim_of(x[:, 0], np.ones(n), samples_per_draw=time).draws == int(n / time)
 
 
-def test_an_error_that_does_not_change_is_one_draw():
+def test_constant_error_counts_as_one_draw():
     for samples in (200, 1000):
-        assert claim_of(np.full(samples, 0.3), np.ones(samples), alike=samples_alike(np.full(samples, 0.3))).draws == 1
-    assert samples_alike(np.zeros(10)) == 1.0
+        error = np.full(samples, 0.3)
+        assert claim_of(error, np.ones(samples), samples_per_draw=autocorrelation_time(error)).draws == 1
+    assert autocorrelation_time(np.zeros(10)) == 1.0
 
 
-def test_white_noise_on_a_slow_error_does_not_hide_it():
+def test_autocorrelation_time_detects_slow_error_in_noise():
     x = np.random.default_rng(9).standard_normal(1000) + 1.0
-    assert 1000 / samples_alike(x) < 6
+    assert 1000 / autocorrelation_time(x) < 6
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.99])
-def test_records_of_correlated_errors_raise_no_more_alarms_than_the_level(rho):
+def test_correlated_errors_keep_false_alarm_rate(rho):
     x = in_time(rho, 2000, 500)
-    wrong = sum(claim_of(own, np.ones(2000), alike=samples_alike(own)).verdict != "consistent" for own in x.T)
+    wrong = sum(claim_of(own, np.ones(2000), samples_per_draw=autocorrelation_time(own)).result != "consistent" for own in x.T)
     assert few(wrong, 500, max(0.01, 1 - LEVEL))
 
 
-def test_lost_draws_and_claims_of_nothing_are_no_draws():
+def test_claim_ignores_diverged_and_empty_draws():
     claim = claim_of(np.array([1.0, np.nan, 5.0, 1.0]), np.array([1.0, 1.0, 0.0, np.inf]))
     assert (claim.draws, claim.ratio) == (1, 1.0)
     assert claim_of(np.array([np.nan]), np.array([1.0])) is None
     assert claim_of(np.zeros(0), np.zeros(0)) is None
 
 
-def test_the_expected_ratio_is_what_draws_of_the_posterior_would_be_off():
+def test_expected_ratio_matches_posterior_draws():
     rng = np.random.default_rng(4)
     for mean, std, posterior, width in ((0.0, 1.0, 0.0, 1.0), (0.3, 0.2, -0.5, 0.7), (2.0, 5.0, 1.0, 0.1)):
         error = posterior + width * rng.standard_normal(1_000_000) - mean
         assert expected_ratio(mean, std, posterior, width) == pytest.approx(np.sqrt(np.mean(error**2)) / std, rel=5e-3)
 
 
-def test_a_claim_is_overconfident_whose_mean_is_2_sigma_off_or_whose_sigma_is_half():
+def test_ratio_above_two_is_overconfident():
     for far in (-3.0, -2.01, 0.0, 1.0, 2.01):
         for width in (0.3, 0.9, 2.01, 9.0):
             wrong = word_of(expected_ratio(7.0, 0.01, 7.0 + 0.01 * far, 0.01 * width), ALLOWED) == OVERCONFIDENT
@@ -281,7 +283,7 @@ def test_a_claim_is_overconfident_whose_mean_is_2_sigma_off_or_whose_sigma_is_ha
     assert word_of(expected_ratio(0.0, 3.0, 0.0, 1.0), ALLOWED) == TOO_CAUTIOUS
 
 
-def test_starts_must_agree_within_what_one_draw_may_be_off():
+def test_starts_must_agree_within_band_of_one_draw():
     estimate = np.array([[1.00, 1.0, 1.0, 1.00], [1.02, 1.0, 1.4, 1.02], [1.01, np.nan, 1.2, 1.05]])
     std = np.full((3, 4), 0.01)
     np.testing.assert_array_equal(not_identified(estimate, std), [False, True, True, True])
@@ -292,10 +294,10 @@ def test_starts_must_agree_within_what_one_draw_may_be_off():
     )
 
 
-def test_a_layout_that_is_like_random_ones_is_rarely_called_better():
+def test_benefit_is_rarely_shown_for_random_layouts():
     """The rank among n + 1 is uniform, and "shown" are the ranks of the sign test, by binomial coefficients."""
     rng, n = np.random.default_rng(10), 10
-    words = [benefit_of(draw[0], draw[1:]).verdict for draw in rng.exponential(size=(5000, n + 1))]
+    words = [benefit_of(draw[0], draw[1:]).result for draw in rng.exponential(size=(5000, n + 1))]
     tails = np.cumsum([comb(n, k) for k in range(n + 1)]) / 2**n
     shown = int(np.count_nonzero(tails <= 0.05))
     assert shown == 2  # none or one of ten
@@ -303,19 +305,19 @@ def test_a_layout_that_is_like_random_ones_is_rarely_called_better():
     assert words.count("none") / 5000 == pytest.approx(6 / (n + 1), abs=0.03)  # five to ten of ten
 
 
-def test_the_median_of_the_random_sets_decides_whether_placing_gains_nothing():
+def test_benefit_none_above_median_of_random_sets():
     errors = np.arange(1.0, 12.0)
     for own in (0.5, 2.5, 5.5, 6.0, 9.0):
         found = benefit_of(own, errors)
-        assert (found.verdict == "none") == (np.median(errors) <= own)
+        assert (found.result == "none") == (np.median(errors) <= own)
         assert found.as_well == np.count_nonzero(errors <= own)
-    assert benefit_of(0.5, errors).verdict == "shown"
-    assert benefit_of(3.5, errors).verdict == "not shown"
+    assert benefit_of(0.5, errors).result == "shown"
+    assert benefit_of(3.5, errors).result == "not shown"
 
 
-def test_sets_that_diverged_did_worse_and_a_layout_that_did_is_no_gain():
-    assert benefit_of(1.0, np.full(10, np.nan)).verdict == "shown"
-    assert benefit_of(np.nan, np.ones(10)).verdict == "none"
+def test_diverged_sets_count_as_worse():
+    assert benefit_of(1.0, np.full(10, np.nan)).result == "shown"
+    assert benefit_of(np.nan, np.ones(10)).result == "none"
     assert benefit_of(1.0, np.full(4, 9.0)) is None
 
 
@@ -328,9 +330,9 @@ def test_sets_that_diverged_did_worse_and_a_layout_that_did_is_no_gain():
         (2.0, 2.0, ("2", "2")),
     ],
 )
-def test_a_ratio_above_its_limit_is_printed_above_it(ratio, most, shown):
+def test_ratio_above_limit_is_printed_with_enough_digits(ratio, most, shown):
     words = Claim("test", 1, ratio, (0.0, most), "overconfident").words(number)
-    assert words == "overconfident (error {} times the claimed σ, at most {} where it holds)".format(*shown)
+    assert words == "overconfident (error {} times the claimed σ; at most {} if calibrated)".format(*shown)
 
 
 WRONG, BEYOND = "the measurements are inconsistent", {"E": "E is beyond"}
@@ -341,11 +343,11 @@ WRONG, BEYOND = "the measurements are inconsistent", {"E": "E is beyond"}
     [
         (Decision(), "", "", 0),
         (Decision(accept=True), "", "", 0),
-        (Decision(WRONG), f"σ is not to be trusted: {WRONG}", f"σ is not to be trusted: {WRONG}", 3),
+        (Decision(WRONG), f"σ is not reliable: {WRONG}", f"σ is not reliable: {WRONG}", 3),
         (Decision(WRONG, accept=True), "", f"accepted: {WRONG}", 0),
         (
             Decision(WRONG, "", False, ("no load",), BEYOND, "widen"),
-            f"σ is not to be trusted: {WRONG}; E is beyond",
+            f"σ is not reliable: {WRONG}; E is beyond",
             None,
             3,
         ),

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.conditional import no_nuisances
-from strainsight.estimation.fault_search import diagnosed, examined
+from strainsight.estimation.conditional import none_considered
+from strainsight.estimation.fault_evidence import BROAD, CheckRecord, explain_record
+from strainsight.estimation.fault_search import examine_record, search_faults
 from strainsight.estimation.faults import ANGLES, FORESEEN, Fault, shifted
-from strainsight.estimation.peak import peak_of
-from strainsight.estimation.record import BankRecord
-from strainsight.estimation.suspect import BROAD, Suspect, explained
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.peak import find_peak
+from strainsight.estimation.record import GridRecord
 
 from ..shared import slowly
 from .chain import NOISE, STEPS, driven_chain, driven_start, forces, joint, loaded_chain, log_normal, start
@@ -39,14 +39,14 @@ def suspect(model, P, known, samples, turned_row=None):
         H[channel] = 0
         H[channel, :2] = turned_row
         changed = replace(model, H=H)
-        return changed, no_nuisances(changed)
+        return changed, none_considered(changed)
 
     if turned_row is not None:
         rows[0] = 0
         rows[0, :, :2] = turned_row
     mean = np.zeros(model.size)
-    record = model, mean, P, known, samples, no_nuisances(model)
-    return Suspect(*record, turned_rows=rows, turned=turned, load=np.arange(known.shape[-1]))
+    record = model, mean, P, known, samples, none_considered(model)
+    return CheckRecord(*record, turned_rows=rows, turned=turned, load=np.arange(known.shape[-1]))
 
 
 @pytest.fixture(scope="module")
@@ -70,19 +70,19 @@ def test_evidence_is_the_density_of_the_record_as_it_would_be_without_the_fault(
     model, P, y = short
     record = suspect(model, P, forces(), y)
     own = y.copy()
-    assert explained(record, None)[0].evidence == pytest.approx(dense(own, P), abs=1e-6)
+    assert explain_record(record, None)[0].evidence == pytest.approx(dense(own, P), abs=1e-6)
     own[:, 1] *= -1
-    assert explained(record, Fault("sign", 1))[0].evidence == pytest.approx(dense(own, P), rel=1e-9)
+    assert explain_record(record, Fault("sign", 1))[0].evidence == pytest.approx(dense(own, P), rel=1e-9)
     own = y / [1, 1e3]
     expected = dense(own, P) - STEPS * np.log(1e3)
-    assert explained(record, Fault("scale", 1, 1e3))[0].evidence == pytest.approx(expected, rel=1e-9)
-    assert explained(record, Fault("swapped", 0, 1))[0].evidence == pytest.approx(dense(y[:, ::-1], P), rel=1e-9)
+    assert explain_record(record, Fault("scale", 1, 1e3))[0].evidence == pytest.approx(expected, rel=1e-9)
+    assert explain_record(record, Fault("swapped", 0, 1))[0].evidence == pytest.approx(dense(y[:, ::-1], P), rel=1e-9)
     own = y.copy()
     own[:, 0] = shifted(y[:, 0], 3)
     expected = dense(own, P) + 3 * FORESEEN
-    assert explained(record, Fault("late", 0, 3))[0].evidence == pytest.approx(expected, rel=1e-9)
+    assert explain_record(record, Fault("late", 0, 3))[0].evidence == pytest.approx(expected, rel=1e-9)
     own[:, 0] = np.nan
-    alone = explained(record, Fault("dead", 0))[0].evidence
+    alone = explain_record(record, Fault("dead", 0))[0].evidence
     spread = y[:, 0].std()
     iid = -0.5 * STEPS - STEPS * np.log(np.sqrt(2 * np.pi) * spread / NOISE)
     assert alone == pytest.approx(dense(own, P) + iid, rel=1e-9)
@@ -96,7 +96,7 @@ def test_an_offset_and_a_drift_are_those_of_generalised_least_squares(short, kin
     shape[:, 1] = 1.0 if kind == "offset" else np.arange(1, STEPS + 1) / STEPS
     shifted_record = y + 0.05 * shape
     unit = BROAD * np.sqrt(np.mean(shifted_record[:, 1] ** 2))
-    found, _ = explained(suspect(model, P, forces(), shifted_record), Fault(kind, 1))
+    found, _ = explain_record(suspect(model, P, forces(), shifted_record), Fault(kind, 1))
     assert found.evidence == pytest.approx(dense(shifted_record, P, unit * shape), abs=1e-6)
     mean, covariance = joint([0, 0], P)
     e, r = shape.ravel(), shifted_record.ravel() - mean
@@ -105,22 +105,22 @@ def test_an_offset_and_a_drift_are_those_of_generalised_least_squares(short, kin
     assert found.std == pytest.approx(information**-0.5, rel=1e-6)
 
 
-def test_a_turned_gauge_is_judged_by_the_row_it_has_then(short, monkeypatch):
+def test_turned_gauge_uses_rotated_row(short, monkeypatch):
     model, P, y = short
     monkeypatch.setattr("tests.estimation.chain.ROWS", np.array([TURNED, [-1.0, 1.0]]), raising=True)
-    found, _ = explained(suspect(model, P, forces(), y, TURNED), Fault("angle", 0, 45.0))
+    found, _ = explain_record(suspect(model, P, forces(), y, TURNED), Fault("angle", 0, 45.0))
     assert found.evidence == pytest.approx(dense(y, P), rel=1e-9)
 
 
-def test_laplace_at_the_peak_is_what_the_bank_integrates():
+def test_laplace_evidence_matches_grid_integral():
     model, P = driven_chain(), driven_start()
     steps = 200
     _, y = draw_truth(model, np.zeros(6), P, forces(steps), [5])
-    none = no_nuisances(model)
-    bank = filter_bank(BankRecord(model, np.zeros(6), P, forces(steps), y[:, 0], no_nuisances(model)))
-    peak = peak_of(BankRecord(model, np.zeros(6), P, forces(steps), y[:, 0], none, NO_OFFSETS, None))
-    assert peak.evidence == pytest.approx(float(bank.run.log_likelihood[0]), abs=0.1)
-    mean, std = bank.run.mean[-1, 0, 4:], bank.run.std[-1, 0, 4:]
+    none = none_considered(model)
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(6), P, forces(steps), y[:, 0], none_considered(model)))
+    peak = find_peak(GridRecord(model, np.zeros(6), P, forces(steps), y[:, 0], none, NO_OFFSETS, None))
+    assert peak.evidence == pytest.approx(float(grid_run.run.log_likelihood[0]), abs=0.1)
+    mean, std = grid_run.run.mean[-1, 0, 4:], grid_run.run.std[-1, 0, 4:]
     np.testing.assert_array_less(np.abs(peak.point - mean), 0.3 * std)
 
 
@@ -163,8 +163,8 @@ def broken(kind, y):
 def test_a_fault_of_one_channel_is_named(four, kind):
     model, P, y = four
     samples, fault = broken(kind, y[:, 3])
-    found = examined(suspect(model, P, forces(LONG), samples))
-    assert found.contradicts
+    found = examine_record(suspect(model, P, forces(LONG), samples))
+    assert found.inconsistent
     assert found.named.fault == fault
 
 
@@ -191,44 +191,44 @@ def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four):
     rows[0] = [read(angle).H[0] for angle in ANGLES]
 
     def turned(channel, angle):
-        return read(angle), no_nuisances(model)
+        return read(angle), none_considered(model)
 
     mean = np.zeros(model.size)
-    record, load = (straight, mean, P, forces(LONG), samples, no_nuisances(model)), np.arange(1)
-    given = Suspect(*record, turned_rows=rows, turned=turned, load=load)
-    found = examined(given)
-    assert found.contradicts
+    record, load = (straight, mean, P, forces(LONG), samples, none_considered(model)), np.arange(1)
+    given = CheckRecord(*record, turned_rows=rows, turned=turned, load=load)
+    found = examine_record(given)
+    assert found.inconsistent
     assert found.named.fault == Fault("angle", 0, 60.0)
     sound = draw_truth(straight, np.zeros(5), P, forces(LONG), [3])[1][:, 0]
-    assert not examined(replace(given, samples=sound)).contradicts
+    assert not examine_record(replace(given, samples=sound)).inconsistent
 
 
 def test_a_search_for_faults_in_a_sound_record_finds_none(four):
     model, P, y = four
     for one in range(y.shape[1]):
-        assert not examined(suspect(model, P, forces(LONG), y[:, one])).contradicts, one
-    found = diagnosed(suspect(model, P, forces(LONG), y[:, 0]))
+        assert not examine_record(suspect(model, P, forces(LONG), y[:, one])).inconsistent, one
+    found = search_faults(suspect(model, P, forces(LONG), y[:, 0]))
     assert found.named is None
     assert found.candidates == ()
     assert found.best_of(0) is None or found.best_of(0).evidence - found.as_it_is.evidence < 5
 
 
-def test_of_two_channels_that_read_the_same_none_is_blamed_for_a_delay(four):
+def test_identical_channels_are_ambiguous(four):
     model, P, _ = four
     twin = replace(model, H=model.H[[0, 0]], r=model.r[:2])
     calm = 0 * forces(LONG)
     samples = draw_truth(twin, np.zeros(5), P, calm, [2])[1][:, 0]
     samples[3:, 1] = samples[:-3, 1].copy()
-    found = examined(suspect(twin, P, calm, samples))
-    assert found.contradicts
+    found = examine_record(suspect(twin, P, calm, samples))
+    assert found.inconsistent
     assert found.named is None
     assert {own.fault.channel for own in found.candidates} == {0, 1}
 
 
-def test_no_channel_is_blamed_where_any_reading_is_some_load(four):
+def test_no_fault_named_without_redundant_channels(four):
     model, P, y = four
     one = replace(model, H=model.H[:1], r=model.r[:1])
     samples = y[:, 0, :1] + 0.5 * np.sin(0.5 * np.arange(LONG))[:, None]
-    found = examined(suspect(one, P, forces(LONG), samples))
-    assert found.contradicts
+    found = examine_record(suspect(one, P, forces(LONG), samples))
+    assert found.inconsistent
     assert found.candidates == ()

@@ -7,25 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.estimation.bank import filter_records
-from strainsight.estimation.conditional import no_nuisances
-from strainsight.estimation.fault_search import examined
+from strainsight.estimation.conditional import none_considered
+from strainsight.estimation.fault_evidence import explain_record
+from strainsight.estimation.fault_search import examine_record
 from strainsight.estimation.faults import (
     FORESEEN,
     Explained,
     Fault,
+    approximate_density,
     at_limit,
-    channel_check,
-    chosen,
+    check_channels,
+    choose_fault,
     dead_density,
-    delay,
-    roughly,
+    find_delay,
     shifted,
-    undone,
+    undo_fault,
 )
-from strainsight.estimation.load_faults import without_load_fault
-from strainsight.estimation.record import BankRecord, Settled
-from strainsight.estimation.suspect import explained
+from strainsight.estimation.grid_filter import filter_records
+from strainsight.estimation.load_faults import undo_load_fault
+from strainsight.estimation.record import GridRecord, Settled
 
 from ..shared import slowly
 from .chain import driven_chain, driven_start
@@ -44,19 +44,19 @@ SAMPLES = RNG.standard_normal((60, 3))
         (Fault("swapped", 0, 2), lambda y: y[:, [2, 1, 0]]),
     ],
 )
-def test_what_a_fault_does_is_undone(fault, made):
-    np.testing.assert_allclose(undone(fault, made(SAMPLES))[0], SAMPLES, rtol=1e-12)
+def test_fault_is_undone(fault, made):
+    np.testing.assert_allclose(undo_fault(fault, made(SAMPLES))[0], SAMPLES, rtol=1e-12)
 
 
 def test_a_factor_changes_the_density_by_its_jacobian():
     """Of a density in y, p(y/s)/s for every sample that is there."""
     y = SAMPLES.copy()
     y[:7, 1] = np.nan
-    assert undone(Fault("scale", 1, 1e6), y)[1] == pytest.approx(-53 * np.log(1e6))
+    assert undo_fault(Fault("scale", 1, 1e6), y)[1] == pytest.approx(-53 * np.log(1e6))
 
 
 @pytest.mark.parametrize("n", [3, -3])
-def test_a_delay_is_undone_but_for_the_end(n):
+def test_delay_is_undone_except_at_end(n):
     late = shifted(SAMPLES[:, 0], -n)
     back = shifted(late, n)
     there = np.isfinite(back)
@@ -77,7 +77,7 @@ def test_only_rows_of_equal_extreme_samples_are_clipped():
 def test_a_channel_against_its_prediction():
     y = np.column_stack([SAMPLES[:, 0], -2 * SAMPLES[:, 0], np.full(60, 3.0)])
     y[5, 0] = np.nan
-    check = channel_check(y, np.column_stack([SAMPLES[:, 0], SAMPLES[:, 0], SAMPLES[:, 0]]), np.full((60, 3), 0.5))
+    check = check_channels(y, np.column_stack([SAMPLES[:, 0], SAMPLES[:, 0], SAMPLES[:, 0]]), np.full((60, 3), 0.5))
     np.testing.assert_allclose(check.correlation[:2], [1, -1], atol=1e-12)
     assert np.isnan(check.correlation[2])
     rms = np.sqrt(np.mean(SAMPLES[:, 0] ** 2))
@@ -86,23 +86,23 @@ def test_a_channel_against_its_prediction():
 
 
 def test_a_channel_without_samples_has_no_numbers():
-    check = channel_check(np.full((5, 1), np.nan), np.ones((5, 1)), np.ones((5, 1)))
+    check = check_channels(np.full((5, 1), np.nan), np.ones((5, 1)), np.ones((5, 1)))
     assert np.isnan([check.measured, check.residual, check.correlation]).all()
 
 
-def test_the_delay_that_fits_is_found_and_a_change_of_sign_is_none():
+def test_best_delay_is_found():
     t = np.arange(500)
     foreseen = np.sin(2 * np.pi * t / 60) + 0.3 * np.sin(2 * np.pi * t / 23)
-    found = delay(shifted(foreseen, -7), foreseen, np.full(500, 0.01), 0.01)
+    found = find_delay(shifted(foreseen, -7), foreseen, np.full(500, 0.01), 0.01)
     assert found == Fault("late", 0, 7)
-    turned = delay(-foreseen, foreseen, np.full(500, 0.01), 0.01)
+    turned = find_delay(-foreseen, foreseen, np.full(500, 0.01), 0.01)
     assert turned is not None
-    assert roughly(turned, -foreseen, foreseen, np.full(500, 0.01), 0.01) < roughly(
+    assert approximate_density(turned, -foreseen, foreseen, np.full(500, 0.01), 0.01) < approximate_density(
         Fault("sign", 0), -foreseen, foreseen, np.full(500, 0.01), 0.01
     )
 
 
-def test_noise_alone_is_as_dense_as_its_own_normal_density():
+def test_dead_density_of_noise_is_normal():
     from scipy.stats import norm
 
     y = 4.0 + 0.3 * RNG.standard_normal(200)
@@ -132,8 +132,8 @@ def hypothesis(kind, evidence, ratio=1.0, channel=0, amount=0.0):
         ([], None),
     ],
 )
-def test_one_fault_is_named_where_no_other_explains_the_record_as_well(found, named):
-    best, candidates = chosen(-1000, found)
+def test_unique_fault_is_named(found, named):
+    best, candidates = choose_fault(-1000, found)
     assert (best.fault.kind if best else None) == named
     assert best is None or best in candidates
 
@@ -170,14 +170,14 @@ WRONG = {
 
 
 def test_a_sound_record_is_consistent(record):
-    assert not examined(record).contradicts
+    assert not examine_record(record).inconsistent
 
 
 @pytest.mark.parametrize("name", ["sign", "kilonewtons", "pounds", "late", *slowly("early")])
-def test_the_fault_of_a_load_is_named(record, name):
+def test_load_fault_is_named(record, name):
     wrong, fault = WRONG[name]
-    found = examined(replace(record, known=held(wrong)))
-    assert found.contradicts
+    found = examine_record(replace(record, known=held(wrong)))
+    assert found.inconsistent
     named = found.named.fault
     assert (named.kind, named.channel, named.of_load) == (fault.kind, fault.channel, True)
     assert named.amount == pytest.approx(fault.amount)
@@ -185,48 +185,48 @@ def test_the_fault_of_a_load_is_named(record, name):
     assert found.best_of(0) is None
 
 
-def test_all_channels_reversed_are_one_load_reversed(record):
-    found = examined(replace(record, samples=-record.samples))
+def test_reversed_channels_are_reversed_load(record):
+    found = examine_record(replace(record, samples=-record.samples))
     assert found.named.fault == Fault("sign", 0, of_load=True)
 
 
-def test_one_channel_reversed_is_no_load(record):
-    found = examined(replace(record, samples=record.samples * [1, -1, 1, 1]))
+def test_reversed_channel_is_not_load_fault(record):
+    found = examine_record(replace(record, samples=record.samples * [1, -1, 1, 1]))
     assert found.named.fault == Fault("sign", 1)
 
 
-def test_of_one_channel_and_one_load_neither_is_blamed(record):
+def test_single_channel_and_load_are_ambiguous(record):
     model = record.model.of_channels(np.array([1]))
-    found = examined(suspect(model, record.covariance, record.known, -record.samples[:, 1:2]))
+    found = examine_record(suspect(model, record.covariance, record.known, -record.samples[:, 1:2]))
     assert found.named is None
     assert {own.fault for own in found.candidates} == {Fault("sign", 0), Fault("sign", 0, of_load=True)}
 
 
 def test_evidence_is_that_of_the_record_with_the_right_load(record):
-    right = explained(record, None)[0].evidence
+    right = explain_record(record, None)[0].evidence
     wrong = replace(record, known=held(-FORCE))
-    assert explained(wrong, Fault("sign", 0, of_load=True))[0].evidence == pytest.approx(right, abs=1e-6)
+    assert explain_record(wrong, Fault("sign", 0, of_load=True))[0].evidence == pytest.approx(right, abs=1e-6)
     late = replace(record, known=held(WIDE[2:-5]))
     cut = record.samples.copy()
     cut[-2:] = np.nan
     missing = FORESEEN * 2 * cut.shape[1]
-    expected = explained(replace(record, samples=cut), None)[0].evidence + missing
-    assert explained(late, Fault("late", 0, 2, of_load=True))[0].evidence == pytest.approx(expected, abs=1e-6)
+    expected = explain_record(replace(record, samples=cut), None)[0].evidence + missing
+    assert explain_record(late, Fault("late", 0, 2, of_load=True))[0].evidence == pytest.approx(expected, abs=1e-6)
 
 
-def test_a_birge_ratio_bounds_how_often_a_grid_is_laid(record):
+def test_birge_ratio_bounds_number_of_grids(record):
     quiet = replace(record.model, r=1e-2 * record.model.r)
     late = replace(record, model=quiet, known=held(WIDE[:-7]))
     claimed, widened = (filter_records([late], birge_ratio=ratio)[0] for ratio in (1.0, 1.5))
-    assert widened.laid < claimed.laid / 3
+    assert widened.grid_count < claimed.grid_count / 3
     (mean,), ((variance,),) = widened.posterior
     assert variance > 1.5**2 * claimed.posterior[1][0, 0]
     assert abs(mean - claimed.posterior[0][0]) < np.sqrt(variance)
 
 
 def loaded(model, known, samples, tones):
-    return BankRecord(
-        model, np.zeros(model.size), np.eye(model.size), known, samples, no_nuisances(model), settled=tones
+    return GridRecord(
+        model, np.zeros(model.size), np.eye(model.size), known, samples, none_considered(model), settled=tones
     )
 
 
@@ -234,22 +234,22 @@ def test_swapped_loads_are_exchanged_with_their_tones():
     known = ANY.standard_normal((20, 3, 4))
     tones = Settled(np.array([2.0]), ANY.standard_normal((1, 3, 4)) + 0j, np.zeros(2))
     given = loaded(driven_chain(), known, np.zeros((20, 1)), tones)
-    found = without_load_fault(given, np.array([0, 1, 0, 1]), Fault("swapped", 0, 1, of_load=True))
+    found = undo_load_fault(given, np.array([0, 1, 0, 1]), Fault("swapped", 0, 1, of_load=True))
     np.testing.assert_array_equal(found.known, known[..., [1, 0, 3, 2]])
-    np.testing.assert_array_equal(found.settled.held, tones.held[..., [1, 0, 3, 2]])
+    np.testing.assert_array_equal(found.settled.hold, tones.hold[..., [1, 0, 3, 2]])
 
 
 @pytest.mark.parametrize("n", [3, -3])
-def test_a_delay_moves_steps_and_tones_alike(n):
+def test_delay_shifts_steps_and_tones(n):
     w, model = 2.0, driven_chain()
     t = model.h * np.arange(41)
     sine = held(np.cos(w * t)[:, None])
     W = np.zeros((1, 3, 1), dtype=complex)
     W[0, 0], W[0, 1] = 1.0, np.exp(1j * w * model.h) - 1
     given = loaded(model, sine, np.zeros((40, 2)), Settled(np.array([w]), W, np.zeros(2)))
-    found = without_load_fault(given, np.zeros(1, dtype=int), Fault("late", 0, n, of_load=True))
+    found = undo_load_fault(given, np.zeros(1, dtype=int), Fault("late", 0, n, of_load=True))
     inside = slice(0, 37) if n > 0 else slice(3, None)
-    by_tones = np.real(found.settled.held[0] * np.exp(1j * w * model.h * np.arange(40))[:, None, None])
+    by_tones = np.real(found.settled.hold[0] * np.exp(1j * w * model.h * np.arange(40))[:, None, None])
     np.testing.assert_allclose(found.known[inside], by_tones[inside], atol=1e-12)
     missing = np.isnan(found.samples).all(axis=1)
     np.testing.assert_array_equal(np.flatnonzero(missing), [37, 38, 39] if n > 0 else [0, 1, 2])

@@ -35,7 +35,7 @@ def modal_scale(model):
 
 @pytest.mark.parametrize("form", ["joseph", "square_root"])
 @pytest.mark.parametrize(("inputs", "parameters"), CASES[1:])
-def test_equals_a_plain_loop_of_the_textbook(inputs, parameters, form):
+def test_filter_matches_textbook_loop(inputs, parameters, form):
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, inputs, parameters)
     run = run_filter(model, mean, P0, u, y, keep="all", form=form)
     Q, R, H = model.process, np.diag(model.r / model.h), model.H
@@ -62,7 +62,7 @@ def test_equals_a_plain_loop_of_the_textbook(inputs, parameters, form):
         np.testing.assert_allclose(run.gauge_std[-1, b], np.sqrt(np.diag(H @ P @ H.T)), rtol=1e-5)
 
 
-def test_what_is_known_is_predicted():
+def test_known_states_are_predicted():
     """Truth: M q̈ = S u − C q̇ − K q of the modes by a general solver of differential equations."""
     beam, h, steps = make_beam(modes=4, graded=True, ratio=0.02), 5e-4, 25
     model = make_filter(beam, parameters=("E",), known=("tip",), h=h, accelerometers=1)
@@ -137,7 +137,7 @@ def test_steady_covariance_tends_to_the_continuous_one_at_first_order(inputs, pa
     assert abs(rate[-1] - 2) < max(abs(rate[-2] - 2), 0.02)
 
 
-def test_a_batch_is_its_runs_one_by_one():
+def test_batch_matches_single_runs():
     beam = make_beam(modes=4, graded=True)
     single, mean, P0, u, _, y = drawn(make_filter, beam, sine, (), ("E",))
     places = [(0.05, 0.3, 0.9, 1.5), (0.1, 0.2, 0.3, 0.4), (0.0, 0.7, 1.1, 1.9)]
@@ -154,7 +154,7 @@ def test_a_batch_is_its_runs_one_by_one():
             np.testing.assert_allclose(getattr(batch, name)[:, b] / scale, one / scale, atol=1e-8)
 
 
-def test_the_unit_of_strain_changes_no_bit():
+def test_strain_unit_does_not_change_result():
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), ("E",))
     unit = 2.0**40
     other = run_filter(replace(model, H=model.H * unit, r=model.r * unit**2), mean, P0, u, y * unit)
@@ -163,7 +163,7 @@ def test_the_unit_of_strain_changes_no_bit():
     np.testing.assert_array_equal(other.std, run.std)
 
 
-def test_a_steady_covariance_is_what_it_would_have_become(monkeypatch):
+def test_steady_covariance_matches_recursion(monkeypatch):
     model = make_filter(make_beam(modes=4, ratio=0.05), ("tip",), q_velocity=1.0)
     P0, nothing = prior(model), np.zeros((1500, 3, 0))
     _, y = draw_truth(model, np.zeros(9), P0, nothing, [0, 1])
@@ -190,7 +190,7 @@ def test_a_diverged_run_is_reported_and_leaves_the_others_alone():
     assert np.all(np.isfinite(run.mean[: run.lost[1], 1]))
     alone = run_filter(model, mean, P0, u, y[:, 0])
     np.testing.assert_allclose(run.mean[:, 0], alone.mean[:, 0], rtol=1e-8, atol=1e-10 * np.abs(alone.mean).max())
-    with pytest.raises(NumericalError, match="E left the guess"):
+    with pytest.raises(NumericalError, match="E deviated from the guess"):
         run_filter(model, mean, P0, u, wild[:, 1])
 
 
@@ -203,7 +203,7 @@ def test_a_gauge_that_reads_nothing_without_noise_is_refused(form):
         run_filter(replace(model, H=H, r=r), mean, P0, u, y, form=form)
 
 
-def test_a_refusal_names_the_first_sample_without_any_doubt():
+def test_refusal_names_first_sample():
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), ())
     sure = replace(model, r=0 * model.r, Q=0 * model.Q)
     for form in ("joseph", "square_root"):
@@ -278,7 +278,7 @@ def test_a_constant_parameter_has_one_value_at_all_times():
 
 
 @pytest.mark.parametrize(("noise", "joseph", "square_root"), [(1e-9, 1e-9, 1e-12), (1e-12, 1e-3, 1e-9)])
-def test_at_tiny_noise_the_factor_keeps_its_digits(noise, joseph, square_root):
+def test_square_root_form_keeps_digits_at_small_noise(noise, joseph, square_root):
     """Oracle: the textbook recursion with 60 digits, in units of its own deviations. The load is known at first to 1e4 N."""
     model = make_filter(make_beam(modes=3), ("tip",), strain_noise=noise, gauges=(0.05, 0.3, 0.9))
     n, steps, P0 = model.size, 30, np.diag([0.0] * 6 + [1.0])
@@ -319,7 +319,7 @@ def test_a_long_run_stays_symmetric_and_positive(form):
         assert np.linalg.eigvalsh(P[0] / np.outer(d, d)).min() > 0
 
 
-def test_a_factor_with_pivots_is_that_of_its_own_matrix_whatever_stands_beside_it():
+def test_pivoted_factor_is_independent_of_batch():
     near = np.array([[1.0, 1 - 1e-13], [1 - 1e-13, 1.0]])
     alone = pivoted_factors(near[None])[0]
     among = pivoted_factors(np.concatenate([np.tile(np.eye(2), (2000, 1, 1)), near[None]]))[-1]
@@ -333,7 +333,7 @@ def test_a_factor_with_pivots_is_that_of_its_own_matrix_whatever_stands_beside_i
 
 
 @pytest.mark.parametrize("form", ["joseph", "square_root"])
-def test_what_innovations_are_expected_to_be_is_their_covariance(form):
+def test_expected_innovation_covariance(form):
     """L Lᵀ = H (A (P + before) Aᵀ + process) Hᵀ + R, multiplied out, L lower with a positive diagonal."""
     rng = np.random.default_rng(3)
     n, m = 6, 2

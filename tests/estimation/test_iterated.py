@@ -96,7 +96,7 @@ def most_probable(model, x, prior, process, y):
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_the_iteration_ends_at_the_most_probable_state(seed):
+def test_iteration_converges_to_most_probable_state(seed):
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(2, 3, 3))
     prior, process = 0.05 * X[0] @ X[0].T, 0.01 * X[1] @ X[1].T
@@ -111,7 +111,7 @@ def test_the_iteration_ends_at_the_most_probable_state(seed):
     assert np.all(found.iterations > 1)
 
 
-def test_the_filter_iterates_behind_its_step_as_the_textbook_does():
+def test_iterated_update_matches_textbook():
     """The iterated Kalman filter (Bell and Cathey), a channel missing once; one update is not enough here."""
     model = Bent(1e-3 * np.eye(3), np.array([1e-3, 2e-3]))
     rng = np.random.default_rng(3)
@@ -153,7 +153,7 @@ def test_where_the_start_is_known_the_disturbance_is_iterated():
     assert found.iterations[0] > 1
 
 
-def test_a_corrected_state_keeps_to_the_constraint():
+def test_corrected_state_satisfies_constraint():
     start = np.diag([0, 0, 0, 0, 1e-2, 0.05])
     model = Pendulum(np.zeros((6, 6)), np.array([1e-4]), start, h=0.05)
     steps, rng = 50, np.random.default_rng(1)
@@ -187,7 +187,7 @@ def test_a_corrected_state_keeps_to_the_constraint():
     assert away[False] > 1e-3
 
 
-def test_where_the_constraint_is_restored_the_last_increment_needs_no_step():
+def test_last_increment_with_constraint_needs_no_step():
     taken, ends = {}, {}
     for restored in (False, True):
         model, steps, found = Pendulum(np.zeros((6, 6)), np.array([1e-4]), np.eye(6), h=0.05), [], []
@@ -217,7 +217,7 @@ class Brittle(Toy):
         return x * 1.0
 
 
-def test_a_step_that_fails_is_halved_for_its_run_alone_and_loses_it_without_damping():
+def test_failed_step_is_halved_per_run():
     model = Brittle(np.zeros((1, 1)), np.array([1e-4]))
     x, P = np.array([[1.0], [1.0]]), np.array([[[4.0]], [[4.0]]])
     y = np.array([[0.05], [0.9]])  # the first run's increment would go to 1 − 1.9 < 0
@@ -234,7 +234,7 @@ def test_a_step_that_fails_is_halved_for_its_run_alone_and_loses_it_without_damp
 @pytest.mark.parametrize(
     "how", [{}, {"iterations": 5, "through_step": True, "damped": False}], ids=["one shot", "undamped"]
 )
-def test_a_run_whose_step_fails_is_lost_and_the_others_go_on(form, how):
+def test_failed_run_does_not_affect_others(form, how):
     model = Brittle(np.array([[1e-4]]), np.array([1e-4]))
     y = np.sqrt(0.9) * np.ones((4, 2, 1))
     mean, P = np.array([[-1.0], [0.9]]), 1e-3 * np.ones((2, 1, 1))
@@ -319,7 +319,7 @@ class Changing(StepToy):
         {"iterations": 2, "through_step": True, "form": "square_root"},
     ],
 )
-def test_what_changes_from_step_to_step_is_taken_from_its_own_step(way):
+def test_time_varying_model_uses_current_step(way):
     """Every xₖ is a linear map of unit normals z (start and noise): posteriors of z given y up to k, and given all."""
     rng, steps, n = np.random.default_rng(11), 12, 3
     A = 0.9 * np.linalg.qr(rng.normal(size=(steps, n, n)))[0]

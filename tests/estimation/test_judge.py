@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from strainsight.errors import ConfigError
-from strainsight.estimation import bank_filters
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_filters import noise_alone
-from strainsight.estimation.conditional import _linear_about, no_nuisances
+from strainsight.estimation import grid_filter_points
+from strainsight.estimation.conditional import _linearise_about, none_considered
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.grid_filter_points import noise_alone
 from strainsight.estimation.parallel_filters import LinearModels
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.loads.input_models import (
     WALK,
     IntegratedRandomWalk,
@@ -54,12 +54,12 @@ def case():
     return replace(model, free_loads=True), P, y[:, 0]
 
 
-def test_they_are_judged_by_what_no_load_could_cause(case):
+def test_parameters_are_weighted_with_free_loads(case):
     """A square of points 0.9 σ apart, each of one dense density of all readings."""
     model, P, y = case
     with finer(0.8, 16.0):
-        bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model)))
-    mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
+        grid_run = filter_on_grid(GridRecord(model, np.zeros(7), P, forces(), y, none_considered(model)))
+    mean, std = grid_run.run.mean[-1, 0, 5:], grid_run.run.std[-1, 0, 5:]
     axis = 0.9 * np.arange(-6, 7)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     prior = np.diag(P)[5:]
@@ -71,12 +71,12 @@ def test_they_are_judged_by_what_no_load_could_cause(case):
     np.testing.assert_allclose(std, np.sqrt(w @ (point - expected) ** 2), rtol=1e-4)
     # the first spring, on which a load of any size may pull, is known by how that was stated to move
     walked = replace(model, free_loads=False)
-    stated = filter_bank(BankRecord(walked, np.zeros(7), P, forces(), y, no_nuisances(walked))).run.std[-1, 0, 5:]
+    stated = filter_on_grid(GridRecord(walked, np.zeros(7), P, forces(), y, none_considered(walked))).run.std[-1, 0, 5:]
     assert std[0] > 5 * stated[0]
     assert std[1] == pytest.approx(stated[1], rel=0.02)
 
 
-def test_gains_beside_them_are_integrated_out():
+def test_gains_are_integrated_out_with_free_loads():
     """Of both gauges, 5 %, drawn 1.6 and −1.3 of that, beside k₂: Bayes over all three on a grid of dense densities."""
     spread, true, states, steps, force = 0.05, np.array([0.06, 1.6, -1.3]), [0, 1, 2, 3, 4, 6], STEPS // 2, 30.0
     whole, P = chain(), start()
@@ -92,12 +92,12 @@ def test_gains_beside_them_are_integrated_out():
     truth, _ = draw_truth(model, np.r_[np.zeros(5), true[0]], np.zeros((6, 6)), held, [3])
     y = (1 + spread * true[1:]) * (truth[1:, 0, :2] @ ROWS.T)
     y += NOISE * np.random.default_rng(4).standard_normal(y.shape)
-    none = no_nuisances(model)
+    none = none_considered(model)
     rows = spread * np.eye(2)[:, :, None] * np.pad(ROWS, [(0, 0), (0, 3)])
     gains = replace(none, source=("gain", "gain"), D=rows, E=np.zeros((2, 2, 1)), offset=np.zeros((2, 2)))
-    bank = filter_bank(BankRecord(model, np.zeros(6), P[np.ix_(states, states)], held, y, gains))
-    (mean,), cov = bank.posterior
-    nu, nu_std = bank.nuisances[0], np.sqrt(np.diag(bank.nuisances[1]))
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(6), P[np.ix_(states, states)], held, y, gains))
+    (mean,), cov = grid_run.posterior
+    nu, nu_std = grid_run.nu_moments[0], np.sqrt(np.diag(grid_run.nu_moments[1]))
     std, noise = np.sqrt(cov[0, 0]), NOISE**2 * np.eye(2 * steps)
     axis, weight, point = np.linspace(-4, 4, 11), [], []
     for p in mean + std * axis:
@@ -115,7 +115,7 @@ def test_gains_beside_them_are_integrated_out():
     assert std == pytest.approx(exact, rel=0.02)
 
 
-def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
+def test_linearisation_matches_bilinear_model():
     """All matrices at random; central differences of a bilinear function are exact."""
     rng, (n, m, p, p1, e, f, d) = np.random.default_rng(8), (5, 3, 6, 2, 5, 2, 7)
     A, G, Q, H, F = (rng.standard_normal((2, *shape)) for shape in ((n, n), (n, p), (n, n), (m, n), (m, p1)))
@@ -139,7 +139,7 @@ def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
         return found
 
     a = np.where(np.arange(d) < damping, 0.0, about)
-    at = _linear_about(models, damping)
+    at = _linearise_about(models, damping)
     np.testing.assert_allclose(at.A @ x + at.G @ w, step(a), atol=1e-12)
     np.testing.assert_allclose(at.H @ x + at.F @ end, reading(a), atol=1e-12)
     for k, one in enumerate(np.eye(d)):
@@ -159,7 +159,7 @@ LOADS = [
 ]
 
 
-def test_how_free_a_load_is_does_not_depend_on_how_stiff_it_was_stated():
+def test_free_load_is_independent_of_configured_intensity():
     model, at = chain(), 4
     for factor in (1e-3, 1.0, 30.0):
         Q = replace(model, Q=model.Q * factor).with_free_loads(STEPS).Q
@@ -172,7 +172,7 @@ def test_how_free_a_load_is_does_not_depend_on_how_stiff_it_was_stated():
 
 
 @pytest.mark.parametrize("model", LOADS, ids=str)
-def test_a_line_has_the_energy_of_the_noise_that_drives_a_load_along_it(model):
+def test_free_load_noise_matches_energy_of_tone(model):
     """Of a sine of amplitude 1 and 3 Hz, 40 periods of it: its noise by derivatives of the sine, and ∫w²dt; whatever κ."""
     duration, omega = 40 / 3.0, 2 * np.pi * 3.0
     t = np.linspace(0, duration, 40 * 400, endpoint=False)
@@ -188,7 +188,7 @@ def test_a_line_has_the_energy_of_the_noise_that_drives_a_load_along_it(model):
     assert line_intensity(model, 3.0, duration) == pytest.approx(np.mean(noise**2) * duration, rel=1e-6)
 
 
-def test_the_mean_is_that_of_unit_readings_one_after_the_other():
+def test_noise_bias_matches_unit_readings():
     """Σ εᵀS⁻¹e is a quadratic form of the readings: its mean is the sum over readings of one σ in one sample and channel."""
     rng, (n, m, d, e, steps) = np.random.default_rng(3), (4, 2, 4, 2, 30)
     A = rng.standard_normal((n, n))
@@ -221,21 +221,21 @@ def test_the_mean_is_that_of_unit_readings_one_after_the_other():
     np.testing.assert_allclose(noise_alone(models, P0, R).sum(axis=0), expected, rtol=1e-10)
 
 
-def test_where_nothing_changes_any_more_steps_are_those_before():
+def test_steady_noise_steps_are_reused():
     model = replace(chain(), free_loads=True)
     first = replace(model, every=2), np.zeros(7), start()
-    record = BankRecord(*first, forces(800), np.zeros((400, 2)), damping(model))
-    problem = bank_filters.BankProblem((record,), judged=True)
+    record = GridRecord(*first, forces(800), np.zeros((400, 2)), damping(model))
+    problem = grid_filter_points.GridProblem((record,), use_free_loads=True)
     (found,) = problem.noise_alone
     pairs = found.reshape(400, 2, -1).sum(axis=1)
     np.testing.assert_allclose(pairs[200:300], np.tile(pairs[250], (100, 1)), rtol=1e-6)
 
 
 def damping(model, spread=0.5):
-    return replace(no_nuisances(model), damping=spread)
+    return replace(none_considered(model), damping=spread)
 
 
-def test_noise_does_not_speak_for_a_damping():
+def test_noise_does_not_bias_damping():
     whole, kept, steps = chain(), [0, 1, 2, 3, 4, 6], 150
     unknowns = replace(whole.unknowns, parameters=("k2",))
     Q, P = whole.Q[np.ix_(kept, kept)], start()[np.ix_(kept, kept)]
@@ -244,7 +244,7 @@ def test_noise_does_not_speak_for_a_damping():
     means = []
     for seed in range(2):
         y = truth[1:, 0] @ model.H.T + NOISE * np.random.default_rng(seed).standard_normal((steps, 2))
-        bank = filter_bank(BankRecord(model, np.zeros(6), P, forces(steps), y, damping(model)))
-        means.append(bank.nuisances[0])
-    left = np.sqrt(np.diag(bank.nuisances[1]))
+        grid_run = filter_on_grid(GridRecord(model, np.zeros(6), P, forces(steps), y, damping(model)))
+        means.append(grid_run.nu_moments[0])
+    left = np.sqrt(np.diag(grid_run.nu_moments[1]))
     assert np.all(np.abs(np.mean(means, axis=0)) < 1.4 * left / np.sqrt(2))

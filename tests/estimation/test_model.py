@@ -14,9 +14,9 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation import consistency
 from strainsight.estimation.consistency import input_error, load_scale, scale_noise, settling_time, tune
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.lattice import lattice_about
 from strainsight.estimation.mixture import marginal, peaks_of
 from strainsight.estimation.model import input_hold, inputs_of, loads_of, physical, process_covariance
+from strainsight.estimation.parameter_grid import build_grid_about
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.update import covariance_factor, predict
 from strainsight.loads.input_models import (
@@ -33,7 +33,7 @@ from .conftest import drawn, make_beam, make_filter, prior, sine
 from .truth import draw_truth
 
 
-def test_a_model_that_contradicts_itself_is_refused():
+def test_inconsistent_model_is_refused():
     beam = make_beam()
     with pytest.raises(ConfigError, match="both known and estimated"):
         make_filter(beam, inputs=("tip",), known=("tip",))
@@ -41,7 +41,7 @@ def test_a_model_that_contradicts_itself_is_refused():
         make_filter(beam, parameters=("E",), known=("tip",), fixed={"E": 2.1e11})
 
 
-def test_an_input_is_read_where_its_model_puts_it():
+def test_input_is_read_at_its_position():
     beam = make_beam(modes=3, load_nodes=(16, 8))
     models = {"tip": Matern(5.0, 2.5), "middle": Oscillator(20.0)}
     model = make_filter(beam, inputs=("tip", "middle"), parameters=("E",), models=models)
@@ -59,7 +59,7 @@ def test_an_input_is_read_where_its_model_puts_it():
     assert held[0].tolist() == [6e4, 9e4]
 
 
-def test_moments_follow_the_linear_model():
+def test_moments_match_linear_model():
     model = make_filter(make_beam(modes=2), inputs=("tip",), q_velocity=3.0)
     mean, P0 = np.array([0.0, 0, 0, 0, 0.5]), np.diag([0.0, 0.0, 1e-2, 1e-3, 0.3])
     steps, runs = 3, 10000
@@ -76,7 +76,7 @@ def test_moments_follow_the_linear_model():
     np.testing.assert_allclose(np.cov(noise.T), np.eye(4), atol=8 / np.sqrt(runs))
 
 
-def test_a_run_depends_on_its_own_seed_alone():
+def test_run_depends_only_on_its_seed():
     model = make_filter(make_beam(modes=2), inputs=("tip",))
     nothing = np.zeros((20, 3, 0))
     together = draw_truth(model, np.zeros(5), np.eye(5), nothing, [5, 6, 7])
@@ -86,7 +86,7 @@ def test_a_run_depends_on_its_own_seed_alone():
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-18, 1e18])
-def test_a_singular_covariance_has_a_factor_of_its_rank(unit):
+def test_singular_covariance_factor_has_reduced_rank(unit):
     X = np.random.default_rng(0).normal(size=(6, 3)) * np.array([1, 1e-8, 1, 1e6, 0, 1])[:, None]
     P = X @ X.T * unit
     F = covariance_factor(P)
@@ -96,7 +96,7 @@ def test_a_singular_covariance_has_a_factor_of_its_rank(unit):
     assert covariance_factor(np.zeros((4, 4))).shape == (4, 0)
 
 
-def test_the_error_of_a_load_is_over_its_own_rms_after_the_first_tenth():
+def test_load_error_is_relative_to_rms():
     truth = 4.0 * np.sin(2 * np.pi * np.arange(100) / 30)
     truth[:10] = 1e6
     scale, zero = load_scale(truth, 1e9)
@@ -108,12 +108,12 @@ def test_the_error_of_a_load_is_over_its_own_rms_after_the_first_tenth():
 
 
 @pytest.mark.parametrize("left", [0.0, 1e-12])
-def test_the_error_of_a_load_that_is_zero_is_over_its_amplitude(left):
+def test_error_of_zero_load_is_relative_to_amplitude(left):
     truth = np.concatenate([np.full(10, 3.0), np.full(90, left)])
     assert load_scale(truth, 50.0) == (50.0, True)
 
 
-def test_an_estimate_has_settled_from_when_on_it_stays_near():
+def test_settling_time_is_last_entry_into_band():
     time = np.arange(5.0)
     assert settling_time(time, np.array([3.0, 2.0, 2.4, 2.01, 2.0]), 2.0, 0.01) == 3.0
     assert settling_time(time, np.array([3.0, 3.0, 3.0, 3.0, 2.0]), 2.0, 0.01) == 4.0
@@ -166,7 +166,7 @@ def test_noise_by_a_schedule():
     np.testing.assert_allclose(run.log_likelihood, first.log_likelihood + second.log_likelihood, rtol=1e-9)
 
 
-def test_a_normal_posterior_on_a_lattice_of_its_own_standard_deviation_is_normal():
+def test_marginal_of_normal_grid_posterior_is_normal():
     point = np.arange(-5.0, 6.0)
     weight = norm.pdf(point)
     own = marginal(0.3 + 0.02 * point, weight / weight.sum(), 0.02, (0.0, 0.1))
@@ -179,12 +179,12 @@ def test_a_normal_posterior_on_a_lattice_of_its_own_standard_deviation_is_normal
 
 def test_each_parameter_of_a_correlated_normal_posterior_has_its_marginal():
     mean, covariance = np.array([0.1, -0.2]), np.array([[4.0, 2.9], [2.9, 2.5]])
-    lattice = lattice_about(mean, covariance, 1.0, 5.0)
-    off = lattice.point - mean
+    grid = build_grid_about(mean, covariance, 1.0, 5.0)
+    off = grid.point - mean
     weight = np.exp(-0.5 * np.sum(off @ np.linalg.inv(covariance) * off, axis=1))
     weight /= weight.sum()
     for i in range(2):
-        own = marginal(lattice.point[:, i], weight, float(lattice.step[i]), (0.0, 10.0))
+        own = marginal(grid.point[:, i], weight, float(grid.step[i]), (0.0, 10.0))
         exact = norm.pdf(own.value, mean[i], np.sqrt(covariance[i, i]))
         np.testing.assert_allclose(own.density, exact, atol=2e-3 * exact.max())
 
@@ -203,14 +203,14 @@ def test_a_posterior_of_two_peaks_has_both_with_their_probabilities_and_keeps_it
     assert step * own.density @ (own.value - mean) ** 2 == pytest.approx(weight @ (point - mean) ** 2, rel=1e-5)
 
 
-def test_points_that_are_no_lattice_have_a_normal_density_of_their_moments():
+def test_marginal_without_grid_is_normal():
     own = marginal(np.array([-1.0, 1.0]), np.array([0.5, 0.5]), np.inf, (0.0, 4.0))
     np.testing.assert_allclose(own.density, norm.pdf(own.value))
     assert own.left == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(("distance", "peaks"), [(2.0, 1), (2.8, 1), (3.4, 2)])
-def test_two_humps_are_two_peaks_where_less_than_half_of_the_lower_lies_between(distance, peaks):
+def test_peaks_are_separated_by_deep_valley(distance, peaks):
     value = np.linspace(-6, 10, 801)
     density = norm.pdf(value) + norm.pdf(value, distance)
     between = 2 * norm.pdf(distance / 2) / density.max()
@@ -218,7 +218,7 @@ def test_two_humps_are_two_peaks_where_less_than_half_of_the_lower_lies_between(
     assert len(peaks_of(value, density)[0]) == peaks
 
 
-def test_a_peak_that_holds_less_than_a_hundredth_is_none():
+def test_peak_with_low_probability_is_ignored():
     value = np.linspace(-6, 16, 801)
     found, share = peaks_of(value, 0.995 * norm.pdf(value) + 0.005 * norm.pdf(value, 10.0))
     assert found == pytest.approx([0.0], abs=0.03)
@@ -235,7 +235,7 @@ def unknowns(*models):
 
 @pytest.mark.parametrize("model", SMOOTH)
 @pytest.mark.parametrize("h", [1e-4, 1e-2])
-def test_the_gathered_noise_is_the_integral(model, h):
+def test_step_noise_equals_integral(model, h):
     A, Q = rate_matrix(model), input_intensity(model, 0.0)
     expected = quad_vec(lambda s: expm(A * s) @ Q @ expm(A * s).T, 0, h, epsrel=1e-12, epsabs=0)[0]
     F, full = np.zeros((4 + len(A), 4 + len(A))), np.zeros((4 + len(A), 4 + len(A)))
@@ -248,7 +248,7 @@ def test_the_gathered_noise_is_the_integral(model, h):
     np.testing.assert_allclose(many, [found, 3 * found], rtol=1e-12, atol=1e-15 * np.abs(found).max())
 
 
-def test_walks_are_held_exactly_and_in_their_order():
+def test_random_walks_are_discretised_exactly():
     both = unknowns(RandomWalk(), IntegratedRandomWalk(20.0))
     omega = 2 * np.pi * 20
     hold = input_hold(both, 1e-3)
@@ -258,7 +258,7 @@ def test_walks_are_held_exactly_and_in_their_order():
 
 
 @pytest.mark.parametrize("h", [1e-4, 1e-2, 0.3])
-def test_what_a_load_moves_while_it_drifts_is_in_the_noise_of_a_step(h):
+def test_load_drift_within_step_enters_process_noise(h):
     """Two modes under a random walk, the second turning up to 600 rad in a step: the integral over the whole state."""
     omega, zeta = np.array([60.0, 2000.0]), 0.01
     F, Q = np.zeros((5, 5)), np.diag([0.0, 0.0, 1e-3, 1e-2, 5.0])
@@ -300,7 +300,7 @@ def best():
     return tune(model, *rest, parts=("noise",)).factors["noise"]
 
 
-def test_no_other_factors_are_more_likely():
+def test_tuned_factors_maximise_likelihood():
     model, mean, P0, known, y = recorded(make_beam, make_filter)
     _, other = draw_truth(model, mean, P0, known, [7])
     both = np.concatenate([y, other], axis=1)
@@ -339,7 +339,7 @@ def test_a_part_without_noise_cannot_be_tuned():
         tune(model, *rest, parts=("model_error",))
 
 
-def test_noise_that_is_not_there_runs_to_its_limit():
+def test_tuning_of_absent_noise_reaches_limit():
     model, mean, P0, known, _ = recorded(make_beam, make_filter)
     _, y = draw_truth(replace(model, Q=0 * model.Q), mean, P0, known, [0])
     found = tune(model, mean, P0, known, y, limit=1e3)
@@ -347,7 +347,7 @@ def test_noise_that_is_not_there_runs_to_its_limit():
     assert found.factors["process"] == pytest.approx(1e-3)
 
 
-def test_where_every_run_diverges_the_search_turns_back(best, monkeypatch):
+def test_tuning_recovers_from_divergence(best, monkeypatch):
     model, *rest = recorded(make_beam, make_filter)
     stated, lost = replace(model, r=100 * model.r), []
 
@@ -368,12 +368,12 @@ def test_a_record_that_loses_the_filter_from_the_start_is_refused():
     mean, P0 = np.zeros(7), np.diag([0.0] * 6 + [0.01])
     _, y = draw_truth(model, mean, P0, u, [0, 1])
     y[30:, 1] = 1e3
-    with pytest.raises(NumericalError, match="diverges with the noise as stated"):
+    with pytest.raises(NumericalError, match="diverges with the configured noise"):
         tune(model, mean, P0, u, y, parts=("noise",))
     assert run_filter(model, mean, P0, u, y).lost.tolist()[0] == -1
 
 
-def test_where_runs_of_one_side_are_lost_the_slope_is_that_of_the_other(best, monkeypatch):
+def test_one_sided_slope_after_divergence(best, monkeypatch):
     model, *rest = recorded(make_beam, make_filter)
     stated = replace(model, r=model.r / 4)
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.grid_filter_smoother import smooth_on_grid
 from strainsight.estimation.model import measure, step, surface_reading
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.reduced import DrivenModel
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
@@ -156,7 +156,7 @@ def test_reading_and_jacobian_are_those_of_the_rows_at_the_parameter(sets):
         np.testing.assert_allclose(np.broadcast_to(J, (3, 3, 6))[..., i], slope, atol=1e-6 * np.abs(slope).max())
 
 
-def test_elsewhere_on_the_surface_is_read_as_a_channel_there_would():
+def test_virtual_gauge_matches_channel():
     model = unknown()
     x = np.random.default_rng(1).standard_normal((4, 5)) * 0.1
     y, J = measure(model, x, np.zeros(1))
@@ -201,21 +201,21 @@ def by_brute_force(model, y):
     return mean, np.sqrt(w @ (grid - mean) ** 2)
 
 
-def test_bank_is_bayes_by_brute_force_and_the_other_filters_are_near():
+def test_grid_filter_matches_brute_force_bayes():
     model = unknown()
     y = samples(model, 0.12, 7)
     mean, std = by_brute_force(model, y)
     assert abs(mean - 0.12) < 3 * std
-    bank = filter_bank(BankRecord(model, np.zeros(5), START, forces(), y, no_nuisances(model)))
-    assert bank.run.mean[-1, 0, 4] == pytest.approx(mean, abs=0.01 * std)
-    assert bank.run.std[-1, 0, 4] == pytest.approx(std, rel=0.01)
-    later = smooth_bank(BankRecord(model, np.zeros(5), START, forces(), y, no_nuisances(model)), bank)
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(5), START, forces(), y, none_considered(model)))
+    assert grid_run.run.mean[-1, 0, 4] == pytest.approx(mean, abs=0.01 * std)
+    assert grid_run.run.std[-1, 0, 4] == pytest.approx(std, rel=0.01)
+    later = smooth_on_grid(GridRecord(model, np.zeros(5), START, forces(), y, none_considered(model)), grid_run)
     assert later.mean[0, 0, 4] == pytest.approx(mean, abs=0.01 * std)
     for by_points in (False, True):
         other = run_filter(model, np.zeros(5), START, forces(), y, by_points=by_points)
         assert other.mean[-1, 0, 4] == pytest.approx(mean, abs=0.3 * std)
         assert other.std[-1, 0, 4] == pytest.approx(std, rel=0.1)
-    blind = filter_bank(
-        BankRecord(replace(model, change=NO_CHANGE), np.zeros(5), START, forces(), y, no_nuisances(model))
+    blind = filter_on_grid(
+        GridRecord(replace(model, change=NO_CHANGE), np.zeros(5), START, forces(), y, none_considered(model))
     )
     assert abs(blind.run.mean[-1, 0, 4] - mean) > 2 * std

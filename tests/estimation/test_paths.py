@@ -9,11 +9,11 @@ import pytest
 from scipy.linalg import block_diag
 
 from strainsight.damage import Curve, damage_of, interval_of
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.grid_filter_smoother import sample_paths, smooth_on_grid
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.smoother import smooth, smoother_errors
 
@@ -46,16 +46,16 @@ def dense(model, y):
 
 
 @pytest.mark.parametrize("by", ["bank", "moments"])
-def test_instants_belong_together_as_in_the_whole_posterior(by):
+def test_sampled_paths_match_joint_posterior(by):
     model, known = loaded_chain(), forces(STEPS)
     y = measured(model, known, P, np.zeros(5))
     expected = dense(model, y)
     if by == "bank":
-        none = no_nuisances(model)
-        bank = filter_bank(BankRecord(model, np.zeros(5), P, known, y, none))
-        parts = bank_paths(BankRecord(model, np.zeros(5), P, known, y, none), bank, COUNT, 1)
+        none = none_considered(model)
+        grid_run = filter_on_grid(GridRecord(model, np.zeros(5), P, known, y, none))
+        parts = sample_paths(GridRecord(model, np.zeros(5), P, known, y, none), grid_run, COUNT, 1)
         x = np.concatenate([part.state for part in parts])
-        middle = smooth_bank(BankRecord(model, np.zeros(5), P, known, y, none), bank).mean[:, 0]
+        middle = smooth_on_grid(GridRecord(model, np.zeros(5), P, known, y, none), grid_run).mean[:, 0]
     else:
         run = run_filter(model, np.zeros(5), P, known, y, "all")
         x = smoother_errors(driven_with_offsets(model, known), run, COUNT, np.random.default_rng(1))
@@ -67,17 +67,17 @@ def test_instants_belong_together_as_in_the_whole_posterior(by):
 
 
 def drawn_paths(model, known, own):
-    """The bank, what its smoother claims, and histories (COUNT, T + 1, n) and parameters (COUNT, k) drawn from it."""
+    """The grid filter, what its smoother claims, and histories (COUNT, T + 1, n) and parameters (COUNT, k) drawn from it."""
     first, mean = start(model.size), believed(model)
     given = model, mean, first, known, measured(model, known, first, mean), own
-    bank = filter_bank(BankRecord(*given))
-    parts = list(bank_paths(BankRecord(*given), bank, COUNT, 1))
+    grid_run = filter_on_grid(GridRecord(*given))
+    parts = list(sample_paths(GridRecord(*given), grid_run, COUNT, 1))
     x, p = (np.concatenate([getattr(part, name) for part in parts]) for name in ("state", "parameter"))
-    return given, bank, smooth_bank(BankRecord(*given), bank), x, p
+    return given, grid_run, smooth_on_grid(GridRecord(*given), grid_run), x, p
 
 
 @pytest.mark.parametrize("learned", [*slowly(False), True])
-def test_every_instant_has_the_mean_and_covariance_that_the_smoother_claims(learned):
+def test_sampled_paths_match_smoother_moments(learned):
     model, known = chain(("k1", "k2")), both_forces()[:, :, :1]
     own = replace(constants(model), learned=learned)
     *_, claimed, x, p = drawn_paths(model, known, own)
@@ -91,7 +91,7 @@ def test_every_instant_has_the_mean_and_covariance_that_the_smoother_claims(lear
 
 
 @pytest.mark.parametrize(("parameters", "learned"), [((), False), (("k1",), True)])
-def test_what_loads_displace_beyond_the_coordinates_is_drawn_as_the_smoother_claims(parameters, learned):
+def test_sampled_truncation_matches_smoother(parameters, learned):
     """z = ν u of a known and of an unknown load, behind the states; of the known load its history times one normal number."""
     model, known = chain(parameters), both_forces()[:, :, :1]
     both = constants(model)
@@ -118,29 +118,29 @@ def test_what_loads_displace_beyond_the_coordinates_is_drawn_as_the_smoother_cla
     assert nu.std() == pytest.approx(1.0, abs=4 * SAMPLING) if not learned else nu.std() < 1.0
 
 
-def test_what_is_carried_to_drawn_parameters_is_what_the_smoother_finds_there():
+def test_sampled_motion_matches_smoother_at_parameters():
     """At a parameter two standard deviations off, against smoothing there: within a twentieth of σ."""
     model, known = chain(("k1",)), both_forces()[:, :, :1]
-    given, bank, claimed, x, p = drawn_paths(model, known, no_nuisances(model))
-    centre, spread = bank.posterior
+    given, grid_run, claimed, x, p = drawn_paths(model, known, none_considered(model))
+    centre, spread = grid_run.posterior
     for side in (2.0, -2.0):
         there = centre + side * np.sqrt(spread[0])
         points = {"point": np.array([there - 1e-6, there + 1e-6]), "weight": np.full(2, 0.5)}
-        narrow = replace(bank, **points, nu=np.zeros((2, 0)), left=np.zeros((2, 0, 0)))
-        exact = smooth_bank(BankRecord(*given), narrow).mean[:, 0, :5]
+        narrow = replace(grid_run, **points, nu=np.zeros((2, 0)), left=np.zeros((2, 0, 0)))
+        exact = smooth_on_grid(GridRecord(*given), narrow).mean[:, 0, :5]
         z = (p[:, 0] - centre[0]) / np.sqrt(spread[0, 0])
         near = np.abs(z - side) < 0.1
         off = (x[near].mean(axis=0) - exact) / claimed.std[:, 0, :5]
         assert np.abs(off).max() < 0.05 + 5 / np.sqrt(near.sum())
 
 
-def test_a_seed_is_a_set_of_draws_and_a_part_of_the_states_is_that_part():
+def test_seed_determines_draws():
     model, known = loaded_chain(), forces(STEPS)
-    y, none = measured(model, known, P, np.zeros(5)), no_nuisances(model)
-    bank = filter_bank(BankRecord(model, np.zeros(5), P, known, y, none))
+    y, none = measured(model, known, P, np.zeros(5)), none_considered(model)
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(5), P, known, y, none))
 
     def drawn(seed, **more):
-        return next(bank_paths(BankRecord(model, np.zeros(5), P, known, y, none), bank, 50, seed, **more)).state
+        return next(sample_paths(GridRecord(model, np.zeros(5), P, known, y, none), grid_run, 50, seed, **more)).state
 
     np.testing.assert_array_equal(drawn(1), drawn(1))
     np.testing.assert_array_equal(drawn(1)[:, :, :2], drawn(1, states=slice(0, 2)))
@@ -157,23 +157,23 @@ def spring_forces(x, p):
 
 
 @pytest.mark.slow
-def test_the_interval_holds_the_truth_in_95_of_100_records():
+def test_interval_contains_truth_in_95_percent():
     """Damage in both springs of truths of the filter's own model; that of the smoothed history is too small in most."""
     model, known = chain(("k1",)), both_forces()[:, :, :1]
-    none, first, mean = no_nuisances(model), start(model.size), np.zeros(model.size)
+    none, first, mean = none_considered(model), start(model.size), np.zeros(model.size)
     inside, low = [], []
     for record in range(RECORDS):
         x, y = draw_truth(model, mean, first, known, [1000 + record])
         true = damage_of(spring_forces(x[:, 0], x[-1, 0, -1]), CURVE).miner
-        bank = filter_bank(BankRecord(model, mean, first, known, y[:, 0], none))
+        grid_run = filter_on_grid(GridRecord(model, mean, first, known, y[:, 0], none))
         drawn = [
             damage_of(spring_forces(own, p[0]), CURVE).miner
-            for part in bank_paths(BankRecord(model, mean, first, known, y[:, 0], none), bank, DRAWS, record)
+            for part in sample_paths(GridRecord(model, mean, first, known, y[:, 0], none), grid_run, DRAWS, record)
             for own, p in zip(part.state, part.parameter, strict=True)
         ]
         found = interval_of(np.array(drawn))
         inside.append((found.low <= true) & (true <= found.high))
-        later = smooth_bank(BankRecord(model, mean, first, known, y[:, 0], none), bank).mean[:, 0]
+        later = smooth_on_grid(GridRecord(model, mean, first, known, y[:, 0], none), grid_run).mean[:, 0]
         low.append(damage_of(spring_forces(later, later[-1, -1]), CURVE).miner < true)
     share = np.mean(inside, axis=0)
     assert (share >= 0.90).all(), share

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.claim import bank_claim
-from strainsight.estimation.conditional import Nuisances, no_nuisances
-from strainsight.estimation.peak import MOST_SCANNED, peak_of, resonance_widths, scan_lattice
-from strainsight.estimation.record import BankRecord, Settled, start_errors
+from strainsight.estimation.claim import predict_grid_std
+from strainsight.estimation.conditional import ConsideredParameters, none_considered
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.grid_filter_smoother import smooth_on_grid
+from strainsight.estimation.peak import MOST_SCANNED, build_scan_grid, find_peak, resonance_widths
+from strainsight.estimation.record import GridRecord, Settled, start_errors
 from strainsight.rom.model import Damping
 
 from ..shared import slowly
@@ -77,12 +77,12 @@ def tone_of(phase, steps):
 
 
 @pytest.mark.parametrize(("truth", "noise"), [(0.45, 1e-3), (-0.55, 1e-3), (0.7, 5e-3)])
-def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise):
+def test_peak_search_finds_global_maximum(truth, noise):
     force = AMPLITUDE * np.sin(0.7 * np.arange(150))
     y = readings_from_rest([truth], force)[0] + noise * np.random.default_rng(1).standard_normal((150, 2))
     density = log_density(lambda p: readings_from_rest(p, force), y, noise)
     model = model_of(noise)
-    peak = peak_of(BankRecord(model, np.zeros(5), prior(1e-9), held(force), y, no_nuisances(model), NO_OFFSETS, None))
+    peak = find_peak(GridRecord(model, np.zeros(5), prior(1e-9), held(force), y, none_considered(model), NO_OFFSETS, None))
     weight = np.exp(density - density.max())
     std = np.sqrt(np.cov(VALUES, aweights=weight))
     assert peak.point[0] == pytest.approx(VALUES[np.argmax(density)], abs=0.3 * std)
@@ -94,29 +94,29 @@ def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise)
 @pytest.mark.parametrize(
     ("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), *slowly((0.35, -0.3, 1e-3)), (0.7, 0.5, 2e-2)]
 )
-def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, truth, noise):
+def test_settled_start_has_bimodal_posterior(phase, truth, noise):
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     density = log_density(lambda p: settled_readings(p, phase, 40), y, noise)
     weight = np.exp(density - density.max())
     weight /= weight.sum()
     model = model_of(noise)
     known, tone = tone_of(phase, 40)
-    bank = filter_bank(BankRecord(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone))
-    mean, covariance = bank.posterior
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(5), prior(1.0), known, y, none_considered(model), settled=tone))
+    mean, covariance = grid_run.posterior
     expected = weight @ VALUES
     std = np.sqrt(weight @ (VALUES - expected) ** 2)
     assert mean[0] == pytest.approx(expected, abs=0.05 * std)
     assert np.sqrt(covariance[0, 0]) == pytest.approx(std, rel=0.05)
-    assert bank.weight[bank.point[:, 0] < 0].sum() == pytest.approx(weight[VALUES < 0].sum(), abs=0.03)
+    assert grid_run.weight[grid_run.point[:, 0] < 0].sum() == pytest.approx(weight[VALUES < 0].sum(), abs=0.03)
 
 
 @pytest.mark.parametrize("noise", [1e-5, 1e-6])
-def test_a_sharp_peak_between_the_points_of_the_first_lattice_is_found(noise):
+def test_peak_between_grid_points_is_found(noise):
     truth, phase = -0.3, 0.7
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     model, (known, tone) = model_of(noise), tone_of(phase, 40)
-    bank = filter_bank(BankRecord(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone))
-    mean, covariance = bank.posterior
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(5), prior(1.0), known, y, none_considered(model), settled=tone))
+    mean, covariance = grid_run.posterior
     std = np.sqrt(covariance[0, 0])
     assert std < 1e-3 * STD
     assert abs(mean[0] - truth) < 4 * std
@@ -133,23 +133,23 @@ def test_the_peak_of_a_settled_motion_is_linear_about_the_damping_of_its_record(
     known, tone = tone_of(phase, steps)
     exact = model_of(noise)
     damped = replace(exact, model=replace(exact.model, damping=exact.model.damping.scaled((factor, factor))))
-    uncertain = replace(no_nuisances(damped), damping=0.5)
-    peak = peak_of(BankRecord(damped, np.zeros(5), prior(1.0), known, y, uncertain, NO_OFFSETS, tone))
-    best = peak_of(BankRecord(exact, np.zeros(5), prior(1.0), known, y, no_nuisances(exact), NO_OFFSETS, tone))
+    uncertain = replace(none_considered(damped), damping=0.5)
+    peak = find_peak(GridRecord(damped, np.zeros(5), prior(1.0), known, y, uncertain, NO_OFFSETS, tone))
+    best = find_peak(GridRecord(exact, np.zeros(5), prior(1.0), known, y, none_considered(exact), NO_OFFSETS, tone))
     assert peak.about is not None
     assert peak.about[0] == pytest.approx(-np.log(factor) / 0.5, abs=0.01)
     assert peak.point[0] == pytest.approx(best.point[0], abs=1e-4)
     assert best.evidence - 8 < peak.evidence < best.evidence
 
 
-def test_widths_of_resonances_are_those_of_finite_differences():
+def test_resonance_widths_match_finite_differences():
     def frequencies(name, p):
         values = REFERENCE | {name: REFERENCE[name] * np.exp(p)}
         return np.sqrt(np.linalg.eigvalsh(sum(values[own] * STIFFNESS[own] for own in values)))
 
     model = driven_chain()
-    record = BankRecord(
-        model, np.zeros(5), prior(1.0), np.zeros((1000, 3, 1)), np.zeros((1000, 2)), no_nuisances(model)
+    record = GridRecord(
+        model, np.zeros(5), prior(1.0), np.zeros((1000, 3, 1)), np.zeros((1000, 2)), none_considered(model)
     )
     omega = frequencies("k1", 0.0)
     for name, width in zip(("k1", "k2"), resonance_widths([record]), strict=True):
@@ -164,9 +164,9 @@ def test_a_scan_covers_the_prior_with_a_bounded_number_of_points(parameters):
     rng = np.random.default_rng(parameters)
     root = np.eye(parameters) + 0.1 * rng.normal(size=(parameters, parameters))
     covariance = 0.04 * root @ root.T
-    lattice = scan_lattice(np.zeros(parameters), covariance, np.full(parameters, 0.02), 3.5)
-    assert 30 < len(lattice.node) <= 1.3 * MOST_SCANNED
-    far = np.sqrt(np.max(np.sum(lattice.point * np.linalg.solve(covariance, lattice.point.T).T, axis=1)))
+    grid = build_scan_grid(np.zeros(parameters), covariance, np.full(parameters, 0.02), 3.5)
+    assert 30 < len(grid.node) <= 1.3 * MOST_SCANNED
+    far = np.sqrt(np.max(np.sum(grid.point * np.linalg.solve(covariance, grid.point.T).T, axis=1)))
     assert 2.5 < far < 4.5
 
 
@@ -199,7 +199,7 @@ def damped_model(parameters):
 def constants(model):
     D = np.zeros((2, 2, 4))
     D[[0, 1], [0, 1], :2] = GAIN * ROWS
-    return Nuisances(("gain", "gain"), D, np.zeros((2, 2, 1)), np.zeros((2, 2)), damping=0.3, stiffness=0.01)
+    return ConsideredParameters(("gain", "gain"), D, np.zeros((2, 2, 1)), np.zeros((2, 2)), damping=0.3, stiffness=0.01)
 
 
 def step_of(values, factors=(1.0, 1.0)):
@@ -222,7 +222,7 @@ def settled_prior(model, motion):
     return np.diag([motion**2] * 4 + [0.1**2] * (model.size - 4))
 
 
-def test_the_start_and_its_slopes_are_those_of_a_long_run():
+def test_periodic_start_matches_long_run():
     model, size = damped_model(("k1", "k2")), 1e-4
     assert np.exp(-DECAY * LEAD * H) < 1e-10
 
@@ -243,9 +243,9 @@ def test_the_start_and_its_slopes_are_those_of_a_long_run():
 
 
 @pytest.mark.parametrize("learned", [*slowly(False), True])
-def test_filter_and_smoother_are_those_that_waited_from_rest(learned):
+def test_settled_start_matches_long_record_from_rest(learned):
     model = damped_model(("k1",))
-    nuisances = replace(constants(model), learned=learned)
+    considered = replace(constants(model), learned=learned)
     rng = np.random.default_rng(4)
     x = long_run({"k1": 1.07 * REFERENCE["k1"], "k2": REFERENCE["k2"]}, (1.2, 0.9))
     y = (x[1:, :2] @ ROWS.T) * [1.01, 0.98] + NOISE * rng.standard_normal((STEPS, 2))
@@ -253,12 +253,12 @@ def test_filter_and_smoother_are_those_that_waited_from_rest(learned):
     still, moving, zero = settled_prior(model, 1e-9), settled_prior(model, 1.0), np.zeros(5)
     known, longer = force(np.arange(STEPS)), force(np.arange(-LEAD, STEPS))
     with finer(*EXACT):
-        found = filter_bank(BankRecord(model, zero, moving, known, y, nuisances, settled=SETTLED))
-        expected = filter_bank(BankRecord(model, zero, still, longer, waited, nuisances))
+        found = filter_on_grid(GridRecord(model, zero, moving, known, y, considered, settled=SETTLED))
+        expected = filter_on_grid(GridRecord(model, zero, still, longer, waited, considered))
     for one, other in zip(found.posterior, expected.posterior, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6)
-    smoothed = smooth_bank(BankRecord(model, zero, moving, known, y, nuisances, settled=SETTLED), found)
-    by_waiting = smooth_bank(BankRecord(model, zero, still, longer, waited, nuisances), expected)
+    smoothed = smooth_on_grid(GridRecord(model, zero, moving, known, y, considered, settled=SETTLED), found)
+    by_waiting = smooth_on_grid(GridRecord(model, zero, still, longer, waited, considered), expected)
     # a smoother takes its slopes along one motion, the mean over the parameters, which begins a little otherwise
     for own, other, alike in ((found.run, expected.run, 1e-6), (smoothed, by_waiting, 5e-3)):
         scale = np.abs(own.mean).max(axis=0)
@@ -268,17 +268,17 @@ def test_filter_and_smoother_are_those_that_waited_from_rest(learned):
     np.testing.assert_allclose(found.run.std[0], expected.run.std[LEAD], rtol=1e-3)
 
 
-def test_what_is_expected_is_what_the_bank_claims_on_exact_readings():
+def test_expected_sigma_matches_grid_filter():
     model = damped_model(("k1",))
     whole, known = constants(model), force(np.arange(STEPS))
     # so small that the posterior is normal
-    nuisances = replace(whole, D=0.1 * whole.D, damping=0.03, stiffness=1e-3)
+    considered = replace(whole, D=0.1 * whole.D, damping=0.03, stiffness=1e-3)
     x = long_run(REFERENCE)
     both = np.concatenate([known, 0 * known], axis=2)
-    claim = bank_claim(model, x, both, settled_prior(model, 1.0), nuisances, SETTLED)
-    bank = filter_bank(
-        BankRecord(model, np.zeros(5), settled_prior(model, 1.0), known, x[1:, :2] @ ROWS.T, nuisances, settled=SETTLED)
+    claim = predict_grid_std(model, x, both, settled_prior(model, 1.0), considered, SETTLED)
+    grid_run = filter_on_grid(
+        GridRecord(model, np.zeros(5), settled_prior(model, 1.0), known, x[1:, :2] @ ROWS.T, considered, settled=SETTLED)
     )
-    np.testing.assert_allclose(claim.std[-1, 0], bank.run.std[-1, 0], rtol=0.02)
-    unknown = bank_claim(model, x, both, settled_prior(model, 1.0), nuisances)
+    np.testing.assert_allclose(claim.std[-1, 0], grid_run.run.std[-1, 0], rtol=0.02)
+    unknown = predict_grid_std(model, x, both, settled_prior(model, 1.0), considered)
     assert claim.std[5, 0, 4] < 0.9 * unknown.std[5, 0, 4]

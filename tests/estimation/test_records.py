@@ -10,10 +10,10 @@ import pytest
 from scipy.linalg import block_diag
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank import FOLLOWED, filter_bank, filter_records
-from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
-from strainsight.estimation.conditional import Nuisances, each_its_own, no_nuisances
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.conditional import ConsideredParameters, none_considered, split_by_record
+from strainsight.estimation.grid_filter import FOLLOWED, filter_on_grid, filter_records
+from strainsight.estimation.grid_filter_smoother import sample_paths, smooth_on_grid
+from strainsight.estimation.record import GridRecord
 
 from .chain import NOISE, ROWS, STEPS, H, chain, driven_chain, driven_start, finer, forces, loaded_chain, start, states
 from .truth import draw_truth
@@ -55,15 +55,15 @@ def conditioned(p, y, of=slice(None)):
     return fit, mean[of] + K @ e, P[of, of] - K @ cross[:, of]
 
 
-def nuisances(learned=True):
-    one = Nuisances(
+def considered(learned=True):
+    one = ConsideredParameters(
         ("gain", "offset", "offset"),
         np.zeros((3, 2, 5)),
         np.zeros((3, 2, 1)),
         np.vstack([SHARED, OWN]),
         learned=learned,
     )
-    return each_its_own(one, 2, ("offset",))
+    return split_by_record(one, 2, ("offset",))
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def measured():
 
 
 def campaign(model, P, y, own, **more):
-    records = [BankRecord(model, np.zeros(len(P)), P, held_of(r), y[r], own[r]) for r in range(2)]
+    records = [GridRecord(model, np.zeros(len(P)), P, held_of(r), y[r], own[r]) for r in range(2)]
     return filter_records(records, **more)
 
 
@@ -86,8 +86,8 @@ def campaign(model, P, y, own, **more):
 def square(measured):
     """Bayes by brute force on a square of parameters 0.8 σ apart."""
     with finer(0.4, 24.0):
-        banks = campaign(chain(), start(), measured, nuisances())
-    mean, covariance = banks[0].posterior
+        grid_runs = campaign(chain(), start(), measured, considered())
+    mean, covariance = grid_runs[0].posterior
     std = np.sqrt(np.diag(covariance))
     axis = 0.8 * np.arange(-9, 10)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -100,45 +100,45 @@ def square(measured):
     edge = w.reshape(19, 19)
     assert max(edge[[0, -1]].max(), edge[:, [0, -1]].max()) < 1e-7
     w /= w.sum()
-    return banks, point, w, [own[1:] for own in found], evidence
+    return grid_runs, point, w, [own[1:] for own in found], evidence
 
 
-def test_two_records_are_bayes_by_brute_force(square):
-    banks, point, w, found, evidence = square
+def test_two_records_match_brute_force_bayes(square):
+    grid_runs, point, w, found, evidence = square
     mean = w @ point
     std = np.sqrt(w @ (point - mean) ** 2)
-    for bank in banks:
-        own, covariance = bank.posterior
+    for grid_run in grid_runs:
+        own, covariance = grid_run.posterior
         np.testing.assert_allclose(own / std, mean / std, atol=1e-6)
         np.testing.assert_allclose(np.sqrt(np.diag(covariance)), std, rtol=1e-6)
-    assert sum(float(bank.run.log_likelihood[0]) for bank in banks) == pytest.approx(evidence, abs=1e-6)
+    assert sum(float(grid_run.run.log_likelihood[0]) for grid_run in grid_runs) == pytest.approx(evidence, abs=1e-6)
     nu = np.array([own[0][-5:] for own in found])
     middle = w @ nu
     variance = w @ ((nu - middle) ** 2 + np.array([np.diag(own[1])[-5:] for own in found]))
-    own, covariance = banks[1].nuisances
+    own, covariance = grid_runs[1].nu_moments
     np.testing.assert_allclose(own, middle, atol=1e-6)
     np.testing.assert_allclose(np.diag(covariance), variance, rtol=1e-6)
 
 
-def test_the_last_instant_is_that_of_all_samples(square):
-    banks, _, w, found, _ = square
+def test_last_instant_contains_all_samples(square):
+    grid_runs, _, w, found, _ = square
     x = np.array([own[0][-10:-5] for own in found])
     mean = w @ x
     std = np.sqrt(w @ ((x - mean) ** 2 + np.array([np.diag(own[1])[-10:-5] for own in found])))
-    run = banks[1].run
+    run = grid_runs[1].run
     np.testing.assert_allclose(run.mean[-1, 0, :5] / std, mean / std, atol=1e-6)
     np.testing.assert_allclose(run.std[-1, 0, :5], std, rtol=1e-6)
 
 
-def test_one_record_smooths_by_what_the_other_says_of_constants(measured):
+def test_smoother_shares_constants_between_records(measured):
     """Parameters known: smoothed motion and loads of both records are those of one dense Gaussian."""
     model, P = loaded_chain(), start()[:5, :5]
-    own = nuisances()
-    banks = campaign(model, P, measured, own)
+    own = considered()
+    grid_runs = campaign(model, P, measured, own)
     _, mean, covariance = conditioned(np.zeros(2), np.concatenate([y.ravel() for y in measured]))
     first = 0
-    for r, bank in enumerate(banks):
-        later = smooth_bank(BankRecord(model, np.zeros(5), P, held_of(r), measured[r], own[r]), bank)
+    for r, grid_run in enumerate(grid_runs):
+        later = smooth_on_grid(GridRecord(model, np.zeros(5), P, held_of(r), measured[r], own[r]), grid_run)
         span = slice(first, first + 5 * (LENGTHS[r] + 1))
         expected, std = mean[span].reshape(-1, 5), np.sqrt(np.diag(covariance)[span]).reshape(-1, 5)
         np.testing.assert_allclose(later.mean[:, 0] / std, expected / std, atol=1e-7)
@@ -146,27 +146,27 @@ def test_one_record_smooths_by_what_the_other_says_of_constants(measured):
         first = span.stop
 
 
-def test_motion_as_it_is_read_knows_nothing_of_other_records(measured):
-    model, P, own = loaded_chain(), start()[:5, :5], nuisances(learned=False)
-    alone = Nuisances(("gain", "offset", "offset"), np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), np.vstack([SHARED, OWN]))
-    for r, bank in enumerate(campaign(model, P, measured, own)):
-        by_itself = filter_bank(BankRecord(model, np.zeros(5), P, held_of(r), measured[r], alone))
+def test_unlearned_motion_is_independent_of_other_records(measured):
+    model, P, own = loaded_chain(), start()[:5, :5], considered(learned=False)
+    alone = ConsideredParameters(("gain", "offset", "offset"), np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), np.vstack([SHARED, OWN]))
+    for r, grid_run in enumerate(campaign(model, P, measured, own)):
+        by_itself = filter_on_grid(GridRecord(model, np.zeros(5), P, held_of(r), measured[r], alone))
         args = model, np.zeros(5), P, held_of(r), measured[r]
-        one, other = smooth_bank(BankRecord(*args, own[r]), bank), smooth_bank(BankRecord(*args, alone), by_itself)
-        for found, expected in ((bank.run, by_itself.run), (one, other)):
+        one, other = smooth_on_grid(GridRecord(*args, own[r]), grid_run), smooth_on_grid(GridRecord(*args, alone), by_itself)
+        for found, expected in ((grid_run.run, by_itself.run), (one, other)):
             std = expected.std.max(axis=0)
             np.testing.assert_allclose(found.mean / std, expected.mean / std, atol=1e-9)
             np.testing.assert_allclose(found.std, expected.std, rtol=1e-9)
 
 
-def test_histories_have_the_moments_of_the_smoother_and_the_constants_in_common(measured):
-    model, own, count = chain(), nuisances(), 4000
-    banks = campaign(model, start(), measured, own)
+def test_sampled_histories_match_smoother_and_share_constants(measured):
+    model, own, count = chain(), considered(), 4000
+    grid_runs = campaign(model, start(), measured, own)
     parts = []
-    for r, bank in enumerate(banks):
-        args = BankRecord(model, np.zeros(7), start(), held_of(r), measured[r], own[r]), bank
-        drawn = next(bank_paths(*args, count, 1, number=r))
-        later = smooth_bank(*args)
+    for r, grid_run in enumerate(grid_runs):
+        args = GridRecord(model, np.zeros(7), start(), held_of(r), measured[r], own[r]), grid_run
+        drawn = next(sample_paths(*args, count, 1, number=r))
+        later = smooth_on_grid(*args)
         std = later.std[1:, 0, :5]
         off = (drawn.state[:, 1:].mean(axis=0) - later.mean[1:, 0, :5]) / std
         assert np.abs(off).max() < 5 / np.sqrt(count)
@@ -185,7 +185,7 @@ def test_the_order_of_records_does_not_matter(measured):
 
     def posterior(order):
         first = model, np.zeros(7), start()
-        records = [BankRecord(*first, held_of(r), measured[r], nuisances()[i]) for i, r in enumerate(order)]
+        records = [GridRecord(*first, held_of(r), measured[r], considered()[i]) for i, r in enumerate(order)]
         mean, covariance = filter_records(records)[0].posterior
         return mean, np.sqrt(np.diag(covariance))
 
@@ -197,18 +197,18 @@ def test_the_order_of_records_does_not_matter(measured):
 
 
 def test_records_may_differ_in_step_and_noise(measured):
-    model, own = driven_chain(), no_nuisances(driven_chain())
+    model, own = driven_chain(), none_considered(driven_chain())
     fine = replace(model, h=H / 2, every=2)
     known = held_of(1)
     halved = np.repeat(known, 2, axis=0)
     P = driven_start()
 
     def posterior(second, held):
-        records = [BankRecord(model, np.zeros(6), P, held_of(0), measured[0], own)]
-        records.append(BankRecord(second, np.zeros(6), P, held, measured[1], own))
-        banks = filter_records(records)
-        assert banks[1].run.time[-1] == pytest.approx(LENGTHS[1] * H)
-        return banks[0].posterior
+        records = [GridRecord(model, np.zeros(6), P, held_of(0), measured[0], own)]
+        records.append(GridRecord(second, np.zeros(6), P, held, measured[1], own))
+        grid_runs = filter_records(records)
+        assert grid_runs[1].run.time[-1] == pytest.approx(LENGTHS[1] * H)
+        return grid_runs[0].posterior
 
     (mean, covariance), (other, finer) = posterior(model, known), posterior(fine, halved)
     std = np.sqrt(np.diag(covariance))
@@ -223,7 +223,7 @@ def gains():
     """Both gauges read too much by 2 % of what they read, each by its own."""
     D = np.zeros((2, 2, 4))
     D[[0, 1], [0, 1], :2] = GAIN * ROWS
-    return Nuisances(("gain 1", "gain 2"), D, np.zeros((2, 2, 1)), np.zeros((2, 2)), learned=False)
+    return ConsideredParameters(("gain 1", "gain 2"), D, np.zeros((2, 2, 1)), np.zeros((2, 2)), learned=False)
 
 
 def slow(steps=STEPS):
@@ -241,14 +241,14 @@ def driven(noise):
 
 
 def stiffness_of(model, P, y, renewed=()):
-    own = each_its_own(gains(), len(y), renewed)
+    own = split_by_record(gains(), len(y), renewed)
     first = model, np.zeros(len(P)), P
-    records = [BankRecord(*first, slow(), each, its) for each, its in zip(y, own, strict=True)]
+    records = [GridRecord(*first, slow(), each, its) for each, its in zip(y, own, strict=True)]
     mean, covariance = filter_records(records)[0].posterior
     return float(mean[0]), float(np.sqrt(covariance[0, 0]))
 
 
-def test_errors_of_gauges_that_all_records_share_do_not_average_away():
+def test_shared_gauge_errors_do_not_average_out():
     """Quiet readings, whose gains are all that is not known: F/k is, and ln k with σ of the gain."""
     model, P = driven(2e-5)
     _, y = draw_truth(model, np.zeros(5), np.diag([*np.diag(P)[:4], 1e-30]), slow(), range(4))
@@ -261,7 +261,7 @@ def test_errors_of_gauges_that_all_records_share_do_not_average_away():
 
 
 @pytest.mark.slow
-def test_sigma_of_a_campaign_holds():
+def test_sigma_of_campaign_is_calibrated():
     model, P = driven(1e-4)
     off = []
     rng = np.random.default_rng(3)
@@ -279,20 +279,20 @@ def test_sigma_of_a_campaign_holds():
     assert 0.85 <= np.sqrt(np.mean(off**2)) <= 1.15
 
 
-def test_a_record_beyond_the_model_is_refused():
+def test_record_outside_model_is_refused():
     model, P = driven(1e-4)
     _, y = draw_truth(model, np.zeros(5), P, slow(), range(2))
     with pytest.raises(NumericalError):
         stiffness_of(model, P, [y[:, 0], 1e9 * y[:, 1]])
 
 
-def test_a_birge_ratio_of_root_two_makes_one_record_of_two_equal_ones(measured):
+def test_birge_ratio_root_two_halves_information(measured):
     """ln p(y, y | θ) / 2 = ln p(y | θ)."""
-    record = BankRecord(chain(), np.zeros(7), start(), held_of(0), measured[0], no_nuisances(chain()))
+    record = GridRecord(chain(), np.zeros(7), start(), held_of(0), measured[0], none_considered(chain()))
     with finer(0.5, 14.0):
         one = filter_records([record])[0]
         two = filter_records([record, record], birge_ratio=np.sqrt(2))[0]
-    assert two.laid < FOLLOWED
+    assert two.grid_count < FOLLOWED
     std = np.sqrt(np.diag(one.posterior[1]))
     np.testing.assert_allclose(two.posterior[0], one.posterior[0], atol=2e-3 * std.min())
     np.testing.assert_allclose(two.posterior[1], one.posterior[1], atol=5e-3 * std.min() ** 2)

@@ -1,4 +1,5 @@
-"""The sigma-point filter against brute force by dense quadrature, the Kalman filter, the textbook smoother and the bank."""
+"""The sigma-point filter against brute force by dense quadrature, the Kalman filter, the textbook smoother and the grid
+filter."""
 
 from __future__ import annotations
 
@@ -79,7 +80,7 @@ def dense(mean, P, known, count=8):
     return middle, spread + (ahead - middle).T @ (w[:, None] * (ahead - middle))
 
 
-def test_every_step_of_the_filter_is_brute_force():
+def test_filter_step_matches_brute_force():
     """Forty steps of two parameters with a prior of 30 and 20 %: step by dense quadrature and expm, update by the textbook."""
     model, P = chain(), start()
     u = forces()
@@ -100,7 +101,7 @@ def test_every_step_of_the_filter_is_brute_force():
         np.testing.assert_allclose(run.covariance[k + 1, 0] / np.outer(std, std), P / np.outer(std, std), atol=2e-3)
 
 
-def test_an_accelerometer_is_brute_force():
+def test_accelerometer_update_matches_brute_force():
     """Moments of its reading by dense quadrature over E and ρ, its rows at unit vectors, the update by the textbook."""
     beam = make_beam(modes=2, graded=True, load_nodes=(16, 8))
     model = make_filter(
@@ -142,7 +143,7 @@ def test_an_accelerometer_is_brute_force():
 
 
 @pytest.mark.parametrize(("form", "accelerometers"), [("joseph", 0), ("square_root", 1)])
-def test_is_the_kalman_filter_where_parameters_are_known_exactly(form, accelerometers):
+def test_known_parameters_give_kalman_filter(form, accelerometers):
     beam = make_beam(modes=3, graded=True, load_nodes=(16, 8))
     options = {"known": ("middle",), "q_velocity": 1e-2, "h": 1e-3, "accelerometers": accelerometers}
     options |= {"gauges": (0.05, 0.9), "q_parameter": 0.0}
@@ -190,7 +191,7 @@ def test_channels_of_each_run_are_its_own():
         np.testing.assert_allclose(both.std[:, b] / std, one.std[:, 0] / std, atol=1e-8)
 
 
-def test_the_smoother_is_that_of_rauch_tung_and_striebel():
+def test_smoother_matches_rts():
     """By its regressions, whose cross covariance of two instants is P Aᵀ; accelerometers and an offset among the channels."""
     beam = make_beam(modes=2, graded=True, load_nodes=(16, 8))
     model = make_filter(
@@ -227,7 +228,7 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel():
         )
 
 
-def test_a_filter_whose_runs_all_diverge_says_so():
+def test_divergence_of_all_runs_is_reported():
     model, mean, P, u, _, y = drawn(make_filter, make_beam(modes=3), sine, (), ("E",), steps=60)
     with pytest.raises(NumericalError, match="diverged"):
         run_filter(model, mean, 1e4 * P, u, 1e9 * y, by_points=True)

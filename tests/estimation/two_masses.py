@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh, expm
 
-from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.conditional import ConsideredParameters
 from strainsight.estimation.model import FilterModel
 from strainsight.loads.input_models import Unknowns
 
@@ -80,7 +80,7 @@ def constants(model):
     offset[[2, 3], [0, 1]] = OFFSET
     E[[4, 5], [0, 1], 1] = DRIFT
     source = ("gain", "gain", "offset", "offset", "drift", "drift")
-    return Nuisances(source, D, E, offset, damping=DAMPING, stiffness=STIFFER)
+    return ConsideredParameters(source, D, E, offset, damping=DAMPING, stiffness=STIFFER)
 
 
 def believed(model):

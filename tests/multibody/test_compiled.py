@@ -11,7 +11,7 @@ from strainsight.multibody.bearing.element import BearingLaw
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, stages
-from strainsight.multibody.compiled.arrays import compiled
+from strainsight.multibody.compiled.arrays import compile_system
 from strainsight.multibody.forces import CompiledLaw, Gravity, RelativeElement
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import coincidence, revolute
@@ -78,7 +78,7 @@ def test_a_chain_in_any_order_is_eliminated_along_itself(closed):
     dense = natural_step(system, q, v, np.zeros(0), 0.01, np.zeros(0))
     np.testing.assert_allclose(new.q, dense[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(new.v, dense[1], rtol=0, atol=1e-11)
-    low = compiled(system).pattern.low
+    low = compile_system(system).pattern.low
     assert np.all(low - np.arange(len(low)) < 3 * (6 + 10))
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError
-from strainsight.multibody.accelerations import balance, instant, measured, reaction
+from strainsight.multibody.accelerations import balance, instant, measure, reaction
 from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.initial import (
@@ -257,15 +257,15 @@ def test_slopes_of_an_accelerometer_are_its_differences(driven):
     second = np.array([2.0, -1.0, 3.0])
     frame = next(f.frame for f in system.forces if f.name == "push")
     rock = Frame("rock", "rock", np.array([0.1, 0.2, 0.3]))
-    plain = Accelerometer("plain", rock, own=False, gravity=False)
+    plain = Accelerometer("plain", rock, local_axes=False, gravity=False)
     both = readings(system, [Accelerometer("own", frame), plain, position_sensor("tip", frame)])
-    found = measured(system, both, q, v, u, theta, second)
+    found = measure(system, both, q, v, u, theta, second)
     assert both.channels[3:] == ("own 1", "own 2", "own 3", "plain 1", "plain 2", "plain 3")
     x = np.concatenate([q, v, u, theta])
     ends = np.cumsum([len(q), len(v), len(u), len(theta)])
 
     def at(x):
-        return measured(system, both, *np.split(x, ends)[:4], second).y
+        return measure(system, both, *np.split(x, ends)[:4], second).y
 
     slopes = np.hstack([found.by_q, found.by_v, found.by_u, np.zeros((9, 6)), found.by_theta])
     for k, unit in enumerate(np.eye(len(x))):

@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.errors import NumericalError
 from strainsight.multibody.bodies import Frame, RigidBody
-from strainsight.multibody.coupled import SHARE, followed, missed, relative_error
+from strainsight.multibody.coupled import SHARE, load_error, relative_error, resolved_frequency
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import prismatic, revolute, spherical
@@ -72,7 +72,7 @@ def test_trial_state_where_a_force_does_not_exist_is_approached_by_half():
     assert 2.0 * z / h**2 + 1.0 / (1 - z) == pytest.approx(F, rel=1e-12)
 
 
-def test_run_says_when_it_fails():
+def test_failed_run_reports_time():
     """A force that breaks as the falling stone passes z = −1 m, after √(2/9.81) s."""
     brittle = law(lambda r: np.where(r > -1, 0.0, np.nan), lambda r: np.zeros(1))
     system = assemble([STONE], [], [RelativeElement("brittle", HEIGHT, brittle), Gravity()])
@@ -106,7 +106,7 @@ def test_a_tighter_tolerance_takes_more_parts_and_leaves_less_error():
 
 
 
-def test_a_load_between_the_steps_is_seen():
+def test_load_between_steps_is_detected():
     """A push that is over before the first step ends: momentum J moves a mass on a spring by J/(mω) sin ωt."""
     system = slider(K, 0.0)
     push = PointForce("F", Frame("at", "stone"), np.array([0, 0, 1.0]), ["F"])
@@ -123,11 +123,11 @@ def test_a_load_between_the_steps_is_seen():
     assert found.run.q[-1, 2] == pytest.approx(fine.q[-1, 2], abs=3e-5)
 
 
-def test_what_no_division_makes_as_right_as_asked_for_is_refused_with_its_time():
+def test_unreachable_tolerance_is_refused_with_time():
     """More digits than a number has."""
     system = slider(K, 0.0)
     q, v = state(system, {"stone": Pose(np.array([0, 0, 0.5]))})
-    with pytest.raises(NumericalError, match=r"at t = 0 s the step of 0\.1 s is .* off in 1024 parts"):
+    with pytest.raises(NumericalError, match=r"at t = 0 s the step of 0\.1 s still has an error of .* in 1024 parts"):
         simulate_controlled(system, q, v, none, 0.1, 10, np.zeros(0), "second_order", 1e-14)
 
 
@@ -160,31 +160,31 @@ def test_a_mass_on_a_spring_is_off_by_what_the_formula_says(method, load, h):
 
 
 @pytest.mark.parametrize("method", ["second_order", "thesis"])
-def test_below_the_band_all_modes_are_followed_and_just_above_one_is_not(method):
+def test_resolved_frequency_limits_mode_error(method):
     modes, h = np.array([2.1, 2.4, 40.0, 55.0]), 0.02
-    edge = followed(modes, h, method)
+    edge = resolved_frequency(modes, h, method)
     inside = np.linspace(0.01, 0.99, 50) * edge
     assert max(relative_error(inside, f, h, method).max() for f in modes) <= SHARE
     assert max(relative_error(np.array([1.02 * edge]), f, h, method)[0] for f in modes) > SHARE
 
 
 @pytest.mark.parametrize("method", ["second_order", "thesis"])
-def test_of_a_sine_the_step_misses_what_it_is_off_by_and_of_a_constant_nothing(method):
+def test_load_error_of_sine_matches_formula(method):
     modes, h = np.array([2.1, 40.0]), 0.02
     time = h * np.arange(2001)
     loads = np.stack([5.0 + np.sin(2 * np.pi * 0.75 * time), 0 * time + 3.0, np.sin(2 * np.pi * 11.0 * time)], axis=1)
-    slow, none, quick = missed(loads, modes, h, method)
+    slow, none, quick = load_error(loads, modes, h, method)
     assert slow == pytest.approx(max(relative_error(np.array([0.75]), f, h, method)[0] for f in modes), rel=0.02)
     assert none == 0.0
     assert quick > 0.1
 
 
-def test_two_loads_in_one_miss_as_their_energies_say():
+def test_load_error_is_energy_weighted():
     modes, h = np.array([2.1]), 0.05
     time = h * np.arange(4001)
     parts = [np.sin(2 * np.pi * f * time) for f in (0.3, 1.7)]
-    one, other = (missed(part[:, None], modes, h, "second_order")[0] for part in parts)
-    both = missed((3 * parts[0] + parts[1])[:, None], modes, h, "second_order")[0]
+    one, other = (load_error(part[:, None], modes, h, "second_order")[0] for part in parts)
+    both = load_error((3 * parts[0] + parts[1])[:, None], modes, h, "second_order")[0]
     assert both == pytest.approx(np.sqrt((9 * one**2 + other**2) / 10), rel=1e-3)
 
 
@@ -231,7 +231,7 @@ def run(system, q, v, steps, h, method="second_order"):
 
 @pytest.mark.parametrize("method", ["second_order", "thesis"])
 @pytest.mark.parametrize(("case", "h"), [(double_pendulum, 1e-3), (double_pendulum, 0.02), (bouncing, 2e-3)])
-def test_a_step_with_a_past_is_the_step_without(case, h, method):
+def test_extrapolated_start_does_not_change_step(case, h, method):
     system, q, v = case()
     for own in run(system, q, v, 150, h, method):
         alone = advance(system, q, v, (NONE, NONE), h, NONE, method)

@@ -69,7 +69,7 @@ def test_a_worker_killed_in_the_middle_loses_nothing(doomed, monkeypatch):
 def test_a_task_that_ends_one_worker_after_the_other_ends_the_sweep(doomed):
     with (
         opened(Where(dask=doomed.address)) as sweep,
-        pytest.raises(StrainsightError, match="killed at the same task") as end,
+        pytest.raises(StrainsightError, match="killed by the same task") as end,
     ):
         sweep(tasks.deadly, [0], os.getpid())
     assert "--memory-limit" in str(end.value)
@@ -77,7 +77,8 @@ def test_a_task_that_ends_one_worker_after_the_other_ends_the_sweep(doomed):
 
 @pytest.mark.slow
 def test_a_scheduler_that_goes(doomed):
-    with opened(Where(dask=doomed.address)) as sweep, pytest.raises(UserError, match="the Dask scheduler has gone"):
+    with opened(Where(dask=doomed.address)) as sweep, pytest.raises(UserError, match="the connection to the Dask "
+    "scheduler was lost"):
         sweep(tasks.slow_product, list(range(40)), MATRIX, lambda share: doomed.scheduler.kill())
 
 
@@ -116,7 +117,8 @@ def test_another_version_is_refused_before_anything_is_computed(cluster, monkeyp
 def test_a_worker_of_the_same_version_and_other_sources_is_refused(cluster, monkeypatch):
     with opened(Where(dask=cluster.address)) as sweep:
         monkeypatch.setattr(module, "sources", lambda: "0" * 16)
-        with pytest.raises(UserError, match=r"worker .* is another installation: code of strainsight .* there, 0+ here"):
+        with pytest.raises(UserError, match=r"worker .* has a different installation: source code of strainsight .* "
+        r"there, 0+ here"):
             sweep(tasks.product, [1], MATRIX)
 
 

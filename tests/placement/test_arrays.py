@@ -57,7 +57,7 @@ def test_limits_of_a_layout_are_kept():
     F, H, Q, R = system()
     free = place_arrays(F, H, Q, R, keep=3)
     pair, left_out = free.gauges[:2], np.setdiff1d(np.arange(8), free.gauges)[0]
-    placed = place_arrays(F, H, Q, R, keep=3, fixed=[left_out], apart=pair[None])
+    placed = place_arrays(F, H, Q, R, keep=3, fixed=[left_out], conflicts=pair[None])
     assert left_out in placed.gauges
     assert not set(pair.tolist()) <= set(placed.gauges.tolist())
     assert placed.cost > free.cost
@@ -102,7 +102,7 @@ def test_modes_and_a_strain_operator_give_the_best_pair():
     np.testing.assert_allclose(placed.std, sigma(placed.gauges), rtol=1e-5)
 
 
-def test_without_loads_every_mode_has_a_force_of_its_own():
+def test_default_loads_are_modal_forces():
     _, shapes, frequencies, S = beam()
     placed = place_modes(shapes, frequencies, 0.02, S, keep=3)
     undamped = place_modes(shapes, frequencies, 0.0, S, keep=3)
@@ -117,19 +117,19 @@ def test_without_loads_every_mode_has_a_force_of_its_own():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"F": np.eye(3)}, "do not belong together"),
+        ({"F": np.eye(3)}, "inconsistent shapes"),
         ({"R": np.ones((8, 8))}, "correlated"),
-        ({"R": np.ones(7)}, "do not belong together"),
+        ({"R": np.ones(7)}, "inconsistent shapes"),
         ({"states": [0, 0]}, "states"),
-        ({"names": ["a"]}, "1 names of 4"),
+        ({"names": ["a"]}, "4 states have 1 names"),
         ({"criterion": "best"}, "criterion 'best'"),
         ({"keep": 9}, "9 gauges"),
-        ({"fixed": [8]}, "fixed names row 8"),
-        ({"apart": [[0, -1]]}, "apart names row -1"),
-        ({"apart": [0, 1, 2]}, "apart"),
+        ({"fixed": [8]}, "fixed contains row 8"),
+        ({"conflicts": [[0, -1]]}, "conflicts contains row -1"),
+        ({"conflicts": [0, 1, 2]}, "conflicts"),
     ],
 )
-def test_arrays_that_contradict_each_other_are_refused(change, words):
+def test_inconsistent_arrays_are_refused(change, words):
     F, H, Q, R = system()
     with pytest.raises(ConfigError, match=words):
         place_arrays(**({"F": F, "H": H, "Q": Q, "R": R, "keep": 3} | change))
@@ -159,9 +159,9 @@ def test_modes_that_cannot_be_used_are_refused():
     _, shapes, frequencies, S = beam()
     with pytest.raises(ConfigError, match="rigid modes"):
         place_modes(shapes, frequencies * [0, 1, 1], 0.02, S, keep=3)
-    with pytest.raises(ConfigError, match="do not belong together"):
+    with pytest.raises(ConfigError, match="inconsistent shapes"):
         place_modes(shapes.T, frequencies, 0.02, S, keep=3)
     with pytest.raises(InfeasibleError, match="2 gauges cannot observe 3 unknowns"):
         place_modes(shapes, frequencies, 0.02, S, keep=2)
-    with pytest.raises(InfeasibleError, match="reads anything of load 1"):
+    with pytest.raises(InfeasibleError, match="no candidate responds to load 1"):
         place_modes(shapes, frequencies, 0.02, S, keep=1, loads=np.zeros((41, 1)))

@@ -149,12 +149,12 @@ def test_within_limits_the_bound_of_planes_is_attained_by_weights_and_passed_by_
         costs = {tuple(v): model(v) for v in layouts(limits, inside, free)}
         assert low.value <= min(costs.values()) + 1e-12 * unit
         for gauge in np.flatnonzero(free):
-            others = [np.array(v) for v in costs if v[gauge] != low.taken[gauge]]
+            others = [np.array(v) for v in costs if v[gauge] != low.selected[gauge]]
             assert low.value + low.reduced[gauge] <= min(map(model, others), default=np.inf) + 1e-12 * unit
             assert low.reduced[gauge] >= 0
             # complementary slackness: a price is paid only where the weights have chosen
             if low.reduced[gauge] > 1e-6 * unit:
-                assert low.weights[gauge] == pytest.approx(float(low.taken[gauge]), abs=1e-6)
+                assert low.weights[gauge] == pytest.approx(float(low.selected[gauge]), abs=1e-6)
         assert np.all(low.reduced[~free] == np.inf)
         prices += list(low.reduced[free] / unit)
         fewer = lowest(
@@ -176,17 +176,17 @@ def test_where_the_program_fails_one_plane_still_bounds_every_layout(monkeypatch
         assert low.value <= min(model_of(cuts, aggregate)(v) for v in found) + 1e-12
         assert low.value > -10
         for gauge in np.flatnonzero(free):
-            others = [v for v in found if v[gauge] != low.taken[gauge]]
+            others = [v for v in found if v[gauge] != low.selected[gauge]]
             least = min((model_of(cuts, aggregate)(v) for v in others), default=np.inf)
             assert low.value + low.reduced[gauge] <= least + 1e-12
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_where_one_layout_is_left_the_bound_is_what_the_planes_say_of_it(aggregate):
+def test_single_layout_bound_equals_cutting_planes(aggregate):
     cuts, inside, free = drawn(0)
     for limits, taken in ((limits_of(POOL, 7), free), (limits_of(POOL, 1), np.zeros(POOL, dtype=bool))):
         low = lowest(cuts, inside, free, limits, aggregate)
-        assert low.taken.tolist() == taken.tolist()
+        assert low.selected.tolist() == taken.tolist()
         assert np.all(low.reduced == np.inf)
         assert low.value == pytest.approx(model_of(cuts, aggregate)(inside | taken), abs=1e-9)
 
@@ -328,7 +328,7 @@ def test_what_swings_without_damping_needs_a_gauge_that_sees_either_part_of_it()
 
 def test_a_stopped_search_still_gives_a_bound():
     greedy = eliminate(scenarios_of(beam_of(40), ("Fz",), ("E",), noise=1e-9), 4)
-    found = [certify(greedy.pools, greedy.kept, greedy.cost[-1], budget=b) for b in (1, 3, 10, 300)]
+    found = [certify(greedy.pools, greedy.selected, greedy.cost[-1], budget=b) for b in (1, 3, 10, 300)]
     assert [each.iterations for each in found[:3]] == [1, 3, 10]
     assert 10 < found[3].iterations <= 300
     bounds = [each.lower_bound for each in found]

@@ -25,7 +25,7 @@ from .conftest import beam_of, covariance_in_digits, oracle, scenarios_of
 from .whole_pools import augment_rows, eliminate, whole_pool_weight
 
 
-def test_it_is_lazy(monkeypatch):
+def test_elimination_evaluates_few_bounds(monkeypatch):
     asked = []
 
     def counted(*arguments):
@@ -42,7 +42,7 @@ def test_it_is_lazy(monkeypatch):
     assert np.all(found.rise > 0)
 
 
-def test_it_is_lazy_where_the_slope_of_the_criterion_says_little(monkeypatch):
+def test_elimination_is_lazy_with_flat_criterion(monkeypatch):
     H = np.random.default_rng(0).normal(size=(60, 3))
     scenario = Scenario(np.zeros((3, 3)), np.eye(3), H, np.ones(60), np.ones(3), WorstEigenvalue())
     found = eliminate([scenario], 6)
@@ -69,7 +69,7 @@ def test_load_modulus_and_density_together_are_refused_in_words():
     beam = beam_of(20)
     # the side load is known and would tell the scale; at rest sideways it does not
     quiet = type(beam)(beam.model, beam.rows, beam.x * (np.abs(beam.x[63]) > 1e-9), beam.u * [1, 0], beam.theta)
-    with pytest.raises(InfeasibleError, match="can tell all that is asked for"):
+    with pytest.raises(InfeasibleError, match="can observe all that is asked for"):
         scenarios_of(quiet, ("Fz",), ("E", "rho"))
     unknowns = Unknowns(("Fz",), ("E", "rho"), {"Fz": 1e4}, beam.theta)
     F = linearise(beam.model, unknowns, beam.theta, quiet.x[[63]], quiet.u[[63]])[0]
@@ -101,7 +101,7 @@ def test_the_residual_is_the_largest_of_all_steps(monkeypatch):
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_gauges_that_read_rounding_are_ties_and_leave_in_their_order(aggregate):
+def test_rounding_level_gauges_are_ties(aggregate):
     scenarios = scenarios_of(beam_of(20, 4), ("Fz",), ("E",), instants=(55, 260))
     silent = [3, 7, 8, 15]
     for seed in range(3):
@@ -261,7 +261,7 @@ def test_its_continuous_form_misleads_forward_selection_and_nothing_here(cost_of
     np.testing.assert_allclose(score(pools, misled), cost(misled), rtol=1e-7)
     assert exchange(pools, misled).gauges.tolist() == best
     assert branch_and_bound(pools, 2, start=misled).gauges.tolist() == best
-    assert eliminate([scenario], 2).kept.tolist() == best
+    assert eliminate([scenario], 2).selected.tolist() == best
     assert as_printed(cost, 3, 2) == misled
 
 
@@ -274,10 +274,10 @@ def test_removing_one_by_one_is_not_optimal_and_a_swap_corrects_it(cost_of):
     scenario = three_states([1, 6, 3], [[-10, 10, 0], [-20, -30, 10], [-20, 0, 10], [30, -10, -30]])
     best = best_of_all(lambda gauges: cost_of(scenario, gauges), 4, 2)
     greedy = eliminate([scenario], 2)
-    assert greedy.kept.tolist() == [0, 3]
+    assert greedy.selected.tolist() == [0, 3]
     assert best == [2, 3]
     np.testing.assert_allclose(greedy.cost[-1] / cost_of(scenario, best), 1.2490867, rtol=1e-6)
-    assert exchange(greedy.pools, greedy.kept).gauges.tolist() == best
+    assert exchange(greedy.pools, greedy.selected).gauges.tolist() == best
     assert branch_and_bound(greedy.pools, 2).gauges.tolist() == best
     assert as_printed(lambda gauges: cost_of(scenario, gauges), 4, 2) == [0, 3]
 
@@ -288,8 +288,8 @@ def test_where_swaps_are_stuck_branch_and_bound_finds_the_optimum(cost_of):
     )
     best = best_of_all(lambda gauges: cost_of(scenario, gauges), 6, 2)
     greedy = eliminate([scenario], 2)
-    swapped = exchange(greedy.pools, greedy.kept)
-    assert greedy.kept.tolist() == swapped.gauges.tolist() == [4, 5]
+    swapped = exchange(greedy.pools, greedy.selected)
+    assert greedy.selected.tolist() == swapped.gauges.tolist() == [4, 5]
     assert best == [0, 1]
     np.testing.assert_allclose(swapped.cost[-1] / cost_of(scenario, best), 1.5840593, rtol=1e-6)
     found = branch_and_bound(greedy.pools, 2)
@@ -309,7 +309,7 @@ def test_on_a_pool_of_redundant_gauges_the_printed_algorithm_keeps_the_worst(cos
     def cost(gauges):
         return cost_of(scenario, gauges)
 
-    assert eliminate([scenario], 2).kept.tolist() == best_of_all(cost, 12, 2) == [0, 1]
+    assert eliminate([scenario], 2).selected.tolist() == best_of_all(cost, 12, 2) == [0, 1]
     printed = as_printed(cost, 12, 2)
     assert printed == [10, 11]
     # tr P = √(q / Σ 1/r): the metric of twelve is that of both pairs times a root

@@ -18,7 +18,7 @@ from strainsight.placement.exchange import exchange, fill
 from strainsight.placement.failure import robust_set
 from strainsight.placement.limits import as_limits, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
-from strainsight.placement.score import alike, gains, score, worth_keeping
+from strainsight.placement.score import gains, redundant_groups, score, worth_keeping
 from strainsight.placement.witness import Remaining, twin_groups
 
 from .conftest import COMBINED, beam_of, costs_of, oracle, pools_of, scenarios_of
@@ -42,7 +42,7 @@ def test_the_limit_is_never_passed_and_never_passes_for_an_end(instants):
     assert exact.swaps == whole.swaps
 
 
-def test_beside_gauges_that_may_not_leave_room_is_filled():
+def test_room_next_to_fixed_gauges_is_filled():
     pools = eliminate(scenarios_of(beam_of(12), ("Fz",), ("E",)), 4).pools
     bonded = [1, 5, 7]
     limits = limits_of(12, 6, fixed=bonded, price=np.ones(12), budget=5.0)
@@ -177,7 +177,7 @@ def found_by_all(scenario, rows, prior) -> dict[str, tuple[int, ...]]:
         "elimination": result.removed,
         "exchange": swapped.gauges,
         "swaps": np.ravel(swapped.swaps),
-        "fill": fill(pools, result.kept, as_limits(pool, KEEP + 3)),
+        "fill": fill(pools, result.selected, as_limits(pool, KEEP + 3)),
         "robust": robust_set(pools, KEEP).gauges,
         "proof": proof.gauges,
         "d_optimal": d_optimal(rows, np.ones(pool), prior, KEEP),
@@ -220,7 +220,7 @@ def test_the_loops_of_gauges_that_lose_are_let_go(monkeypatch, aggregate):
         return grown
 
     monkeypatch.setattr(filling, "with_gauge", watched)
-    filling.fill(result.pools, result.kept, as_limits(60, 3), aggregate)
+    filling.fill(result.pools, result.selected, as_limits(60, 3), aggregate)
     assert len(held) > 10
     assert max(held) <= 2 * len(result.pools)
 
@@ -309,7 +309,7 @@ def test_twins_do_not_depend_on_the_unit(unit):
     np.testing.assert_array_equal(found[:, None] == found, np.all(rows[:, None] == rows, axis=(2, 3)))
 
 
-def test_twins_are_those_that_may_leave_and_stand_apart_where_they_are_distinguished():
+def test_twins_are_movable_and_respect_labels():
     (scenario,) = scenarios_of(beam_of(6, 2), ("Fz",), ("E",))
     same = np.array([0, 1, 0, 2, 0, 1, 3, 0])
     r = scenario.r[same]
@@ -328,7 +328,7 @@ def test_twins_are_those_that_may_leave_and_stand_apart_where_they_are_distingui
     assert left.index[left.movable].tolist() == [0, 1, 3, 5, 6, 7]
     # by what the limits say of them
     labels = np.array([0, 0, 1, 0, 0, 1, 0, 1])
-    apart = Remaining(pools, fixed=[], apart=labels)
+    apart = Remaining(pools, fixed=[], labels=labels)
     for at in range(8):
         assert apart.twins(at).tolist() == [g for g in range(8) if (same[g], labels[g]) == (same[at], labels[at])]
 
@@ -345,17 +345,17 @@ def test_the_elbow_is_where_the_last_worthy_gauge_is(trace, keep, worth):
     assert worth_keeping(np.array(trace), keep) == worth
 
 
-def test_rows_are_alike_by_their_angle_whatever_length_and_sign():
+def test_redundancy_depends_on_angle_of_rows():
     tilt = np.deg2rad(8.0)  # cos = 0.9903
     steps = np.array([[np.cos(k * tilt), np.sin(k * tilt), 0.0] for k in range(3)]) * [[1], [-5], [1e-6]]
     rows = np.vstack([steps, [0, 0, 1], [0, 0, 0], [0, 1e-9, -1]])
-    assert alike(rows) == [(0, 1, 2), (3, 5)]
-    assert alike(rows[[0, 2, 3, 4]]) == []
+    assert redundant_groups(rows) == [(0, 1, 2), (3, 5)]
+    assert redundant_groups(rows[[0, 2, 3, 4]]) == []
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
-    assert alike(rows @ turn) == alike(rows)
+    assert redundant_groups(rows @ turn) == redundant_groups(rows)
 
 
-def test_gauges_of_several_channels_are_alike_where_they_span_the_same_space():
+def test_redundant_rosettes_span_same_space():
     rng = np.random.default_rng(1)
     plane, mix = rng.standard_normal((2, 6)), rng.standard_normal((2, 2))
     basis = np.linalg.qr(plane.T)[0].T
@@ -364,7 +364,7 @@ def test_gauges_of_several_channels_are_alike_where_they_span_the_same_space():
     single = np.array([basis[0], np.zeros(6)])
     rows = np.stack([plane, mix @ plane, *np.array(tilted), single, 3 * single, np.zeros((2, 6))])
     # 7° are within 0.99, 9° are not, but two gauges 2° apart are, and chain
-    assert alike(rows[[0, 1, 2, 4, 5, 6]]) == [(0, 1, 2), (3, 4)]
-    assert alike(rows[[0, 1, 3, 4, 6]]) == [(0, 1)]
-    assert alike(rows[:4]) == [(0, 1, 2, 3)]
-    assert alike(rows[[0, 4]]) == []
+    assert redundant_groups(rows[[0, 1, 2, 4, 5, 6]]) == [(0, 1, 2), (3, 4)]
+    assert redundant_groups(rows[[0, 1, 3, 4, 6]]) == [(0, 1)]
+    assert redundant_groups(rows[:4]) == [(0, 1, 2, 3)]
+    assert redundant_groups(rows[[0, 4]]) == []

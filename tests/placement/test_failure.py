@@ -121,7 +121,7 @@ def wandering(seed, pool, unknowns):
 @pytest.mark.parametrize("seed", [10, 19, *slowly(28, 36)])
 def test_of_the_two_starts_the_better_end_counts(seed):
     pool = wandering(seed, 14, 4)
-    found, (six, twelve) = robust_set([pool], 6), (eliminate([pool.scenario], keep).kept.tolist() for keep in (6, 12))
+    found, (six, twelve) = robust_set([pool], 6), (eliminate([pool.scenario], keep).selected.tolist() for keep in (6, 12))
     while len(twelve) > 6:
         rests = {g: [o for o in twelve if o != g] for g in twelve}
         twelve = min(rests.values(), key=lambda rest: loss_if_one_fails([pool], rest).max())

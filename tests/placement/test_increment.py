@@ -118,7 +118,7 @@ def test_the_least_increments_are_slopes_of_the_covariance_and_no_direction_gets
     assert doubt.max() < 1e-6 * np.abs(found).max()
 
 
-def test_a_removal_that_loses_an_unknown_says_so_by_test():
+def test_removal_that_loses_unknown_is_detected():
     (scenario,) = scenarios_of(beam_of(30), ("Fz", "Fy"), ("E",))
     pool = solve_pool(scenario)
     gauges = np.arange(3)

@@ -38,8 +38,8 @@ ASKED = {
     "all limits": {},
     "some": {"names": ["place.keep", "place.minimum_spacing"]},
     "others": {"names": ["place.budget", "place.at_most.0"]},
-    "some that are there": {"there": np.isin(np.arange(POOL), [0, 1, 4, 5, 6])},
-    "some that stay": {"stays": np.arange(POOL) == 1},
+    "some that are there": {"allowed": np.isin(np.arange(POOL), [0, 1, 4, 5, 6])},
+    "some that stay": {"required": np.arange(POOL) == 1},
     "at least three": {"floor": 3, "names": ["place.keep", "place.budget"]},
     "one of each": {
         "hits": [np.isin(np.arange(POOL), [1, 7]), np.isin(np.arange(POOL), [2, 4])],
@@ -63,8 +63,8 @@ def test_no_layout_is_worth_more_and_what_is_found_is_one(case, unit):
             if within(v, asked.get("names", FAMILIES))
             and SIZE[v].sum() >= asked.get("floor", 0)
             and all(v[hit].any() for hit in asked.get("hits", ()))
-            and not np.any(v & ~asked.get("there", np.ones(POOL, dtype=bool)))
-            and not np.any(asked.get("stays", np.zeros(POOL, dtype=bool)) & ~v)
+            and not np.any(v & ~asked.get("allowed", np.ones(POOL, dtype=bool)))
+            and not np.any(asked.get("required", np.zeros(POOL, dtype=bool)) & ~v)
         ]
         assert found.settled
         if not layouts:
@@ -85,7 +85,7 @@ def test_the_unit_of_prices_changes_nothing(unit):
         assert there.gauges.tolist() == here.gauges.tolist()
 
 
-def test_out_of_nodes_nothing_is_claimed_to_be_settled():
+def test_search_limit_is_reported():
     # a knapsack of prices that are next to what they are worth; no branching allowed
     rng = np.random.default_rng(0)
     price = rng.integers(1000, 2000, 24).astype(float)
@@ -131,7 +131,7 @@ def tells(gauges):
     return {state for g in gauges for state in READ[g]} == {0, 1, 2}
 
 
-def test_what_is_lost_is_lost_and_every_layout_has_a_gauge_of_each_mask():
+def test_masks_cover_every_layout():
     detection = Detection([walks(READ)])
     for v in EVERY:
         assert detection.loses(np.flatnonzero(v)) == (not tells(np.flatnonzero(v)))
@@ -143,7 +143,7 @@ def test_what_is_lost_is_lost_and_every_layout_has_a_gauge_of_each_mask():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_best_layout_that_tells_all(seed):
+def test_best_layout_detects_all_unknowns(seed):
     value = np.random.default_rng(seed).normal(0.0, 1.0, POOL)
     found = Detection([walks(READ)]).layout(limits_of(POOL, 4), value)
     layouts = [v for v in EVERY if v.sum() <= 4 and tells(np.flatnonzero(v))]
@@ -165,7 +165,7 @@ def test_sets_of_too_few_gauges_are_not_tried_one_by_one(monkeypatch):
     monkeypatch.setattr(module, "milp", counted)
     limits = limits_of(60, 4, price=np.full(60, 3.0), budget=1.0)
     error = refusal(limits, Detection([pool]), NAMES)
-    assert error.what.startswith("the cheapest gauges that detect every unknown cost 9, place.budget is 1")
+    assert error.what.startswith("the cheapest gauges that detect every unknown cost 9, but place.budget is 1")
 
 
 ALL = np.arange(POOL)
@@ -173,38 +173,38 @@ REFUSED = {
     "bonded dearly": (
         {"keep": 3, "fixed": (4, 7), "price": PRICE, "budget": 4.0},
         "place.budget",
-        "what is bonded already (gauges.fixed) takes 4.5 of the 4 that place.budget allows",
+        "bonded gauges (gauges.fixed) use 4.5 of the 4 that place.budget allows",
     ),
     "no room in two zones": (
         {"keep": 4, "zones": [("place.at_most.0", ALL < 4, 1), ("place.at_most.1", ALL > 3, 2)]},
         "place.at_most.1",
-        "place.at_most.1 together with place.at_most.0 leaves room for 3 of the pool's 8",
+        "place.at_most.1 together with place.at_most.0 allows only 3 of the pool's 8",
     ),
     "no room in the second by itself": (
         {"keep": 4, "zones": [("place.at_most.0", ALL < 4, 3), ("place.at_most.1", ALL >= 0, 2)]},
         "place.at_most.1",
-        "asked for, place.at_most.1 leaves room for 2 of the pool's 8",
+        "requested, but place.at_most.1 allows only 2 of the pool's 8",
     ),
     "no room at all": (
         {"keep": 1, "zones": [("place.at_most.0", ALL >= 0, 0)]},
         "place.at_most.0",
-        "place.at_most.0 leaves room for 0 of the pool's 8",
+        "place.at_most.0 allows only 0 of the pool's 8",
     ),
     "a zone hides a walk": (
         {"keep": 4, "zones": [("place.at_most.0", np.isin(ALL, [2, 4]), 0)]},
         "place.at_most.0",
-        "kept within place.at_most.0, they cannot tell c",
+        "no layout within place.at_most.0 can observe c",
     ),
     "too dear together": (
         {"keep": 3, "price": PRICE, "budget": 0.7},
         "place.budget",
-        "the cheapest gauges that detect every unknown cost 0.8, place.budget is 0.7",
+        "the cheapest gauges that detect every unknown cost 0.8, but place.budget is 0.7",
     ),
-    "too few": ({"keep": 1}, "place.keep", "the fewest of the pool that detect every unknown are 2"),
+    "too few": ({"keep": 1}, "place.keep", "the smallest set that detects every unknown has 2"),
     "too few in a zone": (
         {"keep": 2, "zones": [("place.at_most.0", np.isin(ALL, [3, 4]), 0)]},
         "place.keep",
-        "the fewest of the pool that detect every unknown within place.at_most.0 are 3",
+        "the smallest set that detects every unknown within place.at_most.0 has 3",
     ),
 }
 
@@ -214,18 +214,18 @@ def test_the_first_family_that_leaves_no_layout_is_named(case):
     asked, key, words = REFUSED[case]
     error = refusal(limits_of(POOL, **asked), Detection([walks(READ)]), NAMES)
     assert words in str(error)
-    assert "as far as" not in str(error)
+    assert "search limit" not in str(error)
     assert error.key == key
     assert error.remedy
 
 
 @pytest.mark.parametrize("case", ["no room in two zones", "too few"])
-def test_what_was_not_proven_is_not_said_as_if_it_were(monkeypatch, case):
+def test_unproven_refusal_states_search_limit(monkeypatch, case):
     def hasty(*arguments, **more):
         return replace(best_layout(*arguments, **more), settled=False)
 
     monkeypatch.setattr(module, "best_layout", hasty)
     asked, key, _ = REFUSED[case]
     error = refusal(limits_of(POOL, **asked), Detection([walks(READ)]), NAMES)
-    assert "as far as 200 nodes of search tell" in str(error)
+    assert "search limit 200 nodes" in str(error)
     assert error.key == key

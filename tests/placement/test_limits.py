@@ -72,9 +72,9 @@ def test_no_layout_breaks_a_limit_and_the_search_finds_the_best(every_cost, case
     for units in EVERY:
         assert limits.allows(np.array(units)) == rules.hold(units)
     kept = eliminate(scenarios, limits, aggregate)
-    assert rules.hold(kept.kept)
-    np.testing.assert_allclose(kept.cost[-1], costs[tuple(kept.kept.tolist())], rtol=1e-7)
-    filled = fill(pools, kept.kept, limits, aggregate)
+    assert rules.hold(kept.selected)
+    np.testing.assert_allclose(kept.cost[-1], costs[tuple(kept.selected.tolist())], rtol=1e-7)
+    filled = fill(pools, kept.selected, limits, aggregate)
     assert rules.hold(filled)
     assert not any(rules.hold([*filled, g]) for g in set(range(POOL)) - set(filled.tolist()))
     swapped = exchange(pools, filled, aggregate, limits=limits)
@@ -102,7 +102,7 @@ def one_move_away(units, rules):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_fits_beside_a_set_what_fills_it_and_who_may_leave_for_whom(case):
+def test_limits_of_additions_and_swaps(case):
     rules, rng = CASES[case](), np.random.default_rng(7)
     limits = rules.limits
     for _ in range(8):
@@ -179,9 +179,9 @@ def test_spacing_that_leaves_room_for_exactly_as_many(every_cost):
     near = [(i, i + 1) for i in range(POOL - 1)]
     scenarios, _, _ = every_cost()
     rules = Rules(6, near=near)
-    assert eliminate(scenarios, rules.limits).kept.tolist() == [0, 2, 4, 6, 8, 10]
+    assert eliminate(scenarios, rules.limits).selected.tolist() == [0, 2, 4, 6, 8, 10]
     with pytest.raises(
-        InfeasibleError, match=r"7 gauges asked for, place.minimum_spacing leaves room for 6 of the pool's 11"
+        InfeasibleError, match=r"7 gauges requested, but place.minimum_spacing allows only 6 of the pool's 11"
     ) as refused:
         eliminate(scenarios, Rules(7, near=near).limits)
     assert refused.value.key == "place.minimum_spacing"

@@ -54,7 +54,7 @@ PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
 
 
 @pytest.mark.parametrize(("inputs", "parameters", "noise", "precision"), PRECISE)
-def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digits(
+def test_precise_accelerometers_with_strain_match_sixty_digits(
     inputs, parameters, noise, precision
 ):
     # the sum HᵀR⁻¹H alone left errors of 3e-8 to 1e-3 here, or no solution within 1e-10
@@ -115,7 +115,7 @@ def test_without_any_gauge_what_decays_is_known_by_its_own_spread():
     pool = solve_pool(Scenario(F, Q, np.array([[1.0, 0]]), np.array([1e-3]), np.ones(2)))
     P = subset_covariance(pool, []) * np.outer(pool.scale, pool.scale)
     np.testing.assert_allclose(P, spread, atol=1e-9 * spread.max())
-    with pytest.raises(NumericalError, match="not stable: an error grows at 1 1/s"):
+    with pytest.raises(NumericalError, match="unstable: errors grow at 1 1/s"):
         solve_care(np.array([[1.0]]), np.array([[1.0]]), Information(np.zeros((1, 1))))
 
 
@@ -187,7 +187,7 @@ def test_a_filter_without_process_noise_is_refused():
 
 
 def test_an_undamped_motion_without_process_noise_has_no_steady_filter():
-    with pytest.raises(InfeasibleError, match="reached by no process noise"):
+    with pytest.raises(InfeasibleError, match="has no process noise"):
         scenarios_of(beam_of(20, ratio=0.0), ("Fz",), ())
     (driven,) = scenarios_of(beam_of(20, ratio=0.0), ("Fz",), ("E",))
     assert solve_pool(driven).residual < 1e-10
@@ -229,7 +229,7 @@ def stepped(A, H, N, *steps):
 
 
 @pytest.mark.parametrize(("noise", "damping", "enough"), [(1e-5, 0.3, 100), (1.0, 0.02, 300)])
-def test_it_is_where_a_filter_comes_to_by_plain_steps(noise, damping, enough):
+def test_steady_covariance_matches_recursion_limit(noise, damping, enough):
     A, H, N = system(1, damping, noise)
     before, after = stepped(A, H, N, enough, enough + 20)
     P = covariance(A, H, N)
@@ -273,26 +273,26 @@ def test_a_state_of_rounding_size_changes_nothing():
     assert P[0, 0] < 1e-30
 
 
-def test_what_is_not_detected_or_not_reached_is_found_by_a_test_and_not_by_divergence():
+def test_undetected_states_are_found_by_test():
     walk = np.eye(2)
     assert steady_factor(walk, np.array([[1.0, 1.0]]), np.eye(2)) is None  # the sum of two walks
     assert steady_factor(np.diag([1.02, 0.5]), np.array([[0.0, 1.0]]), np.eye(2)) is None  # grows, unseen
     quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])  # turns for ever, and is read in one direction: that is enough
     assert steady_factor(quarter, np.array([[1.0, 0.0]]), np.eye(2)) is not None
-    with pytest.raises(InfeasibleError, match="reached by no noise"):
+    with pytest.raises(InfeasibleError, match="has no process noise"):
         steady_factor(walk, np.eye(2), np.array([[1.0], [0.0]]))
 
 
 def test_accuracy_that_is_not_reached_is_reported_with_its_size_and_is_no_advice(monkeypatch):
     A, H, N = system(3, 0.3, 1.0)
     monkeypatch.setattr(riccati, "MOST_DOUBLINGS", 3)
-    with pytest.raises(NumericalError, match=r"solved to \d\.\de-\d\d only") as refused:
+    with pytest.raises(NumericalError, match=r"accurate to \d\.\de-\d\d only") as refused:
         steady_factor(A, H, N)
     assert refused.value.exit_code == 1
     assert "keep" not in refused.value.remedy
     monkeypatch.undo()
     assert steady_factor(A, H, N) is not None
-    with pytest.raises(NumericalError, match="not solved: its filter is not stable"):
+    with pytest.raises(NumericalError, match="not solved: its filter is unstable"):
         steady_factor(*system(3, 0.02, 1e-18))
 
 

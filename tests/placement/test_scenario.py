@@ -14,7 +14,7 @@ from strainsight.placement.elimination import RemovedGauge, known_to_go, least_m
 from strainsight.placement.failure import robust_set
 from strainsight.placement.limits import limits_of
 from strainsight.placement.riccati import CANCELLED, Information, information
-from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refined, solve_pool, subset_covariance
+from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refine, solve_pool, subset_covariance
 from strainsight.placement.score import score, scores
 from strainsight.placement.witness import Remaining
 
@@ -57,12 +57,12 @@ def test_fewer_blocks_than_unknowns_are_enough_where_their_channels_are():
     (single,) = scenarios_of(beam_of(12, 3), ("Fz", "Fy"), ("E",))
     pairs = replace(single, H=single.H.reshape(6, 2, -1), r=single.r.reshape(6, 2))
     assert fewest_gauges([solve_pool(pairs)]) == (3, 2)
-    assert eliminate([pairs], 2).kept.shape == (2,)
+    assert eliminate([pairs], 2).selected.shape == (2,)
     with pytest.raises(InfeasibleError, match=r"1 gauges cannot observe 3 unknowns \(Fz, Fy, E\)\n    keep at least 2"):
         eliminate([pairs], 1, names=("Fz", "Fy", "E"))
-    with pytest.raises(InfeasibleError, match="2 gauges for 3 unknowns: whichever fails"):
+    with pytest.raises(InfeasibleError, match="2 gauges for 3 unknowns: if any gauge fails"):
         robust_set([solve_pool(pairs)], 2)
-    with pytest.raises(ConfigError, match="7 gauges are to be kept of a pool of 6"):
+    with pytest.raises(ConfigError, match="cannot keep 7 gauges of a pool of 6"):
         eliminate([pairs], 7)
 
 
@@ -75,20 +75,20 @@ def test_a_start_far_from_the_solution_does_not_show():
     lam, U = np.linalg.eigh(root @ rows.T @ rows @ root)
     exact = root @ (U / np.sqrt(lam)) @ U.T @ root
     for start in (None, exact, exact * (1 + 1e-6), 1e3 * np.diag([1.0, 5.0, 0.1]), 1e-3 * np.eye(3)):
-        np.testing.assert_allclose(refined(pool, information(rows), start), exact, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(refine(pool, information(rows), start), exact, rtol=1e-9, atol=1e-12)
 
 
-def test_what_no_process_noise_reaches_is_named():
+def test_missing_process_noise_is_named():
     H, weight = np.eye(3), np.array([0.0, 0.0, 1.0])
     F = np.array([[0.0, 1.0, 0.0], [-4.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     with pytest.raises(InfeasibleError, match="undamped motion"):
         solve_pool(Scenario(F, np.diag([0.0, 0.0, 1.0]), H, np.ones(3), weight), ["Fz"])
     F = np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 1.0], [0.0, 0.0, 0.0]])
-    with pytest.raises(InfeasibleError, match="Fz is reached by no process noise"):
+    with pytest.raises(InfeasibleError, match="Fz has no or too little process noise"):
         solve_pool(Scenario(F, np.diag([0.0, 1.0, 0.0]), H, np.ones(3), weight), ["Fz"])
 
 
-def test_a_set_that_cannot_tell_scores_infinity():
+def test_undetecting_set_scores_infinity():
     pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
     unknown = np.arange(len(pools[0].P) - 2, len(pools[0].P))
     assert score(pools, [3]) == np.inf
@@ -127,7 +127,7 @@ def test_every_metric_comes_from_the_same_covariance():
     np.testing.assert_allclose(scores(by, gauges, unknown, amplitudes, share=share).std, expected, rtol=1e-8)
 
 
-def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(monkeypatch):
+def test_unsolved_set_is_distinguished_from_undetecting(monkeypatch):
     pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
 
     def refuse(*_):
@@ -264,27 +264,27 @@ REFUSED = {
     "fixed in one zone": (
         {"keep": 4, "fixed": (0, 1), "zones": [zone("place.at_most.0", [0, 1, 2], 1)]},
         "place.at_most.0",
-        r"what is bonded already \(gauges.fixed\) takes 2 gauges of the 1 that place.at_most.0 allows",
+        r"bonded gauges \(gauges.fixed\) use 2 gauges of the 1 that place.at_most.0 allows",
     ),
     "fixed too near to its own mirror image": (
         {"keep": 5, "fixed": (3, 4), "near": [(3, 4), (4, 4), (6, 6)]},
         "place.minimum_spacing",
-        "the gauges of row 4 of the pool are bonded already",
+        "of row 4 of the pool are closer",
     ),
     "too near to their own mirror images": (
         {"keep": 4, "near": [(g, g) for g in range(8)]},
         "place.minimum_spacing",
-        "place.minimum_spacing leaves room for 3 of the pool's 11",
+        "place.minimum_spacing allows only 3 of the pool's 11",
     ),
     "spacing of what is fixed": (
         {"keep": 3, "fixed": (0,), "near": [(0, i) for i in range(1, 10)]},
         "place.minimum_spacing",
-        "place.minimum_spacing leaves room for 2 of the pool's 11",
+        "place.minimum_spacing allows only 2 of the pool's 11",
     ),
     "budget of nothing": (
         {"keep": 4, "price": PRICE, "budget": 0.0},
         "place.budget",
-        "the cheapest gauges that detect every unknown cost 0.7, place.budget is 0",
+        "the cheapest gauges that detect every unknown cost 0.7, but place.budget is 0",
     ),
     "count": ({"keep": 1}, None, r"1 gauges cannot observe 2 unknowns \(Fz, E\)"),
 }
@@ -308,27 +308,27 @@ def test_a_zone_around_all_that_see_an_unknown_is_named_with_it():
     (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
     scenario = blind_sideways(beam, scenario, np.arange(POOL) != 7)
     closed = Rules(4, zones=[zone("place.at_most.0", [6, 7], 0)]).limits
-    with pytest.raises(InfeasibleError, match=r"kept within place.at_most.0, they cannot tell Fy") as refused:
+    with pytest.raises(InfeasibleError, match=r"no layout within place.at_most.0 can observe Fy") as refused:
         eliminate([scenario], closed, names=("Fz", "Fy"))
     assert refused.value.key == "place.at_most.0"
     # gauge 7 is too dear for its neighbours: it stays, as every layout needs it
     price = np.where(np.arange(POOL) == 7, 9.0, 1.0)
     rules = Rules(4, price=price, budget=10.5, near=[(7, i) for i in (0, 1, 2, 3, 4)])
-    kept = eliminate([scenario], rules.limits).kept
+    kept = eliminate([scenario], rules.limits).selected
     assert 7 in kept
     assert rules.hold(kept)
-    with pytest.raises(InfeasibleError, match=r"cost 10, place.budget is 9"):
+    with pytest.raises(InfeasibleError, match=r"cost 10, but place.budget is 9"):
         eliminate([scenario], Rules(4, price=price, budget=9.0).limits)
     blind = Rules(3, fixed=(0, 1, 2), zones=[zone("place.at_most.0", range(POOL), 9)]).limits
-    with pytest.raises(InfeasibleError, match=r"the fewest of the pool .* within place.at_most.0 are 4") as refused:
+    with pytest.raises(InfeasibleError, match=r"the smallest set .* within place.at_most.0 has 4") as refused:
         eliminate([scenario], blind)
     assert refused.value.key == "place.keep"
 
 
 def test_impossible_counts_keep_their_words():
-    with pytest.raises(ConfigError, match="12 gauges are to be kept of a pool of 11 with 0 fixed"):
+    with pytest.raises(ConfigError, match="cannot keep 12 gauges of a pool of 11 with 0 fixed"):
         limits_of(11, 12)
-    with pytest.raises(ConfigError, match="1 gauges are to be kept of a pool of 11 with 2 fixed"):
+    with pytest.raises(ConfigError, match="cannot keep 1 gauges of a pool of 11 with 2 fixed"):
         limits_of(11, 1, fixed=(3, 4))
-    with pytest.raises(ConfigError, match="18 gauges are to be kept of a pool of 17 with 4 fixed"):
+    with pytest.raises(ConfigError, match="cannot keep 18 gauges of a pool of 17 with 4 fixed"):
         limits_of(11, 18, size=PAIRS, fixed=(0, 1))

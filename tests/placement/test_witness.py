@@ -39,14 +39,14 @@ def test_near_the_densest_packing_a_layout_is_left_however_little_work_is_spent(
         monkeypatch.setattr(witness, "EFFORT", 0)
         monkeypatch.setattr(witness, "REACH", {"little": 20, "none": 0}[work])
     found = eliminate([scenario], limits)
-    assert len(found.kept) == keep
-    chosen = set(found.kept.tolist())
+    assert len(found.selected) == keep
+    chosen = set(found.selected.tolist())
     assert not any(a in chosen and b in chosen for a, b in near.tolist())
-    np.testing.assert_allclose(found.cost[-1], score(found.pools, found.kept), rtol=1e-7)
+    np.testing.assert_allclose(found.cost[-1], score(found.pools, found.selected), rtol=1e-7)
     assert np.all(found.rise > 0)
 
 
-def test_no_clock_has_a_say(monkeypatch):
+def test_result_is_independent_of_time(monkeypatch):
     scenario, near = scattered(250, 0.15)
     asked = []
 
@@ -57,7 +57,7 @@ def test_no_clock_has_a_say(monkeypatch):
     solver = layouts.milp
     monkeypatch.setattr(layouts, "milp", spy)
     eliminate([scenario], limits_of(250, 38, near=near))
-    with pytest.raises(InfeasibleError, match="leaves room for 38 of the pool's 250"):
+    with pytest.raises(InfeasibleError, match="allows only 38 of the pool's 250"):
         eliminate([scenario], limits_of(250, 60, near=near))
     assert asked
     assert all(options == {"node_limit", "mip_rel_gap"} for options in asked)
@@ -86,7 +86,7 @@ def test_what_is_held_is_part_of_a_layout_inside_what_is_left(monkeypatch, seed)
             return spared
 
     monkeypatch.setattr(room, "Guard", Watched)
-    assert limits.allows(eliminate(scenarios, limits).kept)
+    assert limits.allows(eliminate(scenarios, limits).selected)
     assert held
 
 
@@ -102,24 +102,24 @@ def two_instants(rows, noise):
 def test_two_gauges_that_see_one_instant_each_give_way_to_one_that_sees_both(aggregate):
     scenarios = two_instants([(0, 1), (1, 0), (0, 0)], [1e-3, 1e-3, 1e-1])
     found = eliminate(scenarios, 1, aggregate)
-    assert found.kept.tolist() == [2]
+    assert found.selected.tolist() == [2]
     np.testing.assert_allclose(found.cost[-1], score(found.pools, [2], aggregate), rtol=1e-9)
-    with pytest.raises(InfeasibleError, match=r"1 gauges asked for; the fewest of the pool .* are 2"):
+    with pytest.raises(InfeasibleError, match=r"1 gauges requested, but the smallest set .* has 2"):
         eliminate(two_instants([(0, 1), (1, 0), (1, 1)], [1e-3, 1e-3, 1e-1]), 1, aggregate)
 
 
 def test_rosettes_that_share_their_unknowns_badly_are_no_dead_end(six_loads):
-    assert eliminate([six_loads], 2).kept.tolist() == [1, 2]
+    assert eliminate([six_loads], 2).selected.tolist() == [1, 2]
 
 
-def test_beside_far_stronger_gauges_that_have_to_leave_the_weak_one_is_found():
+def test_weak_gauge_is_found_next_to_strong_gauges():
     # either strong gauge alone makes rounding of the weak one, which sees both unknowns
     F, Q = np.zeros((2, 2)), np.eye(2)
     H = np.array([[[1.0, 0], [0, 0]], [[0, 1.0], [0, 0]], [[1, 0], [0, 1.0]]])
     r = np.array([1e-21, 1e-21, 1.0])[:, None] * np.ones(2)
     scenario = Scenario(F, Q, H, r, np.ones(2))
     found = eliminate([scenario], limits_of(3, 1, zones=[("place.at_most.0", np.array([True, True, False]), 0)]))
-    assert found.kept.tolist() == [2]
+    assert found.selected.tolist() == [2]
     np.testing.assert_allclose(found.cost[-1], score([solve_pool(scenario)], [2]), rtol=1e-9)
     np.testing.assert_allclose(found.cost[0] + found.rise.sum(), found.cost[-1], rtol=1e-9)
 

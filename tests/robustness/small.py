@@ -92,7 +92,7 @@ def write_project(folder: Path) -> None:
 
 def _measured() -> str:
     """Strains [µm/m] as the beam of 2.1e11 Pa has them at 0.19 m, above, below and above, with noise as stated: a record that
-    contradicts the model has its bank laid again and again, which takes most of a run."""
+    contradicts the model has its grid filter laid again and again, which takes most of a run."""
     time = np.arange(101) * 1e-3
     wave = np.sin(2 * np.pi * 20.0 * time)
     noise = 0.3 * np.random.default_rng(0).standard_normal((3, len(time)))

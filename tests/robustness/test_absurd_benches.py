@@ -117,7 +117,7 @@ HEAVY = "{weight: {type: gravity, acceleration: [0, 0, -1.0e+300]}}"
 UNFELT = "estimate.inputs.F: no sensor feels it"
 REFUSED = {
     "a billion steps": (2, "simulate.time_step", {"simulate": "{duration: 1.0e+6, time_step: 1.0e-3}"}),
-    "a tolerance beyond rounding": (1, "a larger simulate.tolerance", {"simulate": FINE, "bodies": moving(-1, 1)}),
+    "a tolerance beyond rounding": (1, "increase simulate.tolerance", {"simulate": FINE, "bodies": moving(-1, 1)}),
     "nothing holds it, gravity": (1, "simulate.start: no static equilibrium", {"joints": "{}"}),
     "a joint twice": (2, "5 of 16 constraints are redundant", {"joints": two("revolute", "revolute")}),
     "joints that contradict": (2, "cannot all be satisfied", {"joints": two("spherical", "spherical", "side")}),
@@ -126,10 +126,10 @@ REFUSED = {
     "an inertia that no body has": (2, "bodies.bob.inertia", {"bodies": bob(about_z="10")}),
     "a torsion spring past half a turn": (
         1,
-        "coil: it is turned by",
+        "coil: it is rotated by",
         {"bodies": moving(-60, 60), "forces": WEAK, "simulate": GIVEN},
     ),
-    "a spring without length": (2, "forces.s: at the start its end points", {"forces": forces(SHORT)}),
+    "a spring without length": (2, "forces.s: at the start the distance of its end points", {"forces": forces(SHORT)}),
     "a spring of 1e300 N/m": (1, "simulate.start", {"forces": forces(STIFF)}),
     "a load of 1e30 N": (2, "simulate.start: the equilibrium is unstable", {"forces": forces(load(signal=constant("1.0e+30")))}),
     "a gravity of 1e300 m/s²": (1, "simulate", {"forces": HEAVY}),

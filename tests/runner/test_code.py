@@ -42,7 +42,7 @@ def stage(version=1):
 def test_a_stage_reaches_what_python_finds_by_parsing_its_imports():
     found = plan_module.closure(MODES.run.__module__)
     assert {"strainsight.stages.rom", "strainsight.fem.modes", "strainsight.mesh.model"} <= found
-    assert "strainsight.estimation.bank" not in found
+    assert "strainsight.estimation.grid_filter" not in found
     for name in sorted(found)[::5]:
         path = ROOT.joinpath(*name.split(".")[1:])
         file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
@@ -55,7 +55,7 @@ def test_a_stage_reaches_what_python_finds_by_parsing_its_imports():
 
 def test_code_digest_depends_on_imported_modules_only(monkeypatch):
     before, source = plan_module.code_of(MODES.run), plan_module._source
-    for module, same in (("strainsight.fem.modes", False), ("strainsight.estimation.bank", True)):
+    for module, same in (("strainsight.fem.modes", False), ("strainsight.estimation.grid_filter", True)):
         monkeypatch.setattr(
             plan_module,
             "_digest",

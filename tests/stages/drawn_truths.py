@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.experiment.structure.nuisances import tolerated
+from strainsight.experiment.structure.considered import tolerated
 from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
 from strainsight.experiment.structure.trial import sample_noise, trial_of
 from strainsight.experiment.structure.truth import truth_of

@@ -64,7 +64,7 @@ TOGETHER = {
 @pytest.mark.parametrize(
     ("changes", "key", "says"),
     [
-        ({"damping.ratio": 0.0, "loads.tip.direction": [0, 0, 1]}, "place.estimate", "give the structure damping"),
+        ({"damping.ratio": 0.0, "loads.tip.direction": [0, 0, 1]}, "place.estimate", "add structural damping"),
         (TOGETHER, "place.estimate", "tip, E and rho together: fix one of them"),
         ({"screen.keep": "all", "place.keep": 80, **PART}, "place.keep", "80 gauges"),
     ],

@@ -15,7 +15,7 @@ from strainsight.stages.bench.report import run as report
 
 from ..models import ended
 from ..shared import slowly
-from .conftest import BANK, DIAMETER, LOADS, ROOT, SMALL, job_of
+from .conftest import DIAMETER, GRID_FILTER, LOADS, ROOT, SMALL, job_of
 from .test_artefacts import assert_summary_is_listed
 
 PRELOAD = "estimate.parameters.preload={bearing: pitch-bearing, property: preload, std: 1.0e-6}"
@@ -27,7 +27,7 @@ GROOVES = tuple(
 
 def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
     job_of(DIAMETER, ROOT, PRELOAD)
-    job_of(DIAMETER, ROOT, BANK, *GROOVES[:2])
+    job_of(DIAMETER, ROOT, GRID_FILTER, *GROOVES[:2])
 
 
 @pytest.mark.parametrize(
@@ -45,12 +45,12 @@ def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
         (LOADS, "estimate.truth={model: other, duration: 1.0}", "estimate.truth.duration", "the simulation ends at 1 s"),
         (LOADS, "estimate.truth.histories=3", "estimate.truth.histories", "has no effect with truth.model: fine"),
         (DIAMETER, "estimate.parameters.diameter={guess: 0.0606, std: 1.0e-4}", "estimate.parameters.diameter", "no modulus"),
-        (LOADS, BANK, "estimate.method.parameters", "the config has no estimated parameter"),
+        (LOADS, GRID_FILTER, "estimate.method.parameters", "the config has no estimated parameter"),
         (DIAMETER, "estimate.method={parameters: bank, update: one_shot}", "estimate.method.update", "extended filter only"),
         (LOADS, "estimate.method={noise: as_printed, step_error: estimated}", "estimate.method.step_error", "change after it"),
         (DIAMETER, (PRELOAD, "bearings.pitch-bearing.groove_centres=fixed"), "estimate.parameters.preload", "same effect"),
-        (DIAMETER, (BANK, *GROOVES), "estimate.method.parameters", "the grid filter supports at most 3 parameters, not 4"),
-        (DIAMETER, (BANK, "estimate.parameters.diameter.increment=1.0e-6"), "estimate.parameters.diameter.increment",
+        (DIAMETER, (GRID_FILTER, *GROOVES), "estimate.method.parameters", "the grid filter supports at most 3 parameters, not 4"),
+        (DIAMETER, (GRID_FILTER, "estimate.parameters.diameter.increment=1.0e-6"), "estimate.parameters.diameter.increment",
          "parameters are constant in the grid filter"),
     ],
 )  # fmt: skip
@@ -65,7 +65,7 @@ def test_every_number_of_a_summary_is_listed(estimate, bench):
     measured = f"estimate.measured.from={bench['simulate'].path}"
     for config, *changes in (
         (DIAMETER, "estimate.duration=0.3", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8"),
-        (DIAMETER, "estimate.duration=0.3", BANK),
+        (DIAMETER, "estimate.duration=0.3", GRID_FILTER),
         (SMALL, "estimate.duration=0.1", measured, "estimate.hold_out=each", *(f"estimate.inputs.F{k}.guess=0" for k in "xyz")),
     ):
         assert_summary_is_listed(estimate(config, *changes), "estimate.h5 of a bench")

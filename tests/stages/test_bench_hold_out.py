@@ -102,7 +102,7 @@ def test_sigma_covers_gauges_that_are_installed_anew_for_every_seed():
 
 def test_a_sound_record_is_borne_out_by_what_was_left_out(record):
     found, said = of_test(record)
-    assert found.summary["verdict.side"] == found.summary["verdict.down"] == "borne out by the sensors left out"
+    assert found.summary["verdict.side"] == found.summary["verdict.down"] == "confirmed by held-out sensors"
     assert found.summary["hold_out.inside"] > 0.9
     assert found.summary["trusted"] is True
     assert "contradict" not in said
@@ -112,7 +112,7 @@ def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_
     record = scaled(record, 1.1)
     found, said = of_test(record, ends=3)
     assert (found.summary["trusted"], found.summary["accepted"]) == (False, False)
-    assert "the measurements are inconsistent with the model: side, down are contradicted by its sensors: check channels" in said
+    assert "inconsistent with the model: side, down are inconsistent with the sensors: check channels" in said
     assert "the other channels contradict gauges.2 (error" in said
     assert max(ratios(found), key=ratios(found).__getitem__) == "gauges.2"
     assert all(np.isnan(found[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
@@ -124,7 +124,7 @@ def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_
     assert all(np.isfinite(accepted[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
     np.testing.assert_array_equal(accepted["/inputs/side/estimate"], found["/inputs/side/estimate"])
     for name in ("side", "down"):
-        assert accepted.summary[f"verdict.{name}"] == found.summary[f"verdict.{name}"] == "contradicted by its sensors"
+        assert accepted.summary[f"verdict.{name}"] == found.summary[f"verdict.{name}"] == "inconsistent with the sensors"
 
 
 @pytest.mark.slow
@@ -138,7 +138,7 @@ def test_a_suite_with_such_a_record_ends_with_3_too(record):
 
 
 def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_model(record, tmp_path, monkeypatch):
-    beyond = "E came out at 2 Pa, and reduce made the model for 0 to 1"
+    beyond = "E was estimated as 2 Pa, but reduce built the model for 0 to 1"
     monkeypatch.setattr(verdicts, "bench_out_of_range", lambda *_: {"E": beyond})
     sensors = json.dumps(SENSORS | {"tip": {"noise": 1e-6, "bias": 1e-6}})
     changes = (f"estimate.sensors={sensors}", f"estimate.measured={json.dumps(MEASURED)}", EACH)
@@ -167,7 +167,7 @@ def test_channels_that_were_exchanged_are_named(record):
     worst = max(ratios(found), key=ratios(found).__getitem__)
     assert worst in ("gauges.3", "gauges.4")
     assert f"the other channels contradict {worst} (error" in said
-    assert found.summary["verdict.side"] == "contradicted by its sensors"
+    assert found.summary["verdict.side"] == "inconsistent with the sensors"
 
 
 def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason():

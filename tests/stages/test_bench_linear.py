@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import block_diag, eig, solve_discrete_are
 
 from strainsight.experiment.bench.layout.expectation import expected_std, scenario_of
-from strainsight.multibody.inverse.linear import LinearBench, in_modes, in_steps
+from strainsight.multibody.inverse.linear import LinearBench, build_discrete_model, in_modes
 from strainsight.multibody.step import Method
 
 R_STATES, NU = 4, 2
@@ -176,7 +176,7 @@ def test_constant_errors_of_gauges_add_what_a_filter_that_knows_nothing_of_them_
     off, noise = np.array([2e-4, 0.0, 5e-5]), 1e-4
     bench = chain.bench
     found = expected_std(bench, bench.readings(rows), noise, 0.3, off)
-    A, N, scale = in_steps(bench, 0.3)
+    A, N, scale = build_discrete_model(bench, 0.3)
     H = np.asarray(bench.readings(rows) * scale)
     before = solve_discrete_are(A.T, H.T, N @ N.T, noise**2 * np.eye(3))
     K = before @ H.T @ np.linalg.inv(H @ before @ H.T + noise**2 * np.eye(3))
@@ -198,7 +198,7 @@ def test_noise_as_printed_moves_nothing_in_its_step(chain):
     """Then σ of a load is at least its increment, whatever was measured: a textbook recursion with Q* after the step."""
     rows, noise = np.random.default_rng(0).standard_normal((3, 6)), 1e-6
     bench = replace(chain.bench, printed=True)
-    A, _, scale = in_steps(bench, 0.0)
+    A, _, scale = build_discrete_model(bench, 0.0)
     H, n = bench.readings(rows) * scale, len(A)
     Q = np.diag(np.concatenate([np.zeros(n - NU), np.ones(NU)]))
     P = Q.copy()

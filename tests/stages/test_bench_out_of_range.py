@@ -74,13 +74,13 @@ def test_console_and_page_begin_with_it(done):
     narrow, found = done
     estimate = found["estimate"]
     said = str(estimate.summary.get("withheld", ""))
-    assert said.startswith("σ is withheld: E came out at") == narrow
-    assert (estimate.summary["verdict.E"] == "beyond the range of the reduced model") == narrow
+    assert said.startswith("σ is withheld: E was estimated as") == narrow
+    assert (estimate.summary["verdict.E"] == "outside the range of the reduced model") == narrow
     assert (estimate.summary["verdict.down"] == "σ is withheld") == narrow
     if not narrow:
         return
     page = (found["report"].path.parent / "report.html").read_text(encoding="utf-8")
-    assert "E: beyond the range of the reduced model" in page
-    assert "and reduce made the model for" in page
+    assert "E: outside the range of the reduced model" in page
+    assert "but reduce built the model for" in page
     assert "✕ σ is withheld" in page
     assert "claimed standard deviations" not in page

@@ -14,7 +14,7 @@ from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.records.bench import BenchEstimated
 from strainsight.records.record import read
 
-from .conftest import BANK, DIAMETER, LOADS, MODULUS
+from .conftest import DIAMETER, GRID_FILTER, LOADS, MODULUS
 
 EXACT = ("estimate.sensors={gauges: {noise: 0.0}}", "estimate.truth={model: own, noise: false}")
 ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
@@ -174,20 +174,20 @@ def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone
 def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate):
     """Two draws of noise: every history to a tenth of σ at the end, and the joints kept to rounding."""
     when = ("estimate.duration=0.45", "estimate.runs=2", "estimate.truth.model=own")
-    bank, extended = estimate(DIAMETER, *when, BANK), estimate(DIAMETER, *when)
+    grid_run, extended = estimate(DIAMETER, *when, GRID_FILTER), estimate(DIAMETER, *when)
     for of in ("/parameters/diameter", "/inputs/Fy", "/inputs/Fz"):
         std = extended[f"{of}/std"][-1]
-        assert abs(bank[f"{of}/estimate"][-1] - extended[f"{of}/estimate"][-1]) < 0.1 * std
-        assert bank[f"{of}/std"][-1] == pytest.approx(std, rel=0.05)
+        assert abs(grid_run[f"{of}/estimate"][-1] - extended[f"{of}/estimate"][-1]) < 0.1 * std
+        assert grid_run[f"{of}/std"][-1] == pytest.approx(std, rel=0.05)
     np.testing.assert_allclose(
-        bank["/runs/parameters/diameter/std"], extended["/runs/parameters/diameter/std"], rtol=0.05
+        grid_run["/runs/parameters/diameter/std"], extended["/runs/parameters/diameter/std"], rtol=0.05
     )
-    assert bank.summary["violation"] < 1e-14
-    assert bank.summary["ratio.extended.diameter"] == pytest.approx(1.0, abs=0.05)
+    assert grid_run.summary["violation"] < 1e-14
+    assert grid_run.summary["ratio.extended.diameter"] == pytest.approx(1.0, abs=0.05)
     assert "ratio.extended.diameter" not in extended.summary
-    assert "filters compared" in str(bank.tables)
+    assert "filters compared" in str(grid_run.tables)
     assert read(BenchEstimated, extended).bearings
-    assert not read(BenchEstimated, bank).bearings
+    assert not read(BenchEstimated, grid_run).bearings
 
 
 BEARING = Bearing(

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import linear_models
-from strainsight.estimation.record import BankRecord
-from strainsight.experiment.structure.nuisances import nuisances_of
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.grid_filter_smoother import smooth_on_grid
+from strainsight.estimation.record import GridRecord
+from strainsight.experiment.structure.considered import build_considered
 from strainsight.experiment.structure.problem import filter_model, sample_std
 from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.start import loading_of
@@ -49,9 +49,9 @@ def test_strain_where_no_gauge_is_follows_a_turned_and_a_shifted_load(beam):
     own = beam(OF_A_LOAD | {"loads.side": SIDE | {"process_noise": {"model": "random_walk"}}})
     own.parameters = parameters_of(own.case.config.parameters, own.mesh, {})
     model = filter_model(own.problem, own.channels, own.problem.h)
-    nuisances = nuisances_of(own.tolerated, model, own.channels, behind=True)
-    np.testing.assert_array_equal(nuisances.load, [0] * 4 + [1] * 5)
-    linear = linear_models(model, np.zeros((1, 0)), nuisances)
+    considered = build_considered(own.tolerated, model, own.channels, behind=True)
+    np.testing.assert_array_equal(considered.load, [0] * 4 + [1] * 5)
+    linear = linear_models(model, np.zeros((1, 0)), considered)
     field = field_beyond(own.tolerated.loads, model, own.reduced)
     rows, n, w, h = beside(own, np.hstack([own.reduced.basis, field])), model.model.size, 700.0, 1e-4
     moving = slice(0, 2 * n)
@@ -106,10 +106,10 @@ def test_strain_where_no_gauge_is_lies_within_sigma_of_drawn_loads(beam, treat):
         reading = found.again(realisation)
         noise = sample_noise(7, realisation, len(reading) - 1, reading.shape[1])
         y = reading[1:] + noise * sample_std(own.problem, found.chosen, found.h)
-        nuisances = nuisances_of(own.tolerated, model, found.chosen, behind=True)
+        considered = build_considered(own.tolerated, model, found.chosen, behind=True)
         args = (model, np.zeros(size), found.covariance, found.known, y)
-        bank = filter_bank(BankRecord(*args, nuisances, settled=found.settled))
-        later = smooth_bank(BankRecord(*args, nuisances, settled=found.settled), bank)
+        grid_run = filter_on_grid(GridRecord(*args, considered, settled=found.settled))
+        later = smooth_on_grid(GridRecord(*args, considered, settled=found.settled), grid_run)
         there = truth.again(realisation, own.gauges)
         motion = there.motion(loading)
         errors.append(later.mean[:, 0] @ whole.T - motion.q @ beside(own, there.field()).T)

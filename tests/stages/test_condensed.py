@@ -80,6 +80,6 @@ def test_a_condensed_model_gives_the_layout_of_the_whole(config, tmp_path):
     assert np.allclose(strains(found["train"]), strain, atol=2e-3 * np.abs(strain).max())
     path = "/selected/final/position"
     assert np.allclose(*(np.unique(run["place"][path].round(6), axis=0) for run in (found, artefacts)))
-    # the lattice of a bank makes its σ right to 1e-2
+    # the lattice of a grid filter makes its σ right to 1e-2
     for stage, key, right in (("place", "std.E", 2e-3), ("validate", "estimate.E", 2e-3), ("validate", "std.E", 1e-2)):
         assert found[stage].summary[key] == pytest.approx(artefacts[stage].summary[key], rel=right), key

@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
-from strainsight.experiment.structure.nuisances import exact_frequencies_in_words
+from strainsight.experiment.structure.considered import exact_frequencies_in_words
 
 from ..edges.beam import E, bricks, finished
 from ..shared import ROOT

@@ -201,14 +201,15 @@ def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_
     assert code == 0, said
     words = " ".join(said.split())
     assert re.search(
-        r"σ is withheld: E came out at 2\.\d+e\+11 Pa, and rom made the model for 1\.6e\+11 to 2e\+11: widen parameters\.E\.",
+        r"σ is withheld: E was estimated as 2\.\d+e\+11 Pa, but rom built the model for 1\.6e\+11 to 2e\+11: widen "
+        r"parameters\.E\.",
         words,
     )
     own = Artefact(project / "results" / "beyond" / "estimate.h5")
     assert own["/smoothed/E"][-1] == pytest.approx(2.1e11, rel=0.03)
     for path in ("/std/E", "/std/side", "/smoothed_std/E", "/smoothed_std/side", "/virtual/std"):
         assert np.isnan(own[path]).all()
-    assert own.message.startswith("σ is withheld: E came out at 2.")
+    assert own.message.startswith("σ is withheld: E was estimated as 2.")
     assert not any(name.startswith("std.") for name in own.summary)
 
 
@@ -234,7 +235,7 @@ def test_a_biased_time_step_says_what_it_does(project):
     longer = 100 * lam * H**2 / 12
     stated = float(re.search(r"first mode by ([\d.e+-]+) %", said.replace("\n", " ")).group(1))
     assert stated == pytest.approx(longer, rel=0.1)
-    # by the bank without tolerances: with them the damping is open, and E is what the gauges read rather than the period
+    # by the grid filter without tolerances: with them the damping is open, and E is what the gauges read rather than the period
     assert result(project)["/compared/estimate/E"][0] > exact
 
 

@@ -55,7 +55,7 @@ def validated(tmp_path_factory):
 
 
 ROM, EXACT = "validate.truth.model=rom", ("tolerances=none", "train.settle=none")
-"""Without tolerances, so that the bank's σ is that of the samples alone, and from rest, where all filters begin alike."""
+"""Without tolerances, so that the grid filter's σ is that of the samples alone, and from rest, where all filters begin alike."""
 
 
 def test_the_density_of_a_parameter_has_the_mean_and_the_sigma_that_are_claimed(validated):
@@ -95,12 +95,12 @@ def test_where_exact_readings_have_no_posterior_nothing_is_compared_which_is_rep
 
     compared = filtering.compared
 
-    def compared_without_bank(*args, **options):
+    def compare_without_grid_filter(*args, **options):
         with monkeypatch.context() as patch:
-            patch.setattr(filtering, "filter_bank", refuses)
+            patch.setattr(filtering, "filter_on_grid", refuses)
             return compared(*args, **options)
 
-    monkeypatch.setattr(validation, "compared", compared_without_bank)
+    monkeypatch.setattr(validation, "compared", compare_without_grid_filter)
     empty = validated(*EXACT, "validate.duration=0.02").validated.compared
     assert disagreements_in_words(empty) == [
         "filters are not compared: without tolerances the readings leave no posterior of the parameters"
@@ -114,15 +114,15 @@ ACCELEROMETERS = "motion_sensors={acc: {quantity: acceleration, noise_std: {valu
 
 
 def test_filters_that_take_damping_for_exact_have_the_noise_of_the_motion_on_accelerometers_too(validated):
-    """What a bank leaves out is added again: the model is that of a config which states the noise."""
+    """What a grid filter leaves out is added again: the model is that of a config which states the noise."""
     models = []
     for stated in ("null", "0.01"):
         problem = validated.problem(f"process_noise.model_error={stated}", ACCELEROMETERS)
         moving = np.flatnonzero(problem.channels.quantity == ACCELERATION)[:2]
         models.append((problem, filter_model(problem, np.concatenate([[0], moving]), problem.h)))
-    (left_out, bank), (_, stated) = models
-    damped = exactly_damped(left_out, bank)
-    assert (bank.r < stated.r)[1:].all()
+    (left_out, grid_run), (_, stated) = models
+    damped = exactly_damped(left_out, grid_run)
+    assert (grid_run.r < stated.r)[1:].all()
     np.testing.assert_allclose(damped.r, stated.r, rtol=1e-12)
     np.testing.assert_allclose(damped.Q, stated.Q, rtol=1e-12)
 
@@ -275,9 +275,9 @@ def test_instants_in_what_a_start_from_rest_has_set_off_are_reported(beam, chang
 def test_place_and_validate_tell_the_filter_the_same_of_the_start(beam, monkeypatch, settle):
     """P₀ of the motion: its largest training amplitude where it moves, a thousandth of it at rest; it covers x(0)."""
     small, seen = beam({"train.settle": settle, "train.duration": 0.03, "validate.duration": 0.03}), []
-    recursion = expecting.bank_claim
+    recursion = expecting.predict_grid_std
     noted = lambda m, x, u, P, *rest: seen.append(P) or recursion(m, x, u, P, *rest)  # noqa: E731
-    monkeypatch.setattr(expecting, "bank_claim", noted)
+    monkeypatch.setattr(expecting, "predict_grid_std", noted)
     training = small.training
     api.expect(small.case, small.mesh, small.reduced, training, small.screened, small.gauges)
     covariance, n = trial(small).covariance, 2 * small.reduced.model.size

@@ -140,7 +140,7 @@ def test_records_that_agree_are_filtered_together_and_every_other_by_itself(monk
 def test_sigma_is_held_against_repeats_the_draws_of_the_test_and_the_smoothed_error(numbers, repeats, found):
     usual = dict.fromkeys(("error.a", "std.a", "smoothed.a", "smoothed_std.a", "draws.a", "smoothed_draws.a"), 1)
     claims = claims_of("a", usual | numbers, (np.array(repeats), np.ones(len(repeats))))
-    assert [(claim.of, claim.verdict) for claim in claims][: len(found)] == found
+    assert [(claim.of, claim.result) for claim in claims][: len(found)] == found
     assert claims[0].words(number).startswith(found[0][1])
 
 

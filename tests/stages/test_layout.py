@@ -54,7 +54,7 @@ KEEP, TRACE = 4, Trace()
 def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_sigma(seed):
     """Of 495 layouts none has a lower sum, or root of it, than is said; one has a σ that is lower by more."""
     greedy = eliminate(scenarios_of(beam_of(12, 3, seed=seed), ("Fz",), ("E",)), KEEP)
-    swapped, (pool,), names = exchange(greedy.pools, greedy.kept), greedy.pools, ("Fz", "E")
+    swapped, (pool,), names = exchange(greedy.pools, greedy.selected), greedy.pools, ("Fz", "E")
     (sentence,) = best_possible(certify(greedy.pools, swapped.gauges, swapped.cost[-1]), TRACE, names, root_of(TRACE, names))
 
     def weighted(gauges):

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from strainsight import api
 from strainsight.estimation.conditional import linear_models
-from strainsight.experiment.structure.consistency import suspect_of, turning_of
-from strainsight.experiment.structure.nuisances import nuisances_of, on_average, tolerated
+from strainsight.experiment.structure.considered import build_considered, on_average, tolerated
+from strainsight.experiment.structure.consistency import build_check_record, turning_of
 from strainsight.experiment.structure.problem import filter_model, problem_of
 from strainsight.experiment.structure.reduction import full_model
 from strainsight.experiment.structure.references import parameters_of
@@ -71,11 +71,11 @@ def test_under_constant_loads_the_filter_expects_what_the_full_model_strains(bea
     differences of turned and shifted forces on the full model: 1e-6 of the change, though no coordinate holds all of it."""
     own = beam(OF_A_LOAD | {"loads.side": SIDE | {"process_noise": {"model": "random_walk"}}})
     model = filter_model(own.problem, own.channels, own.problem.h)
-    nuisances = nuisances_of(own.tolerated, model, own.channels)
+    considered = build_considered(own.tolerated, model, own.channels)
     one = ("load direction", "load direction", "load point", "load point")
     assert model.model.inputs == ("side", "tip")
-    assert nuisances.source == (*one, *one, "load gain")
-    linear = linear_models(model, np.zeros((1, 0)), nuisances)
+    assert considered.source == (*one, *one, "load gain")
+    linear = linear_models(model, np.zeros((1, 0)), considered)
     moving, w, h, theta = slice(0, 2 * model.model.size), 700.0, 1e-4, own.reduced.model.reference
     without_row = []
 
@@ -114,9 +114,9 @@ def test_a_misplaced_gauge_reads_what_a_shifted_load_strains_there(tmp_path):
     std = 0.002
     own = beam_in(tmp_path, "hex20")(OF_A_LOAD | {"tolerances": NOTHING | ALL | {"position": std}})
     model, theta = filter_model(own.problem, own.channels, own.problem.h), own.reduced.model.reference
-    nuisances = nuisances_of(own.tolerated, model, own.channels)
-    linear, w = linear_models(model, np.zeros((1, 0)), nuisances), 700.0
-    assert nuisances.source[9:17] == ("position",) * 8
+    considered = build_considered(own.tolerated, model, own.channels)
+    linear, w = linear_models(model, np.zeros((1, 0)), considered), 700.0
+    assert considered.source[9:17] == ("position",) * 8
     moving, x, known = slice(0, 2 * model.model.size), np.zeros(linear.A.shape[1]), np.zeros(linear.G.shape[2])
     known[0] = w
     away = np.eye(moving.stop) - linear.A[0][moving, moving]
@@ -214,11 +214,11 @@ def test_the_filter_allows_for_drifts_of_channels_and_one_temperature_that_each_
     own = beam(ROSETTES)
     channels = own.problem.channels.of(own.gauges[:2]).ravel()
     model = filter_model(own.problem, channels, own.problem.h)
-    nuisances = nuisances_of(own.tolerated, model, channels)
-    assert nuisances.source == ("drift",) * 4 + ("temperature",) * 3
-    for nothing in (nuisances.D, nuisances.offset, nuisances.E[..., :-1]):
+    considered = build_considered(own.tolerated, model, channels)
+    assert considered.source == ("drift",) * 4 + ("temperature",) * 3
+    for nothing in (considered.D, considered.offset, considered.E[..., :-1]):
         assert not nothing.any()
-    late = nuisances.E[..., -1]
+    late = considered.E[..., -1]
     common, beside, each = (8.0 * 1e-6) ** 2, (8.0 * 5e-7) ** 2, (4e-6) ** 2
     expected = common + np.kron(np.eye(2), beside * np.ones((2, 2))) + each * np.eye(4)
     np.testing.assert_allclose(late.T @ late, expected, rtol=1e-12)
@@ -288,7 +288,7 @@ def test_a_gauge_taken_as_turned_has_the_mean_of_one_that_is(tmp_path):
     start = np.zeros((model.size, model.size))
     given = SimpleNamespace(model=model, test=test, problem=problem, covariance=start, tolerances=own, biased=None, settled=None)
     turning = turning_of(structure, test.channels)
-    found, _ = suspect_of(structure, given, turning).turned(0, TURN)
+    found, _ = build_check_record(structure, given, turning).turned(0, TURN)
     assert not start.any()  # the start at rest of the filter is left as it is
     _, plain, wanted = averaged(int(twin))
     size = np.abs(wanted.H).max()

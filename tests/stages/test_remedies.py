@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from strainsight.config.estimate import Estimate
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.conditional import no_nuisances
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.conditional import none_considered
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.record import GridRecord
 from strainsight.experiment.recorded import _calibration
 from strainsight.experiment.structure.consistency import judgement_of
 from strainsight.experiment.structure.measured import records_of
@@ -87,7 +87,7 @@ def followed(message, samples):
 def error_over_sigma(truth, samples):
     """RMS error of the load over its σ, filtered."""
     model, P, load, _ = truth
-    run = filter_bank(BankRecord(model, np.zeros(5), P, forces(LONG), samples, no_nuisances(model))).run
+    run = filter_on_grid(GridRecord(model, np.zeros(5), P, forces(LONG), samples, none_considered(model))).run
     return float(np.sqrt(np.mean(((run.mean[1:, 0, LOAD] - load) / run.std[1:, 0, LOAD]) ** 2)))
 
 

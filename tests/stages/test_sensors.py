@@ -179,7 +179,7 @@ def test_the_metric_uses_the_input_model_of_the_filter():
 @pytest.mark.parametrize(
     ("override", "key", "says"),
     [
-        ("place.minimum_spacing=1.5", "place.minimum_spacing", "room for"),
+        ("place.minimum_spacing=1.5", "place.minimum_spacing", "allows only"),
         ("gauges.include=[{box: [[5, 5, 5], [6, 6, 6]]}]", "gauges.include", "no admissible facet remains"),
         ("gauges.fixed=[{position: [0.3, 0.5, 0.095], direction: [1, 0, 0]}]", "gauges.fixed.0", "from the surface"),
         ("gauges.range=1.0e-9", "gauges.range", "range"),

@@ -16,7 +16,7 @@ from strainsight import api
 from strainsight.estimation.filter import run_filter
 from strainsight.experiment.layout import placement
 from strainsight.experiment.layout.advice import Expectation, least_expected
-from strainsight.experiment.structure.nuisances import on_average, tolerated
+from strainsight.experiment.structure.considered import on_average, tolerated
 from strainsight.experiment.structure.placement import COHERENCE
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.experiment.structure.screening import installation_variances

@@ -168,7 +168,7 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
     model = SimpleNamespace(damping=SimpleNamespace(parameter=None))
     problem = SimpleNamespace(unknowns=SimpleNamespace(parameters=("E",)), model=model)
     beyond = beyond_ranges(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
-    assert beyond == ({"E": f"E came out at {value:.4g} Pa, and rom made the model for 1e+11 to 3e+11"} if said else {})
+    assert beyond == ({"E": f"E was estimated as {value:.4g} Pa, but rom built the model for 1e+11 to 3e+11"} if said else {})
     assert widen({"E": ""}) == "widen parameters.E.range"
 
 
@@ -177,7 +177,7 @@ def test_a_validation_withholds_sigma_there_and_says_it_first(tmp_path):
     changes = {"parameters.E.range": [E * (1 - 1e-9), E * (1 + 1e-9)], "parameters.E.guess": E, "place.certificate": False}
     found = finished(tmp_path, "validate", ranges_bricks((4, 1, 1)), changes)
     summary = found["validate"].summary
-    assert str(summary["out_of_range"]).startswith("σ is withheld: E came out at 2.")
+    assert str(summary["out_of_range"]).startswith("σ is withheld: E was estimated as 2.")
     assert summary["verdict"] == "σ is withheld"
     assert not [key for key in summary if key.split(".")[0] in ("claim", "std", "smoothed_std")]
     own = read(Validated, found["validate"])

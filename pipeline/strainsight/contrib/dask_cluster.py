@@ -1,4 +1,4 @@
-"""A sweep on a Dask cluster: whoever connects to a scheduler trusts it, and it trusts them."""
+"""Sweeps on a Dask cluster. Clients, scheduler and workers trust each other."""
 
 from __future__ import annotations
 
@@ -19,48 +19,46 @@ from strainsight.errors import StrainsightError, UserError
 from strainsight.parallel import Captured, P, Progress, R, S, Sweep, captured, repeated, unwatched
 
 PATIENCE = 5.0
-"""[s] that a scheduler has to answer in, and a first worker to be there."""
+"""[s] for the scheduler to answer, and for a first worker."""
 LOOK = 0.2
-"""[s] between two looks at what is done."""
+"""[s] between two checks for results."""
 DESERTED = 60.0
-"""[s] without any worker after which a sweep is given up: where workers die, others often follow."""
+"""[s] without any worker after which a sweep is aborted."""
 SAME = ("strainsight", "numpy", "scipy", "numba", "dask", "distributed", "cloudpickle")
-"""Packages that must have one version everywhere: the results come from the first four, the rest carries them."""
-CODE = "code of strainsight"
+"""Packages that need the same version everywhere: the first four determine the results, the rest transports them."""
+CODE = "source code of strainsight"
 SILENT = 30.0
-"""[s] that a scheduler may leave a question open in the middle of a sweep: it may be busy, or stand still."""
+"""[s] for the scheduler to answer during a sweep, when it may be busy."""
 CARRYING = 10
-"""Times as long that results may be on their way."""
+"""Factor on that for the transfer of results."""
 
 
 FROZEN = 360.0
-"""[s] without a heartbeat after which a worker is frozen: Dask gives its tasks to others after 300 s, if it is left to do so. The
-heartbeats of a worker that computes for long come from another thread."""
+"""[s] without heartbeat after which a worker counts as frozen. Dask reassigns its tasks after 300 s. Heartbeats of a computing
+worker come from another thread."""
 ANSWER = 60.0
-"""[s] for all workers to state their versions, before they have anything to compute."""
+"""[s] for all workers to report their versions, before a computation."""
 EVERY = 1.0
-"""[s] between two looks at the workers."""
+"""[s] between two checks of the workers."""
 
 
 class _SilentError(Exception):
-    """The scheduler is there, and does not answer."""
+    """The scheduler exists, but does not answer."""
 
 
 @dataclass
 class _Watch:
-    """When the workers were last looked for, and when one was there [s]; worker → its last heartbeat, and when that was new."""
+    """Time of the last check and of the last known worker [s]; worker → its last heartbeat, and when it changed."""
 
     looked: float
-    seen: float
+    last_worker: float
     heartbeats: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @contextmanager
 def on_cluster(address: str) -> Iterator[Sweep]:
-    """Sweeps on the workers of a scheduler, as in "tcp://127.0.0.1:8786".
-
-    Raises UserError where `distributed` is missing, nothing or something else answers, no worker is there, or versions differ.
-    """
+    """Sweeps on the workers of a scheduler, as in "tcp://127.0.0.1:8786". Raises UserError if `distributed` is missing, no
+    scheduler answers, no worker exists, or versions differ."""
     try:
         from distributed import Client
     except ImportError:
@@ -79,13 +77,13 @@ def on_cluster(address: str) -> Iterator[Sweep]:
 
 
 def _require_scheduler(address: str) -> None:
-    """Ask who is there before a client is made: one that fails to connect goes on trying as it is thrown away."""
+    """Check the scheduler before a client is created: a client that fails to connect keeps trying."""
     from distributed.core import rpc
     from distributed.security import Security
 
     async def who() -> str:
-        async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
-            return str((await there.identity())["type"])
+        async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
+            return str((await scheduler.identity())["type"])
 
     try:
         kind = asyncio.run(asyncio.wait_for(who(), PATIENCE))
@@ -95,11 +93,13 @@ def _require_scheduler(address: str) -> None:
         raise UserError(
             f"no Dask scheduler at {address}: {why or type(error).__name__}",
             key="--dask",
-            remedy=f"start one (`dask scheduler`) and give the address that it prints; it has {PATIENCE:g} s to answer",
+            remedy=f"start a scheduler (`dask scheduler`) and pass the address that it prints; the timeout is {PATIENCE:g} s",
         ) from None
     if kind != "Scheduler":
         raise UserError(
-            f"{address} is a Dask {kind.lower()}, not a scheduler", key="--dask", remedy="give the scheduler's"
+            f"{address} is a Dask {kind.lower()}, not a scheduler",
+            key="--dask",
+            remedy="pass the address of the scheduler",
         )
 
 
@@ -108,56 +108,58 @@ def _require_workers(client: Any, address: str) -> None:
         client.wait_for_workers(1, timeout=PATIENCE)
     except TimeoutError:
         raise UserError(
-            f"the Dask scheduler at {address} has no workers", key="--dask", remedy=f"dask worker {address}"
+            f"the Dask scheduler at {address} has no workers",
+            key="--dask",
+            remedy=f"start a worker: dask worker {address}",
         ) from None
 
-    async def stated() -> tuple[Any, Any]:
+    async def collect_versions() -> tuple[Any, Any]:
         scheduler = await client.scheduler.versions(packages=SAME)
         return scheduler, await client.scheduler.broadcast(msg={"op": "versions", "packages": SAME}, on_error="ignore")
 
     try:
-        scheduler, workers = client.sync(stated, callback_timeout=ANSWER)
+        scheduler, workers = client.sync(collect_versions, callback_timeout=ANSWER)
     except TimeoutError:
         raise _frozen(f"a worker of the Dask scheduler at {address}", ANSWER) from None
     _refuse_others(scheduler["packages"], "scheduler")
-    for worker, own in workers.items():
-        _refuse_others(own["packages"], f"worker {worker}")
+    for worker, report in workers.items():
+        _refuse_others(report["packages"], f"worker {worker}")
 
 
 def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str, str | None] | None = None) -> None:
-    """Raise UserError where a package has another version there."""
+    """Raise UserError if a package has another version there."""
     other = [
-        f"{name} {_shown(theirs.get(name))} there, {_shown(own)} here"
-        for name, own in (ours or versions()).items()
-        if theirs.get(name) != own
+        f"{name} {_format_version(theirs.get(name))} there, {_format_version(version)} here"
+        for name, version in (ours or versions()).items()
+        if theirs.get(name) != version
     ]
     if other:
         raise UserError(
-            f"the Dask {who} is another installation: {', '.join(other)}",
+            f"the Dask {who} has a different installation: {', '.join(other)}",
             key="--dask",
-            remedy="install the same versions on all machines: results must not depend on where they are computed",
+            remedy="install the same versions on all machines: results must not depend on the machine",
         )
 
 
 @cache
 def versions() -> dict[str, str | None]:
-    """Python and the packages that must agree."""
+    """Versions of Python and the packages that must agree."""
     from distributed.versions import get_package_info
 
-    found: dict[str, str | None] = get_package_info(SAME)
-    return {name: found[name] for name in ("python", *SAME)}
+    info: dict[str, str | None] = get_package_info(SAME)
+    return {name: info[name] for name in ("python", *SAME)}
 
 
 @cache
 def sources() -> str:
-    """Sixteen digits of sha256 over all modules of this package: one version stands for many states of a checkout."""
+    """Sixteen digits of sha256 over all modules of this package, to distinguish checkouts of one version."""
     root, sha = Path(strainsight.__file__).parent, hashlib.sha256()
     for path in sorted(root.rglob("*.py")):
         sha.update(path.relative_to(root).as_posix().encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return sha.hexdigest()[:16]
 
 
-def _shown(version: str | None) -> str:
+def _format_version(version: str | None) -> str:
     return "missing" if version is None else version.removesuffix(".final.0")
 
 
@@ -173,42 +175,44 @@ def _sweep(
     # Not scattered: scattered data die with the workers that hold them. The scheduler keeps how this came about, the data
     # themselves, and gives them to another worker; so it does with the tasks. Workers fetch them from each other.
     run = f"{task.__name__}-{uuid.uuid4().hex}"
-    # Pairs of name and place: the scheduler sees that they are alike, and spreads them over all workers.
+    # Pairs of name and place: the scheduler treats them as one group, and spreads them over all workers.
     keys = [(run, place) for place in range(len(points))]
     ours = versions() | {CODE: sources()}
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
-        kept = client.submit(_kept, shared, key=f"shared-{run}")
-        futures = client.map(_one, list(points), key=keys, task=task, shared=kept, ours=ours, pure=False)
+        future = client.submit(_identity, shared, key=f"shared-{run}")
+        futures = client.map(_run_task, list(points), key=keys, task=task, shared=future, ours=ours, pure=False)
     try:
-        return _collected(client, futures, progress)
+        return _collect(client, futures, progress)
     except _SilentError:
         why = f"the Dask scheduler has not answered for {SILENT:g} s"
-        raise _lost(why, "look whether its machine still runs, or start it anew") from None
+        raise _lost(why, "check that its machine is running, or restart it") from None
     except BaseException as error:
         # The client may still be trying to connect again when the first future tells that the connection is lost.
         if client.status != "running" or isinstance(error, CommClosedError | CancelledError):
-            raise _lost("the Dask scheduler has gone", "start it and its workers again") from error
+            raise _lost(
+                "the connection to the Dask scheduler was lost", "restart the scheduler and its workers"
+            ) from error
         client.cancel(futures, force=True)
         raise
 
 
-def _kept(shared: Any) -> Any:
+def _identity(shared: Any) -> Any:
     return shared
 
 
-def _one(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapping[str, str | None]) -> Captured:
-    """A task on a worker, which may have come after the first ones were asked for their versions."""
+def _run_task(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapping[str, str | None]) -> Captured:
+    """Run a task on a worker, after checking its versions: it may have joined late."""
     from distributed import get_worker
 
     _refuse_others(versions() | {CODE: sources()}, f"worker {get_worker().address}", ours)
     return captured(task, shared, point)
 
 
-def _collected(client: Any, futures: Sequence[Any], progress: Progress) -> list[Any]:
-    """The results in order; the error of a task ends them all."""
+def _collect(client: Any, futures: Sequence[Any], progress: Progress) -> list[Any]:
+    """The results in order; the error of a task ends the sweep."""
     from distributed import wait
 
-    found: dict[Any, Captured] = {}
+    results: dict[Any, Captured] = {}
     waiting, watch = set(futures), _Watch(time.monotonic(), time.monotonic())
     while waiting:
         try:
@@ -217,52 +221,54 @@ def _collected(client: Any, futures: Sequence[Any], progress: Progress) -> list[
         except TimeoutError:
             _look_for_workers(client, watch)
             continue
-        found |= _results(client, done)
+        results |= _results(client, done)
         waiting -= done
-        progress(len(found) / len(futures))
-    return [repeated(found[future.key]) for future in futures]
+        progress(len(results) / len(futures))
+    return [repeated(results[future.key]) for future in futures]
 
 
 def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
     from distributed import KilledWorker
 
     async def gathered() -> list[Captured]:
-        own: list[Captured] = await client.gather(list(done), asynchronous=True)
-        return own
+        values: list[Captured] = await client.gather(list(done), asynchronous=True)
+        return values
 
     try:
-        found = client.sync(gathered, callback_timeout=CARRYING * SILENT)
-        return dict(zip((future.key for future in done), found, strict=True))
+        values = client.sync(gathered, callback_timeout=CARRYING * SILENT)
+        return dict(zip((future.key for future in done), values, strict=True))
     except TimeoutError:
         _identities(client)
         raise _frozen("a Dask worker that holds results", CARRYING * SILENT) from None
     except KilledWorker:
         raise StrainsightError(
-            "several workers of the cluster were killed at the same task of a sweep, probably for lack of memory",
+            "several workers of the cluster were killed by the same task of a sweep, probably because memory ran out",
             remedy="start workers with more memory (dask worker --memory-limit) or fewer threads (--nthreads 1)",
         ) from None
 
 
 def _identities(client: Any) -> dict[str, Any]:
-    """Worker → what the scheduler knows of it; raises _SilentError where that does not answer."""
+    """Worker → its description by the scheduler; raises _SilentError without an answer."""
     try:
-        there: dict[str, Any] = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)["workers"]
+        workers: dict[str, Any] = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)[
+            "workers"
+        ]
     except TimeoutError:
         raise _SilentError from None
-    return there
+    return workers
 
 
 def _look_for_workers(client: Any, watch: _Watch) -> None:
-    """Raises UserError where no worker has been there, or one has had no heartbeat, for too long; _SilentError as above."""
+    """Raise UserError if there was no worker, or one sent no heartbeat, for too long; _SilentError as above."""
     if time.monotonic() - watch.looked < EVERY:
         return
     workers = _identities(client)
     now = watch.looked = time.monotonic()
     if workers:
-        watch.seen = now
-    elif now - watch.seen > DESERTED:
+        watch.last_worker = now
+    elif now - watch.last_worker > DESERTED:
         raise _lost(f"the Dask cluster has had no worker for {DESERTED:g} s", "start workers")
-    beats = {worker: own["last_seen"] for worker, own in workers.items()}
+    beats = {worker: identity["last_seen"] for worker, identity in workers.items()}
     before = watch.heartbeats
     watch.heartbeats = {
         w: (beat, before[w][1] if before.get(w, (0, 0))[0] == beat else now) for w, beat in beats.items()
@@ -273,9 +279,9 @@ def _look_for_workers(client: Any, watch: _Watch) -> None:
 
 
 def _frozen(who: str, seconds: float) -> UserError:
-    remedy = "look whether its machine still runs, and end or start it anew"
+    remedy = "check that its machine is running, and restart the worker"
     return _lost(f"{who} has not answered for {seconds:g} s", remedy)
 
 
 def _lost(what: str, remedy: str) -> UserError:
-    return UserError(what, key="--dask", remedy=f"{remedy}, then run again: finished stages are kept")
+    return UserError(what, key="--dask", remedy=f"{remedy}, then run the command again: finished stages are reused")

@@ -1,4 +1,4 @@
-"""The standard deviation that a filter will claim along a known motion, without any measurement, and what it is made of."""
+"""Standard deviation that a filter will claim along a known motion, without measurements, and its contributions."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 
-from strainsight.estimation.conditional import Nuisances, considers, discrepancy, known_ends, linear_models
+from strainsight.estimation.conditional import ConsideredParameters, considers, discrepancy, known_ends, linear_models
 from strainsight.estimation.model import FilterModel, augmented_jacobian, measured_jacobian, theta_of
 from strainsight.estimation.record import Settled, start_errors
-from strainsight.estimation.update import corrected, gain, predict, schmidt_gain, standard_deviation, transposed
+from strainsight.estimation.update import gain, joseph_update, predict, schmidt_gain, standard_deviation, transpose
 from strainsight.rom.modal_step import acceleration_map, modal_step
 
 CHUNK = 256
-"""Steps whose Jacobians are held at once."""
+"""Steps whose Jacobians are stored at once."""
 
 
 @dataclass(frozen=True)
 class ErrorStep:
-    """From one instant to the next, for errors of x* and of constants ν, of unit size each:
+    """Error propagation over one step, for errors of x* and unit constants ν:
 
         x*⁺ = A x* + pushed ν,   y = H x* + read ν + noise
 
     A (n*, n*); pushed (d, n*); at its end, [s], H (m, n*) or (B, m, n*), read (d, m) and variance (B, m) of the samples;
-    sampled: whether one is taken.
+    sampled: whether the step ends with a sample.
     """
 
     instant: float
@@ -38,17 +38,18 @@ class ErrorStep:
 
 
 def steps_along(
-    model: FilterModel, trajectory: np.ndarray, u: np.ndarray, nuisances: Nuisances | None, sets: int
+    model: FilterModel, trajectory: np.ndarray, u: np.ndarray, considered: ConsideredParameters | None, sets: int
 ) -> Iterator[ErrorStep]:
-    """A* and the rows at the motion and θ = guess (p = 0), step by step; with `discrepancy` in the variance of the samples.
+    """A* and the rows along the motion at θ = guess (p = 0), step by step; with the `discrepancy` in the variance of the
+    samples.
 
-    trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u) hold coefficients of all inputs of the model [N], unknown ones too; sets B,
-    which with nuisances differ by their noise alone.
+    trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u): hold coefficients of all inputs [N], unknown ones too; sets B, which
+    with considered parameters differ by their noise only.
     """
-    constants = None if nuisances is None else _Constants(model, nuisances, u)
+    constants = None if considered is None else _Constants(model, considered, u)
     R = np.broadcast_to(model.noise, (*model.noise.shape[:-2], sets, model.H.shape[-2]))
-    if nuisances is not None and constants is not None:
-        R = R + discrepancy(model, nuisances, constants.reading(trajectory[1:], u))
+    if considered is not None and constants is not None:
+        R = R + discrepancy(model, considered, constants.reading(trajectory[1:], u))
     theta = theta_of(model, np.zeros(model.size))
     modal = modal_step(model.model, theta, model.h, model.scheme)
     sensed = None if model.accelerometers is None else acceleration_map(model.model, theta)
@@ -75,19 +76,18 @@ def steps_along(
 
 
 class _Constants:
-    """What one of every nuisance does to the motion and to the readings, at the guess."""
+    """Effects of each unit ν on motion and readings, at the guess."""
 
-    def __init__(self, model: FilterModel, nuisances: Nuisances, u: np.ndarray):
+    def __init__(self, model: FilterModel, considered: ConsideredParameters, u: np.ndarray):
         at_guess = np.zeros((1, len(model.unknowns.parameters)))
-        self.model, self.linear = model, linear_models(model, at_guess, nuisances)
+        self.model, self.linear = model, linear_models(model, at_guess, considered)
         self.unknown, self.known = model.columns
-        self.ends = known_ends(u[:, :, self.known], nuisances)
+        self.ends = known_ends(u[:, :, self.known], considered)
 
     def along(self, span: slice, start: np.ndarray, end: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A_ν x + G_ν w (L, d, n*) and D x + E w₁ + o (L, d, m) of a span of L steps from and to [q, q̇] (L, 2n),
-        u (L, HOLD, n_u)."""
+        """A_ν x + G_ν w (L, d, n*) and D x + E w₁ + o (L, d, m) of a span; start, end [q, q̇] (L, 2n), u (L, HOLD, n_u)."""
         linear, states, last = self.linear, self.model.parameter_states.start, u.sum(axis=1)
-        pushed, moving = np.zeros((len(u), linear.nuisances, self.model.size)), linear.moving
+        pushed, moving = np.zeros((len(u), linear.considered_count, self.model.size)), linear.moving
         x, w = self._states(start, u[:, 0]), u[:, :, self.known].reshape(len(u), -1)
         pushed[:, :moving, :states] = np.einsum("eij,tj->tei", linear.A_nu[0], x, optimize=True)
         pushed[:, :moving, :states] += np.einsum("eij,tj->tei", linear.G_nu[0], w, optimize=True)
@@ -95,7 +95,7 @@ class _Constants:
         return pushed, read + np.einsum("dmj,tj->tdm", linear.E, self.ends[span], optimize=True)
 
     def reading(self, end: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Of the channels (T, m) at the ends [q, q̇] (T, 2n) of all steps, u (T, HOLD, n_u)."""
+        """Readings (T, m) at the ends [q, q̇] (T, 2n) of all steps, u (T, HOLD, n_u)."""
         states = self._states(end, u.sum(axis=1))
         return np.asarray(states @ self.linear.H[0].T + self.ends @ self.linear.F[0].T)
 
@@ -109,14 +109,13 @@ class _Constants:
 
 
 NOISE, PROCESS, START = "noise", "process noise", "start"
-"""Sources of what the filter knows to be uncertain; those of what it takes as exact are named by its nuisances."""
+"""Sources of uncertainty modelled by the filter; considered parameters have their own sources."""
 WHITE = (NOISE, PROCESS, START)
 
 
 @dataclass(frozen=True)
 class ClaimedStd:
-    """std (T + 1, B, n*) of x* for B sets of sensors; budget: source → its part (T + 1, n*) of the variance of the first set, the
-    sum of which over the sources is that variance."""
+    """std (T + 1, B, n*) of x* for B sets of sensors; budget: source → its part (T + 1, n*) of the variance of the first set."""
 
     std: np.ndarray
     budget: Mapping[str, np.ndarray]
@@ -127,29 +126,28 @@ def covariance_recursion(
     trajectory: np.ndarray,
     u: np.ndarray,
     covariance: np.ndarray,
-    nuisances: Nuisances | None = None,
+    considered: ConsideredParameters | None = None,
 ) -> ClaimedStd:
-    """Standard deviation of x* that the extended filter will claim along a given motion, for B sets of sensors at once.
+    """Standard deviation of x* that the extended filter will claim along a given motion, for B sets of sensors.
 
-    The covariance recursion of `run_filter`, which needs no measurement, with A* and the rows at the motion and θ = guess
-    (p = 0); beside it, with the same gains, the error that one of every nuisance ν makes, as `parallel_filters.advance`, and
-    the parts of P, each the same recursion of one source alone:
+    The covariance recursion of `run_filter`, which needs no measurement, with A* and the rows along the motion at θ = guess
+    (p = 0). With the same gains, the error per unit ν, as `parallel_filters.advance`, and the parts of P by source:
 
         V⁻ = A* V − (A_ν x + G_ν w),   V = V⁻ + K(D x + E w₁ + o − H* V⁻),   σ² = diag P + Σₖ Vₖ²
         P = P_R + P_Q + P_0,           P_s⁺ = (I − KH)(A* P_s A*ᵀ + Q_s)(I − KH)ᵀ + K R_s Kᵀ
 
-    trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u) hold coefficients of all inputs of the model [N], unknown ones too;
-    covariance (n*, n*) or (B, n*, n*) of x* at t = 0; nuisances of a model the sets of which differ by their noise alone: a
-    channel of infinite noise has none.
-    Sources: Schmidt, Advances in Control Systems 3 (1966); JCGM 100:2008 (GUM), section 5.1 (parts of a variance).
+    trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u): hold coefficients of all inputs [N], unknown ones too; covariance (n*,
+    n*) or (B, n*, n*) of x* at t = 0; considered parameters require sets that differ by their noise only: a missing channel
+    has infinite noise. Sources: Schmidt, Advances in Control Systems 3 (1966); JCGM 100:2008 (GUM), section 5.1 (parts of a
+    variance).
     """
-    source = () if nuisances is None else nuisances.sources(model.model.size)
+    source = () if considered is None else considered.sources(model.model.size)
     P, parts, Q = starts(model, covariance)
     errors = _Errors(P, np.zeros((len(P), len(source), model.size)), parts)
     variance, part = np.empty((len(u) + 1, *P.shape[:2])), np.empty((len(u) + 1, *parts.shape[:2]))
     shift = np.zeros((len(u) + 1, len(source), model.size))
     variance[0], part[0] = standard_deviation(P) ** 2, standard_deviation(parts) ** 2
-    for k, step in enumerate(steps_along(model, trajectory, u, nuisances, len(P)), start=1):
+    for k, step in enumerate(steps_along(model, trajectory, u, considered, len(P)), start=1):
         errors.predict(step.A, model.process, Q, step.pushed)
         if step.sampled:
             H, R = (step.H, step.variance) if source else few(step.H, step.variance)
@@ -162,7 +160,7 @@ def covariance_recursion(
 
 
 def starts(model: FilterModel, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """P (B, n*, n*) at t = 0; its parts (3, n*, n*) by source in the first set, and what every step adds to each of them."""
+    """P (B, n*, n*) at t = 0; its parts (3, n*, n*) by source in the first set, and their increments per step."""
     b = max(model.sets, len(covariance) if covariance.ndim == 3 else 1)
     P = np.broadcast_to(covariance, (b, model.size, model.size)).astype(float)
     parts, Q = np.zeros((2, len(WHITE), model.size, model.size))
@@ -177,16 +175,14 @@ def by_sensors(noise: np.ndarray) -> np.ndarray:
 
 
 def by_source(source: tuple[str, ...], shift: np.ndarray) -> dict[str, np.ndarray]:
-    """Variance (T, n*) that the nuisances of every source add together; source (d,), shift (T, d, n*) of one of each."""
+    """Variance (T, n*) of the considered parameters of each source; source (d,), shift (T, d, n*) per unit ν."""
     named = np.array(source)
     return {name: np.sum(shift[:, named == name] ** 2, axis=1) for name in dict.fromkeys(source)}
 
 
 def few(H: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As few rows of unit noise as states that say the same, HᵀR⁻¹H = CᵀC, where there are more channels than that.
-
-    H (m, n) or (b, m, n); R (b, m). Without measurements the channels matter by that product only.
-    """
+    """As many rows of unit noise as states with the same HᵀR⁻¹H = CᵀC, if there are more channels. H (m, n) or (b, m, n); R
+    (b, m). Without measurements only that product matters."""
     if H.shape[-2] <= 2 * H.shape[-1]:
         return H, R
     whitened = H / np.sqrt(R)[..., None]
@@ -195,38 +191,37 @@ def few(H: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 BLOCK = 16
-"""Reflections at a time."""
+"""Reflections per block."""
 
 
-def bank_claim(
+def predict_grid_std(
     model: FilterModel,
     trajectory: np.ndarray,
     u: np.ndarray,
     covariance: np.ndarray,
-    nuisances: Nuisances,
+    considered: ConsideredParameters,
     settled: Settled | None = None,
 ) -> ClaimedStd:
-    """Standard deviation of x* = [s, p] that the bank will claim along a given motion, for B sets of sensors at once.
+    """Standard deviation of x* = [s, p] that the grid filter will claim along a given motion, for B sets of sensors.
 
-    Laplace's approximation of its posterior at the guess: that of constants c = [ν, p] beside a Kalman filter of s = [q, q̇, ζ]
-    that takes them for known, in the gains K of which c has no part. Errors are w + V c, and innovations e = ε c + white noise:
+    Laplace's approximation of its posterior at the guess: of constants c = [ν, p] jointly with a Kalman filter of s = [q, q̇,
+    ζ] with known constants. Errors are w + V c, and innovations e = ε c + white noise:
 
         V⁻ = A V − B,   ε = D − H V⁻,   V = V⁻ + K ε,        B = [A_ν x + G_ν w, ∂x⁺/∂p],   D = [D x + E w₁ + o, ∂y/∂p]
         Λ⁻¹ = RᵀR = Λ₀⁻¹ + Σ εᵀS⁻¹ε,                         ĉ = Λ Σ εᵀS⁻¹e = R⁻¹z
 
-    σ_p² = Λ_pp, jointly with unknown loads by free ones (`with_free_loads`). Then, or where gains consider ν, P and V of the
-    states are those of a second filter with loads as stated. Motion and loads follow p̂, and ν̂ where it is `learned`:
+    σ_p² = Λ_pp, with unknown loads by free ones (`with_free_loads`). Then, or if gains consider ν, P and V of the states are
+    those of a second filter with the configured loads. Motion and loads follow p̂, and ν̂ if it is `learned`:
 
         σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
 
-    Arguments and parts as of `covariance_recursion`, settled as of `filter_bank`; p is not correlated with s at t = 0, ν has
-    mean zero and variance one.
-    Raises NumericalError where the covariance of an innovation is not positive definite.
-    R and z by orthogonal factors: the sums would lose what confounded constants leave open under readings of small noise.
-    Source: Friedland, IEEE Trans. Automatic Control 14 (1969); `parallel_filters.advance` and `Mixture` take the same steps.
+    Arguments and parts as in `covariance_recursion`, settled as in `filter_on_grid`; p is not correlated with s at t = 0.
+    Raises NumericalError if an innovation covariance is not positive definite. R and z use orthogonal factors: sums would
+    lose the directions of confounded constants at small noise. Source: Friedland, IEEE Trans. Automatic Control 14 (1969);
+    `parallel_filters.advance` and `Mixture` take the same steps.
     """
-    source = nuisances.sources(model.model.size)
-    covariance, V0 = start_errors(model, nuisances, covariance, settled)
+    source = considered.sources(model.model.size)
+    covariance, V0 = start_errors(model, considered, covariance, settled)
     whole, parts, Q = starts(model, covariance)
     B, d, n = len(whole), len(source), model.parameter_states.start
     c = d + model.size - n
@@ -234,66 +229,63 @@ def bank_claim(
     prior[:, d:] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
     Q = Q[:, :n, :n]
     errors = _Errors(whole[:, :n, :n], np.tile(V0, (B, 1, 1)), parts[:, :n, :n])
-    followed = _Followed(prior, 0 if nuisances.learned else d, n)
-    apart = model.beside_free_loads
-    stated = model.process[:n, :n], Q
-    if apart:
+    followed = _Followed(prior, 0 if considered.learned else d, n)
+    free_loads = model.has_free_loads
+    configured = model.process[:n, :n], Q
+    if free_loads:
         free = model.with_free_loads(len(u))
-        judged = free.process[:n, :n], starts(free, covariance)[2][:, :n, :n]
+        noise = free.process[:n, :n], starts(free, covariance)[2][:, :n, :n]
     else:
-        judged = stated
-    ahead = considers(model, nuisances)
-    beside = _Errors(errors.P, errors.V, errors.parts) if ahead or apart else None
+        noise = configured
+    ahead = considers(model, considered)
+    state_errors = _Errors(errors.P, errors.V, errors.parts) if ahead or free_loads else None
     claimed = _Claimed(model.size, len(u) + 1, source, followed)
     claimed.after(0, errors)
-    for k, step in enumerate(steps_along(model, trajectory, u, nuisances, B), start=1):
+    for k, step in enumerate(steps_along(model, trajectory, u, considered, B), start=1):
         A, pushed = step.A[:n, :n], np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
-        errors.predict(A, *judged, pushed)
+        errors.predict(A, *noise, pushed)
         followed.predict(A)
-        if beside is not None:
-            beside.predict(A, *stated, pushed)
+        if state_errors is not None:
+            state_errors.predict(A, *configured, pushed)
         if step.sampled:
             H, R = step.H[..., :n], step.variance
             K, L = gain(errors.P, H, R, step.instant)
-            read = np.broadcast_to(transposed(step.H[..., n:]), (B, c - d, H.shape[-2]))
+            read = np.broadcast_to(transpose(step.H[..., n:]), (B, c - d, H.shape[-2]))
             read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
             followed.update(errors.parts, K[0], L, H[0], by_sensors(R), errors.slope(H, read))
             errors.update(K, H, R, read)
-            if beside is not None:
+            if state_errors is not None:
                 first = slice(d if ahead else 0)
-                slope = transposed(beside.slope(H, read)[:, first])
-                beside.update(schmidt_gain(beside.P, H, R, beside.V[:, first], slope), H, R, read)
-        claimed.after(k, errors if beside is None else beside, beside is not None)
+                slope = transpose(state_errors.slope(H, read)[:, first])
+                state_errors.update(schmidt_gain(state_errors.P, H, R, state_errors.V[:, first], slope), H, R, read)
+        claimed.after(k, errors if state_errors is None else state_errors, state_errors is not None)
     return claimed.claim()
 
 
 class _Errors:
-    """Errors w + V c of a filter: P (B, n, n) the covariance of w, with its parts (3, n, n) by source in the first set, and V
-    (B, c, n), what one of every constant adds."""
+    """Errors w + V c of a filter. P (B, n, n): covariance of w; parts (3, n, n) by source in the first set; V (B, c, n)."""
 
     def __init__(self, P: np.ndarray, V: np.ndarray, parts: np.ndarray):
         self.P, self.V, self.parts = P, V, parts
 
     def predict(self, A: np.ndarray, process: np.ndarray, Q: np.ndarray, pushed: np.ndarray) -> None:
-        """process: what a step adds to P, Q (3, n, n) to its parts."""
+        """process: increment of P per step, Q (3, n, n) of its parts."""
         self.P, self.parts, self.V = predict(self.P, A, process), predict(self.parts, A, Q), self.V @ A.T - pushed
 
     def slope(self, H: np.ndarray, read: np.ndarray) -> np.ndarray:
-        """ε (B, c, m) of an innovation in c; read: of the readings."""
-        return np.asarray(read - self.V @ transposed(H))
+        """Slope ε (B, c, m) of an innovation in c; read: of the readings."""
+        return np.asarray(read - self.V @ transpose(H))
 
     def update(self, K: np.ndarray, H: np.ndarray, R: np.ndarray, read: np.ndarray) -> None:
-        """By any gain K (B, n, m)."""
-        self.V = self.V + self.slope(H, read) @ transposed(K)
-        self.P = corrected(self.P, K, H, R)
-        self.parts = corrected(self.parts, K[:1], H[:1], by_sensors(R))
+        """Update with any gain K (B, n, m)."""
+        self.V = self.V + self.slope(H, read) @ transpose(K)
+        self.P = joseph_update(self.P, K, H, R)
+        self.parts = joseph_update(self.parts, K[:1], H[:1], by_sensors(R))
 
 
 class _Followed:
-    """What the samples say of c constants, of which those from the first on are followed; nothing is kept where none is.
-
-    root R (B, c, c); of z at c = 0 by source in the first set the covariance z (3, c, c), and that with w, across (3, n, c).
-    """
+    """Information of the samples on c constants, of which those from `first` on are estimated. root R (B, c, c); z (3, c, c):
+    covariance of z at c = 0 by source in the first set; across (3, n, c): its covariance with w."""
 
     def __init__(self, prior: np.ndarray, first: int, n: int):
         self.prior, self.first, c = prior, first, prior.shape[1]
@@ -311,13 +303,11 @@ class _Followed:
     def update(
         self, parts: np.ndarray, K: np.ndarray, L: np.ndarray, H: np.ndarray, R: np.ndarray, slope: np.ndarray
     ) -> None:
-        """[R; L⁻¹ε] = Q [R⁺; 0],   [z⁺; ·] = Qᵀ[z; L⁻¹(v − H w)]: its covariance, and that with w⁺ = (1 − K H) w + K v.
-
-        parts (3, n, n) before the update, K (n, m), H (m, n), R (3, m) variance of v by source, slope ε (B, c, m).
-        """
+        """[R; L⁻¹ε] = Q [R⁺; 0],   [z⁺; ·] = Qᵀ[z; L⁻¹(v − H w)]: its covariance, and that with w⁺ = (1 − K H) w + K v. parts
+        (3, n, n) before the update, K (n, m), H (m, n), R (3, m) variance of v by source, slope ε (B, c, m)."""
         if not self.any:
             return
-        whitened = np.linalg.solve(L, transposed(slope))
+        whitened = np.linalg.solve(L, transpose(slope))
         factors = [
             dtpqrt(0, min(BLOCK, root.shape[1]), root, rows)[:3] for root, rows in zip(self.root, whitened, strict=True)
         ]
@@ -334,17 +324,17 @@ class _Followed:
             """L⁻¹X of every source, X (3, m, k)."""
             return np.asarray(np.linalg.solve(L[:1], X))
 
-        z_e = -transposed(white(H @ self.across))
-        e = white(transposed(white(H @ w + noise)))
+        z_e = -transpose(white(H @ self.across))
+        e = white(transpose(white(H @ w + noise)))
         whole = np.concatenate(
-            [np.concatenate([self.z, z_e], axis=2), np.concatenate([transposed(z_e), e], axis=2)], axis=1
+            [np.concatenate([self.z, z_e], axis=2), np.concatenate([transpose(z_e), e], axis=2)], axis=1
         )
-        w_e = transposed(white(transposed(K @ noise - left @ w)))
+        w_e = transpose(white(transpose(K @ noise - left @ w)))
         self.z = np.stack([turn(turn(each).T) for each in whole])
         self.across = np.stack([turn(each.T).T for each in np.concatenate([left @ self.across, w_e], axis=2)])
 
     def covariance(self) -> tuple[np.ndarray, np.ndarray]:
-        """Λ (B, c, f) of all constants with those that are followed, and T (B, f, f): ĉ = T z of these. R is triangular."""
+        """Λ (B, c, f) of all constants with the estimated ones, and T (B, f, f): ĉ = T z of these. R is triangular."""
         ends = np.eye(len(self.root[0]))[:, self.first :]
         columns = (
             np.stack([dtrtrs(root, ends)[0] for root in self.root])
@@ -352,11 +342,11 @@ class _Followed:
             else np.tile(ends, (len(self.root), 1, 1))
         )
         tail = columns[:, self.first :]
-        return columns @ transposed(tail), tail
+        return columns @ transpose(tail), tail
 
 
 class _Claimed:
-    """Variances of x* and their parts in the first set, instant by instant."""
+    """Variances of x* and their parts in the first set at each instant."""
 
     def __init__(self, size: int, instants: int, source: tuple[str, ...], followed: _Followed):
         sets, constants = followed.prior.shape
@@ -365,15 +355,16 @@ class _Claimed:
         self.white = np.empty((instants, len(WHITE), size))
         self.constant = np.empty((instants, constants, size))
 
-    def after(self, k: int, errors: _Errors, beside: bool = False) -> None:
-        """At instant k. beside: of a filter beside that of z; that the two share noise is not in the σ of the bank."""
+    def after(self, k: int, errors: _Errors, separate: bool = False) -> None:
+        """Add instant k; separate: whether the states come from a second filter, whose correlation with z the grid filter
+        neglects."""
         P, V, followed = errors.P, errors.V, self.followed
         n, d, first = P.shape[-1], len(self.source), followed.first
         at, prior = slice(first, None), np.sqrt(followed.prior[0])
         between, tail = followed.covariance()
         # V C Vᵀ: what is not followed has a C of ones
         free, along = V[:, :first], V[:, at]
-        shared = 2 * transposed(between[:, :first]) @ free + between[:, at] @ along
+        shared = 2 * transpose(between[:, :first]) @ free + between[:, at] @ along
         variance = np.diagonal(P, axis1=1, axis2=2) + np.sum(free**2, axis=1) + np.sum(shared * along, axis=1)
         self.std[k, :, :n] = np.sqrt(np.maximum(variance, 0.0))
         p = slice(tail.shape[1] - (V.shape[1] - d), None)
@@ -381,14 +372,14 @@ class _Claimed:
         # what the estimate of c makes of z, and of c itself; ν that is not learned is taken to be nothing
         on_z, z = along[0].T @ tail[0], followed.z[:, at, at]
         white = np.diagonal(errors.parts, axis1=1, axis2=2) + np.sum((on_z @ z) * on_z, axis=-1)
-        if not beside:
+        if not separate:
             white = white - 2 * np.sum(followed.across[:, :, at] * on_z, axis=-1)
         self.white[k, :, :n] = np.maximum(white, 0.0)
         self.white[k, :, n:] = np.maximum(np.sum((tail[0, p] @ z) * tail[0, p], axis=-1), 0.0)
-        drawn = between[0] / prior[:, None]
-        self.constant[k, :, :n] = drawn @ along[0]
+        scaled = between[0] / prior[:, None]
+        self.constant[k, :, :n] = scaled @ along[0]
         self.constant[k, :first, :n] += free[0]
-        self.constant[k, :, n:] = drawn[:, p]
+        self.constant[k, :, n:] = scaled[:, p]
 
     def claim(self) -> ClaimedStd:
         d = len(self.source)

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank_filters import BankProblem, LinearStanding, filtered_at, refuse_lost
-from strainsight.estimation.lattice import DEPTH, LEFT, NARROW, SPACING
-from strainsight.estimation.parallel_filters import joined
+from strainsight.estimation.grid_filter_points import GridProblem, WeightedFilters, filter_points, refuse_lost
+from strainsight.estimation.parallel_filters import concatenate
+from strainsight.estimation.parameter_grid import DEPTH, LEFT, NARROW, SPACING
 
 FINE = 0.1
 """Of the differences, in standard deviations across a column."""
@@ -209,29 +209,31 @@ class ColumnWeights:
         return each[:, 0], (each[:, 1 : 1 + c] - each[:, middle : middle + c]) / (2 * FINE)
 
 
-def next_columns(problem: BankProblem, now: LinearStanding[Columns]) -> LinearStanding[Columns]:
+def rebuild_columns(problem: GridProblem, now: WeightedFilters[Columns]) -> WeightedFilters[Columns]:
     """For the posterior as it is now."""
     weights, point = _weights(now), now.cover.point
     middle = weights.mean[0] @ point
-    return columns_for(problem, middle, weights.covariance(point[:, None], middle)[0], now.step)
+    return build_columns(problem, middle, weights.covariance(point[:, None], middle)[0], now.step)
 
 
-def columns_for(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> LinearStanding[Columns]:
+def build_columns(
+    problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step: int
+) -> WeightedFilters[Columns]:
     """Columns about the largest density after `step` steps, looked for from a guess; as many as it reaches along its weakest
     direction, each about its own largest density."""
     mean, covariance = _summit(problem, mean, covariance, step)
     along, across = weakest(covariance, problem.prior[1])
     stride = SPACING * along
-    parts = [_centred(problem, mean, across, step)]
+    parts = [_centre_column(problem, mean, across, step)]
     top = _weights(parts[0]).column_mass[0, 0]
     for forward in (True, False):
         while True:
             # a bent ridge is followed
             end = parts[-1 if forward else 0].cover.centre[0]
-            beside = end - (stride if forward else -stride)
+            neighbour = end - (stride if forward else -stride)
             if len(parts) > 1:
-                beside = parts[-2 if forward else 1].cover.centre[0]
-            part = _centred(problem, 2 * end - beside, across, step)
+                neighbour = parts[-2 if forward else 1].cover.centre[0]
+            part = _centre_column(problem, 2 * end - neighbour, across, step)
             parts = [*parts, part] if forward else [part, *parts]
             mass = _weights(part).column_mass[0, 0]
             top = max(top, mass)
@@ -239,21 +241,21 @@ def columns_for(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, 
                 break
             if len(parts) > MOST_COLUMNS:
                 raise NumericalError(
-                    f"the posterior of the parameters reaches over more than {MOST_COLUMNS} standard deviations",
-                    remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial "
-                    "standard deviation",
+                    f"the posterior of the parameters extends over more than {MOST_COLUMNS} standard deviations",
+                    remedy="estimate fewer parameters, or reduce their initial standard deviation: the measurements hardly "
+                    "distinguish them",
                 )
     cover = Columns(np.concatenate([part.cover.centre for part in parts]), across, parts[0].cover.precision)
-    whole = joined(parts)
+    whole = concatenate(parts)
     return replace(whole, cover=cover.as_they_are(whole.log_weight))
 
 
-def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
+def _summit(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
     """Where the density is largest, and its covariance there, by Newton's method, which halves steps that lead down."""
     precision = np.linalg.inv(problem.prior[1])
     start, top, move = mean, -np.inf, np.zeros(len(mean))
     for _ in range(MOST_TURNS):
-        now = filtered_at(problem, Columns(mean[None], np.linalg.cholesky(covariance), precision), step)
+        now = filter_points(problem, Columns(mean[None], np.linalg.cholesky(covariance), precision), step)
         if now.log_weight[0] < top - LEVEL:
             move = 0.5 * move
             mean = start + move
@@ -268,16 +270,16 @@ def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step
         mean = start + move
         refuse_lost(problem, mean)
     raise NumericalError(
-        f"no largest density of the parameters was found in {MOST_TURNS} steps",
-        remedy="state a larger noise of the gauges, or a smaller initial standard deviation of the parameters",
+        f"no maximum of the posterior of the parameters was found in {MOST_TURNS} steps",
+        remedy="increase the noise of the gauges, or reduce the initial standard deviation of the parameters",
     )
 
 
-def _centred(problem: BankProblem, centre: np.ndarray, across: np.ndarray, step: int) -> LinearStanding[Columns]:
+def _centre_column(problem: GridProblem, centre: np.ndarray, across: np.ndarray, step: int) -> WeightedFilters[Columns]:
     """A column about its largest density, as nearly as a few steps come to it."""
     precision = np.linalg.inv(problem.prior[1])
     for _ in range(FEW_TURNS):
-        now = filtered_at(problem, Columns(centre[None], across, precision), step)
+        now = filter_points(problem, Columns(centre[None], across, precision), step)
         m = _weights(now).m[0, 0]
         if np.abs(m).max() <= CENTRED:
             break
@@ -285,7 +287,7 @@ def _centred(problem: BankProblem, centre: np.ndarray, across: np.ndarray, step:
     return now
 
 
-def _weights(now: LinearStanding[Columns]) -> ColumnWeights:
+def _weights(now: WeightedFilters[Columns]) -> ColumnWeights:
     return now.cover.weights(now.log_weight[None])
 
 

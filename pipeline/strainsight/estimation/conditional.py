@@ -1,4 +1,4 @@
-"""The reduced model at given parameters: linear, and ready for filters side by side."""
+"""Reduced model at given parameters: linear, for parallel filters."""
 
 from __future__ import annotations
 
@@ -8,34 +8,33 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels, ModalMotion, wider
+from strainsight.estimation.parallel_filters import LinearModels, ModalMotion, pad_zeros
 from strainsight.rom.modal_step import HOLD, ModalMap, acceleration_map, modal_step, scheme_step
 from strainsight.rom.model import first_of_equal, modal_basis
 
 DIFFERENCE = 1e-3
-"""Relative step of the differences of a step of time in damping and stiffness: of fourth order, exact to 1e-11."""
+"""Relative step of the fourth-order differences in damping and stiffness, accurate to 1e-11."""
 
 
 @dataclass(frozen=True)
-class Nuisances:
-    """Constants ν of mean zero and variance one, jointly with states and parameters. For the states x (n,) = [q, q̇, ζ] of the
-    filter, the loads w₁ known at the instant and all loads u:
+class ConsideredParameters:
+    """Considered constants ν (Schmidt-Kalman) of mean zero and variance one, in addition to states and parameters.
+
+    With the filter states x (n,) = [q, q̇, ζ], the loads w₁ known at the instant and all loads u:
 
         y = h(x) + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Σⱼ νⱼBₖⱼuⱼ)
 
-    source (d,): what each of the readings stands for; D (d, m, n), E (d, m, n_known), o (d, m); E (d, m, n_known + 1) where
-    something drifts, with t/T behind the loads in w₁ (`known_ends`).
-    Of the motion, in front of those: damping, σ of ln c of every mode by itself; frequency (k, r), what one of k of ν adds to
-    ln ω of every mode; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one of the
-    first f of the others adds to the input shape S [1/√kg] of r coordinates; what comes of it at once is in D and E
-    (`on_loads`). load (f,): the input u [N] that each changes. What they displace beyond the coordinates is in proportion to
-    νⱼuⱼ; behind: whether a smoother has it behind its states; B (d, m, f): what one of every ν reads of it.
-    learned: whether motion and loads are corrected by the samples' estimate of ν, so that σ holds what they leave open; where
-    not, gains of unknown loads consider ν (`considers`). Parameters have ν integrated out either way. discrepancy: σ of what
-    else a reading is off by, over its RMS, white; it matters where parameters are estimated under known loads.
-    about (d,), or of the first of ν, the others zero: about which readings are linear in them (`about_samples`). centre (k,):
-    parameters whose natural frequencies are those about which readings are linear at all others, too (`tuned`); None: each has
-    its own.
+    source (d,): meaning of each ν of the readings; D (d, m, n), E (d, m, n_known), o (d, m); with drifts E (d, m, n_known +
+    1), where t/T follows the loads in w₁ (`known_ends`). Those of the motion come first. damping: σ of ln c of each mode;
+    frequency (k, r): change of ln ω of each mode per unit ν; stiffness: σ of the logarithm of one common scale; 0 if exact.
+    shape (f, r, n_u): change of the input shape S [1/√kg] of r coordinates by the first f of the others; its instantaneous
+    effect is in D and E (`load_rows`). load (f,): the input u [N] that each of them changes. Truncated displacements are
+    proportional to νⱼuⱼ; behind: whether a smoother appends them to its states; B (d, m, f): their effect on the readings per
+    unit ν. learned: whether the samples' estimate of ν corrects motion and loads, which reduces σ; otherwise gains of unknown
+    loads consider ν (`considers`). For parameters ν is always integrated out. discrepancy: σ of white model error over the
+    RMS of a reading, relevant for parameters under known loads. about (d,), or of the first ν, others zero: linearisation
+    point of the readings (`linearise_about_samples`). centre (k,): parameters whose natural frequencies are used at all
+    others (`tune_frequencies`); None: no common frequencies.
     """
 
     source: tuple[str, ...]
@@ -55,191 +54,189 @@ class Nuisances:
     centre: np.ndarray | None = None
 
     def sources(self, modes: int) -> tuple[str, ...]:
-        """What every ν stands for, those of the motion first."""
+        """Meaning of each ν, those of the motion first."""
         of_modes = ("damping",) * (modes * (self.damping > 0)) + ("frequency",) * len(self.frequency)
         return of_modes + ("stiffness",) * (self.stiffness > 0) + self.source
 
     def of_modes(self, modes: int) -> int:
-        """How many ν are of damping and frequency of modes; they come first."""
+        """Number of ν for damping and frequency of modes; they come first."""
         return modes * (self.damping > 0) + len(self.frequency)
 
 
-def no_nuisances(model: FilterModel) -> Nuisances:
-    """Everything exact."""
+def none_considered(model: FilterModel) -> ConsideredParameters:
+    """No considered parameters."""
     m = model.H.shape[-2]
-    return Nuisances(
+    return ConsideredParameters(
         (), np.zeros((0, m, model.parameter_states.start)), np.zeros((0, m, len(model.known_inputs))), np.zeros((0, m))
     )
 
 
-def each_its_own(nuisances: Nuisances, count: int, renewed: tuple[str, ...]) -> tuple[Nuisances, ...]:
-    """Of `count` records that follow one another: ν of the sources `renewed` are constants of one record, all others of all.
-
-    What is renewed stands behind the rest, once for every record, and does nothing in the others. It is of the readings alone.
-    """
+def split_by_record(
+    considered: ConsideredParameters, count: int, renewed: tuple[str, ...]
+) -> tuple[ConsideredParameters, ...]:
+    """Considered parameters of `count` successive records: ν of the sources `renewed` belong to one record, all others to
+    all. Renewed ν follow the others, one set per record, without effect in other records. They affect readings only."""
     if count == 1:
-        return (nuisances,)
-    renews = np.array([source in renewed for source in nuisances.source], dtype=bool)
+        return (considered,)
+    renews = np.array([source in renewed for source in considered.source], dtype=bool)
     shared, own_of = np.flatnonzero(~renews), np.flatnonzero(renews)
     order = np.concatenate([shared, *[own_of] * count])
 
-    def of_record(record: int) -> Nuisances:
-        idle = len(shared) + np.flatnonzero(np.repeat(np.arange(count) != record, len(own_of)))
+    def of_record(record: int) -> ConsideredParameters:
+        inactive = len(shared) + np.flatnonzero(np.repeat(np.arange(count) != record, len(own_of)))
 
         def stacked(rows: np.ndarray) -> np.ndarray:
             rows = rows[order]
-            rows[idle] = 0.0
+            rows[inactive] = 0.0
             return rows
 
-        D, E, offset = (stacked(rows) for rows in (nuisances.D, nuisances.E, nuisances.offset))
-        B, source = None if nuisances.B is None else stacked(nuisances.B), tuple(nuisances.source[i] for i in order)
-        return replace(nuisances, source=source, D=D, E=E, offset=offset, B=B)
+        D, E, offset = (stacked(rows) for rows in (considered.D, considered.E, considered.offset))
+        B, source = None if considered.B is None else stacked(considered.B), tuple(considered.source[i] for i in order)
+        return replace(considered, source=source, D=D, E=E, offset=offset, B=B)
 
     return tuple(of_record(record) for record in range(count))
 
 
-def known_ends(known: np.ndarray, nuisances: Nuisances) -> np.ndarray:
-    """w₁ (T, p₁) at the end of every step: the known loads [N], and the share t/T of the record behind them where something
-    drifts; known (T, HOLD, n_known) of the whole record."""
+def known_ends(known: np.ndarray, considered: ConsideredParameters) -> np.ndarray:
+    """w₁ (T, p₁) at the end of each step: known loads [N], and the share t/T of the record with drifts; known (T, HOLD,
+    n_known)."""
     loads, steps = np.asarray(known.sum(axis=1)), len(known)
-    if nuisances.E.shape[-1] == loads.shape[1]:
+    if considered.E.shape[-1] == loads.shape[1]:
         return loads
     return np.column_stack([loads, np.arange(1, steps + 1) / steps])
 
 
 def conditional_states(model: FilterModel, offsets: int = 0) -> np.ndarray:
-    """Where the states of the filters of a bank, [q, q̇, ζ] and the offsets of channels, stand in x* and what is behind it."""
+    """Indices in x* of the filter states [q, q̇, ζ] and of the channel offsets behind it."""
     return np.concatenate([np.arange(model.parameter_states.start), np.arange(model.size, model.size + offsets)])
 
 
-def considers(model: FilterModel, nuisances: Nuisances) -> bool:
-    """Whether motion and loads are followed with gains that consider ν: where a load is unknown, which follows the samples, and
-    ν is not learned."""
-    return bool(model.unknowns.inputs and nuisances.sources(model.model.size)) and not nuisances.learned
+def considers(model: FilterModel, considered: ConsideredParameters) -> bool:
+    """Whether the gains for motion and loads consider ν: with unknown loads, which follow the samples, and ν that is not
+    learned."""
+    return bool(model.unknowns.inputs and considered.sources(model.model.size)) and not considered.learned
 
 
-def discrepancy(model: FilterModel, nuisances: Nuisances, measurement: np.ndarray) -> np.ndarray:
-    """Variance (m,) of the discrepancy of a measurement's samples (T, m), NaN where missing; zero where a load is unknown, which
-    has to follow the samples, and where no parameter is."""
+def discrepancy(model: FilterModel, considered: ConsideredParameters, measurement: np.ndarray) -> np.ndarray:
+    """Variance (m,) of the discrepancy of samples (T, m), NaN if missing; zero with unknown loads, which follow the samples, or
+    without parameters."""
     if model.unknowns.inputs or not model.unknowns.parameters:
         return np.zeros(measurement.shape[1])
     count = np.maximum(np.isfinite(measurement).sum(axis=0), 1)
-    return nuisances.discrepancy**2 * np.nansum(measurement**2, axis=0) / count
+    return considered.discrepancy**2 * np.nansum(measurement**2, axis=0) / count
 
 
 def linear_models(
-    model: FilterModel, point: np.ndarray, nuisances: Nuisances, biased: np.ndarray | None = None
+    model: FilterModel, point: np.ndarray, considered: ConsideredParameters, biased: np.ndarray | None = None
 ) -> LinearModels:
-    """The filter's model without its parameters, at each of B values p (B, k) of them; noise as the model has it at the guess.
-
-    biased (b,): channels with an offset of their own, b states more behind [q, q̇, ζ].
-    """
+    """The filter model without its parameters, at B values p (B, k); noise as in the model at the guess. biased (b,):
+    channels with an offset, b more states behind [q, q̇, ζ]."""
     theta, B, process = theta_at(model, point), len(point), model.process
-    model, shift = tuned(damped(model, nuisances), nuisances, point)
+    model, shift = tune_frequencies(apply_damping(model, considered), considered, point)
     states, m = model.parameter_states.start, model.H.shape[-2]
-    modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme), B)
+    modal = _add_batch_axis(modal_step(model.model, theta, model.h, model.scheme), B)
     read = model.rows_at(theta)
     H, F = np.array(np.broadcast_to(read[..., :states], (B, m, states))), np.zeros((B, m, len(model.known_inputs)))
     if model.accelerometers is not None:
         moving = model.accelerometers
         H[:, moving], F[:, moving] = acceleration_rows(model, theta, read[..., moving, : model.model.size])
-    motion = _motion(model, modal, nuisances, theta)
+    motion = _motion(model, modal, considered, theta)
     e = motion.pairs_nu.shape[1]
-    f = len(nuisances.load) if nuisances.B is not None and nuisances.B.any() else 0
-    beyond = np.zeros((len(nuisances.D), m, 0)) if nuisances.B is None or f == 0 else nuisances.B
-    rows, fed = on_loads(model, np.eye(len(model.model.inputs))[nuisances.load[:f]])
+    f = len(considered.load) if considered.B is not None and considered.B.any() else 0
+    truncation = np.zeros((len(considered.D), m, 0)) if considered.B is None or f == 0 else considered.B
+    rows, fed = load_rows(model, np.eye(len(model.model.inputs))[considered.load[:f]])
     D, E, offset, B_nu = (
-        np.concatenate([np.zeros((e - len(nuisances.shape), *array.shape[1:])), array])
-        for array in (nuisances.D, nuisances.E, nuisances.offset, beyond)
+        np.concatenate([np.zeros((e - len(considered.shape), *array.shape[1:])), array])
+        for array in (considered.D, considered.E, considered.offset, truncation)
     )
-    of_modes, drifts = nuisances.of_modes(model.model.size), nuisances.E.shape[-1] - F.shape[-1]
-    frequencies = slice(of_modes - len(nuisances.frequency), of_modes)
-    if model.accelerometers is not None and len(nuisances.frequency):
-        on_states, on_known = _accelerations_by_frequency(model, nuisances, point)
+    of_modes, drifts = considered.of_modes(model.model.size), considered.E.shape[-1] - F.shape[-1]
+    frequencies = slice(of_modes - len(considered.frequency), of_modes)
+    if model.accelerometers is not None and len(considered.frequency):
+        on_states, on_known = _accelerations_by_frequency(model, considered, point)
         D[frequencies, moving], E[frequencies, moving, : F.shape[-1]] = on_states, on_known
-    about, shifts = np.pad(nuisances.about, (0, len(D) - len(nuisances.about))), np.zeros((B, len(D)))
-    held = about != 0
+    about, shifts = np.pad(considered.about, (0, len(D) - len(considered.about))), np.zeros((B, len(D)))
+    fixed_slope = about != 0
     shifts[:, frequencies] = shift
-    held[frequencies] |= nuisances.centre is not None
+    fixed_slope[frequencies] |= considered.centre is not None
     models = LinearModels(
         motion,
         np.broadcast_to(process[:states, :states], (B, states, states)),
         H,
-        wider(F, drifts, -1),
+        pad_zeros(F, drifts, -1),
         D=D,
         E=E,
         offset=offset,
         B=B_nu,
         U=rows,
-        W=wider(fed, drifts, -1),
+        W=pad_zeros(fed, drifts, -1),
         about=about,
         shift=shifts,
-        held=held,
+        fixed_slope=fixed_slope,
     )
-    models = _linear_about(models, of_modes)
-    return models if biased is None or not len(biased) else _with_offsets(models, biased)
+    models = _linearise_about(models, of_modes)
+    return models if biased is None or not len(biased) else _add_offsets(models, biased)
 
 
-def _linear_about(models: LinearModels, of_modes: int) -> LinearModels:
-    """Linear about ν = a, of which the first, of damping and frequency, are in the models already:
-
-    A + Σₖ aₖAₖ,   H + Σₖ aₖ(Dₖ + Σⱼ aⱼBₖⱼUⱼ),   ∂H/∂νₖ = Dₖ + Σⱼ aⱼBₖⱼUⱼ, of a load j + Σₖ aₖBₖⱼUⱼ
-    """
+def _linearise_about(models: LinearModels, of_modes: int) -> LinearModels:
+    """Linearise about ν = a; the first ν, of damping and frequency, are part of the models already: A + Σₖ aₖAₖ,   H + Σₖ
+    aₖ(Dₖ + Σⱼ aⱼBₖⱼUⱼ),   ∂H/∂νₖ = Dₖ + Σⱼ aⱼBₖⱼUⱼ, of a load j + Σₖ aₖBₖⱼUⱼ"""
     e, f = models.moving, len(models.U)
     a = np.where(np.arange(len(models.about)) < of_modes, 0.0, models.about)
     if not a.any():
         return models
     loads = slice(e - f, e)
-    beyond, turned = models.B * a[loads], np.einsum("k,kmj->jm", a, models.B)[..., None]
-    D, E = models.D + beyond @ models.U, models.E + beyond @ models.W
+    truncation, turned = models.B * a[loads], np.einsum("k,kmj->jm", a, models.B)[..., None]
+    D, E = models.D + truncation @ models.U, models.E + truncation @ models.W
     H, F = models.H + np.einsum("k,kmn->mn", a, D), models.F + np.einsum("k,kmp->mp", a, E)
     D[loads] += turned * models.U[:, None]
     E[loads] += turned * models.W[:, None]
     return replace(models, motion=models.motion.about(a[:e]), H=H, F=F, D=D, E=E)
 
 
-def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
-    """The same with one constant state more for each biased channel (b,)."""
+def _add_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
+    """Add a constant state for each biased channel (b,)."""
     b = len(biased)
-    H, D, U = (wider(each, b, -1) for each in (models.H, models.D, models.U))
+    H, D, U = (pad_zeros(each, b, -1) for each in (models.H, models.D, models.U))
     H[:, biased, range(-b, 0)] = 1.0
-    return replace(models, motion=models.motion.with_constants(b), H=H, Q=wider(models.Q, b, -1, -2), D=D, U=U)
+    return replace(models, motion=models.motion.with_constants(b), H=H, Q=pad_zeros(models.Q, b, -1, -2), D=D, U=U)
 
 
-def damped(model: FilterModel, nuisances: Nuisances) -> FilterModel:
-    """With the damping about which the nuisances are linear, c exp(σν) of every mode."""
-    if nuisances.damping == 0 or not nuisances.about.any():
+def apply_damping(model: FilterModel, considered: ConsideredParameters) -> FilterModel:
+    """The model with the damping of the linearisation point, c exp(σν) of each mode."""
+    if considered.damping == 0 or not considered.about.any():
         return model
     damping = model.model.damping
-    factors = np.exp(nuisances.damping * nuisances.about[: model.model.size]) * (
+    factors = np.exp(considered.damping * considered.about[: model.model.size]) * (
         np.array(damping.factors) if damping.factors else 1.0
     )
     return replace(model, model=replace(model.model, damping=damping.scaled(factors.tolist())))
 
 
-def tuned(model: FilterModel, nuisances: Nuisances, point: np.ndarray) -> tuple[FilterModel, np.ndarray]:
-    """With the natural frequencies about which the nuisances are linear at each of B values p (B, k) of the parameters, and by
-    how much (B, k′) their ν is away from `about` there.
+def tune_frequencies(
+    model: FilterModel, considered: ConsideredParameters, point: np.ndarray
+) -> tuple[FilterModel, np.ndarray]:
+    """The model with the natural frequencies of the linearisation point at B parameter values p (B, k), and the shift (B, k′) of
+    ν from `about`.
 
-    Readings know the frequency of a resonance much better than a parameter and ν that both change it. So at every p there are the
-    frequencies of the centre, of all modes with a tolerance of their own, by the least ν:
+    Readings determine a resonance frequency much better than a parameter and ν that both change it. Therefore all p use the
+    frequencies of the centre, for all modes with a frequency tolerance, by the least ν:
 
         ωⱼ(p) exp(Σₖ Fₖⱼ aₖ(p)) = ωⱼ(p̄)
 
-    where slopes at ν = 0 reach a fraction of the width of a resonance.
+    Slopes at ν = 0 are valid only for a fraction of the width of a resonance.
     """
-    frequency = nuisances.frequency
+    frequency = considered.frequency
     shift, about = (
         np.zeros((len(point), len(frequency))),
-        np.pad(nuisances.about, (0, model.model.size + len(frequency))),
+        np.pad(considered.about, (0, model.model.size + len(frequency))),
     )
-    about = about[nuisances.of_modes(model.model.size) - len(frequency) :][: len(frequency)]
-    if not frequency.any() or (nuisances.centre is None and not about.any()):
+    about = about[considered.of_modes(model.model.size) - len(frequency) :][: len(frequency)]
+    if not frequency.any() or (considered.centre is None and not about.any()):
         return model, shift
     lam, _ = modal_basis(model.model, theta_at(model, point))
     lam = np.broadcast_to(lam, (len(point), model.model.size))
-    if nuisances.centre is not None:
-        of_centre, _ = modal_basis(model.model, theta_at(model, nuisances.centre[None]))
+    if considered.centre is not None:
+        of_centre, _ = modal_basis(model.model, theta_at(model, considered.centre[None]))
         felt = (frequency != 0).sum(axis=0) == (frequency != 0).sum(axis=0).max()
         shift = 0.5 * np.log(of_centre / lam)[:, felt] @ np.linalg.pinv(frequency[:, felt])
     factors = np.exp(np.einsum("bk,kbj->bj", shift + about, frequency[:, first_of_equal(lam)]))
@@ -247,13 +244,13 @@ def tuned(model: FilterModel, nuisances: Nuisances, point: np.ndarray) -> tuple[
 
 
 def _accelerations_by_frequency(
-    model: FilterModel, nuisances: Nuisances, point: np.ndarray
+    model: FilterModel, considered: ConsideredParameters, point: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What one of every ν of the frequencies adds to what accelerometers read: rows (k, m′, states), and (k, m′, n_known) on
-    known loads; at the centre, or the first of the points (B, k)."""
-    moving, here = model.accelerometers, point[:1] if nuisances.centre is None else nuisances.centre[None]
+    """Sensitivity of accelerometers to each frequency ν: rows (k, m′, states), and (k, m′, n_known) on known loads; at the
+    centre, or the first of the points (B, k)."""
+    moving, here = model.accelerometers, point[:1] if considered.centre is None else considered.centre[None]
     theta = theta_at(model, here)
-    model, _ = tuned(replace(model, model=replace(model.model, frequency_factors=None)), nuisances, here)
+    model, _ = tune_frequencies(replace(model, model=replace(model.model, frequency_factors=None)), considered, here)
     factors = np.ones((1, model.model.size)) if model.model.frequency_factors is None else model.model.frequency_factors
     first = first_of_equal(modal_basis(model.model, theta)[0])
     shape = np.broadcast_to(model.rows_at(theta), (1, *model.H.shape))[:, moving, : model.model.size]
@@ -264,7 +261,7 @@ def _accelerations_by_frequency(
         return on_states[0], on_known[0]
 
     slopes = []
-    for each in nuisances.frequency:
+    for each in considered.frequency:
         ends = [read(step * each[first]) for step in (DIFFERENCE, -DIFFERENCE)]
         slopes.append([(ahead - behind) / (2 * DIFFERENCE) for ahead, behind in zip(*ends, strict=True)])
     on_states, on_known = (np.array(parts) for parts in zip(*slopes, strict=True))
@@ -272,7 +269,7 @@ def _accelerations_by_frequency(
 
 
 def theta_at(model: FilterModel, point: np.ndarray) -> dict[str, np.ndarray]:
-    """All parameters [SI], each (B,), at p (B, k) of those that are estimated."""
+    """All parameters [SI], each (B,), at the values p (B, k) of the estimated ones."""
     names, guess = model.unknowns.parameters, model.unknowns.guess
     fixed = {name: np.full(len(point), value) for name, value in model.fixed.items()}
     return fixed | {name: guess[name] * np.exp(point[:, i]) for i, name in enumerate(names)}
@@ -281,16 +278,15 @@ def theta_at(model: FilterModel, point: np.ndarray) -> dict[str, np.ndarray]:
 def acceleration_rows(
     model: FilterModel, theta: Mapping[str, np.ndarray], shape: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What accelerometers of shape φ (k, n) or (B, k, n) read: rows (B, k, states) on [q, q̇, ζ], and (B, k, n_known) on known
-    loads."""
-    sensed = _with_batch(acceleration_map(model.model, theta))
-    rows, on_known = on_loads(model, shape @ sensed.input[..., 0, :])
+    """Rows of accelerometers of shape φ (k, n) or (B, k, n): (B, k, states) on [q, q̇, ζ], and (B, k, n_known) on known loads."""
+    sensed = _add_batch_axis(acceleration_map(model.model, theta))
+    rows, on_known = load_rows(model, shape @ sensed.input[..., 0, :])
     rows[..., model.motion] = shape @ sensed.transition
     return rows, on_known
 
 
-def on_loads(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What reads all loads at once by `direct` (..., k, n_u): rows (..., k, states) on [q, q̇, ζ], and (..., k, n_known)."""
+def load_rows(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of a direct effect of all loads `direct` (..., k, n_u): (..., k, states) on [q, q̇, ζ], and (..., k, n_known)."""
     unknown, known = model.columns
     rows = np.zeros((*direct.shape[:-1], model.parameter_states.start))
     rows[..., model.position[: len(unknown)]] = direct[..., unknown] * model.amplitude
@@ -298,12 +294,12 @@ def on_loads(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def acceleration_change(model: FilterModel, theta: Mapping[str, np.ndarray], change: np.ndarray) -> np.ndarray:
-    """M⁻¹ΔS (B, n, n_u): what a change ΔS (n, n_u) of the input shape adds to q̈ at once."""
-    return _with_batch(acceleration_map(model.model.acted_on(change), theta)).input[..., 0, :]
+    """M⁻¹ΔS (B, n, n_u): instantaneous change of q̈ by a change ΔS (n, n_u) of the input shape."""
+    return _add_batch_axis(acceleration_map(model.model.acted_on(change), theta)).input[..., 0, :]
 
 
-def _with_batch(modal: ModalMap, count: int = 1) -> ModalMap:
-    """With an axis of parameter values, also where the model has no parameter at all: `count` times the same then."""
+def _add_batch_axis(modal: ModalMap, count: int = 1) -> ModalMap:
+    """Add an axis of parameter values; a model without parameters is repeated `count` times."""
     if modal.transition.ndim > 2:
         return modal
     parts = (modal.transition, modal.input, modal.shape, modal.eigenvalue, modal.modes, modal.dual)
@@ -311,65 +307,64 @@ def _with_batch(modal: ModalMap, count: int = 1) -> ModalMap:
     return ModalMap(*(np.repeat(each[None], count, axis=0) for each in parts), *(*tables, modal.table_damped))
 
 
-def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Mapping[str, np.ndarray]) -> ModalMotion:
-    """A step in the coordinates of the modes, and σ times its derivative in ln c of each of them, in their frequencies, in the
-    logarithm of the stiffness, and in the input shape.
-
-    Every mode of a step is a function of its own λ and c: on the damping of mode j its row of the step alone depends, and those
-    of the same frequency.
-    """
+def _motion(
+    model: FilterModel, modal: ModalMap, considered: ConsideredParameters, theta: Mapping[str, np.ndarray]
+) -> ModalMotion:
+    """A step in modal coordinates, and σ times its derivatives in ln c, frequencies, ln stiffness and input shape. Each mode
+    of a step depends on its λ and c only: damping of mode j affects its row, and those of the same frequency."""
     damping, q, lam = model.model.damping.at(theta), model.model.size, modal.eigenvalue
     unknown, known = model.columns
-    B, n, held, moving = len(lam), model.parameter_states.start, HOLD, 2 * q
-    zeta = model.hold.reshape(held * len(unknown), n - moving)
+    B, n, hold, moving = len(lam), model.parameter_states.start, HOLD, 2 * q
+    zeta = model.hold.reshape(hold * len(unknown), n - moving)
     Phi_T = np.swapaxes(modal.modes, 1, 2)
 
     def step(table: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """pairs (B, 4, q), beside (B, s, n) and fed (B, n, p), of a table (2, 2 + HOLD, B, q) and modal forces (B, q, n_u)."""
+        """pairs (B, 4, q), augmented (B, s, n) and fed (B, n, p), from a table (2, 2 + HOLD, B, q) and modal forces (B, q,
+        n_u)."""
         pairs = np.moveaxis(table[:, :2].reshape(4, B, q), 0, 1)
         # (B, 2q, HOLD, n_u)
-        pushed = (table[:, 2:, ..., None] * forces).transpose(2, 0, 3, 1, 4).reshape(B, moving, held, -1)
-        beside, fed = np.zeros((B, n - moving, n)), np.zeros((B, n, held * len(known)))
-        on_zeta = pushed[..., unknown].reshape(B, moving, held * len(unknown)) @ zeta
-        beside[:, :, :moving] = np.swapaxes(on_zeta, 1, 2)
-        fed[:, :moving] = pushed[..., known].reshape(B, moving, held * len(known))
-        return pairs, beside, fed
+        pushed = (table[:, 2:, ..., None] * forces).transpose(2, 0, 3, 1, 4).reshape(B, moving, hold, -1)
+        augmented, fed = np.zeros((B, n - moving, n)), np.zeros((B, n, hold * len(known)))
+        on_zeta = pushed[..., unknown].reshape(B, moving, hold * len(unknown)) @ zeta
+        augmented[:, :, :moving] = np.swapaxes(on_zeta, 1, 2)
+        fed[:, :moving] = pushed[..., known].reshape(B, moving, hold * len(known))
+        return pairs, augmented, fed
 
     forces = Phi_T @ modal.shape
-    pairs, beside, fed = step(modal.table, forces)
-    beside[:, :, moving:] = model.transition.T
+    pairs, augmented, fed = step(modal.table, forces)
+    augmented[:, :, moving:] = model.transition.T
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    if nuisances.damping > 0:
-        table = nuisances.damping * _slope(lambda s: scheme_step(lam, damping.scaled(1 + s), model.h, model.scheme)[0])
+    if considered.damping > 0:
+        table = considered.damping * _slope(lambda s: scheme_step(lam, damping.scaled(1 + s), model.h, model.scheme)[0])
         same = first_of_equal(lam)
         slopes += [step(table * (same == j), forces) for j in range(q)]
-    if len(nuisances.frequency):
+    if len(considered.frequency):
         # λ → λ(1 + s)² and forces → (1 + s)² times them, damped as at that λ
         table = _slope(
-            lambda s: _with_forces(scheme_step(lam * (1 + s) ** 2, damping, model.h, model.scheme)[0], (1 + s) ** 2)
+            lambda s: _scale_forces(scheme_step(lam * (1 + s) ** 2, damping, model.h, model.scheme)[0], (1 + s) ** 2)
         )
-        slopes += [step(table * each[first_of_equal(lam)], forces) for each in nuisances.frequency]
-    if nuisances.stiffness > 0:
+        slopes += [step(table * each[first_of_equal(lam)], forces) for each in considered.frequency]
+    if considered.stiffness > 0:
         # λ → λ(1 + s) of every mode, damped as at that λ
-        table = nuisances.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), damping, model.h, model.scheme)[0])
+        table = considered.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), damping, model.h, model.scheme)[0])
         slopes.append(step(table, forces))
-    for change in nuisances.shape:
+    for change in considered.shape:
         _, pushed, loaded = step(modal.table, Phi_T @ change)
         slopes.append((0 * pairs, pushed, loaded))
     basis, inverse = np.tile(np.eye(n), (2, B, 1, 1))
     for own_states in (slice(0, q), slice(q, moving)):
         basis[:, own_states, own_states], inverse[:, own_states, own_states] = modal.modes, modal.dual
-    none = [(pairs[:, None][:, :0], beside[:, None][:, :0], fed[:, None][:, :0])]
+    none = [(pairs[:, None][:, :0], augmented[:, None][:, :0], fed[:, None][:, :0])]
     by_nu = [np.stack(each, axis=1) for each in zip(*slopes, strict=True)] if slopes else none[0]
-    return ModalMotion(basis, inverse, pairs, beside, fed, *by_nu)
+    return ModalMotion(basis, inverse, pairs, augmented, fed, *by_nu)
 
 
-def _with_forces(table: np.ndarray, factor: float) -> np.ndarray:
-    """Of a table (2, 2 + HOLD, ...) under so many times the forces."""
+def _scale_forces(table: np.ndarray, factor: float) -> np.ndarray:
+    """The table (2, 2 + HOLD, ...) for scaled forces."""
     return np.concatenate([table[:, :2], factor * table[:, 2:]], axis=1)
 
 
 def _slope(of: Callable[[float], np.ndarray]) -> np.ndarray:
-    """Derivative at zero, by central differences of fourth order."""
+    """Derivative at zero, by fourth-order central differences."""
     near, far = (of(k * DIFFERENCE) - of(-k * DIFFERENCE) for k in (1, 2))
     return (8 * near - far) / (12 * DIFFERENCE)

@@ -14,10 +14,10 @@ from strainsight.estimation.parallel_filters import (
     LinearModels,
     States,
     advance,
-    filters_of,
-    joined,
+    build_filters,
+    concatenate,
 )
-from strainsight.estimation.update import covariance_factor, schmidt_gain, symmetric, transposed
+from strainsight.estimation.update import covariance_factor, schmidt_gain, symmetric, transpose
 
 Start = tuple[np.ndarray, np.ndarray, np.ndarray]
 """x (B, n), P (n, n) and V (B, d, n) at t = 0."""
@@ -41,7 +41,7 @@ def consider_smoothed(models: LinearModels, start: Start, data: Data) -> States:
     start: x (B, n), P (n, n), V (B, d, n) at t = 0; the noise of the data has their discrepancy in it.
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
-    return joined([states for _, states, _ in smoothed_pieces(models, start, data)][::-1], axis=1)
+    return concatenate([states for _, states, _ in smoothed_pieces(models, start, data)][::-1], axis=1)
 
 
 def consider_errors(models: LinearModels, start: Start, data: Data, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -65,16 +65,16 @@ def smoothed_pieces(
     where they stood when it began.
     """
     # filters move what they begin with
-    filters = filters_of(models, start[0].copy(), start[1], start[2].copy(), consider=True)
+    filters = build_filters(models, start[0].copy(), start[1], start[2].copy(), consider=True)
     steps, m = data.samples.shape
     at_once = max(1, KEPT // models.kept_a_step)
     spans = [slice(t, min(t + at_once, steps)) for t in range(0, max(steps, 1), at_once)]
-    AT, (B, d, n) = transposed(models.A), start[2].shape
+    AT, (B, d, n) = transpose(models.A), start[2].shape
 
     def advanced(filters: Filters, span: slice) -> States:
-        """From where the filters stand, and what they are there, through the steps of a span."""
+        """Current states of the filters, and those after each step of a span."""
         first = filters.copy().states
-        return joined([first, advance(models, filters, data.of(span), keep=True).states], axis=1)
+        return concatenate([first, advance(models, filters, data.of(span), keep=True).states], axis=1)
 
     error = np.empty((steps + 1, B, count, n))
     innovation = np.zeros((steps if count else 1, B, count, m))
@@ -95,21 +95,21 @@ def smoothed_pieces(
             spread, slope, update = P[:, i], V[:, i], _update_at(models, states, i, data, t)
             K, H, rows = update.K, update.H, update.rows
             J = np.eye(n) - K @ H
-            by_noise = transposed(J) @ L @ K + rows
-            L = transposed(J) @ L @ J - rows @ H
-            U = transposed(J) @ U @ J + L @ models.Q @ transposed(L) + (by_noise * update.R) @ transposed(by_noise)
-            N = (N @ J + transposed(rows @ update.slope)) @ models.A
-            adjoint = ((adjoint[:, None] @ J + transposed(rows @ update.innovation[..., None])) @ models.A)[:, 0]
+            by_noise = transpose(J) @ L @ K + rows
+            L = transpose(J) @ L @ J - rows @ H
+            U = transpose(J) @ U @ J + L @ models.Q @ transpose(L) + (by_noise * update.R) @ transpose(by_noise)
+            N = (N @ J + transpose(rows @ update.slope)) @ models.A
+            adjoint = ((adjoint[:, None] @ J + transpose(rows @ update.innovation[..., None])) @ models.A)[:, 0]
             if count:
                 sampled = innovation[t][..., np.isfinite(data.samples[t])]
-                by_draws = (by_draws @ J + sampled @ transposed(rows)) @ models.A
+                by_draws = (by_draws @ J + sampled @ transpose(rows)) @ models.A
             L, U = AT @ L @ models.A, AT @ U @ models.A
             C = _gain(spread, slope, L, N, U)
-            error[t] -= by_draws @ transposed(C)
+            error[t] -= by_draws @ transpose(C)
             x[:, i] += (C @ adjoint[..., None])[..., 0]
-            V[:, i] += N @ transposed(C)
+            V[:, i] += N @ transpose(C)
             left = np.eye(n) + C @ L
-            P[:, i] = symmetric(left @ spread @ transposed(left) + C @ U @ transposed(C))
+            P[:, i] = symmetric(left @ spread @ transpose(left) + C @ U @ transpose(C))
         # the end of a piece is the beginning of the next one, but for the last
         instants = slice(span.start, span.stop + (span.stop == steps))
         yield instants, states.first(instants.stop - instants.start), error[instants]
@@ -128,18 +128,18 @@ def _filter_errors(
     m) of a span; states: of the filter at its beginning and behind its steps."""
     B, count = error.shape[1:3]
 
-    def drawn(factors: list[np.ndarray]) -> np.ndarray:
+    def sample(factors: list[np.ndarray]) -> np.ndarray:
         return np.stack([rng.standard_normal((count, factor.shape[1])) @ factor.T for factor in factors])
 
     walk = [covariance_factor(Q) for Q in models.Q]
     if span.start == 0:
-        error[0] = drawn([covariance_factor(P) for P in states.P[:, 0]])
+        error[0] = sample([covariance_factor(P) for P in states.P[:, 0]])
     for t in range(span.start, span.stop):
         update, measured = _update_at(models, states, t - span.start, data, t), np.isfinite(data.samples[t])
-        ahead = error[t] @ transposed(models.A) + drawn(walk)
+        ahead = error[t] @ transpose(models.A) + sample(walk)
         noise = rng.standard_normal((B, count, measured.sum())) * np.sqrt(update.R)
-        innovation[t][..., measured] = ahead @ transposed(update.H) + noise
-        error[t + 1] = ahead - innovation[t][..., measured] @ transposed(update.K)
+        innovation[t][..., measured] = ahead @ transpose(update.H) + noise
+        error[t + 1] = ahead - innovation[t][..., measured] @ transpose(update.K)
 
 
 def _gain(P: np.ndarray, V: np.ndarray, L: np.ndarray, N: np.ndarray, U: np.ndarray) -> np.ndarray:
@@ -147,14 +147,14 @@ def _gain(P: np.ndarray, V: np.ndarray, L: np.ndarray, N: np.ndarray, U: np.ndar
     in each direction, and less than NEGLIGIBLE of it is nothing. P where there is no constant."""
     if V.shape[1] == 0:
         return P
-    whole = P + transposed(V) @ V
+    whole = P + transpose(V) @ V
     std = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 0.0))
     std = np.where(std > 0, std, 1.0)
     share, axes = np.linalg.eigh(whole / (std[:, :, None] * std[:, None]))
     F = std[:, :, None] * axes * np.sqrt(np.maximum(share, 0.0))[:, None]
-    information = transposed(F) @ (L @ P @ transposed(L) + transposed(N) @ N + U) @ F + NEGLIGIBLE * np.eye(P.shape[1])
-    cross = (P @ transposed(L) + transposed(V) @ N) @ F
-    return -transposed(np.linalg.solve(symmetric(information), transposed(cross))) @ transposed(F)
+    information = transpose(F) @ (L @ P @ transpose(L) + transpose(N) @ N + U) @ F + NEGLIGIBLE * np.eye(P.shape[1])
+    cross = (P @ transpose(L) + transpose(V) @ N) @ F
+    return -transpose(np.linalg.solve(symmetric(information), transpose(cross))) @ transpose(F)
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ class _Update:
 
 def _update_at(models: LinearModels, states: States, i: int, data: Data, t: int) -> _Update:
     """At the end of step t, from the states of the filter at its beginning, number i among them."""
-    x, AT, e = states.x[:, i], transposed(models.A), models.moving
+    x, AT, e = states.x[:, i], transpose(models.A), models.moving
     known, known_end, y = data.known[t], data.known_end[t], data.samples[t]
     ahead = (models.A @ x[..., None])[..., 0] + models.G @ known
     P, V = models.A @ states.P[:, i] @ AT + models.Q, states.V[:, i] @ AT
@@ -180,8 +180,8 @@ def _update_at(models: LinearModels, states: States, i: int, data: Data, t: int)
     at = np.isfinite(y)
     H, R = models.H[:, at], data.noise[t, at]
     sensed = (models.D[:, at] @ ahead[:, None, :, None])[..., 0] + models.E[:, at] @ known_end + models.offset[:, at]
-    slope = transposed(sensed - V @ transposed(H))
+    slope = transpose(sensed - V @ transpose(H))
     K = schmidt_gain(P, H, R, V, slope)
-    S = H @ P @ transposed(H) + slope @ transposed(slope) + np.diag(R)
+    S = H @ P @ transpose(H) + slope @ transpose(slope) + np.diag(R)
     innovation = y[at] - (H @ ahead[..., None])[..., 0] - models.F[:, at] @ known_end
-    return _Update(K, H, R, innovation, slope, transposed(np.linalg.solve(S, H)))
+    return _Update(K, H, R, innovation, slope, transpose(np.linalg.solve(S, H)))

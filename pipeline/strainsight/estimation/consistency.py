@@ -1,4 +1,4 @@
-"""Is the claimed standard deviation the real one? NEES, NIS and whiteness, and what innovations say of the stated noise."""
+"""Consistency of the claimed standard deviation: NEES, NIS, whiteness, and tuning of the noise."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from scipy.special import ndtri
 
 from strainsight.errors import ConfigError, NumericalError
-from strainsight.estimation.decision import LEVEL, OVERCONFIDENT, SLACK, TOO_CAUTIOUS, judged
+from strainsight.estimation.decision import LEVEL, OVERCONFIDENT, SLACK, TOO_CAUTIOUS, check_ratio
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
 
 PROCESS, NOISE = "process_noise", "noise_std"
-"""Q and R by the keys of a config."""
+"""Config keys of Q and R."""
 CHECK = f"check channels, known loads and the model, and compare {NOISE} with the scatter of readings at rest"
-"""What may be wrong where innovations are too large: more noise would hide it."""
+"""Possible causes of large innovations, which a larger noise would hide."""
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """Innovations against the claim: ratio of their size to the claimed one, with the band of a true model; correlation
-    of neighbours, with the largest that chance explains; and what both mean."""
+class InnovationCheck:
+    """Innovations compared with the claim: ratio of their size, with the band of a correct model; lag-one correlation, with its
+    limit; and the conclusion."""
 
     ratio: float
     band: tuple[float, float]
@@ -34,12 +34,9 @@ class Verdict:
 
 
 def nees(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Normalised estimation error squared over its dimension, ε = eᵀP⁻¹e / d: 1 on average if P is consistent.
-
-    error e (..., d), estimate less truth; covariance P (..., d, d) of a block without exact zeros, such as
-    `FilterRun.unknown_covariance`, scaled to diag P = 1 before it is solved. Returns (...).
-    Source: Bar-Shalom, Li and Kirubarajan, Estimation (2001), section 5.4.
-    """
+    """Normalised estimation error squared over its dimension, ε = eᵀP⁻¹e / d: 1 on average if P is consistent. error e (...,
+    d), estimate minus truth; covariance P (..., d, d) without exact zeros, such as `FilterRun.unknown_covariance`, scaled to
+    diag P = 1 before it is solved. Returns (...). Source: Bar-Shalom, Li and Kirubarajan, Estimation (2001), section 5.4."""
     std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     correlation = covariance / (std[..., :, None] * std[..., None, :])
     scaled = error / std
@@ -47,19 +44,15 @@ def nees(error: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def nis(whitened: np.ndarray) -> np.ndarray:
-    """Normalised innovation squared over the number of gauges that measured, νᵀS⁻¹ν / m, NaN where none did.
-
-    whitened (..., m) from `FilterRun.whitened`. Returns (...).
-    """
+    """Normalised innovation squared over the number of gauges that measured, νᵀS⁻¹ν / m, NaN where none did. whitened (...,
+    m) from `FilterRun.whitened`. Returns (...)."""
     count = np.sum(np.isfinite(whitened), axis=-1)
     return np.where(count > 0, np.nansum(whitened**2, axis=-1) / np.maximum(count, 1), np.nan)
 
 
 def whiteness(whitened: np.ndarray) -> np.ndarray:
     """Lag-one autocorrelation of the whitened innovations, ρ₁ = Σₖ ν̃ₖ₊₁·ν̃ₖ / Σₖ |ν̃ₖ|²: about 0 if the model is true.
-
-    whitened (T, ..., m), missing entries (NaN) left out. Returns (...); compare with `whiteness_band`.
-    """
+    whitened (T, ..., m), missing entries (NaN) left out. Returns (...); compare with `whiteness_band`."""
     known = np.nan_to_num(whitened)
     power = np.sum(known**2, axis=(0, -1))
     return np.sum(known[1:] * known[:-1], axis=(0, -1)) / np.where(power > 0, power, np.nan)
@@ -70,76 +63,69 @@ def whiteness_band(steps: int, gauges: int, level: float = LEVEL) -> float:
     return float(ndtri(0.5 * (1 + level)) / np.sqrt(steps * gauges))
 
 
-def verdict(whitened: np.ndarray) -> Verdict:
-    """What NIS and whiteness of one run or many say about the stated noise, in words.
-
-    whitened (T, m) or (T, B, m) from `FilterRun.whitened`, NaN where nothing was measured or the run diverged. Ratio
-    √(mean NIS). Too small a Q makes the gain too small and leaves neighbours alike; too small an R makes it too large, and
-    neighbours differ in sign. Source: Mehra, IEEE Trans. Automatic Control 15 (1970).
-    """
+def check_innovations(whitened: np.ndarray) -> InnovationCheck:
+    """Compare NIS and whiteness of one or many runs with the configured noise, in words. whitened (T, m) or (T, B, m) from
+    `FilterRun.whitened`, NaN if missing or diverged. Ratio √(mean NIS). Too small a Q makes the gain too small and successive
+    innovations similar; too small an R makes it too large, and they alternate. Source: Mehra, IEEE Trans. Automatic Control
+    15 (1970)."""
     samples = int(np.isfinite(whitened).sum())
     if not samples:
-        text = "nothing was measured: there is nothing to judge"
-        return Verdict(np.nan, (np.nan, np.nan), np.nan, np.nan, False, text)
+        text = "no samples were measured, so the innovations cannot be checked"
+        return InnovationCheck(np.nan, (np.nan, np.nan), np.nan, np.nan, False, text)
     power, chance = np.nansum(whitened**2), whiteness_band(samples, 1)
     ratio = float(np.sqrt(power / samples))
-    size = judged(ratio, samples)
+    size = check_ratio(ratio, samples)
     if not power:
-        text = "all innovations are zero, as of channels that are not connected: check the readings of the record"
-        return Verdict(0.0, size.band, 0.0, chance, False, text)
+        text = "all innovations are zero, as if the channels were not connected: check the readings of the record"
+        return InnovationCheck(0.0, size.band, 0.0, chance, False, text)
     correlation = float(whiteness(whitened.reshape(len(whitened), -1)))
-    large, small = size.verdict == OVERCONFIDENT, size.verdict == TOO_CAUTIOUS
-    alike, opposed = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
+    large, small = size.result == OVERCONFIDENT, size.result == TOO_CAUTIOUS
+    positive, negative = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
     by = (
         f"{ratio:.1f} times larger than" if large else f"{1 / ratio:.1f} times smaller than" if small else "as large as"
     )
-    finding = f"the innovations are {by} the noise you stated"
-    advice = CHECK if large or alike or opposed else ""
+    finding = f"the innovations are {by} the configured noise"
+    advice = CHECK if large or positive or negative else ""
     if small:
-        advice = f"lower {NOISE if alike else PROCESS if opposed else f'{NOISE} or {PROCESS}'}"
-    if alike:
-        resembles = f"and each resembles the one before (correlation {correlation:.2f})"
-        finding = f"{finding} {resembles}: the model lags or lacks something"
-    elif opposed:
-        finding = f"{finding} and each undoes the one before (correlation {correlation:.2f}): the filter overreacts"
+        advice = f"lower {NOISE if positive else PROCESS if negative else f'{NOISE} or {PROCESS}'}"
+    if positive:
+        resembles = f"and successive ones are correlated ({correlation:.2f})"
+        finding = f"{finding} {resembles}: the model is too slow or incomplete"
+    elif negative:
+        finding = (
+            f"{finding} and successive ones alternate (correlation {correlation:.2f}): the filter gain is too large"
+        )
     elif not advice:
-        finding += " and independent of one another: nothing speaks against the claimed σ"
-    text = ("; " if alike or opposed else ": ").join(filter(None, (finding, advice)))
-    return Verdict(ratio, size.band, correlation, chance, not advice, text)
+        finding += " and uncorrelated: consistent with the claimed σ"
+    text = ("; " if positive or negative else ": ").join(filter(None, (finding, advice)))
+    return InnovationCheck(ratio, size.band, correlation, chance, not advice, text)
 
 
 NONE = 1e-9
-"""Share of its amplitude up to which a load is zero: what rounding leaves in a file of it."""
+"""Share of its amplitude up to which a load counts as zero."""
 
 
 def load_scale(truth: np.ndarray, amplitude: float) -> tuple[float, bool]:
-    """What errors of a load are relative to [N], √(mean u²) after the first tenth, or its amplitude where that is zero; and
-    whether it is.
-
-    truth (T + 1,) [N]; amplitude [N], positive: what the filter takes as the size of the load.
-    """
+    """Scale of load errors [N], √(mean u²) after the first tenth, or the amplitude if that is zero; and whether it is. truth
+    (T + 1,) [N]; amplitude [N], positive: size of the load assumed by the filter."""
     rms = float(np.sqrt(np.mean(after_start(truth) ** 2)))
     return (rms, False) if rms > NONE * amplitude else (amplitude, True)
 
 
 def input_error(error: np.ndarray, scale: float) -> np.ndarray:
-    """RMS of a load's error, or of its claimed σ, after the first tenth and over its scale, √(mean e²) / s.
-
-    error (T + 1, ...), estimate less truth, or σ, and scale, of `load_scale`, in one unit. Returns (...).
-    """
+    """RMS of a load's error, or of its claimed σ, after the first tenth and over its scale, √(mean e²) / s. error (T + 1,
+    ...), estimate less truth, or σ, and scale, of `load_scale`, in one unit. Returns (...)."""
     return np.asarray(np.sqrt(np.mean(after_start(error) ** 2, axis=0)) / scale)
 
 
 def after_start(history: np.ndarray) -> np.ndarray:
-    """A history (T + 1, ...) without its first tenth, which no error counts."""
+    """A history (T + 1, ...) without its first tenth, which is excluded from errors."""
     return history[int(np.ceil(0.1 * len(history))) :]
 
 
 def settling_time(time: np.ndarray, estimate: np.ndarray, truth: float, share: float) -> float:
-    """From when on an estimate stays within a share of the truth; infinite where it is outside in the end.
-
-    time (T + 1,) [s]; estimate (T + 1,) and truth in one unit; share [-]. Returns [s].
-    """
+    """From when on an estimate stays within a share of the truth; infinite where it is outside in the end. time (T + 1,) [s];
+    estimate (T + 1,) and truth in one unit; share [-]. Returns [s]."""
     outside = np.flatnonzero(~(np.abs(estimate - truth) <= share * abs(truth)))
     after = outside[-1] + 1 if outside.size else 0
     return float(time[after]) if after < len(time) else float("inf")
@@ -152,8 +138,7 @@ DIFFERENCE = 0.02
 
 @dataclass(frozen=True)
 class Tuning:
-    """factors by part; gained: rise of the log-likelihood over factors of 1; undecided: parts whose factor ran to its
-    limit, about which the measurements say nothing."""
+    """factors by part; gained: increase of the log-likelihood; undecided: parts whose factor reached its limit."""
 
     factors: Mapping[str, float]
     gained: float
@@ -183,13 +168,16 @@ def tune(
 
     for part in parts:
         if part != "noise" and not np.any(_block(model, part)):
-            raise ConfigError(f"there is no process noise of {part} to tune", remedy="state some, or leave it out")
+            raise ConfigError(
+                f"the process noise of {part} is zero and cannot be tuned",
+                remedy="set this process noise, or tune other parts",
+            )
     count = len(parts)
     data = measurement if measurement.ndim == 3 else measurement[:, None, :]
     probes = np.concatenate([np.zeros((1, count)), DIFFERENCE * np.eye(count), -DIFFERENCE * np.eye(count)])
 
     def likelihood(logarithms: np.ndarray) -> np.ndarray:
-        """At the factors themselves and at every probe beside them (1 + 2 count,)."""
+        """Log-likelihood at the factors and at the probes around them (1 + 2 count,)."""
         scaled = [scale_noise(model, dict(zip(parts, np.exp(logarithms + probe), strict=True))) for probe in probes]
         runs = data.shape[1]
         Q = np.repeat([each.Q for each in scaled], runs, axis=0)
@@ -211,8 +199,8 @@ def tune(
     first = around[0]
     if _lost(around, count):
         raise NumericalError(
-            "the filter diverges with the noise as stated: there is nothing to tune from",
-            remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",
+            "the filter diverges with the configured noise, so the noise cannot be tuned",
+            remedy="choose a guess closer to the true value, a smaller initial standard deviation or a smaller time step",
         )
     # worse than anywhere on the way, and no more: the search interpolates, and next to infinity would leave it no step
     hopeless = abs(first) - first + 1.0
@@ -225,16 +213,16 @@ def tune(
 
 
 def _lost(value: np.ndarray, count: int) -> bool:
-    """Whether there is no slope: the run itself is lost, or both beside it in some factor; value as of `_slope`."""
+    """Whether the slope is undefined: the run itself diverged, or both probes of some factor; value as in `_slope`."""
     return not np.isfinite(value[0]) or bool(np.any(~np.isfinite(value[1:].reshape(2, count)).any(axis=0)))
 
 
 def _slope(value: np.ndarray, count: int) -> np.ndarray:
-    """Central differences (count,) of value (1 + 2 count,): at a point, beside it, and on the other side; of one side only
-    where the run on the other is lost."""
-    beside = value[1:].reshape(2, count)
-    finite = np.isfinite(beside)
-    above, below = np.where(finite, beside, value[0])
+    """Central differences (count,) of value (1 + 2 count,): at a point and at the probes on both sides; one-sided where a run
+    diverged."""
+    probes = value[1:].reshape(2, count)
+    finite = np.isfinite(probes)
+    above, below = np.where(finite, probes, value[0])
     return np.asarray((above - below) / (DIFFERENCE * finite.sum(axis=0)))
 
 
@@ -250,7 +238,7 @@ def scale_noise(model: FilterModel, factors: Mapping[str, float]) -> FilterModel
 
 
 def _block(model: FilterModel, part: str) -> np.ndarray:
-    """Q where the part has its noise, zero elsewhere."""
+    """The part's block of Q, zero elsewhere."""
     n = model.model.size
     where = {
         "process": slice(0, model.size),

@@ -1,5 +1,5 @@
-"""Every decision about an estimate: whether σ is calibrated, whether measurements are consistent with the model, whether σ is
-withheld, and the exit code; each with the numbers it stands on and its sentence. Whoever shows one prints it."""
+"""Decisions about an estimate, each with its numbers and its sentence. Whether σ is calibrated, whether measurements are
+consistent with the model, whether σ is withheld, and the exit code."""
 
 from __future__ import annotations
 
@@ -13,63 +13,60 @@ from scipy.special import bdtr, gammaincinv
 from strainsight.errors import ContradictionError
 
 LEVEL = 0.9973
-"""Share of statements about a σ that holds which find it consistent, two-sided: what ±3 σ hold of one normal draw."""
+"""Probability that a calibrated σ is found consistent, two-sided: that of ±3 σ for one normal draw."""
 SLACK = 0.1
-"""A σ that is off by less than this is consistent whatever the number of draws: many draws make the band of χ² so narrow
-that every real model lies outside it."""
+"""A σ with a smaller relative error is always consistent. Otherwise many draws would narrow the χ² band until no real model
+passes."""
 CONSISTENT, OVERCONFIDENT, TOO_CAUTIOUS = "consistent", "overconfident", "too cautious"
 LOST, DIVERGED = "not identified", "diverged"
-WEAK, CONTRADICTED = "weakly observable", "contradicted by its sensors"
-BEYOND, WITHHELD = "beyond the range of the reduced model", "σ is withheld"
-BORNE_OUT, UNTESTED = "borne out by the sensors left out", "not contradicted"
-FAULTS = (DIVERGED, BEYOND, WITHHELD, LOST, CONTRADICTED, OVERCONFIDENT)
-"""What may be wrong with the estimate of an unknown, the gravest first."""
-NOT_TRUSTED = "σ is not to be trusted"
+WEAK, SENSORS_DISAGREE = "weakly observable", "inconsistent with the sensors"
+OUT_OF_RANGE, WITHHELD = "outside the range of the reduced model", "σ is withheld"
+CONFIRMED, NOT_TESTED = "confirmed by held-out sensors", "no inconsistency found"
+FAULTS = (DIVERGED, OUT_OF_RANGE, WITHHELD, LOST, SENSORS_DISAGREE, OVERCONFIDENT)
+"""Possible deficiencies of the estimate of an unknown, most severe first."""
+NOT_TRUSTED = "σ is not reliable"
 INCONSISTENT = "the measurements are inconsistent with the model"
 
 T = TypeVar("T")
 Shown = Callable[[float, int], str]
-"""How a number is written with so many digits: for a terminal or a page."""
+"""Formats a number with so many digits, for a terminal or a page."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """Errors against the σ claimed for them, of the filtered estimate ("test"), the smoothed one or repeats: ratio √(mean (e/σ)²)
-    of so many draws, the band in which it lies where σ holds, and the verdict: consistent, overconfident above the band, too
-    cautious below it."""
+    """Comparison of errors with the claimed σ. of: filtered estimate ("test"), smoothed one or repeats; ratio √(mean (e/σ)²)
+    of so many draws; band for a calibrated σ; result: consistent, overconfident above the band, too cautious below it."""
 
     of: str
     draws: int
     ratio: float
     band: tuple[float, float]
-    verdict: str
+    result: str
 
     @property
     def overconfident(self) -> bool:
-        return self.verdict == OVERCONFIDENT
+        return self.result == OVERCONFIDENT
 
     @property
     def severity(self) -> tuple[int, float]:
-        """Orders claims on one unknown: that of the largest decides."""
+        """Sort key of the claims on one unknown: the largest decides."""
         low, high = self.band
         if self.overconfident:
             return 2, self.ratio / high
-        return (1, low / max(self.ratio, 1e-300)) if self.verdict == TOO_CAUTIOUS else (0, 0.0)
+        return (1, low / max(self.ratio, 1e-300)) if self.result == TOO_CAUTIOUS else (0, 0.0)
 
     def words(self, shown: Shown, *, limit: bool = True) -> str:
-        """As "overconfident (error 6.6 times the claimed σ, at most 3.21 where it holds)"; limit: whether the most is named."""
+        """As "overconfident (error 6.6 times the claimed σ; at most 3.21 if calibrated)"; limit: whether to print the limit."""
         what = {"test": "error", "smoothed": "smoothed error"}.get(self.of, "RMS error of the repeats")
         most, limit = self.band[1], limit and self.overconfident
         digits = next((k for k in range(2, 9) if f"{self.ratio:.{k}g}" != f"{most:.{k}g}"), 9) if limit else 2
-        bound = f", at most {shown(most, max(digits, 3))} where it holds" * limit
-        return f"{self.verdict} ({what} {shown(self.ratio, digits)} times the claimed σ{bound})"
+        bound = f"; at most {shown(most, max(digits, 3))} if calibrated" * limit
+        return f"{self.result} ({what} {shown(self.ratio, digits)} times the claimed σ{bound})"
 
 
 def chi_square_band(dimension: int, samples: int = 1, level: float = LEVEL) -> tuple[float, float]:
-    """Two-sided band of the mean of `samples` independent NEES or NIS, each over its dimension d: χ²(d N)/(d N).
-
-    Runs with other seeds are independent samples; so are the instants for NIS, but not for NEES.
-    """
+    """Two-sided band of the mean of `samples` independent NEES or NIS, each over its dimension d: χ²(d N)/(d N). Runs with
+    different seeds are independent samples; instants are for NIS, but not for NEES."""
     freedom = dimension * samples
     # the quantiles of χ²_n; scipy.stats, which has them by name, takes half a second to import
     low, high = 2 * gammaincinv(freedom / 2, np.array([0.5 * (1 - level), 0.5 * (1 + level)])) / freedom
@@ -77,55 +74,49 @@ def chi_square_band(dimension: int, samples: int = 1, level: float = LEVEL) -> t
 
 
 def band_of(draws: int) -> tuple[float, float]:
-    """Where √(mean (e/σ)²) of n independent draws lies if σ holds: √(χ²_n/n), and at least within SLACK of 1."""
+    """Band of √(mean (e/σ)²) of n independent draws with a calibrated σ: √(χ²_n/n), and at least within SLACK of 1."""
     low, high = (float(np.sqrt(edge)) for edge in chi_square_band(1, draws))
     return min(low, 1 / (1 + SLACK)), max(high, 1 + SLACK)
 
 
-def judged(ratio: float, draws: int, of: str = "test") -> Claim:
-    """The verdict on an error of `ratio` times the claimed σ (RMS over so many independent draws, at least one)."""
+def check_ratio(ratio: float, draws: int, of: str = "test") -> Claim:
+    """Compare an error of `ratio` times the claimed σ (RMS of so many independent draws, at least one) with its band."""
     draws = max(draws, 1)
     band = band_of(draws)
     return Claim(of, draws, ratio, band, word_of(ratio, band))
 
 
 def word_of(value: float, band: tuple[float, float]) -> str:
-    """The verdict on a number beside its band; what diverged (NaN) is overconfident."""
+    """Classify a number by its band; NaN of a diverged filter is overconfident."""
     return TOO_CAUTIOUS if value < band[0] else CONSISTENT if value <= band[1] else OVERCONFIDENT
 
 
-def claim_of(error: np.ndarray, std: np.ndarray, *, alike: float = 1.0, of: str = "test") -> Claim | None:
-    """Whether one draw or many keep to the σ that was claimed for them: `judged` RMS of e/σ.
-
-    error, std (...), or scalars, in one unit; what is not finite and what claims no σ are no draws; alike: so many of them are
-    one draw, as starts of one seed or samples in time (`samples_alike`). None without a draw.
-    Errors that are means over time of their own are smaller than one draw, and σ then too cautious.
-    """
+def claim_of(error: np.ndarray, std: np.ndarray, *, samples_per_draw: float = 1.0, of: str = "test") -> Claim | None:
+    """Compare errors with their claimed σ by the RMS of e/σ; None without a draw. error, std (...), or scalars, in one unit;
+    values that are not finite or have no σ are ignored; samples_per_draw: number of values per independent draw, such as
+    starts of one seed or samples in time (`autocorrelation_time`). Time averages of errors are smaller than one draw, which
+    makes σ too cautious."""
     error, std = np.atleast_1d(error), np.atleast_1d(std)
-    drawn = np.isfinite(error) & np.isfinite(std) & (std > 0)
-    if not drawn.any():
+    valid = np.isfinite(error) & np.isfinite(std) & (std > 0)
+    if not valid.any():
         return None
-    ratio = float(np.sqrt(np.mean((error[drawn] / std[drawn]) ** 2)))
-    return judged(ratio, int(np.count_nonzero(drawn) / alike), of)
+    ratio = float(np.sqrt(np.mean((error[valid] / std[valid]) ** 2)))
+    return check_ratio(ratio, int(np.count_nonzero(valid) / samples_per_draw), of)
 
 
 def claim_in_time(error: np.ndarray, std: np.ndarray, *, starts: int = 1, of: str = "test") -> Claim | None:
-    """Whether errors (T, ...) in time keep to the σ claimed for them: as many draws as they are worth (`samples_alike`).
-
-    starts: so many runs of one seed are one draw.
-    """
+    """Compare errors (T, ...) in time with their claimed σ, with the number of draws from `autocorrelation_time`; starts: runs
+    per draw."""
     scaled = np.divide(error, std, out=np.full_like(error, np.nan), where=std > 0)
-    return claim_of(error, std, alike=samples_alike(scaled) * starts, of=of)
+    return claim_of(error, std, samples_per_draw=autocorrelation_time(scaled) * starts, of=of)
 
 
 def claims_of(
     name: str, numbers: Mapping[str, float | str], repeats: tuple[np.ndarray, np.ndarray]
 ) -> tuple[Claim, ...]:
-    """All claims on an unknown of a validation, first the one that decides: the worst overconfident one, else the most cautious.
-
-    numbers: the summary of validate; repeats: error and claimed σ (n,) of them, one draw each. Of a load the smoothed estimate
-    counts, too, and errors are RMS of as many draws as the record in time is worth.
-    """
+    """All claims on an unknown of a validation, the decisive one first: the worst overconfident one, else the most cautious.
+    numbers: summary of validate; repeats: error and claimed σ (n,), one draw each. For a load the smoothed estimate counts as
+    well, and errors are RMS of as many draws as the record contains."""
     tested = {"test": ("error", "std", "draws")}
     if f"zero.{name}" in numbers:
         tested["smoothed"] = ("smoothed", "smoothed_std", "smoothed_draws")
@@ -136,13 +127,10 @@ def claims_of(
     return tuple(sorted((one for one in claims if one is not None), key=lambda one: one.severity, reverse=True))
 
 
-def samples_alike(scaled: np.ndarray) -> float:
-    """How many samples of e/σ (T, ...) in time are worth one independent draw of its square: 1 + 2 Σ (1 − k/T) ρ_k², over all
-    lags k, ρ_k the correlation at that lag, as far as it stands out of chance (two deviations of white noise).
-
-    A constant error is one draw, white noise as many as it has samples. NaN are left out.
-    Source: Bartlett, J. Roy. Stat. Soc. Suppl. 8 (1946).
-    """
+def autocorrelation_time(scaled: np.ndarray) -> float:
+    """Number of samples of e/σ (T, ...) per independent draw of its square: 1 + 2 Σ (1 − k/T) ρ_k². The sum is over all lags
+    k with a correlation ρ_k that is significant (two deviations of white noise). A constant error is one draw, white noise
+    has one draw per sample. NaN are ignored. Source: Bartlett, J. Roy. Stat. Soc. Suppl. 8 (1946)."""
     known = np.nan_to_num(scaled)
     power, T = np.sum(known**2), len(known)
     if not power > 0:
@@ -155,62 +143,59 @@ def samples_alike(scaled: np.ndarray) -> float:
 
 
 ALLOWED = (0.5, 2.0)
-"""Where the error that a posterior expects of another filter's estimate lies over that filter's σ, if the σ allows for it."""
+"""Permitted range of the expected error of another filter's estimate over its σ."""
 
 
 def expected_ratio(mean: float, std: float, posterior_mean: float, posterior_std: float) -> float:
-    """An approximate filter's claim against the exact posterior of the same samples, to be judged by `word_of` and ALLOWED:
+    """Compare an approximate filter with the exact posterior of the same samples; to be classified by `word_of` and ALLOWED:
 
         √(E[(p − mean)² | y]) / std = √(posterior_std² + (posterior_mean − mean)²) / std
 
-    the RMS error that the posterior expects of the estimate, over the σ claimed for it: 1 where the two agree. Overconfident
-    (above 2) is every claim whose mean is off by more than 2σ of its own, every σ of less than half the posterior's, and what
-    is both in part. All four in one unit; NaN of a filter that diverged is overconfident.
+    The RMS error that the posterior expects of the estimate, over its claimed σ: 1 if the two agree. Overconfident (above 2)
+    is a mean off by more than 2σ, a σ below half of the posterior's, or a combination. All in one unit; NaN of a diverged
+    filter is overconfident.
     """
     with np.errstate(divide="ignore"):
         return float(np.hypot(posterior_std, posterior_mean - mean) / np.float64(std))
 
 
-def comparison_verdict(ratio: float) -> str:
-    """On an `expected_ratio`: consistent, overconfident, too cautious or diverged."""
+def classify_ratio(ratio: float) -> str:
+    """Classify an `expected_ratio`: consistent, overconfident, too cautious or diverged."""
     return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
 
 
 def not_identified(estimate: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """Where the starts disagree by more than one draw may be off: (max − min over the starts) > the upper edge of
-    `band_of(1)` · (mean σ).
+    """Mask (...): whether the starts disagree by more than one draw may be off, (max − min) > upper edge of `band_of(1)` · (mean
+    σ).
 
-    estimate, std (starts, ...): one quantity from the same measurements and other starting values; a lost start is NaN
-    and counts as disagreement. Returns (...) of bool. Different measurements differ by chance: do not mix them.
+    estimate, std (starts, ...): one quantity from the same measurements and different starting values; a diverged start is
+    NaN and counts as disagreement. Different measurements differ by chance and must not be mixed.
     """
     spread = np.max(estimate, axis=0) - np.min(estimate, axis=0)
     return ~(spread <= band_of(1)[1] * np.mean(std, axis=0))
 
 
 FEWEST_SETS = 5
-"""Random layouts below which not even one that beats all of them shows a benefit at 5 %."""
+"""With fewer random layouts not even one that beats all of them shows a benefit at 5 %."""
 CHANCE = 0.05
-"""Of calling a layout better than half of the random ones that is not."""
+"""Probability of a false benefit over half of the random layouts."""
 
 
 @dataclass(frozen=True)
 class Benefit:
-    """What a layout gains over random ones of its size: as_well of so many `sets` have an error no larger than its own;
-    verdict: "none" where these are half of them or more, "shown" where so few are improbable (5 %) if half of all random
-    layouts did as well, else "not shown"."""
+    """Benefit of a layout over random ones of its size: as_well of `sets` have no larger error. result: "none" if these are
+    at least half, "shown" if so few are improbable (5 %) under no benefit, else "not shown"."""
 
     as_well: int
     sets: int
-    verdict: str
+    result: str
 
 
 def benefit_of(error: float, random: np.ndarray) -> Benefit | None:
-    """The sign test of a layout's real error against those (sets,) of random layouts, on the same measurements' noise.
-
-    as_well of n ~ Binomial(n, p), p the share of all random layouts that do as well; shown where P(as_well or fewer | ½) is at
-    most 5 %. One that diverged (NaN) does worse than any that did not. None for fewer than FEWEST_SETS.
-    Source: Conover, Practical Nonparametric Statistics (1999), section 3.4.
-    """
+    """Sign test of a layout's real error against those (sets,) of random layouts, with the same measurement noise. as_well of
+    n ~ Binomial(n, p), p the share of all random layouts that do as well; shown if P(as_well or fewer | ½) is at most 5 %. A
+    diverged layout (NaN) is worse than all others. None for fewer than FEWEST_SETS. Source: Conover, Practical Nonparametric
+    Statistics (1999), section 3.4."""
     if len(random) < FEWEST_SETS:
         return None
     as_well = len(random) if not np.isfinite(error) else int(np.count_nonzero(random <= error))
@@ -220,19 +205,16 @@ def benefit_of(error: float, random: np.ndarray) -> Benefit | None:
 
 @dataclass(frozen=True)
 class Decision:
-    """What the measurements of a test, or a simulated one, allow: whether they are consistent with the model, whether σ is given,
-    and the exit code.
-
-    inconsistent: why they are not, empty where they are; fault: the one that explains it, with the key that undoes it, empty
-    where none or several do; accept: whether σ is given all the same; reasons: why else there is none; beyond: parameter → that
-    it left the range of the reduced model (`out_of_range`); remedy of that.
-    """
+    """Consequences of the measurements of a real or simulated test: consistency with the model, σ, and exit code.
+    inconsistent: reason of an inconsistency, else empty; fault: the one that explains it, with the key that corrects it, else
+    empty; accept: whether σ is reported nevertheless; reasons: other reasons to withhold σ; out_of_range: parameter → message
+    (`out_of_range`); remedy of that."""
 
     inconsistent: str = ""
     fault: str = ""
     accept: bool = False
     reasons: tuple[str, ...] = ()
-    beyond: Mapping[str, str] = field(default_factory=dict)
+    out_of_range: Mapping[str, str] = field(default_factory=dict)
     remedy: str = ""
 
     @property
@@ -245,33 +227,33 @@ class Decision:
 
     @property
     def unfounded(self) -> str:
-        """Why there is no σ even of consistent measurements; empty where there is one. What the model is off by beyond its range
-        is in no σ."""
-        out_of_range = f"{'; '.join(self.beyond.values())}: {self.remedy}" if self.beyond else ""
-        return "; ".join(filter(None, (*self.reasons, out_of_range)))
+        """Reason to withhold σ of consistent measurements; else empty. No σ contains the model error outside the
+        range."""
+        range_error = f"{'; '.join(self.out_of_range.values())}: {self.remedy}" if self.out_of_range else ""
+        return "; ".join(filter(None, (*self.reasons, range_error)))
 
     @property
     def withheld(self) -> str:
-        """That there is no σ, and why; empty where there is one. Where measurements are inconsistent they are to blame for a
-        parameter beyond its range, and nothing is to be widened."""
+        """That σ is withheld, and why; empty if it is reported. Inconsistent measurements may push a parameter out of its range,
+        which then need not be widened."""
         if self.trusted or self.accepted:
             return f"{WITHHELD}: {self.unfounded}" if self.unfounded else ""
-        return f"{NOT_TRUSTED}: {'; '.join((self.inconsistent, *self.beyond.values()))}"
+        return f"{NOT_TRUSTED}: {'; '.join((self.inconsistent, *self.out_of_range.values()))}"
 
     @property
     def message(self) -> str:
-        """What a reader has to know before any number; empty where nothing is wrong."""
+        """What a reader must know first; empty if nothing is wrong."""
         accepted = f"accepted: {self.inconsistent}" if self.accepted else ""
         return "; ".join(filter(None, (self.withheld, accepted)))
 
     @property
     def cell(self) -> str:
-        """What stands in place of σ in a table."""
-        return "withheld" if self.trusted else "not to be trusted"
+        """Text in place of σ in a table."""
+        return "withheld" if self.trusted else "not reliable"
 
     @property
     def numbers(self) -> dict[str, str | bool]:
-        """By the names of a summary."""
+        """Entries of a summary."""
         texts = {"fault": self.fault, "withheld": self.withheld}
         return {"trusted": self.trusted, "accepted": self.accepted} | {key: text for key, text in texts.items() if text}
 
@@ -281,18 +263,17 @@ class Decision:
 
 
 def exit_code_in(summary: Mapping[str, object]) -> int:
-    """Of a command that shows a stage with these numbers: 3 where measurements are inconsistent with the model and that is not
-    accepted."""
+    """Exit code of a command that shows this summary: 3 for inconsistent measurements that are not accepted."""
     return ContradictionError.exit_code * (summary.get("trusted") is False and not summary.get("accepted"))
 
 
 def out_of_range(
     values: Mapping[str, float], ranges: Mapping[str, tuple[float, float]], units: Mapping[str, str], stage: str
 ) -> dict[str, str]:
-    """Parameter → that its value lies beyond its range, for those that do; ranges: of those that the model is not exact in [SI];
-    stage: which has made the model."""
+    """Parameter → message, for parameters outside their range; ranges: [SI] of those in which the model is not exact; stage:
+    that built the model."""
     return {
-        name: f"{name} came out at {values[name]:.4g}{'' if units[name] == '1' else f' {units[name]}'}, and {stage} made "
+        name: f"{name} was estimated as {values[name]:.4g}{'' if units[name] == '1' else f' {units[name]}'}, but {stage} built "
         f"the model for {low:.4g} to {high:.4g}"
         for name, (low, high) in ranges.items()
         if not low <= values[name] <= high
@@ -300,7 +281,7 @@ def out_of_range(
 
 
 def without_sigma(result: T) -> T:
-    """With NaN for every array that is a σ by its name, `std` or `…_std`, in parts and mappings of a dataclass, too."""
+    """The result with NaN in all arrays named `std` or `…_std`, also in parts and mappings of a dataclass."""
     if isinstance(result, dict):
         return {name: without_sigma(part) for name, part in result.items()}  # type: ignore[return-value]
     if not is_dataclass(result) or isinstance(result, type):
@@ -319,8 +300,8 @@ def _nothing(std: Any) -> Any:
     return None if std is None else np.full_like(std, np.nan)
 
 
-def record_verdict(trusted: bool, apart: bool, noise_fits: bool) -> str:
-    """On one record: whether it is consistent with the model and, if so, with other records (apart: it is not) and its noise."""
+def summarise_record(trusted: bool, inconsistent_records: bool, noise_fits: bool) -> str:
+    """Result of one record: consistency with the model, with other records, and with its noise."""
     if not trusted:
-        return f"inconsistent with {'other records' if apart else 'the model'}"
-    return "fits" if noise_fits else "the noise does not fit"
+        return f"inconsistent with {'other records' if inconsistent_records else 'the model'}"
+    return "fits" if noise_fits else "innovations disagree with the noise"

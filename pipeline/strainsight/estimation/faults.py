@@ -1,5 +1,4 @@
-"""What may be wrong with one channel of a record or one known load, or with two that were mistaken for each other, and how it is
-undone."""
+"""Faults of a channel, a known load, or two swapped ones, and their corrections."""
 
 from __future__ import annotations
 
@@ -17,45 +16,43 @@ Kind = Literal[
 ]
 
 BELIEVABLE = 1.5
-"""Innovations, RMS over the claimed size, up to which a record does not contradict its model."""
+"""RMS of the innovations over the claim up to which a record is consistent with its model."""
 MARGIN, APART = 20.0, 10.0
-"""Of ln evidence, by which a fault has to beat the record as it is, odds of 5·10⁸, and the one that is named any other, of
-2·10⁴: far beyond the number of faults that are tried."""
+"""Margins in ln evidence: of a fault over no fault, odds of 5·10⁸, and of the named fault over all others, odds of 2·10⁴. Both
+are far larger than the number of tried faults."""
 SCALES = (0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6)
 """Factors on a channel: half a bridge, two arms for one, units of a thousand and of a million."""
 LOAD_SCALES = (*SCALES, *(f**sense for f in (4.4482216, 9.80665, 4448.2216, 9806.65) for sense in (1, -1)))
 """Factors on a known load: also pounds, kilograms, thousands of both."""
 TURN = 15.0
-"""Degrees between two angles by which a gauge is tried as turned: what lies between is near enough for the tolerance of one."""
+"""Step in degrees of the tried rotations of a gauge; the tolerance of a gauge covers the values between."""
 ANGLES = (*(sense * TURN * k for k in range(1, 6) for sense in (1, -1)), 90.0)
-"""Degrees by which a gauge, or the grid of a rosette, may be turned; a half turn reads the same."""
+"""Tried rotations in degrees of a gauge, or of the grid of a rosette; a half turn reads the same."""
 MOST_LATE = 20
-"""Samples that a channel may be early or late by."""
+"""Largest delay of a channel in samples."""
 FORESEEN = -0.5 * (1 + np.log(2 * np.pi))
-"""Logarithm of the density that a unit normal number has on average: what a sample counts that is left out."""
+"""Mean log-density of a unit normal number: the contribution of an omitted sample."""
 RUN, CLIPPED = 3, 0.005
-"""Equal samples in a row at the largest or least value of a channel, and the share of all samples in such rows, from which the
-channel may be clipped."""
+"""A channel may be clipped if RUN equal samples in a row are its maximum or minimum, and such rows exceed this share of the
+record."""
 
 
 PRICE = 25.0
-"""Of ln evidence, for what is wrong for a time: both its ends, and its size, are those that fit best."""
+"""Penalty in ln evidence of a temporary fault, whose two ends and size are fitted."""
 STEP, DROP = 5.0, 20.0
-"""Of ½z², z a residual over its σ, that is taken off at every sample; and the fall of the sum of what is left that ends a part of
-a record that does not fit."""
+"""Subtracted from ½z² at each sample, z the residual over its σ; and the decrease of the sum that ends a misfitting part."""
 
 GRID = 200
-"""Instants of a record between which a shift is sought at first."""
+"""Instants at which a shift is first searched."""
 MOST_PARTS, LONGEST_PART = 20, 0.2
-"""Parts of a record in which a channel may read what it likes, and the share of it that they may be."""
+"""Most outlier parts of a channel, and their largest share of the record."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """kind of what is wrong with a channel, or with a known load; amount: factor on it (scale), number of the other channel or
-    load (swapped), samples that it is late by (late), degrees (angle), what its zero shifts by (shift) [unit], else 0; of_load:
-    `channel` is the number of a known load; spans: channel, first sample and the one behind the last of what is wrong for a time
-    (spikes, stuck, shift)."""
+    """A fault of a channel or a known load. amount: factor (scale), number of the other channel or load (swapped), delay in
+    samples (late), degrees (angle), shift of the zero (shift) [unit], else 0; of_load: whether `channel` is the number of a
+    known load; spans: channel, first sample and end of temporary faults (spikes, stuck, shift)."""
 
     kind: Kind
     channel: int
@@ -68,23 +65,23 @@ class Fault:
         return replace(self, channel=channel, spans=tuple((channel, first, behind) for _, first, behind in self.spans))
 
     def later(self, samples: int) -> Fault:
-        """The same in a record that begins so many samples earlier."""
+        """The fault relative to a start so many samples earlier."""
         return replace(self, spans=tuple((j, first + samples, behind + samples) for j, first, behind in self.spans))
 
     @property
     def factor(self) -> float:
-        """By which a sign or a scale is undone."""
+        """Factor that corrects a sign or a scale."""
         return -1.0 if self.kind == "sign" else 1 / self.amount
 
     @property
-    def beside(self) -> tuple[Fault, ...]:
-        """Delays by a sample less and more; none of another fault."""
+    def neighbours(self) -> tuple[Fault, ...]:
+        """Delays one sample shorter and longer; none for other faults."""
         amounts = (self.amount - 1, self.amount + 1) if self.kind == "late" else ()
         return tuple(replace(self, amount=amount) for amount in amounts if amount)
 
     @property
     def family(self) -> tuple[str, int, float, bool]:
-        """The same for faults that are one and the same to whoever has to correct it: delays of one channel, turns of one."""
+        """Key of faults that need the same correction: delays of one channel, rotations of one."""
         amount = 0.0 if self.kind in ("late", "angle", "shift") else abs(self.amount)
         return self.kind, self.channel, amount, self.of_load
 
@@ -101,12 +98,9 @@ class Fault:
         return () if self.of_load else self.wrong
 
 
-def undone(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
-    """The record (T, m) as it would be without a fault, y' = T y, and ln |det T| of the samples that are kept.
-
-    A sample that is left out, at the end of a delayed channel, of a dead or a clipped one, is NaN. Offset, drift and angle are
-    no change of the samples but one of the model.
-    """
+def undo_fault(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
+    """The record (T, m) without a fault, y' = T y, and ln |det T| of the remaining samples. Omitted samples, at the end of a
+    delayed channel or of a dead or clipped one, are NaN. Offset, drift and angle change the model instead."""
     corrected, j = samples.copy(), fault.channel
     if fault.kind in ("sign", "scale"):
         corrected[:, j] *= fault.factor
@@ -125,9 +119,8 @@ def undone(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
     return corrected, -PRICE * len(fault.spans)
 
 
-def of_any_size(fault: Fault, samples: np.ndarray, noise: np.ndarray) -> float:
-    """ln of the density of samples (T, m) that are left out as readings of any kind, less that of as many of noise σ (m,): they
-    are as wide as they are large."""
+def outlier_density(fault: Fault, samples: np.ndarray, noise: np.ndarray) -> float:
+    """ln of the density of outlier samples (T, m), relative to that of noise σ (m,): they are as wide as they are large."""
     change = 0.0
     for channel, first, behind in fault.spans if fault.kind == "spikes" else ():
         part = samples[first:behind, channel]
@@ -137,9 +130,9 @@ def of_any_size(fault: Fault, samples: np.ndarray, noise: np.ndarray) -> float:
     return change
 
 
-def misfits(z: np.ndarray) -> list[tuple[int, int]]:
-    """Parts of a record, first sample and the one behind the last, in which residuals over their σ z (T,) are too large: those
-    over which the sum of ½z² − STEP grows by DROP at least, up to where it is largest. NaN count for nothing."""
+def find_misfits(z: np.ndarray) -> list[tuple[int, int]]:
+    """Parts (first sample, end) in which the normalised residuals z (T,) are too large. There the sum of ½z² − STEP grows by
+    at least DROP, up to its maximum. NaN are ignored."""
     score = np.where(np.isfinite(z), 0.5 * np.nan_to_num(z) ** 2 - STEP, 0.0)
     parts: list[tuple[int, int]] = []
     total, most, first, best = 0.0, 0.0, 0, 0
@@ -154,16 +147,15 @@ def misfits(z: np.ndarray) -> list[tuple[int, int]]:
     return parts
 
 
-def faults_for_a_time(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> list[Fault]:
-    """Where samples (T,) do not fit ŷ ± σ (T,) for a time: a zero that shifts, a channel that stands still, and readings of
-    any kind."""
+def find_temporary_faults(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> list[Fault]:
+    """Faults of samples (T,) that temporarily deviate from ŷ ± σ (T,): a shifted zero, a stuck channel, outliers."""
     wide, T = np.hypot(std, noise), len(samples)
     residual = samples - predicted
-    parts, faults = misfits(residual / wide), []
-    first, behind, size = _step_in(residual, wide)
+    parts, faults = find_misfits(residual / wide), []
+    first, behind, size = _find_shift(residual, wide)
     if behind - first > RUN and (first >= RUN or T - behind >= RUN):
         faults.append(Fault("shift", 0, size, spans=((0, first, behind),)))
-    still = _longest_still(samples)
+    still = _longest_constant(samples)
     if still is not None and any(still[0] < behind and first < still[1] for first, behind in parts):
         faults.append(Fault("stuck", 0, 0.0, spans=((0, *still),)))
     if parts and len(parts) <= MOST_PARTS and sum(behind - first for first, behind in parts) <= LONGEST_PART * T:
@@ -171,11 +163,9 @@ def faults_for_a_time(samples: np.ndarray, predicted: np.ndarray, std: np.ndarra
     return faults
 
 
-def _step_in(residual: np.ndarray, std: np.ndarray) -> tuple[int, int, float]:
-    """Between which samples a constant explains most of residuals (T,) with σ (T,): the first, the one behind the last, and it.
-
-    Its gain in ln p is (Σ r/σ²)²/(2 Σ 1/σ²) over the part; ends are sought on a grid, then beside it.
-    """
+def _find_shift(residual: np.ndarray, std: np.ndarray) -> tuple[int, int, float]:
+    """First sample, end and size of the constant that explains most of the residuals (T,) with σ (T,). Its gain in ln p is (Σ
+    r/σ²)²/(2 Σ 1/σ²) over the part; its ends are searched on a grid, then around it."""
     measured = np.isfinite(residual)
     weight = np.where(measured, 1 / std**2, 0.0)
     moment = weight * np.where(measured, residual, 0.0)
@@ -195,8 +185,8 @@ def _step_in(residual: np.ndarray, std: np.ndarray) -> tuple[int, int, float]:
     return first, behind, float((sums[behind] - sums[first]) / max(weights[behind] - weights[first], 1e-300))
 
 
-def _longest_still(values: np.ndarray) -> tuple[int, int] | None:
-    """The longest row of more than RUN equal samples of some (T,) that are not all equal."""
+def _longest_constant(values: np.ndarray) -> tuple[int, int] | None:
+    """The longest run of more than RUN equal samples (T,); None if all are equal."""
     edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0, [True]]))
     longest = int(np.argmax(np.diff(edges)))
     first, behind = int(edges[longest]), int(edges[longest + 1])
@@ -204,8 +194,8 @@ def _longest_still(values: np.ndarray) -> tuple[int, int] | None:
 
 
 def at_limit(values: np.ndarray) -> np.ndarray:
-    """Which samples (T,) are the largest or the least of all and stand in a row of RUN equal ones or more; none where those are
-    less than CLIPPED of the record, or where the channel has one value only."""
+    """Mask (T,) of samples at the extremes in runs of at least RUN equal ones; empty if fewer than CLIPPED of the record, or for
+    a constant channel."""
     none = np.zeros(len(values), dtype=bool)
     known = values[np.isfinite(values)]
     if not len(known) or known.min() == known.max():
@@ -228,9 +218,12 @@ class ChannelCheck:
     correlation: np.ndarray
 
 
-def channel_check(measured: np.ndarray, predicted: np.ndarray, std: np.ndarray) -> ChannelCheck:
-    """measured, predicted, std (T, m) of the residual [unit of the channel], NaN where missing. NaN of a channel without
-    samples, and the correlation of one that does not move."""
+def check_channels(measured: np.ndarray, predicted: np.ndarray, std: np.ndarray) -> ChannelCheck:
+    """Compare channels with their prediction; measured, predicted, std (T, m) of the residual [unit of the channel], NaN if
+    missing.
+
+    NaN for a channel without samples, and for the correlation of a constant one.
+    """
     both = np.isfinite(measured) & np.isfinite(predicted)
     count = np.where(both.any(axis=0), both.sum(axis=0), np.nan)
     y, p = (np.where(both, values, 0.0) for values in (measured, predicted))
@@ -245,17 +238,15 @@ def channel_check(measured: np.ndarray, predicted: np.ndarray, std: np.ndarray) 
     return ChannelCheck(np.sqrt(mean(y**2)), np.sqrt(mean(p**2)), np.sqrt(mean(z**2)), together)
 
 
-def roughly(
+def approximate_density(
     fault: Fault, samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float, begin: int = 0
 ) -> float:
-    """ln of the density of a channel's samples y (T,) under a fault of it, by what all others foresee, ŷ ± σ (T,), sample by
-    sample; offsets and drifts as they fit best. noise: σ of a sample, the unit. Of a turned gauge ŷ is that of its turned row.
-
-    begin: samples of the record before these. What the σ of different samples have in common is passed over: a number to choose
-    by what is looked at closely.
-    """
-    y, change = undone(fault, samples[:, None])
-    change += of_any_size(fault, samples[:, None], np.array([noise]))
+    """Approximate ln density of a channel's samples y (T,) under a fault, given the prediction ŷ ± σ (T,) by all others.
+    Offsets and drifts are fitted. noise: σ of a sample, the unit; begin: samples of the record before these. For a rotated
+    gauge ŷ is that of the rotated row. Correlations between samples are ignored: the value serves to select faults for
+    evaluation."""
+    y, change = undo_fault(fault, samples[:, None])
+    change += outlier_density(fault, samples[:, None], np.array([noise]))
     if fault.kind == "dead":
         return dead_density(samples, noise)
     both = np.isfinite(y[:, 0]) & np.isfinite(predicted)
@@ -270,27 +261,33 @@ def roughly(
 
 
 def dead_density(samples: np.ndarray, noise: float) -> float:
-    """ln of the density of samples (T,) as a constant and white noise, both as they fit best; in units of the stated noise, and
-    no quieter than a tenth of it."""
+    """ln density of samples (T,) as a fitted constant and white noise, in units of the noise, of which at least a tenth is
+    assumed."""
     known = samples[np.isfinite(samples)]
     spread = max(float(np.std(known)) if len(known) else 0.0, 0.1 * noise)
     rest = float(np.sum((known - known.mean()) ** 2)) / spread**2 if len(known) else 0.0
     return -0.5 * rest - len(known) * float(np.log(np.sqrt(2 * np.pi) * spread / noise))
 
 
-def delay(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> Fault | None:
-    """The delay by MOST_LATE samples at most that fits a channel (T,) best, by what the others foresee; None of a record too
-    short for any. Half a period of a sine late is a change of sign: which it is stays open there."""
+def find_delay(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> Fault | None:
+    """The delay of at most MOST_LATE samples that fits a channel (T,) best, given the prediction by the others; None for a short
+    record.
+
+    For a sine, half a period late is equivalent to a change of sign.
+    """
     most = min(MOST_LATE, len(samples) // 4)
     tried = [Fault("late", 0, n) for n in range(-most, most + 1) if n]
-    return max(tried, key=lambda one: roughly(one, samples, predicted, std, noise), default=None)
+    return max(tried, key=lambda one: approximate_density(one, samples, predicted, std, noise), default=None)
 
 
 @dataclass(frozen=True)
 class Explained:
-    """A record under one fault: evidence, ln of the density of all its samples in units of their noise; ratio of innovations to
-    their claim, RMS; amount: the fault's own, or the offset, or the drift by the end of the record as found [unit], with σ;
-    point: the most likely parameters."""
+    """Result for one fault: evidence, ln density of all samples in units of their noise; ratio of innovations to their claim,
+    RMS.
+
+    amount: of the fault, or the estimated offset or drift at the end of the record [unit], with σ; point: the most likely
+    parameters.
+    """
 
     fault: Fault | None
     evidence: float
@@ -300,13 +297,11 @@ class Explained:
     point: tuple[float, ...] = ()
 
 
-def chosen(as_it_is: float, tried: Sequence[Explained]) -> tuple[Explained | None, tuple[Explained, ...]]:
-    """The one fault that makes a record believable, where no other family does as well, and all that do, best first.
-
-    as_it_is: evidence of the record without a fault. A fault is a candidate where its evidence beats that by MARGIN, its ratio
-    is believable, and its evidence is within APART of the best of those. Named is one alone. Believable is a ratio within SLACK
-    of what the verdict allows, 1, or of the least that any fault leaves, and at most BELIEVABLE.
-    """
+def choose_fault(as_it_is: float, tried: Sequence[Explained]) -> tuple[Explained | None, tuple[Explained, ...]]:
+    """The one fault that makes the innovations plausible, if no other family does as well, and all that do, best first.
+    as_it_is: evidence without a fault. The evidence of a candidate exceeds that by MARGIN, its ratio is plausible, and its
+    evidence is within APART of the best. Plausible is a ratio within SLACK of 1 or of the least of all faults, and at most
+    BELIEVABLE."""
     well = [one for one in tried if np.isfinite(one.evidence) and one.evidence - as_it_is >= MARGIN]
     least = min((one.ratio for one in well), default=np.inf)
     limit = min(BELIEVABLE, (1 + SLACK) * max(1.0, least))

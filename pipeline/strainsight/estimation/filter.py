@@ -13,21 +13,19 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import StepModel, driven_with_offsets
 from strainsight.estimation.run import FilterRun, Keep, RunArrays
 from strainsight.estimation.sigma_point import SigmaPoints, sigma_points
-from strainsight.estimation.update import Form, Transition, apply, belief_of, transposed, whiten
+from strainsight.estimation.update import Form, Transition, apply, belief_of, transpose, whiten
 
 HALVINGS = 12
-"""How often an increment that fails or raises the cost is halved before it is given up."""
+"""Most halvings of an increment that fails or increases the cost."""
 SETTLED = 1e-6
 """The iteration ends when the next increment is shorter than this many standard deviations."""
 
 SHORT = 1e-3
-"""An increment of fewer standard deviations is taken whatever the cost says: the 1e-6 it is worth may be less than the
-rounding of the cost where the noise is small."""
+"""A shorter increment in standard deviations is accepted regardless of the cost, whose change may be less than its rounding."""
 LAST, IDLE = 3.0, 10.0
-"""Times SETTLED: an increment shorter than LAST that has shrunk to a tenth is taken to first order, without another step,
-which leaves out less than 1e-11 of a standard deviation; one shorter than IDLE that shrinks no more is rounding. Where x is put
-back on constraints one shorter than SHORT is taken so, too, if the next, shrunk as much again, would be shorter than LAST: what
-the first order leaves out is no larger than that."""
+"""Multiples of SETTLED. An increment shorter than LAST that has decreased to a tenth is accepted to first order without another
+step, at an error below 1e-11 of a standard deviation. One shorter than IDLE that no longer decreases is rounding. If x is
+projected on constraints, an increment shorter than SHORT is accepted if the next one is expected to be shorter than LAST."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ def refine(
 
     mu, nu = np.zeros_like(x), np.zeros_like(x)
     after, A, H, effective, cost = evaluate(mu, nu)
-    taken, going = np.zeros(len(x), dtype=int), np.ones(len(x), dtype=bool)
+    iterations, going = np.zeros(len(x), dtype=int), np.ones(len(x), dtype=bool)
     before = np.full(len(x), np.inf)
     for _ in range(most):
         towards_mu, towards_nu = _duals(A, H, prior, Q, R, effective)
@@ -99,7 +97,7 @@ def refine(
         last = going & (quick | (length < (LAST * SETTLED) ** 2))
         if last.any():
             moved = apply(A, apply(prior, d_mu)) + apply(Q, d_nu)
-            after, taken, going = np.where(last[:, None], after + moved, after), taken + last, going & ~last
+            after, iterations, going = np.where(last[:, None], after + moved, after), iterations + last, going & ~last
         before = np.where(going, length, before)
         share = np.where(going, 1.0, 0.0)
         for _ in range(HALVINGS if damped else 1):
@@ -115,16 +113,16 @@ def refine(
                 continue
             better = (trial[4] <= cost * (1 + 1e-12)) | ((length < SHORT**2) & np.isfinite(trial[4])) | (not damped)
             better &= share > 0
-            taken += better
+            iterations += better
             mu, nu = np.where(better[:, None], trial_mu, mu), np.where(better[:, None], trial_nu, nu)
             after, A, H, effective, cost = (
-                _chosen(better, new, old) for new, old in zip(trial, (after, A, H, effective, cost), strict=True)
+                _select(better, new, old) for new, old in zip(trial, (after, A, H, effective, cost), strict=True)
             )
             share = np.where(better, 0.0, 0.5 * share)
         going &= share == 0
         if not going.any():
             break
-    return RefinedState(after, A, H, effective, taken)
+    return RefinedState(after, A, H, effective, iterations)
 
 
 def _duals(
@@ -132,7 +130,7 @@ def _duals(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(HA)ᵀλ and Hᵀλ with λ = S⁻¹ × the effective innovation, S = HA prior (HA)ᵀ + H Q Hᵀ + R."""
     HA = H @ A
-    S = HA @ prior @ transposed(HA) + H @ Q @ transposed(H)
+    S = HA @ prior @ transpose(HA) + H @ Q @ transpose(H)
     diagonal = range(R.shape[-1])
     S[..., diagonal, diagonal] += R
     try:
@@ -140,12 +138,12 @@ def _duals(
     except np.linalg.LinAlgError as error:
         raise NumericalError(
             "the innovation covariance is singular",
-            remedy="two sensors may be the same, or the noise stated is below what a number resolves",
+            remedy="remove duplicate sensors, or increase the sensor noise: it is below the floating-point resolution",
         ) from error
-    return (transposed(HA) @ multiplier)[..., 0], (transposed(H) @ multiplier)[..., 0]
+    return (transpose(HA) @ multiplier)[..., 0], (transpose(H) @ multiplier)[..., 0]
 
 
-def _chosen(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+def _select(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
     """`new` for the runs that are better, `old` for the others; what all runs share (1, …) is new where any is better."""
     if len(new) != len(better):
         return new if better.any() else old
@@ -168,15 +166,13 @@ def run_filter(
     by_points: bool = False,
     **options: Any,
 ) -> FilterRun:
-    """`filter_runs` of the reduced model under known loads, with its options.
-
-    known (T, HOLD, n_known) hold coefficients [N]; measurement (T/every, m) or (T/every, B, m), one row a sample;
-    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is estimated; by_points: the
-    sigma-point filter. Raises ValueError where the known loads end before the samples.
-    """
+    """`filter_runs` of the reduced model under known loads, with its options. known (T, HOLD, n_known) hold coefficients [N];
+    measurement (T/every, m) or (T/every, B, m), one row a sample; biased (b,): channels with an unknown offset, behind x* in
+    mean, covariance and all that is estimated; by_points: the sigma-point filter. Raises ValueError where the known loads end
+    before the samples."""
     core, samples = driven_with_offsets(model, known, biased), model.by_step(measurement)
     if len(known) < len(samples):
-        raise ValueError(f"known loads for {len(known)} steps, samples for {len(samples)}")
+        raise ValueError(f"the known loads cover {len(known)} steps, the samples {len(samples)}")
     points = sigma_points(model, core, known, biased) if by_points else None
     return filter_runs(core, mean, covariance, samples, keep, points=points, **options)
 
@@ -294,7 +290,9 @@ def filter_runs(
         if calm < CALM:
             last, latest = P, belief.covariance
             P = latest
-            calm = calm + 1 if b == 1 and model.linear and H is not None and _unmoved(last, P, prior.covariance) else 0
+            calm = (
+                calm + 1 if b == 1 and model.linear and H is not None and _is_steady(last, P, prior.covariance) else 0
+            )
         record.state(k + 1, x, latest)
         record.readings(k, *model.measure(x, k), latest)
         record.linearised(k, A, H, adjusted, process, R)
@@ -309,7 +307,7 @@ def _where_it_failed(x: np.ndarray, X: np.ndarray, instead: np.ndarray | float) 
     return np.where(failed[:, None, None], instead, X) if failed.any() and len(X) == len(failed) else X
 
 
-def _unmoved(last: np.ndarray, P: np.ndarray, prior: np.ndarray) -> bool:
+def _is_steady(last: np.ndarray, P: np.ndarray, prior: np.ndarray) -> bool:
     """Whether P (1, n, n) is what it was, to the rounding of the covariance it was updated from."""
     size = np.sqrt(np.diagonal(prior[0]))
     return bool(np.all(np.abs(P[0] - last[0]) <= UNMOVED * size[:, None] * size))

@@ -1,4 +1,4 @@
-"""Faults of known loads: what undoes one, and which are worth a closer look."""
+"""Faults of known loads: their corrections, and the selection of those to be evaluated."""
 
 from __future__ import annotations
 
@@ -8,75 +8,71 @@ from typing import TypeVar
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, filtered_at, on, passed
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.consistency import whiteness_band
 from strainsight.estimation.decision import SLACK
 from strainsight.estimation.faults import LOAD_SCALES, MOST_LATE, Fault
-from strainsight.estimation.lattice import loose_points
+from strainsight.estimation.grid_filter_points import GridProblem, advance_points, apply_passage, filter_points
 from strainsight.estimation.parallel_filters import KEPT
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.parameter_grid import scattered_points
+from strainsight.estimation.record import GridRecord
 
-R = TypeVar("R", bound=BankRecord)
+R = TypeVar("R", bound=GridRecord)
 
 PLACES = (-1.0, -0.5, 0.5, 1.0)
-"""Values of every parameter, in its σ before the samples, at which faults are ranked, beside its first estimate."""
+"""Values of each parameter in prior σ, around its first estimate, at which faults are ranked."""
 CLOSELY = 3
-"""Faults of loads that are looked at with all tolerances."""
+"""Load faults evaluated with all tolerances."""
 SEVERAL = 100.0
-"""½Σz² of what a fault changes of the innovations of a channel, from which that channel speaks of it."""
+"""Change ½Σz² of the innovations from which a channel counts as affected by a fault."""
 
 
-def without_load_fault(record: R, load: np.ndarray, fault: Fault) -> R:
-    """A record as it would be without a fault of a known load, or of two that were exchanged; load (p,): which of them every
-    column of `known` belongs to.
-
-    Loads that were written n samples late are moved to their own time. They have none at one end of the record: there they are
-    taken to stay as they are, and samples are left out.
-    """
-    held, samples, W = record.known.copy(), record.samples, record.settled
-    tones = np.zeros((0, *held.shape[1:]), dtype=complex) if W is None else W.held.copy()
+def undo_load_fault(record: R, load: np.ndarray, fault: Fault) -> R:
+    """The record without a fault of a known load, or of two swapped ones; load (p,): load of each column of `known`. Late
+    loads are shifted to their own time. At the open end of the record they are held constant, and the samples are omitted."""
+    known, samples, W = record.known.copy(), record.samples, record.settled
+    tones = np.zeros((0, *known.shape[1:]), dtype=complex) if W is None else W.hold.copy()
     wrong = load == fault.channel
     if fault.kind == "swapped":
         other = load == int(fault.amount)
-        for each in (held, tones):
+        for each in (known, tones):
             each[..., wrong], each[..., other] = each[..., other], each[..., wrong]
     elif fault.kind == "late":
         n, steps = int(fault.amount), int(fault.amount) * record.model.every
-        held[..., wrong] = _moved(held[..., wrong], steps)
+        known[..., wrong] = _shift(known[..., wrong], steps)
         samples = samples.copy()
         samples[slice(len(samples) - n, None) if n > 0 else slice(0, -n)] = np.nan
         if W is not None:
             tones[..., wrong] *= np.exp(1j * W.frequency * record.model.h * steps)[:, None, None]
     else:
-        held[..., wrong] *= fault.factor
+        known[..., wrong] *= fault.factor
         tones[..., wrong] *= fault.factor
-    return replace(record, known=held, samples=samples, settled=None if W is None else replace(W, held=tones))
+    return replace(record, known=known, samples=samples, settled=None if W is None else replace(W, hold=tones))
 
 
-def _moved(held: np.ndarray, steps: int) -> np.ndarray:
-    """Hold coefficients (T, HOLD, p) from so many steps later, constant beyond the record."""
-    moved = np.zeros_like(held)
+def _shift(hold: np.ndarray, steps: int) -> np.ndarray:
+    """Hold coefficients (T, HOLD, p) so many steps later, constant outside the record."""
+    moved = np.zeros_like(hold)
     if steps > 0:
-        moved[:-steps] = held[steps:]
-        moved[-steps:, 0] = held[-1].sum(axis=0)
+        moved[:-steps] = hold[steps:]
+        moved[-steps:, 0] = hold[-1].sum(axis=0)
     else:
-        moved[-steps:] = held[:steps]
-        moved[:-steps, 0] = held[0, 0]
+        moved[-steps:] = hold[:steps]
+        moved[:-steps, 0] = hold[0, 0]
     return moved
 
 
 @dataclass(frozen=True)
 class Innovations:
-    """Of linear filters at B points of the parameters, with everything else exact, over their σ: (B, T, m) of a record without
-    its known loads; by_load[i][j]: what load i adds that acts as load j; log_prior (B,): of the points, with that of σ."""
+    """Whitened innovations (B, T, m) of linear filters at B points of the parameters, without tolerances. unloaded: without
+    known loads; by_load[i][j]: contribution of load i acting as load j; log_prior (B,): of the points, with that of σ."""
 
     unloaded: np.ndarray
     by_load: list[list[np.ndarray]]
     log_prior: np.ndarray
 
     def under(self, fault: Fault | None) -> np.ndarray:
-        """(B, T, m) under a fault of a load, or none."""
+        """Innovations (B, T, m) under a load fault, or none."""
         loads = range(len(self.by_load))
         acting = [self.by_load[i][i] for i in loads]
         if fault is not None:
@@ -93,43 +89,43 @@ class Innovations:
         return self.unloaded + np.sum(acting, axis=0)
 
     def density(self, fault: Fault | None) -> float:
-        """ln of the density of the record, but for a constant, at the best of the points."""
+        """Log-density of the record at the best point, up to a constant."""
         return float(np.max(self.log_prior - 0.5 * np.sum(self.under(fault) ** 2, axis=(1, 2))))
 
     def speaking(self, fault: Fault) -> int:
-        """How many channels a fault of a load matters to by SEVERAL, at all points."""
+        """Number of channels that a load fault affects by SEVERAL at all points."""
         change = 0.5 * np.sum((self.under(fault) - self.under(None)) ** 2, axis=1)
         return int(np.sum(change.min(axis=0) > SEVERAL))
 
 
-def innovations_of(record: BankRecord, load: np.ndarray) -> Innovations:
-    """A filter for each load; load (p,): which of them every column of `known` belongs to."""
+def compute_innovations(record: GridRecord, load: np.ndarray) -> Innovations:
+    """Run a filter for each load; load (p,): load of each column of `known`."""
     mean, covariance = record.prior
     sigma, k = np.sqrt(np.diag(covariance)), len(mean)
     point = mean + sigma * np.vstack([np.zeros((1, k)), *(x * np.eye(k) for x in PLACES)])
-    record = replace(record, nuisances=no_nuisances(record.model), settled=None)
+    record = replace(record, considered=none_considered(record.model), settled=None)
     silent = 0 * record.known
-    unloaded, log_prior = _whitened(replace(record, known=silent), point)
+    unloaded, log_prior = _whiten(replace(record, known=silent), point)
     nothing = replace(record, mean=0 * record.mean, samples=np.where(np.isnan(record.samples), np.nan, 0.0))
 
     def effect(i: int, j: int) -> np.ndarray:
-        held = silent.copy()
-        held[..., load == j] = record.known[..., load == i]
-        return _whitened(replace(nothing, known=held), point)[0]
+        known = silent.copy()
+        known[..., load == j] = record.known[..., load == i]
+        return _whiten(replace(nothing, known=known), point)[0]
 
     loads = range(len(np.unique(load)))
     return Innovations(unloaded, [[effect(i, j) for j in loads] for i in loads], log_prior)
 
 
-def _whitened(record: BankRecord, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Innovations (B, T, m) over their σ, zero where no sample is, and ln of the density of the points and of that σ (B,)."""
-    problem = BankProblem((record,))
-    now, parts = filtered_at(problem, loose_points(point), 0), []
+def _whiten(record: GridRecord, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Innovations (B, T, m) over their σ, zero for missing samples, and the log-density of the points and of σ (B,)."""
+    problem = GridProblem((record,))
+    now, parts = filter_points(problem, scattered_points(point), 0), []
     while now.step < record.steps:
         ahead = min(record.steps - now.step, max(1, KEPT // now.models.kept_a_step))
-        passage = passed(problem, now, ahead, keep=True)
+        passage = advance_points(problem, now, ahead, keep=True)
         parts.append((passage.passage.expected, passage.passage.S))
-        now = on(now, passage, ahead)
+        now = apply_passage(now, passage, ahead)
     expected, S = (np.concatenate(each, axis=1)[:, record.sampled] for each in zip(*parts, strict=True))
     e = record.samples - expected
     measured = np.isfinite(e)
@@ -139,8 +135,8 @@ def _whitened(record: BankRecord, point: np.ndarray) -> tuple[np.ndarray, np.nda
     return z, problem.log_prior(point) - np.log(np.diagonal(L, axis1=2, axis2=3)).sum(axis=(1, 2))
 
 
-def tried_of_loads(innovations: Innovations) -> list[Fault]:
-    """Faults of loads that make the record likelier, the best first: CLOSELY of them, and delays next to one of them."""
+def select_load_faults(innovations: Innovations) -> list[Fault]:
+    """Load faults that improve the likelihood, best first: CLOSELY of them, and neighbouring delays."""
     count, T = len(innovations.by_load), innovations.unloaded.shape[1]
     most = min(MOST_LATE, T // 4)
     faults = [Fault("swapped", i, j, of_load=True) for i, j in combinations(range(count), 2)]
@@ -151,22 +147,22 @@ def tried_of_loads(innovations: Innovations) -> list[Fault]:
     as_it_is = innovations.density(None)
     ranked = sorted(((innovations.density(fault), k) for k, fault in enumerate(faults)), reverse=True)
     wanted = [faults[k] for density, k in ranked if density > as_it_is][:CLOSELY]
-    return wanted + [other for fault in wanted for other in fault.beside]
+    return wanted + [other for fault in wanted for other in fault.neighbours]
 
 
 SHARE = 0.8
-"""Share of the excess over the claim that lies in the one pattern, at least."""
+"""Least share of the excess over the claim in the pattern."""
 SLOW = 0.3
-"""Correlation of neighbouring samples along the pattern, at least: loads of any interest last longer than a sample."""
+"""Least correlation of successive samples along the pattern: relevant loads last longer than a sample."""
 LARGEST = 3.0
-"""Norm of a whitened sample beyond √m, to which larger ones are cut."""
+"""Larger whitened samples are clipped to a norm of √m plus this."""
 
 
 @dataclass(frozen=True)
 class ResidualPattern:
-    """A pattern of channels in which innovations exceed their claimed covariance: their RMS along it over the claim, correlation
-    of neighbouring samples, share (m,) of each channel by its square in units of the reading's noise, and gain of ln p by a
-    first-order autoregression along it in place of white noise of unit variance."""
+    """Direction in which innovations exceed their claimed covariance. size: RMS over the claim; correlation: of successive
+    samples; share (m,): squares of the channels in units of their noise; gain: of ln p by a first-order autoregression
+    instead of white noise."""
 
     size: float
     correlation: float
@@ -177,16 +173,15 @@ class ResidualPattern:
 def residual_pattern(
     whitened: np.ndarray, innovation: np.ndarray, noise: np.ndarray, least: float
 ) -> ResidualPattern | None:
-    """The eigenvector of the innovations' covariance that alone is too large, None where none is.
+    """The only eigenvector of the innovation covariance with too large an eigenvalue, or None.
 
         C = (1/T) Σ ν̃ₖν̃ₖᵀ = I + λ v vᵀ
 
-    The eigenvalues of C lie below (1 + √(m/T))² for a right model (Marchenko and Pastur 1967). One more load, whose effect on
-    the channels no unknown can follow, adds one dyad, and its samples resemble the ones before.
+    The eigenvalues of C lie below (1 + √(m/T))² for a correct model (Marchenko and Pastur 1967). An unmodelled load adds one
+    dyad with correlated samples.
 
-    whitened (T, m) [1] and innovation (T, m) [unit], NaN where missing; noise (m,) [unit] of a sample; least: size from which
-    a pattern counts.
-    Loads of the model that change faster than their process noise says leave a pattern, too: compare `gain` with theirs.
+    whitened (T, m) [1], innovation (T, m) [unit], NaN if missing; noise (m,) [unit] of a sample; least: smallest relevant
+    size. Modelled loads that vary faster than their process noise also leave a pattern: compare `gain` with theirs.
     """
     complete = np.isfinite(whitened).all(axis=1) & np.isfinite(innovation).all(axis=1)
     samples, m = whitened[complete].shape

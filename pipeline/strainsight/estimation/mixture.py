@@ -1,4 +1,4 @@
-"""What filters at many parameter values say together: their mixture along the samples, and the posterior of each parameter."""
+"""Mixture of the filters at the grid points along the samples, and the posterior of each parameter."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from strainsight.columns import Column
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import conditional_states
 from strainsight.estimation.parallel_filters import LinearModels, Passage, States
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.update import standard_deviation
 
@@ -25,26 +25,29 @@ class Weights(Protocol):
 
     @property
     def mean(self) -> np.ndarray:
-        """(L, B) that give the mean over the posterior of what is known at the points, of sum one."""
+        """Weights (L, B) of sum one for posterior means."""
 
     @property
     def positive(self) -> np.ndarray:
-        """(L, B) of sum one for what has to stay positive."""
+        """Nonnegative weights (L, B) of sum one, for quantities that must stay positive."""
 
     @property
     def log_mass(self) -> np.ndarray:
-        """Logarithm of the integral (L,) of the density, but for a constant."""
+        """Logarithm of the integral (L,) of the density, up to a constant."""
 
     def covariance(self, values: np.ndarray, middle: np.ndarray) -> np.ndarray:
-        """(L, n, n) over the posterior, of values (B, L, n) with the mean (L, n)."""
+        """Posterior covariance (L, n, n) of values (B, L, n) with mean (L, n)."""
 
     def sampled(self, nu: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Points (b, k) of positive weights (b,) with the moments of the posterior at the last instant, and mean (b, d) and
-        covariance (b, d, d) of ν there; nu (B, d), left (B, d, d) at the points of the bank."""
+        """Points (b, k) with positive weights (b,) and the posterior moments at the last instant; mean (b, d) and covariance (b,
+        d, d) of ν.
+
+        nu (B, d), left (B, d, d): mean and covariance of ν at the grid points.
+        """
 
 
 class Cover(Protocol):
-    """Points at which the posterior of the parameters is known, and what follows from them."""
+    """Set of points that represents the posterior of the parameters."""
 
     @property
     def point(self) -> np.ndarray:
@@ -52,22 +55,21 @@ class Cover(Protocol):
 
     @property
     def step(self) -> np.ndarray:
-        """From point to point along every parameter (k,); infinite where the points are no lattice."""
+        """Distance of neighbouring points for each parameter (k,); infinite without a grid."""
 
     def weights(self, log_weight: np.ndarray) -> Weights:
-        """Of points with log-densities (L, B), but for a constant, at L instants."""
+        """Weights of points with log-densities (L, B), up to a constant."""
 
     def holds(self, log_weight: np.ndarray) -> np.ndarray:
-        """Whether these points are still good for the posterior (L,)."""
+        """Mask (L,): whether these points still represent the posterior."""
 
 
 C = TypeVar("C", bound=Cover)
 
 
 @dataclass(frozen=True)
-class Standing(Generic[C]):
-    """Of all points of a cover after some steps: prior and fit (B,), the logarithms of the prior and of the likelihood of all
-    samples so far."""
+class PosteriorWeights(Generic[C]):
+    """Posterior weights of the points after `step` steps: prior and fit (B,), the logarithms of prior and likelihood."""
 
     SHARED: ClassVar[tuple[str, ...]] = ("cover", "step")
 
@@ -78,33 +80,32 @@ class Standing(Generic[C]):
 
     @property
     def log_weight(self) -> np.ndarray:
-        """Of the points (B,), but for a constant."""
+        """Log-weights of the points (B,), up to a constant."""
         return self.prior + self.fit
 
     @property
     def weights(self) -> Weights:
-        """At one instant."""
+        """Weights at the current instant."""
         return self.cover.weights(self.log_weight[None])
 
 
 def log_normal(point: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Logarithm (B,) of a normal density at points (B, k), but for a constant."""
+    """Logarithm (B,) of a normal density at points (B, k), up to a constant."""
     off = point - mean
     return np.asarray(-0.5 * np.sum(off * np.linalg.solve(covariance, off.T).T, axis=1))
 
 
 ROUNDING = 1e-12
-"""Of the covariance of ν before the samples, which is 1: growth by less is none."""
+"""Relative to the unit prior covariance of ν: smaller growth is rounding."""
 
 
 class Mixture:
-    """Mean and covariance over the points of a bank along a record, while it runs. With keep "parameters" all else is NaN after
-    t = 0."""
+    """Mean and covariance over the grid points along a record; with keep "parameters" other entries are NaN after t = 0."""
 
-    def __init__(self, record: BankRecord, keep: Keep):
+    def __init__(self, record: GridRecord, keep: Keep):
         model, steps, n, m = record.model, record.steps, len(record.mean), record.samples.shape[1]
         at = conditional_states(model, len(record.biased))
-        self.record, self.size, self.learned = record, len(at), record.nuisances.learned
+        self.record, self.size, self.learned = record, len(at), record.considered.learned
         self.parameters_alone = keep == "parameters"
         # states of the filters first, then the parameters; x* has them the other way round where there are offsets
         order = np.concatenate([at, np.arange(n)[model.parameter_states]])
@@ -119,7 +120,7 @@ class Mixture:
         self.log_likelihood = 0.0
 
     def states(self, span: slice, weights: Weights, states: States, models: LinearModels) -> None:
-        """After L steps of these numbers: states of the filters at their ends."""
+        """Add L steps: states of the filters at their ends."""
         after = slice(span.start + 1, span.stop + 1)
         if self.parameters_alone:
             self._parameters(after, weights)
@@ -140,7 +141,7 @@ class Mixture:
         self._keep(after, covariance)
 
     def begin(self, weights: Weights, states: States, models: LinearModels, informed: bool) -> None:
-        """At t = 0; informed: whether records before said something of ν."""
+        """Add the states at t = 0; informed: whether earlier records have updated ν."""
         if self.parameters_alone:
             self._parameters(slice(0, 1), weights)
             return
@@ -150,7 +151,7 @@ class Mixture:
         self._keep(slice(0, 1), covariance)
 
     def _parameters(self, at: slice, weights: Weights) -> None:
-        """At L instants."""
+        """Store mean and σ of the parameters at L instants."""
         point, of = weights.point, slice(self.size, None)
         mean = weights.mean @ point
         each = np.broadcast_to(point[:, None], (len(point), *mean.shape))
@@ -159,9 +160,12 @@ class Mixture:
     def _moments(
         self, at: slice, weights: Weights, states: States
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Mean of the states at L instants; returns x (B, L, n) of every filter, P (b, L, n, n) of those numbers (b,) that have a
-        positive weight, and the covariance (L, n + k, n + k) of states and parameters."""
-        # what the samples say of ν moves every estimate, and leaves the rest of it in P
+        """Store the mean at L instants; return x (B, L, n), P (b, L, n, n) of the points (b,) with positive weights, and the
+        covariance.
+
+        The covariance (L, n + k, n + k) is that of states and parameters.
+        """
+        # the estimate of ν corrects all estimates, and its remaining covariance is part of P
         x = states.x - np.einsum("btda,btd->bta", states.V, states.nu)
         heavy = np.flatnonzero((weights.positive > 0).any(axis=0))
         V, left, point = states.V[heavy], states.left[heavy], weights.point
@@ -173,7 +177,7 @@ class Mixture:
         return x, P, heavy, covariance
 
     def _keep(self, at: slice, covariance: np.ndarray) -> None:
-        """Of the covariance (L, n + k, n + k) of states and parameters at L instants."""
+        """Store σ and covariances (L, n + k, n + k) of states and parameters at L instants."""
         self.std[at], self.last = standard_deviation(covariance), covariance[-1:]
         self.unknown_covariance[at] = covariance[:, self.unknowns[:, None], self.unknowns]
         if self.covariance is not None:
@@ -182,11 +186,12 @@ class Mixture:
     def _motion_as_read(
         self, at: slice, weights: Weights, states: States, about: np.ndarray, covariance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Motion and loads as they were before the samples' mean of ν corrected them, and their covariance in place:
+        """Undo the correction of motion and loads by the mean of ν, and adapt the covariance in place:
 
-            x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them (`removed_of`)
+            x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the posterior covariance of ν, 1 its prior (`removed_of`)
 
-        Returns ν̂ (L, d), with what it is counted from, and 1 − Λ (L, d, d)."""
+        Returns ν̂ (L, d) and 1 − Λ (L, d, d).
+        """
         size, w = self.size, weights.mean
         nu = np.einsum("tb,btd->td", w, states.nu)
         left = np.einsum("tb,btdk->tdk", weights.positive, states.left) + weights.covariance(states.nu, nu)
@@ -198,8 +203,8 @@ class Mixture:
     def innovations(
         self, span: slice, weights: Weights, before: tuple[np.ndarray, np.ndarray], passage: Passage
     ) -> None:
-        """Of L steps of these numbers: weights of the points before each; before the first, mean (B, 1, d) and covariance
-        (B, 1, d, d) of ν by each filter."""
+        """Add the innovations of L steps; weights: before each step. before: mean (B, 1, d) and covariance (B, 1, d, d) of ν
+        of each filter before the first step."""
         if self.parameters_alone:
             return
         samples = self.record.data.samples[span]
@@ -221,14 +226,15 @@ class Mixture:
             factor = np.linalg.cholesky(S)
         except np.linalg.LinAlgError:
             raise NumericalError(
-                f"the readings of step {span.start + _first_indefinite(S)} differ in size beyond what a number can hold",
+                f"the readings of step {span.start + _first_indefinite(S)} differ in magnitude by more than "
+                "floating-point numbers can represent",
                 remedy="check the units and scales of the channels",
             ) from None
         z = np.linalg.solve(factor, np.where(measured, self.innovation[span], 0.0)[..., None])[..., 0]
         self.whitened[span] = np.where(measured, z, np.nan)
 
     def finished(self) -> FilterRun:
-        """As a filter's run, of one run, with σ and covariances that hold what the nuisances add."""
+        """The mixture as a filter run; σ and covariances contain the considered parameters."""
         back = self.back
         return FilterRun(
             time=self.record.model.h * np.arange(self.record.steps + 1),
@@ -248,7 +254,7 @@ class Mixture:
 
 
 def _first_indefinite(S: np.ndarray) -> int:
-    """Of matrices (L, m, m), one of which has no Cholesky factor, the first that has none."""
+    """Index of the first of matrices (L, m, m) without a Cholesky factor."""
     for t, matrix in enumerate(S):
         try:
             np.linalg.cholesky(matrix)
@@ -258,10 +264,8 @@ def _first_indefinite(S: np.ndarray) -> int:
 
 
 def removed_of(left: np.ndarray) -> np.ndarray:
-    """1 − Λ (..., d, d): by how much samples that leave ν a covariance of Λ (..., d, d) made it smaller.
-
-    Zero along a direction in which it is larger than before them: parameters that are all still likely ask for different ν.
-    """
+    """1 − Λ (..., d, d): reduction of the unit prior covariance of ν by the samples. Directions in which Λ exceeds the prior
+    are set to zero: points with different ν are still likely."""
     removed = np.eye(left.shape[-1]) - left
     try:
         # a factor says in a fourth of the time that there is no such direction
@@ -273,39 +277,41 @@ def removed_of(left: np.ndarray) -> np.ndarray:
 
 
 VALUES = 401
-"""At which a density is given."""
+"""Number of values of a density."""
 REACH = 5.0
-"""Standard deviations about the mean, and about every point that counts, that it is given over."""
+"""Range of a density: standard deviations about the mean and about each significant point."""
 COUNTS = 1e-9
-"""Least weight of such a point."""
+"""Least weight of a significant point."""
 KERNEL = 0.7
-"""Of a point of the lattice, in steps of it: a normal density is right to 2 exp(−2π² KERNEL²) = 1e-4 of its height, and
-narrow peaks are drawn wider than they are."""
+"""Kernel width in grid steps. A normal density is accurate to 2 exp(−2π² KERNEL²) = 1e-4 of its height; narrow peaks appear
+wider."""
 VALLEY = 0.5
-"""Two peaks are two where the density between them falls below this share of the lower one;"""
+"""Two peaks are separate if the density between them falls below this share of the lower one,"""
 SHARE = 0.01
-"""and each holds at least so much of it."""
+"""and if each contains at least this probability."""
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What the samples leave of one parameter, <what>; its peaks from the lowest value on."""
+    """Posterior of one parameter, <what>; peaks in ascending order."""
 
     value: Annotated[np.ndarray, Column("<unit>", "/value", "values of <what>")]
-    density: Annotated[np.ndarray, Column("1", "/value", "density of ln <what> after the samples")]
-    prior: Annotated[np.ndarray, Column("1", "/value", "the same before them")]
-    left: Annotated[float, Column("1", "", "σ of ln <what> after the samples over that before them")]
-    peak: Annotated[np.ndarray, Column("<unit>", "/peak", "values at which the density is largest")]
-    share: Annotated[np.ndarray, Column("1", "/peak", "probability of what lies about each")]
+    density: Annotated[np.ndarray, Column("1", "/value", "posterior density of ln <what>")]
+    prior: Annotated[np.ndarray, Column("1", "/value", "prior density of ln <what>")]
+    left: Annotated[float, Column("1", "", "posterior σ of ln <what> over its prior σ")]
+    peak: Annotated[np.ndarray, Column("<unit>", "/peak", "values at the peaks of the posterior density")]
+    share: Annotated[np.ndarray, Column("1", "/peak", "probability of each peak")]
 
 
 def marginal(point: np.ndarray, weight: np.ndarray, step: float, prior: tuple[float, float]) -> Posterior:
-    """Of a posterior given by points (B,) with weights (B,) of sum one; step: of the lattice they belong to, along p, infinite
-    where it is no lattice, which has the normal density then; prior: mean and standard deviation of a normal density.
+    """Marginal posterior from points (B,) with normalised weights (B,).
+
+    step: grid step along p, infinite without a grid, which gives a normal density; prior: mean and standard deviation of a
+    normal prior.
 
         π(p) = Σ wᵢ N(p; p̄ + a(pᵢ − p̄), h²),     h = KERNEL · step,     a² = 1 − h²/σ²
 
-    with kernels drawn together about the mean p̄, so that it keeps mean and variance σ² of the points. Source: Liu and West, in
+    The kernels are shrunk towards the mean p̄, which preserves mean and variance σ² of the points. Source: Liu and West, in
     Sequential Monte Carlo Methods in Practice (2001), chapter 10.
     """
     mean = float(weight @ point)
@@ -328,19 +334,19 @@ def normal(value: np.ndarray, mean: np.ndarray | float, std: float) -> np.ndarra
 
 
 def peaks_of(value: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where a density (k,) at equally spaced values (k,) has its peaks, and the share of it up to the valleys beside each."""
+    """Peaks of a density (k,) at equally spaced values (k,), and the probability up to the neighbouring valleys."""
     inner = density[1:-1]
     tops = 1 + np.flatnonzero((inner > density[:-2]) & (inner >= density[2:]))
-    kept: list[int] = []
+    peaks: list[int] = []
     valleys: list[int] = []
     for top in tops.tolist():
-        if kept:
-            low = kept[-1] + int(np.argmin(density[kept[-1] : top + 1]))
-            if density[low] > VALLEY * min(density[kept[-1]], density[top]):
-                kept[-1] = max(kept[-1], top, key=lambda at: float(density[at]))
+        if peaks:
+            low = peaks[-1] + int(np.argmin(density[peaks[-1] : top + 1]))
+            if density[low] > VALLEY * min(density[peaks[-1]], density[top]):
+                peaks[-1] = max(peaks[-1], top, key=lambda at: float(density[at]))
                 continue
             valleys.append(low)
-        kept.append(top)
+        peaks.append(top)
     mass = np.array([part.sum() for part in np.split(density, valleys)]) / density.sum()
     large = mass >= SHARE
-    return value[kept][large], mass[large]
+    return value[peaks][large], mass[large]

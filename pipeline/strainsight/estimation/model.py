@@ -37,7 +37,7 @@ class FilterModel:
     h [s] time step; quantity (m,) or (B, m): what every channel measures, STRAIN where not given;
     change (m, n) or (B, m, n): what θ adds to the first n columns of H, which is then that of the reference, where a free
     thickness moves the faces that gauges sit on;
-    free_loads: whether a bank weighs parameters by what no unknown load could cause (`judge`), or under loads as Q says;
+    free_loads: whether a grid filter weighs parameters by what no unknown load could cause (`judge`), or under loads as Q says;
     scheme of the step; every: a sample is taken at every·h, 2 every·h …
     Raises ConfigError for an input both known and unknown, or a parameter neither fixed nor estimated.
     """
@@ -59,10 +59,13 @@ class FilterModel:
     def __post_init__(self) -> None:
         for name in self.unknowns.inputs:
             if name in self.known_inputs:
-                raise ConfigError(f"input {name} is both known and estimated", remedy="choose one")
+                raise ConfigError(
+                    f"input {name} is both known and estimated",
+                    remedy="remove it from the known or from the unknown inputs",
+                )
         for name in self.model.parameters:
             if name not in self.fixed and name not in self.unknowns.parameters:
-                raise ConfigError(f"parameter {name} has no value", remedy="estimate it or give its value")
+                raise ConfigError(f"parameter {name} has no value", remedy="estimate it, or set its value")
 
     @property
     def size(self) -> int:
@@ -113,8 +116,8 @@ class FilterModel:
         return moving if moving is not None and moving.any() else None
 
     @property
-    def beside_free_loads(self) -> bool:
-        """Whether parameters are judged beside unknown loads that are free."""
+    def has_free_loads(self) -> bool:
+        """Whether parameters are weighted with free unknown loads."""
         return self.free_loads and bool(self.unknowns.inputs and self.unknowns.parameters)
 
     @property
@@ -177,10 +180,8 @@ class FilterModel:
 
     @cached_property
     def process(self) -> np.ndarray:
-        """Q_h (n*, n*) or (B, n*, n*): the covariance that x* gathers in a step, at the fixed values and the guess.
-
-        What the drift of a parameter does to the motion within one step is left out: it depends on the motion.
-        """
+        """Q_h (n*, n*) or (B, n*, n*): the covariance that x* gathers in a step, at the fixed values and the guess. What the
+        drift of a parameter does to the motion within one step is left out: it depends on the motion."""
         rest, loads = np.zeros((1, 2 * self.model.size)), np.zeros((1, len(self.model.inputs)))
         F = linearise(self.model, self.unknowns, {**self.unknowns.guess, **self.fixed}, rest, loads)[0]
         return process_covariance(F, self.Q, self.h)
@@ -218,10 +219,8 @@ def loads_of(model: FilterModel, x: np.ndarray, known: np.ndarray) -> np.ndarray
 
 
 def physical(model: FilterModel, mean: np.ndarray, std: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Value and standard deviation [SI] of every unknown: u = amplitude·ũ; θ = guess·exp(p), σ_θ = θ σ_p (first order).
-
-    mean, std (..., n*). Returns arrays of shape (...).
-    """
+    """Value and standard deviation [SI] of every unknown: u = amplitude·ũ; θ = guess·exp(p), σ_θ = θ σ_p (first order). mean,
+    std (..., n*). Returns arrays of shape (...)."""
     values = {
         name: (a * mean[..., at], a * std[..., at])
         for name, a, at in zip(model.unknowns.inputs, model.amplitude, model.position, strict=False)
@@ -332,10 +331,8 @@ def measure(
 def surface_reading(
     model: FilterModel, rows: np.ndarray, change: AffineOperator, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What other places on the surface than the channels read at x* (B, n*), and the Jacobian, as of `measure`.
-
-    rows (k, n) of strain or displacement per coordinate at the references, change: what θ adds to them.
-    """
+    """What other places on the surface than the channels read at x* (B, n*), and the Jacobian, as of `measure`. rows (k, n)
+    of strain or displacement per coordinate at the references, change: what θ adds to them."""
     H = np.hstack([rows, np.zeros((len(rows), model.size - rows.shape[1]))])
     return measure(replace(model, H=H, change=change, quantity=None), x, np.zeros(len(model.known_inputs)))
 
@@ -343,11 +340,9 @@ def surface_reading(
 def augmented_jacobian(
     model: FilterModel, modal: ModalMap, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray
 ) -> np.ndarray:
-    """A* = [[A, Σⱼ BⱼRⱼ, θ ∂x⁺/∂θ], [0, exp(A_u h), 0], [0, 0, I]]  (1.55), at one or many states; R of `input_hold`.
-
-    modal: the step at theta; state (..., 2n) [q, q̇] and u (..., HOLD, n_u) at the start of the step.
-    Returns (..., n*, n*); without estimated parameters (1, n*, n*), as the state does not matter.
-    """
+    """A* = [[A, Σⱼ BⱼRⱼ, θ ∂x⁺/∂θ], [0, exp(A_u h), 0], [0, 0, I]]  (1.55), at one or many states; R of `input_hold`. modal:
+    the step at theta; state (..., 2n) [q, q̇] and u (..., HOLD, n_u) at the start of the step. Returns (..., n*, n*); without
+    estimated parameters (1, n*, n*), as the state does not matter."""
     upper = _map_jacobian(model, modal, theta, state, u, model.hold)
     J = np.zeros((*upper.shape[:-2], model.size, model.size))
     J[..., model.motion, :] = upper
@@ -394,8 +389,8 @@ def _map_jacobian(
     J = np.zeros((*batch, modal.transition.shape[-2], model.size))
     J[..., model.motion] = modal.transition
     inputs = modal.input[..., model.columns[0]]
-    held = hold.shape[0] * hold.shape[1]
-    J[..., model.input_states] = inputs.reshape(*inputs.shape[:-2], held) @ hold.reshape(held, -1 if held else 0)
+    width = hold.shape[0] * hold.shape[1]
+    J[..., model.input_states] = inputs.reshape(*inputs.shape[:-2], width) @ hold.reshape(width, -1 if width else 0)
     if names:
         slopes = parameter_slopes(model.model, modal, theta, state, u, names)
         scale = np.stack(np.broadcast_arrays(*(theta[name] for name in names)), axis=-1)

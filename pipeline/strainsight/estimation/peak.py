@@ -1,4 +1,5 @@
-"""The most likely parameters of a record, and how likely the record is: Laplace's approximation of what a bank integrates."""
+"""The most likely parameters of a record, and how likely the record is: Laplace's approximation of what a grid filter
+integrates."""
 
 from __future__ import annotations
 
@@ -7,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, about_samples, filtered_at
-from strainsight.estimation.lattice import Lattice, loose_points, one_point
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.grid_filter_points import GridProblem, filter_points, linearise_about_samples
+from strainsight.estimation.parameter_grid import ParameterGrid, one_point, scattered_points
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.reduced import LOST
 from strainsight.rom.model import modal_basis
 
@@ -43,9 +44,8 @@ GRID = 3
 
 @dataclass(frozen=True)
 class PosteriorPeak:
-    """point (k,) where the posterior of the parameters is largest, density ln p(y, point) there, and evidence ln p(y).
-
-    about: the ν about which readings are linear, as of `Nuisances`; None where it is that of the search's arguments."""
+    """point (k,) where the posterior of the parameters is largest, density ln p(y, point) there, and evidence ln p(y). about:
+    the ν about which readings are linear, as of `ConsideredParameters`; None where it is that of the search's arguments."""
 
     point: np.ndarray
     evidence: float
@@ -53,63 +53,63 @@ class PosteriorPeak:
     about: np.ndarray | None = None
 
 
-def peak_of(record: BankRecord) -> PosteriorPeak:
+def find_peak(record: GridRecord) -> PosteriorPeak:
     """The most likely parameters of a record, and its evidence:
 
         ln p(y) ≈ ln p(y, p̂) + ½ ln det Σ − ½ ln det P₀,     Σ⁻¹ = −∂² ln p(y, p)/∂p² at its largest value p̂
 
     p(y | p) by a filter at p, tolerances integrated out: a scan of the prior, as fine as resonances are wide, then Newton's
     method on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A settled motion is far from linear
-    in the damping: the search is done again, linear about the damping that the samples speak for.
+    in the damping: the search is done again, linear about the most likely damping.
     """
-    problem = BankProblem((record,))
-    peak = _best(peaks_of_problem(problem))
+    problem = GridProblem((record,))
+    peak = _best(find_peaks(problem))
     if record.settled is None or not problem.bilinear:
         return peak
     for _ in range(AGAIN):
-        here = filtered_at(problem, one_point(peak.point), problem.first[-1])
-        again = about_samples(problem, peak.point, here.states.nu[0, 0] + here.models.about)
+        here = filter_points(problem, one_point(peak.point), problem.first[-1])
+        again = linearise_about_samples(problem, peak.point, here.states.nu[0, 0] + here.models.about)
         if again is problem:
             break
         problem, before = again, peak.evidence
-        refined = _refined(density_of(problem), *problem.prior, peak.point, resonance_widths(problem.records) / 8)
-        peak = replace(refined, about=problem.records[0].nuisances.about)
+        refined = _refine(density_of(problem), *problem.prior, peak.point, resonance_widths(problem.records) / 8)
+        peak = replace(refined, about=problem.records[0].considered.about)
         if abs(peak.evidence - before) <= NOTICED:
             break
     return peak
 
 
-def peak_of_records(records: Sequence[BankRecord]) -> PosteriorPeak:
+def find_common_peak(records: Sequence[GridRecord]) -> PosteriorPeak:
     """The same of records that share their parameters and ν, as of `filter_records`."""
-    return _best(peaks_of_problem(BankProblem(tuple(records))))
+    return _best(find_peaks(GridProblem(tuple(records))))
 
 
 def _best(peaks: Sequence[PosteriorPeak]) -> PosteriorPeak:
     return max(peaks, key=lambda peak: peak.evidence)
 
 
-def peaks_of_problem(problem: BankProblem) -> list[PosteriorPeak]:
+def find_peaks(problem: GridProblem) -> list[PosteriorPeak]:
     """Where the posterior at the end of all records is largest, and other peaks that were tried."""
     centre, prior = problem.prior
     density = density_of(problem)
     if not len(centre):
         value = float(density(centre[None])[0])
         return [PosteriorPeak(centre, value, value)]
-    lattice = scan_lattice(centre, prior, resonance_widths(problem.records), RADIUS)
-    starts = _scanned(lattice, density, problem.first[-1])
+    grid = build_scan_grid(centre, prior, resonance_widths(problem.records), RADIUS)
+    starts = _scan(grid, density, problem.first[-1])
     peaks: list[PosteriorPeak] = []
     for start, value in starts:
         # a peak stands as far above its grid point as the first one, or a few times as far
         if not peaks or value + RISE * (peaks[0].density - starts[0][1]) + DEPTH >= max(peak.density for peak in peaks):
-            peaks.append(_refined(density, centre, prior, start, 0.5 * lattice.step))
+            peaks.append(_refine(density, centre, prior, start, 0.5 * grid.step))
     return peaks
 
 
-def density_of(problem: BankProblem) -> Density:
+def density_of(problem: GridProblem) -> Density:
     """Of the parameters, by filters from the start of the first record on."""
 
     def density(point: np.ndarray, steps: int = problem.first[-1]) -> np.ndarray:
-        value = filtered_at(problem, loose_points(point), steps).log_weight
+        value = filter_points(problem, scattered_points(point), steps).log_weight
         return np.where(np.isfinite(value), value, -np.finfo(float).max)
 
     return density
@@ -128,18 +128,18 @@ def best_points(point: np.ndarray, density: Density, steps: int) -> tuple[np.nda
     return which, value
 
 
-def _scanned(lattice: Lattice, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:
+def _scan(grid: ParameterGrid, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:
     """The highest points (k,) of a lattice that are not neighbours, at most MOST_STARTS, each with ln of its density, highest
     first."""
-    which, value = best_points(lattice.point, density, steps)
+    which, value = best_points(grid.point, density, steps)
     starts: list[int] = []
-    for i, node in enumerate(lattice.node[which]):
-        if all(np.abs(node - lattice.node[which[j]]).max() > 1 for j in starts):
+    for i, node in enumerate(grid.node[which]):
+        if all(np.abs(node - grid.node[which[j]]).max() > 1 for j in starts):
             starts.append(i)
-    return [(lattice.point[which[i]], float(value[i])) for i in starts[:MOST_STARTS]]
+    return [(grid.point[which[i]], float(value[i])) for i in starts[:MOST_STARTS]]
 
 
-def _refined(
+def _refine(
     density: Density, centre: np.ndarray, prior: np.ndarray, start: np.ndarray, step: np.ndarray
 ) -> PosteriorPeak:
     """Newton's method from a point (k,), with differences over `step` (k,) at first. A move to a lower point is taken back, and
@@ -181,7 +181,7 @@ def _refined(
     return PosteriorPeak(best, highest + 0.5 * wide - 0.5 * float(np.linalg.slogdet(prior)[1]), highest)
 
 
-def resonance_widths(records: Sequence[BankRecord]) -> np.ndarray:
+def resonance_widths(records: Sequence[GridRecord]) -> np.ndarray:
     """Change of each parameter p = ln(θ/guess) (k,) that moves some resonance by its width, the least over modes and records:
 
         Δpᵢ = 2 max(ζω, 1/T) / |∂ω/∂pᵢ|,     ∂ω/∂pᵢ = θᵢ φᵀ(∂K/∂θᵢ − ω² ∂M/∂θᵢ) φ / 2ω
@@ -200,17 +200,17 @@ def resonance_widths(records: Sequence[BankRecord]) -> np.ndarray:
     omega = np.sqrt(np.maximum(lam, 0.0))
     longest = max(record.steps * record.model.h for record in records)
     rate = np.maximum(0.5 * rom.damping.at(theta).viscous(lam)[0], 1 / longest)
-    seen = (omega > 0) & (omega * h < np.pi)
+    resolved = (omega > 0) & (omega * h < np.pi)
     width = np.full(len(names), 2.0)
     for i, name in enumerate(names):
         dK, dM = rom.stiffness.derivative(name, theta), rom.mass.derivative(name, theta)
         slope = np.einsum("am,abm,bm->m", phi, dK[:, :, None] - lam * dM[:, :, None], phi)
-        moved = theta[name] * np.abs(slope[seen]) / (2 * omega[seen])
-        width[i] = np.min(2 * rate[seen] / np.maximum(moved, rate[seen]), initial=2.0)
+        moved = theta[name] * np.abs(slope[resolved]) / (2 * omega[resolved])
+        width[i] = np.min(2 * rate[resolved] / np.maximum(moved, rate[resolved]), initial=2.0)
     return width
 
 
-def scan_lattice(mean: np.ndarray, covariance: np.ndarray, width: np.ndarray, radius: float) -> Lattice:
+def build_scan_grid(mean: np.ndarray, covariance: np.ndarray, width: np.ndarray, radius: float) -> ParameterGrid:
     """Points within `radius` standard deviations of a prior, mean (k,) and covariance (k, k): PER_WIDTH of them per `width` (k,)
     along each parameter as far as MOST_SCANNED allows, and at least one per standard deviation."""
     k, std = len(mean), np.sqrt(np.diag(covariance))
@@ -219,7 +219,7 @@ def scan_lattice(mean: np.ndarray, covariance: np.ndarray, width: np.ndarray, ra
         share = np.minimum(1.0, np.maximum(share, 2 * k * radius / MOST_SCANNED))
         count = (radius / share).astype(int)
         lines = [np.outer(np.arange(-n, n + 1), unit) for n, unit in zip(count, np.eye(k, dtype=int), strict=True)]
-        return Lattice(mean, np.diag(share * std), np.unique(np.concatenate(lines), axis=0))
+        return ParameterGrid(mean, np.diag(share * std), np.unique(np.concatenate(lines), axis=0))
     while (whole := float(np.prod(2 * radius / share + 1))) > MOST_SCANNED and np.any(share < 1.0):
         share = np.minimum(1.0, share * 1.01 * (whole / MOST_SCANNED) ** (1 / k))
     factor = np.linalg.cholesky(covariance)
@@ -227,4 +227,4 @@ def scan_lattice(mean: np.ndarray, covariance: np.ndarray, width: np.ndarray, ra
     node -= (radius / share).astype(int)
     frame = share[:, None] * factor
     inside = np.sum(np.linalg.solve(factor, frame @ node.T) ** 2, axis=0) <= radius**2
-    return Lattice(mean, frame, node[inside])
+    return ParameterGrid(mean, frame, node[inside])

@@ -67,11 +67,9 @@ class StepModel(Protocol):
 
 @dataclass(frozen=True)
 class DrivenModel:
-    """`StepModel` of a FilterModel: known (T, HOLD, n_known) hold coefficients [N] of its known inputs.
-
-    Where no parameter is estimated, the step and the measurement are linear: their matrices are built once and the known
-    loads become a term a step.
-    """
+    """`StepModel` of a FilterModel: known (T, HOLD, n_known) hold coefficients [N] of its known inputs. Where no parameter is
+    estimated, the step and the measurement are linear: their matrices are built once and the known loads become a term a
+    step."""
 
     model: FilterModel
     known: np.ndarray
@@ -103,7 +101,7 @@ class DrivenModel:
     @property
     def loss(self) -> str:
         names = ", ".join(self.model.unknowns.parameters) or "the state"
-        return f"{names} left the guess by more than a factor of {np.exp(LOST):.0f}"
+        return f"{names} deviated from the guess by more than a factor of {np.exp(LOST):.0f}"
 
     def begin(self, x: np.ndarray, k: int) -> None:
         pass
@@ -156,11 +154,9 @@ class DrivenModel:
 
 @dataclass(frozen=True)
 class Biased:
-    """y = h(x) + E b with a constant b for some channels: the `StepModel` of [x, b].
-
-    base: the model without; at (k,): the channels that have an offset; walk (k,): variances of what it changes by in a step,
-    None for a constant. An offset that walks takes the slow part of the signal for itself: on a structure none does.
-    """
+    """y = h(x) + E b with a constant b for some channels: the `StepModel` of [x, b]. base: the model without; at (k,): the
+    channels that have an offset; walk (k,): variances of what it changes by in a step, None for a constant. An offset that
+    walks takes the slow part of the signal for itself: on a structure none does."""
 
     base: StepModel
     at: np.ndarray

@@ -12,7 +12,8 @@ from strainsight.estimation.reduced import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
 Keep = Literal["parameters", "mean", "first", "all"]
-"""Whether what a smoother needs is kept of no run, of the first one or of all; a bank can do without all but its parameters."""
+"""Whether what a smoother needs is kept of no run, of the first one or of all; a grid filter can do without all but its
+parameters."""
 
 
 @dataclass(frozen=True)
@@ -83,14 +84,14 @@ class RunArrays:
         self.lost = np.full(runs, -1)
         # what is the same in every step is kept once
         once = 1 if model.linear else steps
-        kept = keep in ("first", "all")
+        keeps = keep in ("first", "all")
         self.first = slice(1 if keep == "first" else None)
         b = 1 if keep == "first" else b
-        self.covariance = np.empty((steps + 1, b, n, n)) if kept else None
-        self.jacobian = np.empty((once, b, n, n)) if kept else None
-        self.rows = np.zeros((once, b, m, n)) if kept else None
-        self.process = np.empty((steps, b, n, n)) if kept and (regressed or each) else None
-        self.noise = np.empty((steps, b, m, m)) if kept and regressed else None
+        self.covariance = np.empty((steps + 1, b, n, n)) if keeps else None
+        self.jacobian = np.empty((once, b, n, n)) if keeps else None
+        self.rows = np.zeros((once, b, m, n)) if keeps else None
+        self.process = np.empty((steps, b, n, n)) if keeps and (regressed or each) else None
+        self.noise = np.empty((steps, b, m, m)) if keeps and regressed else None
 
     def state(self, k: int, x: np.ndarray, P: np.ndarray | None) -> None:
         """x (B, n) and P (b, n, n) at instant k; P None: as before."""
@@ -153,7 +154,7 @@ class RunArrays:
             for record in (self.gauge_mean, self.innovation, self.whitened, self.adjusted, nis):
                 record[first - 1 :, run] = np.nan
             fit[first - 1 :, run] = -np.inf
-        kept = self.covariance is not None
+        keeps = self.covariance is not None
         return FilterRun(
             time=self.model.h * np.arange(steps + 1),
             mean=self.mean,
@@ -170,20 +171,20 @@ class RunArrays:
             covariance=self.covariance,
             jacobian=_every_step(self.jacobian, steps),
             rows=_every_step(self.rows, steps),
-            adjusted=self.adjusted if kept else None,
+            adjusted=self.adjusted if keeps else None,
             process=self.process,
             noise=self.noise,
             fit=fit,
         )
 
 
-def _every_step(kept: np.ndarray | None, steps: int) -> np.ndarray | None:
-    return None if kept is None else np.broadcast_to(kept, (steps, *kept.shape[1:]))
+def _every_step(array: np.ndarray | None, steps: int) -> np.ndarray | None:
+    return None if array is None else np.broadcast_to(array, (steps, *array.shape[1:]))
 
 
 def all_lost(model: StepModel, lost: np.ndarray) -> NumericalError:
-    """What to say where every run diverges; lost (B,): the steps that lost them."""
+    """Error if all runs diverge; lost (B,): steps at which they diverged."""
     return NumericalError(
         f"the filter diverged: {model.loss} in all of {len(lost)} runs, first at {lost.min() * model.h:g} s",
-        remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",
+        remedy="choose a guess closer to the true value, a smaller initial standard deviation or a smaller time step",
     )

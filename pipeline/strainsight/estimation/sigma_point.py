@@ -10,14 +10,15 @@ import numpy as np
 
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import StepModel, driven_with_offsets
-from strainsight.estimation.update import symmetric, transposed
+from strainsight.estimation.update import symmetric, transpose
 
 Outcome = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Regression:
-    """f(x) ≈ mean + slope (x − x̂) + r: mean (B, r), slope (B, r, n), rest (B, r, r) covariance of r, which x does not explain."""
+    """f(x) ≈ mean + slope (x − x̂) + r: mean (B, r), slope (B, r, n), rest (B, r, r) covariance of r, which x does not
+    explain."""
 
     mean: np.ndarray
     slope: np.ndarray
@@ -68,11 +69,11 @@ def regression(
     mean, middle = np.tensordot(w, f, 1), np.tensordot(w, J, 1)
     along = np.einsum("i,ibr,ik->brk", w, f - mean, z)
     slope = middle.copy()
-    slope[..., parameters] += (along - middle @ C) @ transposed(inverse)
+    slope[..., parameters] += (along - middle @ C) @ transpose(inverse)
     off = f - mean - np.einsum("brk,ik->ibr", along, z)
     turned = J - middle
     rest = np.einsum("i,ibr,ibs->brs", w, off, off) + np.tensordot(
-        w, turned @ (P - C @ transposed(C)) @ transposed(turned), 1
+        w, turned @ (P - C @ transpose(C)) @ transpose(turned), 1
     )
     return Regression(mean, slope, symmetric(rest))
 
@@ -85,7 +86,7 @@ class SigmaPoints:
 
     with A, H their slopes: the covariance of the extended filter, and what the product of the errors of parameter and motion
     adds, which that neglects. The density of parameter and motion is taken as normal after every step.
-    model: of every run; many: of all points of all runs; parameters: where they stand in x; curved: whether the reading is not
+    model: of every run; many: of all points of all runs; parameters: their indices in x; curved: whether the reading is not
     linear, and so needs a regression.
     """
 
@@ -123,12 +124,12 @@ def sigma_points(
     if core.linear:
         return None
     points = points_of(len(model.unknowns.parameters))
-    many = driven_with_offsets(_repeated(model, len(points[1])), known, biased)
+    many = driven_with_offsets(_repeat_model(model, len(points[1])), known, biased)
     return SigmaPoints(core, many, model.parameter_states, points, model.curved)
 
 
-def _repeated(model: FilterModel, times: int) -> FilterModel:
-    """For so many points of every run, where each run has channels of its own."""
+def _repeat_model(model: FilterModel, times: int) -> FilterModel:
+    """The model for all points of all runs, if each run has its channels."""
     if model.H.ndim < 3:
         return model
     quantity = model.quantity

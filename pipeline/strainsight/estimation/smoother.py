@@ -21,7 +21,7 @@ from strainsight.estimation.update import (
     predict_factor,
     standard_deviation,
     symmetric,
-    transposed,
+    transpose,
     update_factor,
 )
 from strainsight.rom.modal_step import HOLD
@@ -29,9 +29,8 @@ from strainsight.rom.modal_step import HOLD
 
 @dataclass(frozen=True)
 class WantedCovariances:
-    """Covariances that are kept of a smoother: rows (r, n*), or (T + 1, r, n*) where they change, of which σ is wanted at every
-    instant; states (k,), their
-    covariance with one another at every instant; instants (i,), all of it there."""
+    """Covariances to be stored by a smoother. rows (r, n*), or (T + 1, r, n*) if they change: σ at each instant; states (k,):
+    joint covariance at each instant; instants (i,): full covariance."""
 
     rows: np.ndarray
     states: np.ndarray
@@ -39,7 +38,7 @@ class WantedCovariances:
 
 
 @dataclass(frozen=True)
-class Kept:
+class SelectedCovariances:
     """What was wanted: std (T + 1, r), covariance (T + 1, k, k) and then (i, n*, n*)."""
 
     wanted: WantedCovariances
@@ -48,7 +47,7 @@ class Kept:
     then: np.ndarray
 
     @classmethod
-    def of(cls, wanted: WantedCovariances, instants: int, n: int) -> Kept:
+    def of(cls, wanted: WantedCovariances, instants: int, n: int) -> SelectedCovariances:
         """Nothing so far, of so many instants of n* states."""
         r, k, i = wanted.rows.shape[-2], len(wanted.states), len(wanted.instants)
         return cls(wanted, np.zeros((instants, r)), np.zeros((instants, k, k)), np.zeros((i, n, n)))
@@ -71,53 +70,54 @@ class Smoothed:
     mean: np.ndarray
     std: np.ndarray
     covariance: np.ndarray | None
-    kept: Kept | None = None
+    selected: SelectedCovariances | None = None
 
     def std_of(self, rows: np.ndarray) -> np.ndarray:
         """σ (T + 1, r) of rows (r, n*) or (T + 1, r, n*) of x* in the first run. Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return output_std(rows, self.covariance[:, 0])
-        kept = self._kept()
-        if kept.wanted.rows.ndim == 2:
-            return kept.std[:, _places(rows, kept.wanted.rows)]
-        if not np.array_equal(rows, kept.wanted.rows):
-            raise ValueError("the smoother has not kept the variance of these rows")
-        return kept.std
+        selected = self._require_selected()
+        if selected.wanted.rows.ndim == 2:
+            return selected.std[:, _places(rows, selected.wanted.rows)]
+        if not np.array_equal(rows, selected.wanted.rows):
+            raise ValueError("the smoother did not store the variance of these rows")
+        return selected.std
 
     def covariance_of(self, states: np.ndarray) -> np.ndarray:
         """Of some states (k,) in the first run: (T + 1, k, k). Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return self.covariance[:, 0][:, states[:, None], states]
-        kept = self._kept()
-        at = _places(states, kept.wanted.states)
-        return kept.covariance[:, at[:, None], at]
+        selected = self._require_selected()
+        at = _places(states, selected.wanted.states)
+        return selected.covariance[:, at[:, None], at]
 
     def covariance_at(self, k: int) -> np.ndarray:
         """Of x* (n*, n*) at instant k in the first run. Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return np.asarray(self.covariance[k, 0])
-        kept = self._kept()
-        return np.asarray(kept.then[_places(np.array([k]), kept.wanted.instants)[0]])
+        selected = self._require_selected()
+        return np.asarray(selected.then[_places(np.array([k]), selected.wanted.instants)[0]])
 
     def without_sigma(self) -> Smoothed:
         """NaN for σ and covariance, so that whatever is computed from them is NaN too."""
         none = np.nan
-        kept, whole = self.kept, self.covariance
-        if kept is not None:
-            kept = replace(kept, std=none * kept.std, covariance=none * kept.covariance, then=none * kept.then)
-        return replace(self, std=none * self.std, covariance=None if whole is None else none * whole, kept=kept)
+        selected, whole = self.selected, self.covariance
+        if selected is not None:
+            parts = {name: none * getattr(selected, name) for name in ("std", "covariance", "then")}
+            selected = replace(selected, **parts)
+        return replace(self, std=none * self.std, covariance=None if whole is None else none * whole, selected=selected)
 
-    def _kept(self) -> Kept:
-        if self.kept is None:
-            raise ValueError("the smoother has kept no covariance")
-        return self.kept
+    def _require_selected(self) -> SelectedCovariances:
+        if self.selected is None:
+            raise ValueError("the smoother stored no covariance")
+        return self.selected
 
 
 def _places(wanted: np.ndarray, available: np.ndarray) -> np.ndarray:
     """Numbers (k,) of wanted entries (k, ...) among those that are available. Raises ValueError where one is not."""
     at = [np.flatnonzero((available == one).reshape(len(available), -1).all(axis=1)) for one in wanted]
     if not all(map(len, at)):
-        raise ValueError("the smoother has not kept this covariance")
+        raise ValueError("the smoother did not store this covariance")
     return np.array([each[0] for each in at], dtype=int)
 
 
@@ -135,9 +135,11 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
     Raises ValueError where the run was not kept, or the first one alone of several.
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
-    covariances, jacobian, all_rows, adjusted = map(_kept, (run.covariance, run.jacobian, run.rows, run.adjusted))
+    covariances, jacobian, all_rows, adjusted = map(
+        _require_kept, (run.covariance, run.jacobian, run.rows, run.adjusted)
+    )
     if covariances.shape[1] != run.unknown_covariance.shape[1]:
-        raise ValueError("only the first run was kept")
+        raise ValueError("only the first run was stored")
     core = DrivenModel(model, np.zeros((0, HOLD, 0))) if isinstance(model, FilterModel) else model
     steps, runs, channels = run.innovation.shape
     b, size = covariances.shape[1:3]
@@ -165,10 +167,10 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
             K, L = gain(predict(P, A, process), H, R, instant=run.time[k])
             whitened_rows = np.linalg.solve(L, np.broadcast_to(H, (b, channels, size)))
             left = np.eye(size) - K @ H
-            adjoint = apply(transposed(left), adjoint) - apply(transposed(whitened_rows), whitened[k - 1])
-            information = transposed(left) @ information @ left + transposed(whitened_rows) @ whitened_rows
-        adjoint = apply(transposed(A), adjoint)
-        information = symmetric(transposed(A) @ information @ A)
+            adjoint = apply(transpose(left), adjoint) - apply(transpose(whitened_rows), whitened[k - 1])
+            information = transpose(left) @ information @ left + transpose(whitened_rows) @ whitened_rows
+        adjoint = apply(transpose(A), adjoint)
+        information = symmetric(transpose(A) @ information @ A)
     return Smoothed(run.time, mean, np.broadcast_to(std, mean.shape), smoothed)
 
 
@@ -188,14 +190,14 @@ def smooth_first(model: StepModel, run: FilterRun) -> Smoothed:
     Jacobians that its filter used. Raises ValueError where the run was not kept.
     Source: Bierman, Factorization methods for discrete sequential estimation (1977), chapter X.
     """
-    steps, n = len(_kept(run.jacobian)), run.mean.shape[2]
+    steps, n = len(_require_kept(run.jacobian)), run.mean.shape[2]
     M, z = np.zeros((0, n)), np.zeros(0)
     mean, std = np.empty((steps + 1, 1, n)), np.empty((steps + 1, 1, n))
     for k in range(steps, -1, -1):
-        F = covariance_factor(_kept(run.covariance)[k, 0])
+        F = covariance_factor(_require_kept(run.covariance)[k, 0])
         if k < steps:
             M, z = _back(model, run, k, F, M, z)
-        e, unit = _eliminated(np.vstack([M @ F, np.eye(F.shape[1])]), np.concatenate([z, np.zeros(F.shape[1])]))
+        e, unit = _eliminate(np.vstack([M @ F, np.eye(F.shape[1])]), np.concatenate([z, np.zeros(F.shape[1])]))
         mean[k, 0] = run.mean[k, 0] + F @ solve_triangular(unit, e)
         std[k, 0] = np.linalg.norm(solve_triangular(unit, F.T, trans="T"), axis=0)
     return Smoothed(run.time, mean, std, None)
@@ -206,7 +208,10 @@ def _back(
 ) -> tuple[np.ndarray, np.ndarray]:
     """M, z at the start of step k from those at its end, F (n, r) the factor of P at its start."""
     A, H, before, process, R = _first_of(model, run, k)
-    measured, whitened = np.isfinite(_kept(run.adjusted)[k, 0]), np.nan_to_num(_kept(run.adjusted)[k, 0])
+    measured, whitened = (
+        np.isfinite(_require_kept(run.adjusted)[k, 0]),
+        np.nan_to_num(_require_kept(run.adjusted)[k, 0]),
+    )
     H, R = np.where(measured[:, None], H, 0.0), np.diag(R)
     disturbance = np.zeros((len(A), 0)) if before is None else covariance_factor(before)
     added = covariance_factor(process)
@@ -217,19 +222,19 @@ def _back(
     s = np.concatenate([z, np.sqrt(R) * solve_triangular(L[0], whitened, lower=True, trans="T")]) + N @ moved
     noise = np.hstack([A @ disturbance, added])
     r = noise.shape[1]
-    # large rows first: what orthogonal steps lose is small beside the first ones
+    # large rows first, as the rounding of orthogonal steps is relative to them
     rows = np.vstack([np.hstack([N @ noise, N @ A]), np.eye(r, r + len(A))])
-    rotated, triangle = _eliminated(rows, np.concatenate([s, np.zeros(r)]))
+    rotated, triangle = _eliminate(rows, np.concatenate([s, np.zeros(r)]))
     return triangle[r:, r:], rotated[r:]
 
 
-def _eliminated(rows: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _eliminate(rows: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Qᵀ right and the triangle of rows = Q × triangle, at most as many rows as columns."""
     triangle = np.asarray(np.linalg.qr(np.column_stack([rows, right]), mode="r"))[: rows.shape[1]]
     return triangle[:, -1], triangle[:, :-1]
 
 
-def _kept(array: np.ndarray | None) -> np.ndarray:
+def _require_kept(array: np.ndarray | None) -> np.ndarray:
     """An array of a run that the filter keeps for a smoother. Raises ValueError where it has not."""
     if array is None:
         raise ValueError("the smoother needs a run kept with keep='all', or 'first' for the first run alone")
@@ -246,8 +251,8 @@ def _first_of(
 
     before = model.before(k)
     process = one(model.process(k) if run.process is None else run.process[k])
-    H, R = _kept(run.rows)[k, 0], np.diag(one(model.noise(k), 1)) if run.noise is None else run.noise[k, 0]
-    return _kept(run.jacobian)[k, 0], H, None if before is None else one(before), process, R
+    H, R = _require_kept(run.rows)[k, 0], np.diag(one(model.noise(k), 1)) if run.noise is None else run.noise[k, 0]
+    return _require_kept(run.jacobian)[k, 0], H, None if before is None else one(before), process, R
 
 
 def smoother_errors(
@@ -265,9 +270,9 @@ def smoother_errors(
     takes it for. run: of one run, kept with keep="all"; states: which are wanted. Raises ValueError otherwise.
     Source: Durbin and Koopman, Biometrika 89 (2002).
     """
-    adjusted, covariance = _kept(run.adjusted), _kept(run.covariance)
+    adjusted, covariance = _require_kept(run.adjusted), _require_kept(run.covariance)
     if adjusted.shape[1] != 1:
-        raise ValueError(f"errors of the smoother are of one run, not of {adjusted.shape[1]}")
+        raise ValueError(f"smoother errors need a single run, not {adjusted.shape[1]}")
     steps, _, m = adjusted.shape
     n = covariance.shape[-1]
     measured = np.isfinite(adjusted[:, 0])
@@ -277,16 +282,16 @@ def smoother_errors(
     def factor_of(numbers: bytes) -> np.ndarray:
         return covariance_factor(np.frombuffer(numbers).reshape(isqrt(len(numbers) // 8), -1))
 
-    def drawn(P: np.ndarray) -> np.ndarray:
+    def sample(P: np.ndarray) -> np.ndarray:
         factor = factor_of(P.tobytes())
         return np.asarray(rng.standard_normal((count, factor.shape[1])) @ factor.T)
 
-    e[0] = drawn(covariance[0, 0])
+    e[0] = sample(covariance[0, 0])
     back: list[tuple[np.ndarray, np.ndarray] | None] = []
     for k in range(steps):
         A, H, before, process, R = _first_of(model, run, k)
-        start = e[k] if before is None else e[k] + drawn(before)
-        ahead = start @ A.T + drawn(process)
+        start = e[k] if before is None else e[k] + sample(before)
+        ahead = start @ A.T + sample(process)
         channels = measured[k]
         if not channels.any():
             e[k + 1] = ahead
@@ -295,7 +300,7 @@ def smoother_errors(
         H, R = H[channels], R[np.ix_(channels, channels)]
         P = covariance[k] if before is None else covariance[k] + before
         K, L = gain(predict(P, A, process), H, R[None], instant=run.time[k + 1])
-        innovation = ahead @ H.T + drawn(R)
+        innovation = ahead @ H.T + sample(R)
         e[k + 1] = ahead - apply(K, innovation)
         back.append((np.eye(n) - K[0] @ H, np.linalg.solve(L[0], H)))
         white[k][:, channels] = np.linalg.solve(L[0], innovation.T).T
@@ -308,5 +313,5 @@ def smoother_errors(
         if (update := back[k - 1]) is not None:
             left, rows = update
             adjoint = adjoint @ left - white[k - 1][:, measured[k - 1]] @ rows
-        adjoint = adjoint @ _kept(run.jacobian)[k - 1, 0]
+        adjoint = adjoint @ _require_kept(run.jacobian)[k - 1, 0]
     return error

@@ -15,19 +15,17 @@ Form = Literal["joseph", "square_root"]
 
 def predict(P: np.ndarray, A: np.ndarray, Q: np.ndarray) -> np.ndarray:
     """P⁻ = A P Aᵀ + Q  (1.57), symmetrised; P, A (b, n, n), Q the covariance added in the step."""
-    return symmetric(A @ P @ transposed(A) + Q)
+    return symmetric(A @ P @ transpose(A) + Q)
 
 
 def whitened_gain(
     P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float = np.nan
 ) -> tuple[np.ndarray, np.ndarray]:
-    """G = PHᵀL⁻ᵀ and the Cholesky factor L of S = HPHᵀ + R = LLᵀ: the gain is K = G L⁻¹ (1.58).
-
-    P (b, n, n); H (m, n) or (b, m, n); R (b, m) variances, or (b, m, m). Returns G (b, n, m), L (b, m, m).
-    Raises NumericalError, with the instant [s], where S is not positive definite.
-    """
+    """G = PHᵀL⁻ᵀ and the Cholesky factor L of S = HPHᵀ + R = LLᵀ: the gain is K = G L⁻¹ (1.58). P (b, n, n); H (m, n) or (b,
+    m, n); R (b, m) variances, or (b, m, m). Returns G (b, n, m), L (b, m, m). Raises NumericalError, with the instant [s],
+    where S is not positive definite."""
     HP = H @ P
-    S = symmetric(HP @ transposed(H))
+    S = symmetric(HP @ transpose(H))
     if R.ndim == 3:
         S += R
     else:
@@ -37,24 +35,21 @@ def whitened_gain(
         L = np.linalg.cholesky(S)
     except np.linalg.LinAlgError as error:
         raise _indefinite(instant) from error
-    return transposed(np.linalg.solve(L, HP)), L
+    return transpose(np.linalg.solve(L, HP)), L
 
 
 def gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float = np.nan) -> tuple[np.ndarray, np.ndarray]:
     """Kalman gain K = PHᵀS⁻¹ (1.58) and the Cholesky factor L of S = HPHᵀ + R = LLᵀ; as `whitened_gain`."""
     G, L = whitened_gain(P, H, R, instant)
-    return transposed(np.linalg.solve(transposed(L), transposed(G))), L
+    return transpose(np.linalg.solve(transpose(L), transpose(G))), L
 
 
 def schmidt_gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, V: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Schmidt's gain, which considers constants ν of unit variance: K = (P Hᵀ − Vᵀεᵀ) S⁻¹, S = H P Hᵀ + ε εᵀ + R.
-
-    P (b, n, n) without what ν causes; H (m, n) or (b, m, n); R (b, m) or (m,) variances; V (b, d, n) what one of ν adds to the
-    error of the states, slope ε (b, m, d) to the innovation. Returns K (b, n, m).
-    Source: Schmidt, Advances in Control Systems 3 (1966).
-    """
-    S = H @ P @ transposed(H) + slope @ transposed(slope) + R[..., None] * np.eye(R.shape[-1])
-    return transposed(np.linalg.solve(S, H @ P - slope @ V))
+    """Schmidt's gain, which considers constants ν of unit variance: K = (P Hᵀ − Vᵀεᵀ) S⁻¹, S = H P Hᵀ + ε εᵀ + R. P (b, n, n)
+    excludes the effect of ν; H (m, n) or (b, m, n); R (b, m) or (m,) variances. V (b, d, n): error of the states per unit ν,
+    slope ε (b, m, d) of the innovation. Returns K (b, n, m). Source: Schmidt, Advances in Control Systems 3 (1966)."""
+    S = H @ P @ transpose(H) + slope @ transpose(slope) + R[..., None] * np.eye(R.shape[-1])
+    return transpose(np.linalg.solve(S, H @ P - slope @ V))
 
 
 def joseph(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -63,23 +58,23 @@ def joseph(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple
     Source: Bucy and Joseph, Filtering for Stochastic Processes (1968).
     """
     G, L = whitened_gain(P, H, R, instant)
-    K = transposed(np.linalg.solve(transposed(L), transposed(G)))
-    return corrected(P, K, H, R), G, L
+    K = transpose(np.linalg.solve(transpose(L), transpose(G)))
+    return joseph_update(P, K, H, R), G, L
 
 
-def corrected(P: np.ndarray, K: np.ndarray, H: np.ndarray, R: np.ndarray) -> np.ndarray:
+def joseph_update(P: np.ndarray, K: np.ndarray, H: np.ndarray, R: np.ndarray) -> np.ndarray:
     """(I − KH)P(I − KH)ᵀ + KRKᵀ, the covariance after an update by any gain K (b, n, m), symmetrised; R as of `whitened_gain`."""
     left = np.eye(P.shape[-1]) - K @ H
     KR = K @ R if R.ndim == 3 else K * R[..., None, :]
-    return symmetric(left @ P @ transposed(left) + KR @ transposed(K))
+    return symmetric(left @ P @ transpose(left) + KR @ transpose(K))
 
 
 def predict_factor(F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray) -> np.ndarray:
     """Lower triangular F⁻ with F⁻F⁻ᵀ = A F Fᵀ Aᵀ + Q, from the QR factors of [A F, Q½]ᵀ; Q_factor (b or 1, n, any)."""
-    return _lower(beside(A @ F, Q_factor))
+    return _lower(join_columns(A @ F, Q_factor))
 
 
-def beside(*factors: np.ndarray) -> np.ndarray:
+def join_columns(*factors: np.ndarray) -> np.ndarray:
     """Columns of all factors (b or 1, n, any) in one."""
     b = max(len(X) for X in factors)
     whole = np.empty((b, factors[0].shape[1], sum(X.shape[2] for X in factors)))
@@ -94,7 +89,7 @@ def innovation_factor(
     F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float
 ) -> np.ndarray:
     """L (b, m, m) of HP⁻Hᵀ + R = LLᵀ, P⁻ of `predict_factor`, by the QR factors of [R½, H A F, H Q½]ᵀ; R (b, m)."""
-    L = _lower(beside(np.sqrt(R)[:, :, None] * np.eye(R.shape[-1]), H @ A @ F, H @ Q_factor))
+    L = _lower(join_columns(np.sqrt(R)[:, :, None] * np.eye(R.shape[-1]), H @ A @ F, H @ Q_factor))
     diagonal = np.diagonal(L, axis1=-2, axis2=-1)
     if not np.all(diagonal != 0):
         raise _indefinite(instant)
@@ -116,10 +111,10 @@ def update_factor(F: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -
     else:
         array[:, range(m), range(m)] = np.sqrt(R)
     array[:, :, m:] = H @ F
-    theta, upper = np.linalg.qr(transposed(array), mode="complete")
+    theta, upper = np.linalg.qr(transpose(array), mode="complete")
     after = F @ theta[:, m:]
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[:, None, :]
-    L, G = transposed(upper[:, :m]) * sign, after[:, :, :m] * sign
+    L, G = transpose(upper[:, :m]) * sign, after[:, :, :m] * sign
     if not np.all(np.diagonal(L, axis1=-2, axis2=-1) > 0):
         raise _indefinite(instant)
     return after[:, :, m:], G, L
@@ -139,7 +134,7 @@ def pivoted_factors(P: np.ndarray) -> np.ndarray:
     states nearly tell each other."""
     factors = np.zeros_like(P)
     if not np.isfinite(P).all():
-        raise np.linalg.LinAlgError("a covariance is not finite")
+        raise np.linalg.LinAlgError("a covariance contains NaN or infinite values")
     for F, covariance in zip(factors, P, strict=True):
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         moving = np.flatnonzero(std)
@@ -182,26 +177,26 @@ def apply(C: np.ndarray, x: np.ndarray) -> np.ndarray:
     return (C @ x[..., None])[..., 0]
 
 
-def transposed(X: np.ndarray) -> np.ndarray:
+def transpose(X: np.ndarray) -> np.ndarray:
     """X with its last two axes exchanged."""
     return X.swapaxes(-1, -2)
 
 
 def symmetric(X: np.ndarray) -> np.ndarray:
     """(X + Xᵀ)/2."""
-    return 0.5 * (X + transposed(X))
+    return 0.5 * (X + transpose(X))
 
 
 def _lower(X: np.ndarray) -> np.ndarray:
-    R = np.asarray(np.linalg.qr(transposed(X), mode="r"))
-    return transposed(R)
+    R = np.asarray(np.linalg.qr(transpose(X), mode="r"))
+    return transpose(R)
 
 
 def _indefinite(instant: float) -> NumericalError:
     return NumericalError(
         f"the innovation covariance is not positive definite at {instant:g} s",
-        remedy="two gauges may be the same, or the noise is below what a number resolves, 1e-8 of what the unknowns may move a "
-        "reading by: give them noise, or choose others",
+        remedy="remove duplicate gauges, or increase the noise: it is below 1e-8 of the readings that the unknowns "
+        "can cause",
     )
 
 
@@ -249,7 +244,7 @@ class SquareRoot:
 
     @property
     def covariance(self) -> np.ndarray:
-        return self.factor @ transposed(self.factor)
+        return self.factor @ transpose(self.factor)
 
     def predicted(self, step: Transition) -> SquareRoot:
         F = predict_factor(self._at_start(step), step.A, self._factor("process", step.process))
@@ -267,7 +262,7 @@ class SquareRoot:
 
     def _at_start(self, step: Transition) -> np.ndarray:
         """A factor of P + before."""
-        return self.factor if step.before is None else beside(self.factor, self._factor("before", step.before))
+        return self.factor if step.before is None else join_columns(self.factor, self._factor("before", step.before))
 
     def _factor(self, which: str, Q: np.ndarray) -> np.ndarray:
         if which not in self.factors or self.factors[which][0] is not Q:

@@ -1,4 +1,4 @@
-"""What an approximate filter claims beside a bank on the same samples, in words: where its σ does not allow for that."""
+"""What an approximate filter claims beside a grid filter on the same samples, in words: where its σ does not allow for that."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, comparison_verdict, expected_ratio
-from strainsight.records.estimated import BANK, Compared
+from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, classify_ratio, expected_ratio
+from strainsight.records.estimated import GRID_FILTER, Compared
 from strainsight.runner.output import Scalar, Table
 
-COMPARED = "filters compared; in brackets: the error that the bank expects over the claimed σ"
+COMPARED = "filters compared; in brackets: the error that the grid filter expects over the claimed σ"
 WITHOUT_TOLERANCES = COMPARED.replace("compared;", "compared, σ without tolerances;")
 """Titles of the table."""
 
@@ -31,12 +31,12 @@ def filters_compared(
 
 
 def _posterior(filters: Compared) -> bool:
-    """Whether the bank has one, with which the others are compared."""
-    return all(np.isfinite(filters.estimate[name][filters.filter.index(BANK)]) for name in filters.estimate)
+    """Whether the grid filter has one, with which the others are compared."""
+    return all(np.isfinite(filters.estimate[name][filters.filter.index(GRID_FILTER)]) for name in filters.estimate)
 
 
 def disagreements_in_words(filters: Compared | None) -> list[str]:
-    """A sentence, without a full stop, for every claim that does not allow for what the bank finds."""
+    """A sentence, without a full stop, for every claim that does not allow for what the grid filter finds."""
     if filters is None:
         return []
     if not _posterior(filters):
@@ -44,9 +44,9 @@ def disagreements_in_words(filters: Compared | None) -> list[str]:
     words = []
     for name, ratios_of in filters.ratio.items():
         for filter_, ratio in zip(filters.filter, map(float, ratios_of), strict=True):
-            verdict = comparison_verdict(ratio) if filter_ != BANK else ""
+            verdict = classify_ratio(ratio) if filter_ != GRID_FILTER else ""
             if verdict == OVERCONFIDENT:
-                expected = f"the bank expects an error of {ratio:.2g} times its σ"
+                expected = f"the grid filter expects an error of {ratio:.2g} times its σ"
                 words.append(f"the {filter_} filter is overconfident of {name}: {expected}")
             elif verdict == DIVERGED:
                 words.append(f"the {filter_} filter diverges, of {name} it says nothing")
@@ -61,24 +61,25 @@ def ratios(filters: Compared | None) -> dict[str, Scalar]:
         f"ratio.{filter_}.{name}": float(value)
         for name, ratio in filters.ratio.items()
         for filter_, value in zip(filters.filter, ratio, strict=True)
-        if filter_ != BANK
+        if filter_ != GRID_FILTER
     }
 
 
 def comparison_table(filters: Compared, units: Mapping[str, str], title: str = WITHOUT_TOLERANCES) -> Table:
-    """A row a parameter: value ± σ by every filter, and the verdict on the approximate ones where the bank has a posterior."""
+    """A row a parameter: value ± σ by every filter, and the verdict on the approximate ones where the grid filter has a
+    posterior."""
     rows, exact = [], _posterior(filters)
     for name, estimate in filters.estimate.items():
         std, ratio = filters.std[name], filters.ratio[name]
         cells = [name]
         for i, filter_ in enumerate(filters.filter):
             value, size = f"{estimate[i]:.5g}", _spread(float(std[i]), float(estimate[i]))
-            if filter_ == BANK:
+            if filter_ == GRID_FILTER:
                 cells.append(f"{value} {units[name]} {size}" if exact else "no posterior")
             elif not exact:
                 cells.append(f"{value} {units[name]} {size}" if np.isfinite(estimate[i]) else DIVERGED)
             else:
-                claim = f"{value} {size}, {comparison_verdict(float(ratio[i]))} ({ratio[i]:.2g})"
+                claim = f"{value} {size}, {classify_ratio(float(ratio[i]))} ({ratio[i]:.2g})"
                 cells.append(claim if np.isfinite(ratio[i]) else DIVERGED)
         rows.append(tuple(cells))
     return Table(title, ("parameter", *filters.filter), tuple(rows))

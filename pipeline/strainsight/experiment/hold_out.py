@@ -48,7 +48,7 @@ class LeftOut:
 
 def left_out(held: HoldOut | None, labels: Sequence[str], measured: np.ndarray) -> tuple[LeftOut, ...]:
     """Every channel by its label, none where no channel was left out; measured (T, ..., m), NaN where nothing was. Neighbouring
-    samples are off alike: as many draws as the samples are worth (`samples_alike`)."""
+    samples are off alike: as many draws as the samples are worth (`autocorrelation_time`)."""
     rows: list[LeftOut] = []
     if held is None:
         return ()
@@ -87,7 +87,7 @@ def hold_out_table(rows: Sequence[LeftOut], units: Sequence[str], each: str) -> 
         share = f"{100 * row.error / row.reading:.3g} %" if row.reading > 0 else "–"
         claim = ("–", "–", "σ is withheld")
         if row.claim is not None:
-            claim = f"{row.claim.ratio:.2g}", f"{100 * row.inside:.3g} %", row.claim.verdict
+            claim = f"{row.claim.ratio:.2g}", f"{100 * row.inside:.3g} %", row.claim.result
         lines.append((row.label, size_in_words(row.reading, unit), share, *claim))
     return Table(
         f"every {each} by the others",

@@ -1,4 +1,4 @@
-"""Accelerations at an instant, and what joints and drives carry there."""
+"""Accelerations at an instant, and the reactions of joints and drives."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from strainsight.errors import NumericalError
 from strainsight.multibody.bodies import Carried, Frame, cross_matrix, inertia_load
-from strainsight.multibody.compiled.arrays import compiled
+from strainsight.multibody.compiled.arrays import compile_system
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED, natural_equations
 from strainsight.multibody.forces import Gravity, Load
 from strainsight.multibody.joints import Driven, DrivenRelation, Joint, driven_of
@@ -21,13 +21,10 @@ from strainsight.multibody.system import Element, System
 
 @dataclass(frozen=True)
 class Balance:
-    """(1.3) at (q, v, a, μ, λ, u, θ), without the multipliers: M a + c + f.
-
-    phi φ (m,); B (m, n) = ∂φ/∂q; B_rate (m, n) = ∂φ̇/∂q; driven: φ_t and more where joints are driven, φ̇ = Bv + φ_t;
-    load (n,) = M(q)a + c(q, v) + f(q, v, u, θ); mass M (n, n);
-    stiffness (n, n) = ∂(load − Bᵀλ)/∂q; damping (n, n) = ∂load/∂v; constraint_stiffness (n, n) = ∂(Bᵀμ)/∂q;
-    gradient (nr, n) of all relations; by_parameters (n, nθ + width of u): ∂f/∂(θ, u) of the elements.
-    """
+    """(1.3) at (q, v, a, μ, λ, u, θ), without the multipliers: M a + c + f. phi φ (m,); B (m, n) = ∂φ/∂q; B_rate (m, n) =
+    ∂φ̇/∂q; driven: φ_t and more where joints are driven, φ̇ = Bv + φ_t; load (n,) = M(q)a + c(q, v) + f(q, v, u, θ); mass M
+    (n, n); stiffness (n, n) = ∂(load − Bᵀλ)/∂q; damping (n, n) = ∂load/∂v; constraint_stiffness (n, n) = ∂(Bᵀμ)/∂q; gradient
+    (nr, n) of all relations; by_parameters (n, nθ + width of u): ∂f/∂(θ, u) of the elements."""
 
     phi: np.ndarray
     B: np.ndarray
@@ -60,7 +57,7 @@ def balance(
     Every force but the moment is conjugate to relations ρ: f = ∇ρᵀF with F = −u for an input, −1 for the weight, F(ρ, ρ̇, θ)
     for an element, ρ̇ = ∇ρ v; ∂f/∂q = ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ vᵀ∇²ρ) + Σ F ∇²ρ, ∂f/∂v = ∇ρᵀ ∂F/∂ρ̇ ∇ρ.
     """
-    m, arrays = system.constrained, compiled(system)
+    m, arrays = system.constrained, compile_system(system)
     q, v, u, theta = (np.ascontiguousarray(x, dtype=float) for x in (q, v, u, theta))
     a, lam, mu = (
         np.zeros(size) if x is None else np.ascontiguousarray(x, dtype=float)
@@ -74,7 +71,7 @@ def balance(
         rho, G, _ = relation_rows(system.products, q, v)
         for element in system.elements:
             element_load(element, rho[element.rows], G[element.rows] @ v, theta, u)
-        raise NumericalError("a force law has no load here")
+        raise NumericalError("a force law is not defined in this configuration")
     load, stiffness, mass = t.r2 + t.g[:m].T @ lam, t.K, system.mass
     for moment in system.moments:
         T = moment.directions @ u[moment.inputs]
@@ -99,7 +96,8 @@ def balance(
 
 
 def element_load(element: Element, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray, u: np.ndarray) -> Load:
-    """Of an element's relations, ρ and ρ̇ (k,), from θ (nθ,) and u of the system. Raises NumericalError that names the element."""
+    """Of an element's relations, ρ and ρ̇ (k,), from θ (nθ,) and u of the system. Raises NumericalError that names the
+    element."""
     force = element.force
     try:
         return force.law.load(rho, rho_dot, np.concatenate([theta[element.parameters], u[element.inputs]]))
@@ -118,8 +116,8 @@ def input_slopes(system: System, at: Balance, q: np.ndarray) -> np.ndarray:
         if moment.R >= 0:
             R = q[moment.R : moment.R + 9].reshape(3, 3).T
             for j in range(3):
-                own = slice(moment.R + 3 * j, moment.R + 3 * j + 3)
-                slopes[own, moment.inputs] -= 0.5 * np.cross(moment.directions.T, R[:, j]).T
+                column = slice(moment.R + 3 * j, moment.R + 3 * j + 3)
+                slopes[column, moment.inputs] -= 0.5 * np.cross(moment.directions.T, R[:, j]).T
             slopes[moment.eta, moment.inputs] -= moment.rotation.T @ (R.T @ moment.directions)
         else:
             slopes[moment.eta, moment.inputs] -= moment.rotation.T @ moment.directions
@@ -137,8 +135,8 @@ def mass_at(system: System, q: np.ndarray) -> np.ndarray:
     zero = np.zeros(system.size)
     mass = system.mass.copy()
     for body in system.inertia:
-        own = slice(body.at, body.at + 12 + len(body.modal))
-        mass[own, own] = inertia_load(body, q, zero, zero)[0]
+        coordinates = slice(body.at, body.at + 12 + len(body.modal))
+        mass[coordinates, coordinates] = inertia_load(body, q, zero, zero)[0]
     return mass
 
 
@@ -157,7 +155,7 @@ class Instant:
 def instant(
     system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, p_second: np.ndarray
 ) -> Instant:
-    """What (1.3) says of a state on the constraints, free of any time step:
+    """Accelerations and reactions of a state on the constraints by (1.3), independent of any time step:
 
         [M  −Bᵀ] [v̇]     [c + f                                  ]
         [B   0 ] [λ ] = − [B_rate v + ṗ (B_p v + ∂φ_t/∂p) + φ_p p̈]
@@ -173,7 +171,7 @@ def instant(
         for i, (row, k) in enumerate(zip(drives.row, drives.which, strict=True)):
             bend[row] += p_rate[k] * (at.driven.gradient[i] @ v + at.driven.bend[i]) + at.driven.slope[i] * p_second[k]
     A, s = _matrix(system, at)
-    z = _solved(A, -np.concatenate([at.load * (1 / d), s * bend]))
+    z = _solve(A, -np.concatenate([at.load * (1 / d), s * bend]))
     lam, force = z[n:] * s, np.zeros(len(drives.names))
     if at.driven is not None:
         np.add.at(force, drives.which, -lam[drives.row] * at.driven.slope)
@@ -199,11 +197,8 @@ def instant_slopes(
     p_second: np.ndarray,
     now: Instant,
 ) -> InstantSlopes:
-    """Of the instant, by both rows of (1.3) as they are solved for (v̇, λ), off the constraints, too:
-
-    [M  −Bᵀ] [∂v̇]     [∂(M v̇ + c + f − Bᵀλ)                      ]
-    [B   0 ] [∂λ] = − [∂(B v̇ + B_rate v + …) = ∂φ̈,  ∂φ̈/∂v = 2 B_rate]
-    """
+    """Of the instant, by both rows of (1.3) as they are solved for (v̇, λ), off the constraints, too: [M  −Bᵀ] [∂v̇]     [∂(M
+    v̇ + c + f − Bᵀλ)                      ] [B   0 ] [∂λ] = − [∂(B v̇ + B_rate v + …) = ∂φ̈,  ∂φ̈/∂v = 2 B_rate]"""
     n, m, d = system.size, system.constrained, system.metric
     at = balance(system, q, v, u, theta, a=now.acceleration, lam=now.lam)
     A, s = _matrix(system, at)
@@ -211,7 +206,7 @@ def instant_slopes(
     upper = np.hstack([at.stiffness, at.damping, by_u, by_theta]) / d[:, None]
     lower = np.zeros((m, upper.shape[1]))
     lower[:, :n], lower[:, n : 2 * n] = _bends(system, at, q, v, now.acceleration, u, p_second), 2 * at.B_rate
-    z = _solved(A, -np.vstack([upper, s[:, None] * lower]))[:n] / d[:, None]
+    z = _solve(A, -np.vstack([upper, s[:, None] * lower]))[:n] / d[:, None]
     return InstantSlopes(*np.split(z, np.cumsum([n, n, by_u.shape[1]]), axis=1))
 
 
@@ -228,7 +223,7 @@ def _bends(
     p, p_rate = u[drives.at : drives.at + len(drives.names)], u[drives.at + len(drives.names) :]
     for i, (row, across, k) in enumerate(zip(drives.row, drives.across, drives.which, strict=True)):
         if across < 0:
-            continue  # neither p nor its square stands beside q
+            continue  # neither p nor its square multiplies q
         c, s = np.cos(p[k]), np.sin(p[k])
         bends[row] = c * whole[row] - s * whole[across] - 2 * p_rate[k] * (s * rate[row] + c * rate[across])
         bends[row] += p_second[k] * at.driven.gradient[i] - p_rate[k] ** 2 * at.B[row]
@@ -258,8 +253,8 @@ def saddle(K: np.ndarray, B: np.ndarray) -> np.ndarray:
     return A
 
 
-def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """A⁻¹b, the smallest of the nearest where A is singular: by LU factors where these say that it is regular."""
+def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """A⁻¹b, or the least-squares solution of least norm for a singular A; LU factors if they are regular."""
     lu, order, failed = dgetrf(A)
     if failed == 0 and dgecon(lu, np.abs(A).sum(axis=0).max())[0] > 1e-9:
         return np.asarray(dgetrs(lu, order, b)[0])
@@ -277,7 +272,7 @@ class ReadingSlopes:
     by_theta: np.ndarray
 
 
-def measured(
+def measure(
     system: System,
     sensors: CompiledSensors,
     q: np.ndarray,
@@ -286,36 +281,36 @@ def measured(
     theta: np.ndarray,
     p_second: np.ndarray,
 ) -> ReadingSlopes:
-    """What sensors read of a state, and all that it depends on: accelerometers feel loads and parameters at once, and not only
-    what these have moved; free of any time step. Arguments as of `instant`."""
+    """Sensor readings and their slopes: accelerometers respond directly to loads and parameters; independent of the time step.
+    Arguments as in `instant`."""
     now = instant(system, q, v, u, theta, p_second)
     felt = Felt(now.acceleration, gravity_at(system, u))
     y, by_q, by_v = sensors.read(q, v, felt)
     by_u, by_theta = np.zeros((len(y), len(system.inputs))), np.zeros((len(y), len(theta)))
     if sensors.accelerometers:
-        own, slopes = sensors.accelerated, instant_slopes(system, q, v, u, theta, p_second, now)
+        channels, slopes = sensors.accelerated, instant_slopes(system, q, v, u, theta, p_second, now)
         *_, by_a, by_g = sensors.accelerations(q, v, felt)
-        by_q[own] += by_a @ slopes.by_q
-        by_v[own] += by_a @ slopes.by_v
-        by_u[own], by_theta[own] = by_a @ slopes.by_u, by_a @ slopes.by_theta
+        by_q[channels] += by_a @ slopes.by_q
+        by_v[channels] += by_a @ slopes.by_v
+        by_u[channels], by_theta[channels] = by_a @ slopes.by_u, by_a @ slopes.by_theta
         for law, k in _turning(system):
-            by_u[own, k] += by_g @ law.at(u[k])[1]
+            by_u[channels, k] += by_g @ law.at(u[k])[1]
     return ReadingSlopes(y, by_q, by_v, by_u, by_theta)
 
 
 def at_rest(system: System, u: np.ndarray) -> Felt:
-    """What is felt where nothing moves."""
+    """Accelerometer input of a bench at rest."""
     return Felt(np.zeros(system.size), gravity_at(system, u))
 
 
 def gravity_at(system: System, u: np.ndarray) -> np.ndarray:
-    """Acceleration of gravity (3,) [m/s²], all of it."""
+    """Total acceleration of gravity (3,) [m/s²]."""
     steady = sum((force.acceleration for force in system.forces if isinstance(force, Gravity)), np.zeros(3))
     return np.asarray(steady + sum((law.at(u[k])[0] for law, k in _turning(system)), np.zeros(3)))
 
 
 def _turning(system: System) -> list[tuple[TurningGravity, int]]:
-    """Gravity that turns, with the place of its angle in u."""
+    """Rotating gravity laws, with the index of their angle in u."""
     laws = [(element.force.law, int(element.inputs[0])) for element in system.elements if len(element.inputs)]
     return [(law, k) for law, k in laws if isinstance(law, TurningGravity)]
 
@@ -330,11 +325,13 @@ def reaction(
     for δ(b·y) = t δp_j·y + δθ·((b − t p_j) × y) in a virtual motion of that body about p_j. λ (m,) as of `instant`.
     """
     # the constraints of the rigid motions stand before those of all joints
-    first = system.constrained - sum(len(own.relations) for own in system.joints[system.joints.index(joint) :])
+    first = system.constrained - sum(
+        len(constraint.relations) for constraint in system.joints[system.joints.index(joint) :]
+    )
     side, sign = (j.body, 1.0) if j.body is not None else (i.body, -1.0)
     p, F, M = _vector(system, j.point, q), np.zeros(3), np.zeros(3)
-    for k, own in enumerate(joint.relations):
-        for relation, share in _products(system, own, u):
+    for k, constraint in enumerate(joint.relations):
+        for relation, share in _products(system, constraint, u):
             weight = sign * share * lam[first + k]
             x, y = (sum(_vector(system, b, q) for b in side_of) for side_of in (relation.x, relation.y))
             for vectors, other in ((relation.x, y), (relation.y, x)):
@@ -346,23 +343,23 @@ def reaction(
     return np.concatenate([axes @ F, axes @ M])
 
 
-def _products(system: System, own: Relation | DrivenRelation, u: np.ndarray) -> list[tuple[Relation, float]]:
+def _products(system: System, constraint: Relation | DrivenRelation, u: np.ndarray) -> list[tuple[Relation, float]]:
     """The relations of a constraint, each with its factor."""
-    if isinstance(own, Relation):
-        return [(own, 1.0)]
-    p = u[system.drives.at + system.drives.names.index(own.drive)]
-    if own.across is None:
-        return [(own.relation, 1.0)]
-    return [(own.relation, float(np.cos(p))), (own.across, -float(np.sin(p)))]
+    if isinstance(constraint, Relation):
+        return [(constraint, 1.0)]
+    p = u[system.drives.at + system.drives.names.index(constraint.drive)]
+    if constraint.across is None:
+        return [(constraint.relation, 1.0)]
+    return [(constraint.relation, float(np.cos(p))), (constraint.across, -float(np.sin(p)))]
 
 
 def _vector(system: System, b: Carried, q: np.ndarray) -> np.ndarray:
     """b (3,) at q."""
     if b.body is None:
         return np.asarray(b.c)
-    own, eta = system.of[b.body], q[system.modal(b.body)]
+    coordinates, eta = system.of[b.body], q[system.modal(b.body)]
     c = b.c + b.C @ eta if b.C.shape[1] else b.c
-    if own.stop - own.start == len(eta):
+    if coordinates.stop - coordinates.start == len(eta):
         return np.asarray(c)
-    r, R = q[own][:3], q[own][3:12].reshape(3, 3).T
+    r, R = q[coordinates][:3], q[coordinates][3:12].reshape(3, 3).T
     return np.asarray(b.t * r + R @ c)

@@ -13,15 +13,13 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.rom.inertia import InertiaInvariants
 
 TURNED = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
-"""Axes in the cyclic order that ends with the one meant."""
+"""Cyclic order of the axes that ends with the selected one."""
 
 
 @dataclass(frozen=True)
 class Carried:
-    """A vector that a body carries: b = t r + R(c + C η), bilinear in (R, η), so of constant second derivative.
-
-    body: its name, None for the ground (b = c); t [-]; c (3,); C (3, n). A clamped body has r = 0, R = I.
-    """
+    """A vector that a body carries: b = t r + R(c + C η), bilinear in (R, η), so of constant second derivative. body: its
+    name, None for the ground (b = c); t [-]; c (3,); C (3, n). A clamped body has r = 0, R = I."""
 
     body: str | None
     t: float
@@ -39,11 +37,9 @@ def constant(vector: np.ndarray) -> Carried:
 
 @dataclass(frozen=True)
 class Frame:
-    """A right-handed frame on a body: origin p = r + R(o + Φη), axes a_k = R(I + [Ψη]×)A₀e_k.
-
-    body: its name, None for the ground; origin o (3,) [m] and axes A₀ (3, 3), its columns, in body axes; displacement
-    Φ (3, n) [m] and rotation Ψ (3, n) [rad] of the interface node where the body is flexible (small rotation).
-    """
+    """A right-handed frame on a body: origin p = r + R(o + Φη), axes a_k = R(I + [Ψη]×)A₀e_k. body: its name, None for the
+    ground; origin o (3,) [m] and axes A₀ (3, 3), its columns, in body axes; displacement Φ (3, n) [m] and rotation Ψ (3, n)
+    [rad] of the interface node where the body is flexible (small rotation)."""
 
     name: str
     body: str | None = None
@@ -55,7 +51,7 @@ class Frame:
     def __post_init__(self) -> None:
         axes = np.asarray(self.axes, dtype=float)
         if axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-9 or np.linalg.det(axes) < 0:
-            raise InfeasibleError(f"frame {self.name}: its axes are not three right-handed orthonormal columns")
+            raise InfeasibleError(f"frame {self.name}: the axes are not three right-handed orthonormal columns")
 
     @property
     def point(self) -> Carried:
@@ -89,13 +85,10 @@ RIGID = 12
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A rigid body, q = [r, R₁, R₂, R₃] (12,), RᵀR = I; a material point x sits at p = r + R x.
-
-    mass [kg]; centre (3,) [m] of mass in body axes; inertia (3, 3) [kg m²] about the body's origin, in body axes.
-    A straight rod has no inertia about its axis: the joints must then hold that rotation.
-    modes, moves, size: as of `FlexibleBody`.
-    Raises InfeasibleError for a mass that is not positive or an inertia that no distribution of mass has.
-    """
+    """A rigid body, q = [r, R₁, R₂, R₃] (12,), RᵀR = I; a material point x sits at p = r + R x. mass [kg]; centre (3,) [m] of
+    mass in body axes; inertia (3, 3) [kg m²] about the body's origin, in body axes. A straight rod has no inertia about its
+    axis: the joints must then hold that rotation. modes, moves, size: as of `FlexibleBody`. Raises InfeasibleError for a mass
+    that is not positive or an inertia that no distribution of mass has."""
 
     name: str
     mass: float
@@ -106,19 +99,19 @@ class RigidBody:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.mass) and self.mass > 0):
-            raise InfeasibleError(f"body {self.name} has a mass of {self.mass:g} kg", remedy="give it a positive mass")
+            raise InfeasibleError(f"body {self.name} has a mass of {self.mass:g} kg", remedy="specify a positive mass")
         inertia = np.asarray(self.inertia, dtype=float)
         if inertia.shape != (3, 3) or not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0):
-            raise InfeasibleError(f"body {self.name}: the inertia is no symmetric 3×3 matrix")
+            raise InfeasibleError(f"body {self.name}: the inertia is not a symmetric 3×3 matrix")
         centre = np.asarray(self.centre, dtype=float)
         central = self.second - self.mass * np.outer(centre, centre)
         least = float(np.linalg.eigvalsh(central)[0])
         if least < -1e-9 * max(float(np.trace(self.second)), np.finfo(float).tiny):
             raise InfeasibleError(
-                f"body {self.name}: no distribution of mass has this inertia "
+                f"body {self.name}: no mass distribution has this inertia "
                 f"(least central moment of second order {least:.3g} kg m²)",
-                remedy="the inertia is about the body's origin, not the centre of mass; any two principal moments "
-                "must together exceed the third",
+                remedy="specify the inertia about the origin of the body, not its centre of mass; any two principal moments "
+                "together must exceed the third",
             )
 
     @property
@@ -131,12 +124,10 @@ class RigidBody:
 @dataclass(frozen=True)
 class FlexibleBody:
     """A reduced elastic body: p = r + R(x + Φη), small deformation; q = [r, R₁, R₂, R₃, η] (12 + n,), or η if clamped.
-
-    clamped: the body's frame is the ground's, M η̈ + C η̇ + K η = f exactly. stiffness K(θ), damping C(θ) (n, n),
-    affine in named parameters (a plain matrix: constant) [N/m, N s/m in the unit of η]; mass (n, n); invariants: the
-    inertia in the floating frame. Shapes of a free body must hold no rigid motion (fix them to one interface).
-    Raises InfeasibleError for shapes that do not agree or a mass that is not positive.
-    """
+    clamped: the body's frame is the ground's, M η̈ + C η̇ + K η = f exactly. stiffness K(θ), damping C(θ) (n, n), affine in
+    named parameters (a plain matrix: constant) [N/m, N s/m in the unit of η]; mass (n, n); invariants: the inertia in the
+    floating frame. Shapes of a free body must hold no rigid motion (fix them to one interface). Raises InfeasibleError for
+    shapes that do not agree or a mass that is not positive."""
 
     name: str
     clamped: bool
@@ -149,15 +140,15 @@ class FlexibleBody:
         n = self.modes
         if n == 0:
             raise InfeasibleError(
-                f"body {self.name} has no shapes", remedy="make it a rigid body, or part of the ground"
+                f"body {self.name} has no mode shapes", remedy="make it a rigid body, or part of the ground"
             )
         for what, X in (("stiffness", self.stiffness), ("damping", self.damping)):
             matrices = [X.constant, *X.terms.values()] if isinstance(X, AffineOperator) else [X]
             if any(np.shape(part) != (n, n) for part in matrices):
-                raise InfeasibleError(f"body {self.name}: the {what} is not {n}×{n} as the mass is")
+                raise InfeasibleError(f"body {self.name}: the {what} is not {n}×{n} like the mass")
         if np.shape(self.invariants.first_modal) != (3, n):
             raise InfeasibleError(
-                f"body {self.name}: the inertia is of {np.shape(self.invariants.first_modal)[1]} modes, not {n}"
+                f"body {self.name}: the inertia has {np.shape(self.invariants.first_modal)[1]} modes, not {n}"
             )
         if not self.invariants.mass > 0:
             raise InfeasibleError(f"body {self.name} has a mass of {self.invariants.mass:g} kg")
@@ -165,9 +156,10 @@ class FlexibleBody:
         least = float(np.linalg.eigvalsh(self.mass / np.outer(size, size))[0])  # of a microgram as of a tonne
         if not least > 0:
             raise InfeasibleError(
-                f"body {self.name}: the reduced mass is not positive definite (least eigenvalue {least:.3g}, of a diagonal "
+                f"body {self.name}: the reduced mass is not positive definite (smallest eigenvalue {least:.3g}, "
+                "scaled to a diagonal "
                 "of 1)",
-                remedy="leave out the shapes that carry no mass",
+                remedy="remove the mode shapes without mass",
             )
 
     @property
@@ -177,7 +169,7 @@ class FlexibleBody:
 
     @property
     def moves(self) -> bool:
-        """Whether the body has a frame of its own, r and R."""
+        """Whether the body has a floating frame, r and R."""
         return not self.clamped
 
     @property
@@ -193,12 +185,12 @@ def mass_moment(body: Body) -> Carried:
     """∫ρ p = m r + R(∫ρ x + ∫ρΦ η) [kg m]."""
     if isinstance(body, RigidBody):
         return Carried(body.name, body.mass, body.mass * np.asarray(body.centre, dtype=float), np.zeros((3, 0)))
-    own = body.invariants
-    return Carried(body.name, own.mass, np.asarray(own.first, dtype=float), np.asarray(own.first_modal, dtype=float))
+    s = body.invariants
+    return Carried(body.name, s.mass, np.asarray(s.first, dtype=float), np.asarray(s.first_modal, dtype=float))
 
 
 def mass_matrix(body: Body) -> np.ndarray:
-    """M (size, size) where it is constant: [[m, Sᵀ], [S, J]] ⊗ 1 of a rigid body, the reduced mass of a clamped one."""
+    """M (size, size) if constant: [[m, Sᵀ], [S, J]] ⊗ 1 of a rigid body, the reduced mass of a clamped one."""
     if isinstance(body, FlexibleBody):
         return np.asarray(body.mass, dtype=float)
     first = body.mass * np.asarray(body.centre, dtype=float)
@@ -207,10 +199,8 @@ def mass_matrix(body: Body) -> np.ndarray:
 
 
 def metric(body: Body) -> np.ndarray:
-    """d (size,) with d² of the unit of the mass matrix: coordinates times d are comparable, whatever the units.
-
-    d² = m for r, tr(∫ρxxᵀ)/3 for R (no direction preferred), M_kk for η. Raises InfeasibleError for a point mass.
-    """
+    """d (size,) with d² of the unit of the mass matrix: coordinates times d are comparable, whatever the units. d² = m for r,
+    tr(∫ρxxᵀ)/3 for R (no direction preferred), M_kk for η. Raises InfeasibleError for a point mass."""
     if isinstance(body, FlexibleBody) and body.clamped:
         return np.sqrt(np.diag(body.mass))
     if isinstance(body, RigidBody):
@@ -220,7 +210,7 @@ def metric(body: Body) -> np.ndarray:
     radius2 = float(np.trace(second)) / 3
     if not radius2 > 0:
         raise InfeasibleError(
-            f"body {body.name} is a point mass: it has no inertia about its origin", remedy="give it one"
+            f"body {body.name} is a point mass: it has no inertia about its origin", remedy="specify its inertia"
         )
     return np.sqrt(np.concatenate([np.full(3, mass), np.full(9, radius2), modal]))
 
@@ -239,7 +229,7 @@ class Inertia(NamedTuple):
 
 
 def as_inertia(at: int, x: InertiaInvariants) -> Inertia:
-    """Arrays of the body whose coordinates begin at `at`, contiguous as compiled code wants them."""
+    """Contiguous arrays of the body whose coordinates begin at `at`, for compiled code."""
     fields = (x.first, x.first_modal, x.second, x.coupling, x.coupling_modal, x.modal)
     return Inertia(at, float(x.mass), *(np.ascontiguousarray(field, dtype=float) for field in fields))
 
@@ -323,10 +313,10 @@ def add_inertia(
         for j in range(3):
             g[c] += A[c, j] * s[j] + R[c, j] * push[0, j] + W[c, j] * drift[0, j]
         for i in range(3):
-            own = s[i] * a[at + c]
+            value = s[i] * a[at + c]
             for j in range(3):
-                own += J[i, j] * A[c, j] + R[c, j] * push[1 + i, j] + W[c, j] * drift[1 + i, j]
-            g[3 + 3 * i + c] = own
+                value += J[i, j] * A[c, j] + R[c, j] * push[1 + i, j] + W[c, j] * drift[1 + i, j]
+            g[3 + 3 * i + c] = value
     for j in range(3):
         forward = R[0, j] * a[at] + R[1, j] * a[at + 1] + R[2, j] * a[at + 2]
         for m in range(n):

@@ -13,7 +13,8 @@ from strainsight.multibody.step import CARRIED, GAMMA, INSTANTS, Method
 from strainsight.multibody.system import System
 
 APART = 1e-6
-"""Smallest of the diagonal of R beside the largest, in pivoted QR factors of the constraints, from which these are good."""
+"""Least ratio of the smallest to the largest diagonal entry of R, in pivoted QR factors of the constraints, for which they are
+used."""
 
 
 @dataclass(frozen=True)
@@ -37,23 +38,21 @@ class Tangent:
 
 
 def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> Tangent:
-    """Of the system held where it is: q on the constraints; v only sets the forces that depend on it.
-
-    The stiffness is K_T − Σ λ ∇²φ, K_T the tangent of all forces, λ the constraint forces that balance them best.
-    """
+    """Of the system held where it is: q on the constraints; v only sets the forces that depend on it. The stiffness is K_T −
+    Σ λ ∇²φ, K_T the tangent of all forces, λ the constraint forces that balance them best."""
     d = system.metric
     at = balance(system, q, v, u, theta)
     scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
     N = np.eye(system.size)
     if system.constrained:
-        N, lam = _held(at.B / d, at.load / d)
-        held = balance(system, q, v, u, theta, lam=lam)
-        scale += float(np.linalg.norm((held.stiffness - at.stiffness) / np.outer(d, d)))
-        at = held
+        N, lam = _null_space(at.B / d, at.load / d)
+        balanced = balance(system, q, v, u, theta, lam=lam)
+        scale += float(np.linalg.norm((balanced.stiffness - at.stiffness) / np.outer(d, d)))
+        at = balanced
     return Tangent(N / d[:, None], at, scale)
 
 
-def _held(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _null_space(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """N (n, r), B N = 0, and λ (m,) with the smallest ‖load − Bᵀλ‖, the smallest one where constraints depend on each other."""
     m = len(B)
     n = B.shape[1]
@@ -72,7 +71,7 @@ def _held(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 ROUNDING = 100.0
 """Times n eps ‖K‖, K before its terms cancel: a stiffness below is none."""
 GROWS = 1e-6
-"""Growth of a motion beside its own quickness above which it is unstable: what only swings is on the edge, and rounds off."""
+"""Growth rate of a motion relative to its own rate above which it is unstable: undamped oscillations are at the limit."""
 
 
 @dataclass(frozen=True)
@@ -135,10 +134,8 @@ def coupled_modes(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, t
 
 
 def growth(system: System, modes: CoupledModes) -> tuple[float, str]:
-    """Rate [1/s] of the motion by which the state is left, 0 where it is stable, and the body that moves most in it.
-
-    A motion that nothing holds neither grows nor returns, and counts as stable.
-    """
+    """Rate [1/s] of the motion by which the state is left, 0 where it is stable, and the body that moves most in it. A motion
+    that nothing holds neither grows nor returns, and counts as stable."""
     if not len(modes.squares):
         return 0.0, ""
     values, vectors = np.linalg.eig(modes.A)
@@ -157,20 +154,20 @@ FINENESS = 2000
 """Frequencies that are tried."""
 
 
-def followed(frequencies: np.ndarray, h: float, method: Method) -> float:
-    """Frequency of a load [Hz] below which its displacement in every undamped mode of frequencies (k,) [Hz] is within SHARE of
-    the exact one, in steps of h [s]; never above the first mode, beside which no share holds."""
+def resolved_frequency(frequencies: np.ndarray, h: float, method: Method) -> float:
+    """Frequency of a load [Hz] up to which the displacement of all undamped modes of frequencies (k,) [Hz] is accurate to
+    SHARE. In steps of h [s]; at most the first mode."""
     first = float(np.min(frequencies))
     tried = np.geomspace(1e-4, 1.0, FINENESS)[:-1] * min(first, 0.5 / h)
     off = np.max([relative_error(tried, float(frequency), h, method) for frequency in frequencies], axis=0)
-    beyond = np.flatnonzero(off > SHARE)
-    return float(tried[-1] if not len(beyond) else tried[max(beyond[0] - 1, 0)])
+    failing = np.flatnonzero(off > SHARE)
+    return float(tried[-1] if not len(failing) else tried[max(failing[0] - 1, 0)])
 
 
-def missed(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Method) -> np.ndarray:
-    """Share (nu,) of the RMS of each load about its mean that the step gets wrong, 0 of a constant one:
+def load_error(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Method) -> np.ndarray:
+    """Share (nu,) of the RMS of each load about its mean that the step does not resolve, 0 for a constant load:
 
-        √(Σ e²|U|² / Σ |U|²),     e = min(1, error of the displacement in any mode),     U its spectrum in Hann's window
+        √(Σ e²|U|² / Σ |U|²),     e = min(1, error of the displacement in any mode),     U its spectrum with Hann's window
 
     loads (T + 1, nu) every h [N, N m]; frequencies (k,) [Hz] of the undamped modes.
     """
@@ -195,15 +192,15 @@ def relative_error(load: np.ndarray, frequency: float, h: float, method: Method)
     and of implicit Euler R = r, b₁ = b, b₀ = 0 with γ = 1. load (k,) [Hz]; h [s].
     """
     omega, E = 2 * np.pi * frequency, np.exp(2j * np.pi * load * h)
-    own = INSTANTS[method][0] * h
+    step = INSTANTS[method][0] * h
 
     def response(s: complex) -> np.ndarray:
-        r = 1 / (1 - own * s)
-        b = own * r
+        r = 1 / (1 - step * s)
+        b = step * r
         if method == "thesis":
             return np.asarray(b * E / (E - r))
         R = (1 - CARRIED) * r + CARRIED * r * r
         return np.asarray(((1 - GAMMA) * CARRIED * r * b + b * (1 + GAMMA * CARRIED * r) * E) / (E - R))
 
-    found = (response(1j * omega) - response(-1j * omega)) / (2j * omega)
-    return np.asarray(np.abs(found * (omega**2 - (2 * np.pi * load) ** 2) - 1))
+    displacement = (response(1j * omega) - response(-1j * omega)) / (2j * omega)
+    return np.asarray(np.abs(displacement * (omega**2 - (2 * np.pi * load) ** 2) - 1))

@@ -39,10 +39,8 @@ class ForceLaw(Protocol):
 @runtime_checkable
 class CompiledLaw(ForceLaw, Protocol):
     """A law that the step calls without Python; one without these members is called back through `load`, 10 to 30 µs a call.
-
-    address: of a function with SIGNATURE that answers as `load` does, by `compiled_law`, or 0; memory: how
-    many numbers it keeps from one trial state to the next, zero at first, on which no answer may depend but by rounding.
-    """
+    address: of a function with SIGNATURE that answers as `load` does, by `compiled_law`, or 0; memory: how many numbers it
+    keeps from one trial state to the next, zero at first, on which no answer may depend but by rounding."""
 
     @property
     def address(self) -> int: ...
@@ -83,12 +81,10 @@ class FunctionLaw(ABC):
 
 @dataclass(frozen=True)
 class RelativeElement:
-    """A force law on relations between frames: Q = −∇ρᵀ F(ρ, ρ̇, θ); it gives the bodies the power −F·ρ̇.
-
-    relations (k): their value is subtracted, so ρ is measured from it; parameters: names of θ among the system's; aligned:
-    cosines of axes between which the law takes the angle to be small; inputs: names among the system's loads u, whose values
-    the law has behind its parameters.
-    """
+    """A force law on relations between frames: Q = −∇ρᵀ F(ρ, ρ̇, θ); it gives the bodies the power −F·ρ̇. relations (k):
+    their value is subtracted, so ρ is measured from it; parameters: names of θ among the system's; aligned: cosines of axes
+    between which the law takes the angle to be small; inputs: names among the system's loads u, whose values the law has
+    behind its parameters."""
 
     name: str
     relations: tuple[Relation, ...]
@@ -128,8 +124,8 @@ Force = RelativeElement | PointForce | PointMoment | Gravity
 
 
 SIGNATURE = int64(int64, int64, *[types.CPointer(float64)] * 9)  # type: ignore[no-untyped-call]
-"""Of a force law: answer = law(k, p, numbers, memory, ρ (k), ρ̇ (k), θ (p), F (k), ∂F/∂ρ (k, k), ∂F/∂ρ̇ (k, k), ∂F/∂θ (k, p)); what
-it fills is given as zeros. numbers, memory: its own (`CompiledLaw`)."""
+"""Signature of a force law: law(k, p, numbers, memory, ρ (k), ρ̇ (k), θ (p), F (k), ∂F/∂ρ (k, k), ∂F/∂ρ̇ (k, k), ∂F/∂θ (k,
+p)). Outputs are passed as zeros. numbers, memory: of the law (`CompiledLaw`)."""
 NONE, STILL, MOVING = 0, 1, 2
 """Its answers: there is no such load; ∂F/∂ρ̇ is zero, and was left alone; all are given."""
 ABORT = -1
@@ -150,15 +146,15 @@ def compiled_law(function: Callable[..., int], *files: str) -> Any:
 def call(typing: Any, address: Any, k: Any, p: Any, *arrays: Any) -> Any:
     """The answer of the law at an address; arrays: their data as addresses (`numbers.ctypes`), in the order of SIGNATURE."""
     whole: Any = types.StarArgTuple  # how numba has *arrays
-    own: Any = arrays[0] if len(arrays) == 1 and isinstance(arrays[0], types.BaseTuple) else arrays
-    signature = types.int64(types.int64, types.int64, types.int64, whole(tuple(own)))
+    arguments: Any = arrays[0] if len(arrays) == 1 and isinstance(arrays[0], types.BaseTuple) else arrays
+    signature = types.int64(types.int64, types.int64, types.int64, whole(tuple(arguments)))
 
-    def build(context: Any, builder: Any, _: Any, given: Any) -> Any:
+    def build(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
         integer, pointer = ir.IntType(64), ir.DoubleType().as_pointer()
         kind = ir.FunctionType(integer, [integer, integer, *[pointer] * 9])
-        law = builder.inttoptr(given[0], kind.as_pointer())
-        data = [builder.inttoptr(builder.extract_value(given[3], i), pointer) for i in range(9)]
-        return builder.call(law, [given[1], given[2], *data])
+        law = builder.inttoptr(arguments[0], kind.as_pointer())
+        data = [builder.inttoptr(builder.extract_value(arguments[3], i), pointer) for i in range(9)]
+        return builder.call(law, [arguments[1], arguments[2], *data])
 
     return signature, build
 
@@ -170,28 +166,28 @@ class InPython:
     def __init__(self, law: ForceLaw):
         self.failure: Exception | None = None
 
-        def back(k: int, p: int, *given: Any) -> int:
+        def back(k: int, p: int, *pointers: Any) -> int:
             sizes = ((k,), (k,), (p,), (k,), (k, k), (k, k), (k, p))
             rho, rate, theta, F, F_rho, F_rate, F_theta = (
-                np.ctypeslib.as_array(own, shape=size) if np.prod(size) else np.zeros(size)
-                for own, size in zip(given[2:], sizes, strict=True)
+                np.ctypeslib.as_array(pointer, shape=size) if np.prod(size) else np.zeros(size)
+                for pointer, size in zip(pointers[2:], sizes, strict=True)
             )
             try:
-                found = law.load(rho.copy(), rate.copy(), theta.copy())
+                load = law.load(rho.copy(), rate.copy(), theta.copy())
             except NumericalError:
                 return NONE
             except Exception as error:  # nothing may pass through compiled code: it is raised behind it
                 self.failure = error
                 return ABORT
-            F[:], F_rho[:], F_theta[:] = found.F, found.F_rho, found.F_theta
-            if found.F_rate is None:
+            F[:], F_rho[:], F_theta[:] = load.F, load.F_rho, load.F_theta
+            if load.F_rate is None:
                 return STILL
-            F_rate[:] = found.F_rate
+            F_rate[:] = load.F_rate
             return MOVING
 
         self._back = _C(back)
 
-    def taken(self) -> Exception | None:
+    def pop_failure(self) -> Exception | None:
         """The failure, which is then forgotten."""
         failure, self.failure = self.failure, None
         return failure

@@ -25,7 +25,7 @@ CONSISTENT = 1e-6
 NEAREST = 20
 """Iterations of `nearest_state`."""
 AT_REST = 1e-15
-"""A correction below this, beside the state in the metric, is none."""
+"""A smaller correction, relative to the state in the metric, is zero."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def state(system: System, poses: Mapping[str, Pose]) -> tuple[np.ndarray, np.nda
     for name in poses:
         if name not in system.of:
             raise InfeasibleError(
-                f"there is no body {name}", remedy=did_you_mean(name, system.of, f"bodies: {', '.join(system.of)}")
+                f"body {name} not found", remedy=did_you_mean(name, system.of, f"bodies: {', '.join(system.of)}")
             )
     q, v = np.zeros(system.size), np.zeros(system.size)
     for body in system.bodies:
@@ -71,7 +71,7 @@ def constraints_at(
     if not system.drives.names:
         return rho[:m], G[:m], np.zeros(m)
     if u is None:
-        raise ValueError("constraints of a driven system depend on time: give u")
+        raise ValueError("constraints of a driven system depend on time: pass u")
     driven = drive(system.drives, m, u, rho, G)
     assert driven is not None
     return rho[:m], G[:m], driven.rate
@@ -84,15 +84,15 @@ def driven_slopes(system: System, q: np.ndarray, u: np.ndarray) -> list[tuple[st
     if driven is None:
         return []
     angles = drives.power == 0
-    return [(drives.names[k], float(own)) for k, own in zip(drives.which[angles], driven.slope[angles], strict=True)]
+    return [
+        (drives.names[k], float(slope)) for k, slope in zip(drives.which[angles], driven.slope[angles], strict=True)
+    ]
 
 
 def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
-    """The nearest q with φ(q) = 0, in the metric of the mass: Gauss-Newton, q ← q − D⁻²Bᵀ(BD⁻²Bᵀ)⁺φ.
-
-    Raises InfeasibleError where no configuration nearby satisfies the joints (contradictory, the worst are named),
-    where they are redundant there (the dependent ones are named), or where a motion that they leave carries no mass.
-    """
+    """The nearest q with φ(q) = 0, in the metric of the mass: Gauss-Newton, q ← q − D⁻²Bᵀ(BD⁻²Bᵀ)⁺φ. Raises InfeasibleError
+    if no configuration nearby satisfies the joints (the worst are named), if they are redundant there (the dependent ones are
+    named), or if an unconstrained motion has no mass."""
     q = np.array(q, dtype=float)
     d = system.metric
     if not system.constrained:
@@ -100,7 +100,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
     for _ in range(50):
         phi, B, _ = constraints_at(system, q, u)
         unit, s = unit_rows(B, 1 / d)
-        # pseudo-inverse: redundant joints are no reason to fail, only contradictory ones
+        # pseudo-inverse: redundant joints are permitted, inconsistent ones are not
         x = np.linalg.lstsq(unit, -s * phi, rcond=1e-10)[0]
         size, whole = np.linalg.norm(x), np.linalg.norm(d * q)
         if size > 0.5 * whole:
@@ -112,10 +112,10 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
     violation = np.abs(phi) * unit_rows(B, 1 / d)[1] / np.linalg.norm(d * q)
     if np.max(violation) > 1e-9:
         worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
-        listed = "; ".join(f"{system.constraints[i]} is off by {phi[i]:.3g}" for i in worst)
+        listed = "; ".join(f"{system.constraints[i]} has a residual of {phi[i]:.3g}" for i in worst)
         raise InfeasibleError(
             f"the joints cannot all be satisfied near this configuration: {listed}",
-            remedy="check the places of the frames, or start nearer to an assembled configuration",
+            remedy="check the positions of the frames, or start closer to an assembled configuration",
         )
     check_regular(system, q, u)
     return q
@@ -170,7 +170,7 @@ def nearest_state(
     project_position(system, q, u)
     raise InfeasibleError(
         "the joints cannot be satisfied near this configuration",
-        remedy="take a smaller time step, or iterate the update",
+        remedy="use a smaller time step, or an iterated update",
     )
 
 
@@ -180,7 +180,7 @@ def _across(B: np.ndarray, lower: np.ndarray, value: np.ndarray) -> np.ndarray:
 
 
 def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> None:
-    """Raise InfeasibleError naming the constraints that a state breaks, φ(q) ≠ 0 or B(q)v ≠ −φ_t, beside its own size."""
+    """Raise InfeasibleError naming the constraints that a state violates, φ(q) ≠ 0 or B(q)v ≠ −φ_t, relative to its size."""
     d = system.metric
     phi, B, rate = constraints_at(system, q, u)
     if not len(phi):
@@ -209,19 +209,20 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         return
     B = B / d
     norms = np.linalg.norm(B, axis=1)
-    idle = [system.constraints[i] for i in range(len(B)) if norms[i] <= DEPENDENT * norms.max()]
+    unconstrained = [system.constraints[i] for i in range(len(B)) if norms[i] <= DEPENDENT * norms.max()]
     heavy = np.flatnonzero(norms[:rigid] <= DEPENDENT * norms.max())
     if len(heavy):
         # a body's rigidity always changes with its coordinates: only its weight in the metric can hide that
         body = [b.name for b in system.bodies if b.moves][heavy[0] // 6]
         raise InfeasibleError(
-            f"the inertia of body {body} is too large beside the rest of the system: its coordinates weigh "
+            f"the inertia of body {body} is too large compared with the rest of the system: its coordinates weigh "
             f"{norms.max() / norms[heavy[0]]:.1e} times those of others",
             remedy="check the masses [kg] and moments of inertia [kg m²] of the bodies",
         )
-    if idle:
+    if unconstrained:
         raise InfeasibleError(
-            f"{'; '.join(idle)}: no coordinate changes it here", remedy="leave it out, or turn the frame's axes"
+            f"{'; '.join(unconstrained)}: no coordinate affects this constraint here",
+            remedy="remove it, or rotate the axes of the frame",
         )
     B = B / norms[:, None]
     basis = np.linalg.qr(B[:rigid].T)[0]
@@ -233,7 +234,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         if rank < joints.shape[1]:
             raise InfeasibleError(
                 _dependence(system, T, order + rigid, rank),
-                remedy="replace a joint by one that holds less: cylindrical, spherical, pin, perpendicular, coincidence",
+                remedy="replace a joint by one with fewer constraints: cylindrical, spherical, pin, perpendicular, coincidence",
             )
     null = np.linalg.svd(B)[2][len(B) :].T
     if null.shape[1]:
@@ -241,14 +242,14 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         values, vectors = np.linalg.eigh(null.T @ mass @ null)
         if values[0] < 1e-10 * values[-1]:
             raise InfeasibleError(
-                f"body {system.most_in(null @ vectors[:, 0])} can move without moving any mass (least eigenvalue of the mass on "
+                f"body {system.most_in(null @ vectors[:, 0])} can move without inertia (smallest eigenvalue of the mass on "
                 f"the free motions {values[0] / values[-1]:.1e} of the largest)",
-                remedy="give it the missing inertia, or hold that motion with a joint",
+                remedy="specify the missing inertia, or constrain this motion with a joint",
             )
 
 
 def _dependence(system: System, T: np.ndarray, order: np.ndarray, rank: int) -> str:
-    """What to say of columns beyond the rank: which they are, and on which others each depends."""
+    """Message about columns beyond the rank, and those on which each depends."""
     names = system.constraints
     shares = np.linalg.solve(T[:rank, :rank], T[:rank, rank:])
     dependent = []
@@ -264,11 +265,11 @@ CONVERGED = 1e-12
 ROUNDING = 1e-8
 """A correction below this that no longer shrinks is rounding."""
 NEAR = 1e-11
-"""Shift of the first step beside the stiffness where q is nearly there: Newton's own."""
+"""Shift of the first step, relative to the stiffness, if q is nearly in equilibrium: a Newton step."""
 FIRMEST = 1e6
-"""Shift beside the stiffness beyond which a trial state that some force does not allow is not gone round."""
+"""Largest shift, relative to the stiffness, to avoid a trial state that a force does not permit."""
 FREE = 1e-12
-"""Stiffness of a motion beside the largest (in the metric of the mass) below which nothing holds it."""
+"""Stiffness of a motion, relative to the largest (in the metric of the mass), below which it is unrestrained."""
 
 
 def static_equilibrium(
@@ -327,7 +328,7 @@ def static_equilibrium(
         before = size
     raise NumericalError(
         f"no static equilibrium was found in {ITERATIONS} iterations (last change {before:.2g} of {whole:.2g})",
-        remedy="start nearer to it, or hold or damp the motion that goes on",
+        remedy="start closer to it, or constrain or damp the remaining motion",
     )
 
 
@@ -345,6 +346,6 @@ def refuse_free(system: System, K: np.ndarray, B: np.ndarray) -> None:
     if sigma[-1] < FREE * max(sigma[0], TINY):
         share = sigma[-1] / max(sigma[0], 1e-300)
         raise InfeasibleError(
-            f"nothing holds body {system.most_in(null @ V[-1])} in one motion (stiffness {share:.1e} of the largest)",
-            remedy="hold that motion with a joint or a spring",
+            f"no stiffness restrains body {system.most_in(null @ V[-1])} in one motion (stiffness {share:.1e} of the largest)",
+            remedy="restrain this motion with a joint or a spring",
         )

@@ -71,18 +71,23 @@ class Driven(NamedTuple):
     gradient: np.ndarray
 
 
-def compile_drives(held: Sequence[Relation | DrivenRelation], first: int, inputs: int) -> tuple[Drives, list[Relation]]:
-    """Of all constraints in order, and the relations ρ' that they need besides, which stand from row `first` on."""
-    names = list(dict.fromkeys(own.drive for own in held if isinstance(own, DrivenRelation)))
+def compile_drives(
+    constraints: Sequence[Relation | DrivenRelation], first: int, inputs: int
+) -> tuple[Drives, list[Relation]]:
+    """Drives of all constraints in order, and the additional relations ρ' of driven angles, in rows from `first` on."""
+    names = list(
+        dict.fromkeys(constraint.drive for constraint in constraints if isinstance(constraint, DrivenRelation))
+    )
     extra: list[Relation] = []
     table: list[tuple[int, int, int, int]] = []
-    for row, own in enumerate(held):
-        if isinstance(own, DrivenRelation):
+    for row, constraint in enumerate(constraints):
+        if isinstance(constraint, DrivenRelation):
             across = -1
-            if own.across is not None:
+            if constraint.across is not None:
                 across = first + len(extra)
-                extra.append(own.across)
-            table.append((row, across, names.index(own.drive), {"angle": 0, "displacement": 1, "length": 2}[own.kind]))
+                extra.append(constraint.across)
+            power = {"angle": 0, "displacement": 1, "length": 2}[constraint.kind]
+            table.append((row, across, names.index(constraint.drive), power))
     columns = np.array(table, dtype=int).reshape(-1, 4).T
     return Drives(tuple(names), inputs, *columns), extra
 
@@ -152,18 +157,19 @@ def between(drives: Drives, h: float, share: float) -> tuple[np.ndarray, np.ndar
     start, end = np.eye(drives.width) * (1 - share), np.eye(drives.width) * share
     nd, s = len(drives.names), share
     for k in range(drives.at, drives.at + nd):
-        own = np.ix_([k, k + nd], [k, k + nd])
-        start[own] = [[(1 + 2 * s) * (1 - s) ** 2, h * s * (1 - s) ** 2], [6 * s * (s - 1) / h, (1 - s) * (1 - 3 * s)]]
-        end[own] = [[s * s * (3 - 2 * s), h * s * s * (s - 1)], [6 * s * (1 - s) / h, s * (3 * s - 2)]]
+        places = np.ix_([k, k + nd], [k, k + nd])
+        start[places] = [
+            [(1 + 2 * s) * (1 - s) ** 2, h * s * (1 - s) ** 2],
+            [6 * s * (s - 1) / h, (1 - s) * (1 - 3 * s)],
+        ]
+        end[places] = [[s * s * (3 - 2 * s), h * s * s * (s - 1)], [6 * s * (1 - s) / h, s * (3 * s - 2)]]
     return start, end
 
 
 @dataclass(frozen=True)
 class Joint:
     """φ(q) = 0 (1.2) for every relation, φ(q, p(t)) = 0 for one that is driven; any tuple of relations makes a joint.
-
-    aligned: cosines of axes that the relations keep parallel; that they point the same way only the start can say.
-    """
+    aligned: cosines of axes that the relations keep parallel; that they point the same way only the start can say."""
 
     name: str
     relations: tuple[Relation | DrivenRelation, ...]
@@ -177,8 +183,8 @@ def spherical(name: str, i: Frame, j: Frame) -> Joint:
 
 def fixed(name: str, i: Frame, j: Frame) -> Joint:
     """p_i = p_j and parallel axes: six relations."""
-    held = (*revolute(name, i, j).relations, dot(i, 0, j, 1))
-    return Joint(name, held, tuple(cosine(i, k, j, k) for k in range(3)))
+    relations = (*revolute(name, i, j).relations, dot(i, 0, j, 1))
+    return Joint(name, relations, tuple(cosine(i, k, j, k) for k in range(3)))
 
 
 def revolute(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
@@ -202,8 +208,8 @@ def cylindrical(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
 def prismatic(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
     """j slides along the axis of i without turning: five relations."""
     i, j = i.turned(axis), j.turned(axis)
-    held = (*cylindrical(name, i, j).relations, dot(i, 0, j, 1))
-    return Joint(name, held, tuple(cosine(i, k, j, k) for k in range(3)))
+    relations = (*cylindrical(name, i, j).relations, dot(i, 0, j, 1))
+    return Joint(name, relations, tuple(cosine(i, k, j, k) for k in range(3)))
 
 
 def universal(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
@@ -228,24 +234,22 @@ def distance(name: str, i: Frame, j: Frame, length: float) -> Joint:
     return Joint(name, (distance_squared(i, j, length**2),))
 
 
-def generic(name: str, i: Frame, j: Frame, held: Sequence[str]) -> Joint:
+def generic(name: str, i: Frame, j: Frame, directions: Sequence[str]) -> Joint:
     """Some of x, y, z, displacements of j along the axes of i, and about_x, about_y, about_z, turns there: a relation each.
-
-    One turn that is held keeps two axes at right angles (about_x y_j·z_i, about_y x_j·z_i, about_z x_j·y_i), two keep the third
-    axis of both parallel, three all axes.
-    """
-    kept: list[Relation] = [offset(i, k, j) for k in range(3) if "xyz"[k] in held]
-    turns = [k for k in range(3) if f"about_{'xyz'[k]}" in held]
+    One turn that is held keeps two axes at right angles (about_x y_j·z_i, about_y x_j·z_i, about_z x_j·y_i), two keep the
+    third axis of both parallel, three all axes."""
+    relations: list[Relation] = [offset(i, k, j) for k in range(3) if "xyz"[k] in directions]
+    turns = [k for k in range(3) if f"about_{'xyz'[k]}" in directions]
     parallel: list[int] = []
     if len(turns) == 1:
         a, b = ((2, 1), (2, 0), (1, 0))[turns[0]]
-        kept.append(dot(i, a, j, b))
+        relations.append(dot(i, a, j, b))
     elif turns:
         free = next((k for k in range(3) if k not in turns), 2)
         a, b = (k for k in range(3) if k != free)
-        kept += [dot(i, a, j, free), dot(i, b, j, free)] + [dot(i, a, j, b)] * (len(turns) == 3)
+        relations += [dot(i, a, j, free), dot(i, b, j, free)] + [dot(i, a, j, b)] * (len(turns) == 3)
         parallel = [free] if len(turns) == 2 else [0, 1, 2]
-    return Joint(name, tuple(kept), tuple(cosine(i, k, j, k) for k in parallel))
+    return Joint(name, tuple(relations), tuple(cosine(i, k, j, k) for k in parallel))
 
 
 def driven_angle(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:

@@ -1,4 +1,4 @@
-"""Force laws between two frames: springs, dampers, bushings, friction, and loads that turn with what they act on."""
+"""Force laws between two frames: springs, dampers, bushings, friction, and follower loads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from strainsight.multibody.relations import (
 )
 
 SHORTEST = 1e-6
-"""[m] between the ends of a spring below which its direction is rounding."""
+"""[m] Shortest distance of the ends of a spring; below, its direction is rounding."""
 
 Measure = Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]]
 """ρ (k,) → a displacement x(ρ), ∇x (k,), ∇²x (k, k)."""
@@ -32,10 +32,8 @@ Measure = Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class AlongDisplacement(ABC):
-    """T(x, ẋ, θ) along a displacement x(ρ), ẋ = ∇x·ρ̇:
-
-    F = T ∇x,     ∂F/∂ρ = ∇x (T_x ∇x + T_ẋ ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = T_ẋ ∇x ∇xᵀ,     ∂F/∂θ = ∇x T_θᵀ
-    """
+    """T(x, ẋ, θ) along a displacement x(ρ), ẋ = ∇x·ρ̇: F = T ∇x,     ∂F/∂ρ = ∇x (T_x ∇x + T_ẋ ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ =
+    T_ẋ ∇x ∇xᵀ,     ∂F/∂θ = ∇x T_θᵀ"""
 
     measure: Measure
 
@@ -53,8 +51,8 @@ class AlongDisplacement(ABC):
 
 @dataclass(frozen=True)
 class SpringDamper(FunctionLaw):
-    """F = T ∇x, T = k x + c ẋ along a displacement x(ρ), from where the spring is without force; stiffness k [N/m or N m/rad],
-    damping c [N s/m or N m s/rad], origin of x."""
+    """F = T ∇x, T = k x + c ẋ along a displacement x(ρ) from the unloaded position; stiffness k [N/m or N m/rad], damping c [N
+    s/m or N m s/rad], origin of x."""
 
     stiffness: float
     damping: float
@@ -70,19 +68,18 @@ class SpringDamper(FunctionLaw):
 def spring(
     name: str, i: Frame, j: Frame, stiffness: float, damping: float = 0.0, length: float = 0.0
 ) -> RelativeElement:
-    """Along the line of the origins of i and j, pulling for T > 0: T = k(l − l₀) + c l̇, ρ = l².
-
-    stiffness k [N/m], damping c [N s/m], length l₀ [m]. Raises NumericalError in `load` for l below SHORTEST.
-    """
+    """Along the line of the origins of i and j, pulling for T > 0: T = k(l − l₀) + c l̇, ρ = l². stiffness k [N/m], damping c
+    [N s/m], length l₀ [m]. Raises NumericalError in `load` for l below SHORTEST."""
     law = SpringDamper(stiffness, damping, length, _pull, lambda rho: _no_direction(rho, i.name, j.name))
     return RelativeElement(name, (distance_squared(i, j),), law)
 
 
 def _no_direction(rho: np.ndarray, first: str, second: str) -> NumericalError:
-    apart = np.sqrt(max(float(rho[0]), 0.0))
+    distance = np.sqrt(max(float(rho[0]), 0.0))
     return NumericalError(
-        f"its end points '{first}' and '{second}' are {apart:.2g} m apart, below {SHORTEST:g} m: the force has no direction",
-        remedy="name frames that stay apart",
+        f"the distance of its end points '{first}' and '{second}' is {distance:.2g} m, below {SHORTEST:g} m: the "
+        "force has no direction",
+        remedy="use frames that stay separate",
     )
 
 
@@ -109,17 +106,15 @@ def _pull(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  
 
 
 FARTHEST = 3.0
-"""[rad] from its angle without moment to which a torsion spring turns: at π its moment would jump."""
+"""[rad] Largest rotation of a torsion spring from its unloaded angle: at π its moment would jump."""
 
 
 def torsion(
     name: str, i: Frame, j: Frame, stiffness: float, damping: float = 0.0, angle: float = 0.0, axis: str = "z"
 ) -> RelativeElement:
-    """About an axis that both frames keep together, T = k(φ − φ₀) + c φ̇ on i, −T on j.
-
-    φ = atan2(y_i·x_j, x_i·x_j) with the axis as z; stiffness k [N m/rad], damping c [N m s/rad], angle φ₀ [rad]. A damper
-    alone turns as far as it likes. Raises NumericalError in `load` for |φ − φ₀| above FARTHEST.
-    """
+    """About an axis that both frames keep together, T = k(φ − φ₀) + c φ̇ on i, −T on j. φ = atan2(y_i·x_j, x_i·x_j) with the
+    axis as z; stiffness k [N m/rad], damping c [N m s/rad], angle φ₀ [rad]. A damper alone turns as far as it likes. Raises
+    NumericalError in `load` for |φ − φ₀| above FARTHEST."""
     i, j = i.turned(axis), j.turned(axis)
     c, s = np.cos(angle), np.sin(angle)
 
@@ -127,8 +122,8 @@ def torsion(
         x, y = rho
         phi = float(np.arctan2(y * c - x * s, x * c + y * s))
         return NumericalError(
-            f"it is turned by {phi:.3g} rad from its angle without moment, beyond {FARTHEST:g} rad",
-            remedy="a torsion spring turns by less than half a turn: check its angle and its stiffness",
+            f"it is rotated by {phi:.3g} rad from its unloaded angle, more than {FARTHEST:g} rad",
+            remedy="check its angle and stiffness: a torsion spring is limited to half a revolution",
         )
 
     law = SpringDamper(stiffness, damping, angle, _turned, too_far)
@@ -171,21 +166,19 @@ def _load(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  
     rest = 1 + 2 * k * k
     for i in range(k):
         for j in range(k):
-            apart = x[j] - law[rest + j]
+            elongation = x[j] - law[rest + j]
             by_rho[i, j] = law[1 + k * i + j]
             by_rate[i, j] = law[1 + k * k + k * i + j]
-            out[i] += by_rho[i, j] * apart + by_rate[i, j] * xr[j]
+            out[i] += by_rho[i, j] * elongation + by_rate[i, j] * xr[j]
             for m in range(p):
-                by_theta[i, m] += law[rest + k + k * (k * m + i) + j] * apart
+                by_theta[i, m] += law[rest + k + k * (k * m + i) + j] * elongation
     return MOVING if law[0] != 0.0 else STILL
 
 
 @dataclass(frozen=True)
 class LinearLaw(FunctionLaw):
-    """F = (K + Σ θ_j K_j)(ρ − rest) + D ρ̇.
-
-    stiffness K (k, k), rest (k,), terms K_j in the order of the parameters, damping D (k, k) or None.
-    """
+    """F = (K + Σ θ_j K_j)(ρ − rest) + D ρ̇. stiffness K (k, k), rest (k,), terms K_j in the order of the parameters, damping
+    D (k, k) or None."""
 
     stiffness: np.ndarray
     rest: np.ndarray
@@ -204,11 +197,9 @@ class LinearLaw(FunctionLaw):
 
 
 def bushing(name: str, i: Frame, j: Frame, stiffness: Sequence[float], damping: Sequence[float]) -> RelativeElement:
-    """The six displacements d of j in i, each with its own spring and damper: F = diag(k) d + diag(c) ḋ.
-
-    stiffness k (6,) [N/m, then N m/rad], damping c (6,) [N s/m, then N m s/rad]: along x, y, z of i, then about them. Where
-    k or c of a rotation is not zero the rotation has to be small.
-    """
+    """The six displacements d of j in i, each with its own spring and damper: F = diag(k) d + diag(c) ḋ. stiffness k (6,)
+    [N/m, then N m/rad], damping c (6,) [N s/m, then N m s/rad]: along x, y, z of i, then about them. Where k or c of a
+    rotation is not zero the rotation has to be small."""
     k, c = np.asarray(stiffness, dtype=float), np.asarray(damping, dtype=float)
     turning = bool(k[3:].any() or c[3:].any())
     law = LinearLaw(np.diag(k), np.zeros(6), damping=np.diag(c) if c.any() else None)
@@ -226,7 +217,7 @@ class Actuator(AlongDisplacement):
 
 @dataclass(frozen=True)
 class Follower:
-    """A load u(t) C ρ, linear in the axes it turns with: F = −u C ρ. C (k, k) is not symmetric: it has no potential."""
+    """A load u(t) C ρ, linear in the axes that rotate with it: F = −u C ρ. C (k, k) is not symmetric, so it has no potential."""
 
     coefficients: np.ndarray
 
@@ -250,10 +241,10 @@ def actuator(name: str, i: Frame, j: Frame) -> RelativeElement:
 
 def follower_force(name: str, frame: Frame, direction: np.ndarray) -> RelativeElement:
     """u [N] at a frame's origin along a direction (3,) of length 1 in its own axes: Q = J_pᵀ u a, a the direction carried."""
-    own = tuple(place(frame, e) for e in np.eye(3))
+    axes = tuple(place(frame, e) for e in np.eye(3))
     C = np.zeros((6, 6))
     C[:3, 3:] = np.eye(3)
-    return RelativeElement(name, (*own, *_components(frame, direction)), Follower(C), inputs=(name,))
+    return RelativeElement(name, (*axes, *_components(frame, direction)), Follower(C), inputs=(name,))
 
 
 def follower_moment(name: str, frame: Frame, direction: np.ndarray) -> RelativeElement:
@@ -270,17 +261,16 @@ def _components(frame: Frame, direction: np.ndarray) -> tuple[Relation, ...]:
     """Global components of a direction in a frame's axes."""
     axes = [frame.axis(k) for k in range(3)]
     c, C = (
-        sum(d * x for d, x in zip(direction, own, strict=True)) for own in ([a.c for a in axes], [a.C for a in axes])
+        sum(d * x for d, x in zip(direction, vector, strict=True))
+        for vector in ([a.c for a in axes], [a.C for a in axes])
     )
     along = Carried(frame.body, 0.0, np.asarray(c), np.asarray(C))
     return tuple(Relation(f"axis of {frame.name}", (constant(e),), (along,)) for e in np.eye(3))
 
 
 def regular_friction(rate: float, coulomb: float, viscous: float, speed: float) -> tuple[float, float, float]:
-    """T = T_c tanh(ẋ/ẋ₀) + c ẋ, ∂T/∂ẋ, ∂T/∂T_c.
-
-    What should stick creeps by T/T_c ẋ₀: the smaller ẋ₀, the less, and the smaller the steps that it takes.
-    """
+    """T = T_c tanh(ẋ/ẋ₀) + c ẋ, ∂T/∂ẋ, ∂T/∂T_c. Sticking parts creep at T/T_c ẋ₀; a smaller ẋ₀ reduces the creep and requires
+    smaller steps."""
     s = float(np.tanh(rate / speed))
     return coulomb * s + viscous * rate, coulomb * (1 - s * s) / speed + viscous, s
 
@@ -308,10 +298,8 @@ def friction(
     speed: float,
     axis: str = "z",
 ) -> RelativeElement:
-    """Against the turn of j about an axis that both frames keep together, any number of turns, or its slide along an axis of i.
-
-    T on j is −T_c tanh(ω/ω₀) − cω. The Coulomb part is as given, whatever the joint carries.
-    """
+    """Against the turn of j about an axis that both frames keep together, any number of turns, or its slide along an axis of
+    i. T on j is −T_c tanh(ω/ω₀) − cω. The Coulomb part is as given, whatever the joint carries."""
     if motion == "slide":
         law = Friction(lambda rho: (float(rho[0]), np.ones(1), np.zeros((1, 1))), coulomb, viscous, speed)
         return RelativeElement(name, (offset(i, "xyz".index(axis), j),), law)
@@ -342,7 +330,7 @@ class TurningGravity:
 
 
 def turning_gravity(name: str, bodies: Sequence[Body], acceleration: np.ndarray, axis: np.ndarray) -> RelativeElement:
-    """What a bench feels that is itself turned about an axis, slowly: of its own rotation there is nothing else."""
+    """Gravity of a bench that is slowly rotated about an axis; its rotation has no other effect."""
     weights = [
         Relation(f"{name} on {body.name}", (constant(e),), (mass_moment(body),)) for body in bodies for e in np.eye(3)
     ]

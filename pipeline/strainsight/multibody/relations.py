@@ -1,4 +1,4 @@
-"""Relations between frames, scalar products of two vectors of bodies: values, gradients and rates of all at once."""
+"""Relations between frames, scalar products of two vectors of bodies: values, gradients and rates."""
 
 from __future__ import annotations
 
@@ -14,10 +14,8 @@ from strainsight.multibody.bodies import Body, Carried, Frame, constant
 
 @dataclass(frozen=True)
 class Relation:
-    """ρ(q) = x·y − value, with x and y a carried vector or the difference of two: (plus,) or (plus, minus).
-
-    ∇ρ = J_xᵀ y + J_yᵀ x,     ∇²ρ = J_xᵀ J_y + J_yᵀ J_x + y·∇²x + x·∇²y     (∇²x, ∇²y constant)
-    """
+    """ρ(q) = x·y − value, with x and y a carried vector or the difference of two: (plus,) or (plus, minus). ∇ρ = J_xᵀ y +
+    J_yᵀ x,     ∇²ρ = J_xᵀ J_y + J_yᵀ J_x + y·∇²x + x·∇²y     (∇²x, ∇²y constant)"""
 
     name: str
     x: tuple[Carried, ...]
@@ -36,19 +34,19 @@ def dot(i: Frame, a: int, j: Frame, b: int) -> Relation:
 
 
 def cosine(i: Frame, a: int, j: Frame, b: int) -> Relation:
-    """a_{i,a}·a_{j,b}: 1 where the two axes point the same way [-]."""
+    """a_{i,a}·a_{j,b}: 1 for parallel axes [-]."""
     return Relation(f"the axes of '{i.name}' and '{j.name}'", (i.axis(a),), (j.axis(b),))
 
 
 def offset(i: Frame, a: int, j: Frame) -> Relation:
-    """a_{i,a}·(p_j − p_i) [m]: the place of j along an axis of i."""
+    """a_{i,a}·(p_j − p_i) [m]: position of j along an axis of i."""
     return Relation(f"{j.name} along {'xyz'[a]} of {i.name}", (i.axis(a),), (j.point, -i.point))
 
 
 def distance_squared(i: Frame, j: Frame, value: float = 0.0) -> Relation:
     """|p_j − p_i|² = value [m²]."""
-    apart = (j.point, -i.point)
-    return Relation(f"distance of {i.name} and {j.name}", apart, apart, value)
+    difference = (j.point, -i.point)
+    return Relation(f"distance of {i.name} and {j.name}", difference, difference, value)
 
 
 def place(j: Frame, direction: np.ndarray, value: float = 0.0) -> Relation:
@@ -57,10 +55,8 @@ def place(j: Frame, direction: np.ndarray, value: float = 0.0) -> Relation:
 
 
 def bearing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
-    """The five displacements of ring j in ring i, x the axis: [axial x, radial y, radial z, tilt about y, about z].
-
-    d_k = a_{i,k}·(p_j − p_i),     tilt_y = −a_{j,x}·a_{i,z},     tilt_z = a_{j,x}·a_{i,y}     [m, m, m, rad, rad]
-    """
+    """The five displacements of ring j in ring i, x the axis: [axial x, radial y, radial z, tilt about y, about z]. d_k =
+    a_{i,k}·(p_j − p_i),     tilt_y = −a_{j,x}·a_{i,z},     tilt_z = a_{j,x}·a_{i,y}     [m, m, m, rad, rad]"""
     tilt_y = Relation(f"tilt of {j.name} about y of {i.name}", (-i.axis(2),), (j.axis(0),))
     tilt_z = Relation(f"tilt of {j.name} about z of {i.name}", (i.axis(1),), (j.axis(0),))
     return offset(i, 0, j), offset(i, 1, j), offset(i, 2, j), tilt_y, tilt_z
@@ -69,7 +65,7 @@ def bearing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
 def bushing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
     """Those of a bearing and the turn about x, a_{j,y}·a_{i,z}: along x, y, z of i [m], then about them [rad]."""
     along_x, along_y, along_z, about_y, about_z = bearing_displacements(i, j)
-    about_x = Relation(f"turn of {j.name} about x of {i.name}", (i.axis(2),), (j.axis(1),))
+    about_x = Relation(f"rotation of {j.name} about x of {i.name}", (i.axis(2),), (j.axis(1),))
     return along_x, along_y, along_z, about_x, about_y, about_z
 
 
@@ -132,9 +128,9 @@ def compile_products(relations: Sequence[Relation], bodies: Sequence[Body]) -> P
 
     def number(vector: Carried) -> tuple[int, float]:
         for sign, known in ((1.0, vector), (-1.0, -vector)):
-            found = index.get(_key(known))
-            if found is not None:
-                return found, sign
+            number = index.get(_key(known))
+            if number is not None:
+                return number, sign
         carried.append(vector)
         return index.setdefault(_key(vector), len(carried) - 1), 1.0
 
@@ -151,8 +147,8 @@ def compile_products(relations: Sequence[Relation], bodies: Sequence[Body]) -> P
         if b.body in names and (felt[i] or table[names.index(b.body), 0]):
             on[i] = names.index(b.body)
     feels = np.full((len(relations), 4), -1, dtype=np.int64)
-    for row, own in enumerate(part):
-        felt_by = sorted({int(on[i]) for i in own if i >= 0 and on[i] >= 0})
+    for row, term in enumerate(part):
+        felt_by = sorted({int(on[i]) for i in term if i >= 0 and on[i] >= 0})
         feels[row, : len(felt_by)] = felt_by
     t, c = np.array([b.t for b in carried]), np.array([b.c for b in carried]).reshape(nc, 3)
     value = np.array([relation.value for relation in relations], dtype=float)

@@ -49,12 +49,12 @@ class Accelerometer:
 
     name: str
     frame: Frame
-    own: bool = True
+    local_axes: bool = True
     gravity: bool = True
 
 
 class Felt(NamedTuple):
-    """What an accelerometer feels beside q and v: v̇ (n,), and the acceleration of gravity (3,) [m/s²]."""
+    """Additional inputs of an accelerometer: v̇ (n,), and the acceleration of gravity (3,) [m/s²]."""
 
     acceleration: np.ndarray
     gravity: np.ndarray
@@ -78,7 +78,7 @@ class CompiledSensors:
 
     @property
     def accelerated(self) -> slice:
-        """Rows of the accelerometers, the last ones."""
+        """Rows of the accelerometers, which come last."""
         return slice(len(self.channels) - 3 * len(self.accelerometers), len(self.channels))
 
     def read(self, q: np.ndarray, v: np.ndarray, felt: Felt | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -95,17 +95,15 @@ class CompiledSensors:
             y[first:last][self.rate] = rates[first:last][self.rate] @ v
             slopes[first:last][self.rate] = G_rate[self.rate]
         if self.accelerometers:
-            assert felt is not None  # whoever reads accelerometers says what they feel
+            assert felt is not None  # required with accelerometers
             y[last:], slopes[last:], rates[last:], *_ = self.accelerations(q, v, felt)
         return y, slopes, rates
 
     def accelerations(
         self, q: np.ndarray, v: np.ndarray, felt: Felt
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """y (k,), ∂y/∂q, ∂y/∂v, ∂y/∂v̇ (k, n), ∂y/∂g (k, 3) of the accelerometers, A the axes they read along:
-
-        y = A (∇p v̇ + vᵀ∇²p v − g)
-        """
+        """y (k,), ∂y/∂q, ∂y/∂v, ∂y/∂v̇ (k, n), ∂y/∂g (k, 3) of the accelerometers, A the axes they read along: y = A (∇p v̇ +
+        vᵀ∇²p v − g)"""
         count, n = 3 * len(self.accelerometers), len(q)
         y, by_g = np.empty(count), np.zeros((count, 3))
         by_q, by_v, by_a = np.empty((3, count, n))
@@ -113,12 +111,12 @@ class CompiledSensors:
         bends = relation_bends(self.carried, q, v, felt.acceleration)
         for i, accelerometer in enumerate(self.accelerometers):
             at, p, axes = slice(3 * i, 3 * i + 3), slice(12 * i, 12 * i + 3), slice(12 * i + 3, 12 * i + 12)
-            A = rho[axes].reshape(3, 3) if accelerometer.own else np.eye(3)
+            A = rho[axes].reshape(3, 3) if accelerometer.local_axes else np.eye(3)
             a = G[p] @ felt.acceleration + G_rate[p] @ v
             if accelerometer.gravity:
                 a, by_g[at] = a - felt.gravity, -A
             y[at], by_q[at], by_v[at], by_a[at] = A @ a, A @ bends[p], 2 * A @ G_rate[p], A @ G[p]
-            if accelerometer.own:
+            if accelerometer.local_axes:
                 by_q[at] += np.einsum("kjn,j->kn", G[axes].reshape(3, 3, n), a)
         return y, by_q, by_v, by_a, by_g
 
@@ -132,12 +130,12 @@ def readings(system: System, sensors: Sequence[Sensor]) -> CompiledSensors:
     for sensor in sensors:
         if isinstance(sensor, StrainSensor):
             if sensor.body not in system.of:
-                raise InfeasibleError(f"{sensor.name}: there is no body {sensor.body}")
+                raise InfeasibleError(f"{sensor.name}: body {sensor.body} not found")
             eta, rows = system.modal(sensor.body), np.atleast_2d(np.asarray(sensor.rows, dtype=float))
             if rows.shape[1] != eta.stop - eta.start:
                 raise InfeasibleError(
-                    f"{sensor.name}: strain rows of {rows.shape[1]} coordinates "
-                    f"on body {sensor.body}, which has {eta.stop - eta.start}"
+                    f"{sensor.name}: the strain rows have {rows.shape[1]} coordinates "
+                    f"on body {sensor.body} with {eta.stop - eta.start} modes"
                 )
             whole = np.zeros((len(rows), system.size))
             whole[:, eta] = rows
@@ -150,11 +148,11 @@ def readings(system: System, sensors: Sequence[Sensor]) -> CompiledSensors:
             channels += [f"{sensor.name}: {relation.name}" for relation in sensor.relations]
     accelerometers = tuple(sensor for sensor in sensors if isinstance(sensor, Accelerometer))
     felt: list[Relation] = []
-    for own in accelerometers:
-        felt += position_sensor(own.name, own.frame).relations
+    for accelerometer in accelerometers:
+        felt += position_sensor(accelerometer.name, accelerometer.frame).relations
         for k in range(3):
-            felt += axis_sensor(own.name, own.frame, k).relations
-        channels += [f"{own.name} {k + 1}" for k in range(3)]
+            felt += axis_sensor(accelerometer.name, accelerometer.frame, k).relations
+        channels += [f"{accelerometer.name} {k + 1}" for k in range(3)]
     return CompiledSensors(
         tuple(sensors),
         tuple(channels),

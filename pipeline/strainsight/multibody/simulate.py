@@ -16,14 +16,14 @@ from strainsight.multibody.step import Advance, Method, advance
 from strainsight.multibody.system import System
 
 FINEST = 1024
-"""Most parts of a step."""
+"""Largest number of parts of a step."""
 SAMPLED, STRAIGHT = 64, 1e-3
-"""Instants of a step at which loads are looked at beforehand, and how far off their largest value they may be from straight
-lines between the parts: otherwise a load that passes between them would not be seen."""
+"""Instants of a step at which loads are checked in advance, and their largest deviation from straight lines between the parts,
+so that short loads are not missed."""
 TINY = 1e-10
-"""Motion of a body beside the largest of any that is none."""
+"""Motion of a body, relative to the largest, that is negligible."""
 EASY = 16.0
-"""Times that a step has to be better than asked for before the next one is divided into half as many parts."""
+"""Factor by which a step must be more accurate than required before the next one uses half as many parts."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def _run(
 
 @contextmanager
 def at_time(t: float) -> Iterator[None]:
-    """Say in a NumericalError at which time [s] it was raised."""
+    """Add the time [s] to a NumericalError."""
     try:
         yield
     except NumericalError as error:
@@ -103,7 +103,7 @@ def at_time(t: float) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Controlled:
-    """The run, and into how many parts each step (T,) was divided at last."""
+    """The run, and the final number of parts of each step (T,)."""
 
     run: Trajectory
     parts: np.ndarray
@@ -121,7 +121,7 @@ def simulate_controlled(
     tolerance: float,
     progress: Callable[[int], None] | None = None,
 ) -> Controlled:
-    """`advance` through every step in n and in 2n parts, n = 1, 2, 4, …, until both end alike; the 2n parts are kept:
+    """`advance` through every step in n and in 2n parts, n = 1, 2, 4, …, until both ends agree; the result is that of 2n parts:
 
         max over bodies  ‖D (q₂ₙ − qₙ)‖ / max over time ‖D q‖  ≤  tolerance / steps
 
@@ -136,17 +136,17 @@ def simulate_controlled(
 
     def step(k: int, q: np.ndarray, v: np.ndarray) -> State:
         nonlocal largest, last, n, heaviest
-        heaviest, n = _straight(loads(k * h + h / SAMPLED * np.arange(SAMPLED + 1)), heaviest, n)
+        heaviest, n = _check_straight(loads(k * h + h / SAMPLED * np.arange(SAMPLED + 1)), heaviest, n)
 
         def through(count: int) -> Advance:
             """The step in so many equal parts."""
-            own, at = last, (q, v)
+            result, at = last, (q, v)
             u = loads(k * h + h / count * np.arange(count + 1))
             for i in range(count):
-                own = advance(system, *at, (u[i], u[i + 1]), h / count, theta, method, last=own)
-                at = own.q, own.v
-            assert own is not None
-            return own
+                result = advance(system, *at, (u[i], u[i + 1]), h / count, theta, method, last=result)
+                at = result.q, result.v
+            assert result is not None
+            return result
 
         coarse: Advance | None = None
         while True:
@@ -162,7 +162,7 @@ def simulate_controlled(
             if steps * off <= tolerance:
                 break
             if 2 * n >= FINEST:
-                raise _refused(k * h, h, 2 * n, off, unsolved)
+                raise _refusal(k * h, h, 2 * n, off, unsolved)
             coarse, n = fine, 2 * n
         assert fine is not None
         largest, last, parts[k] = whole, fine, 2 * n
@@ -173,13 +173,13 @@ def simulate_controlled(
     return Controlled(_run(system, (q0, v0), loads(h * np.arange(steps + 1)), h, step, progress), parts)
 
 
-def _straight(u: np.ndarray, heaviest: np.ndarray, parts: int) -> tuple[np.ndarray, int]:
-    """The largest loads (nu,) so far, and in how many parts, at least as many as these, u (SAMPLED + 1, nu) is straight."""
+def _check_straight(u: np.ndarray, heaviest: np.ndarray, parts: int) -> tuple[np.ndarray, int]:
+    """Largest loads (nu,) so far, and the number of parts, at least the given one, in which u (SAMPLED + 1, nu) is straight."""
     largest = np.maximum(heaviest, np.abs(u).max(axis=0, initial=0.0))
     at = np.arange(len(u))
     while parts < SAMPLED:
         nodes = at[:: SAMPLED // parts]
-        lines = np.column_stack([np.interp(at, nodes, own[nodes]) for own in u.T]) if u.shape[1] else u
+        lines = np.column_stack([np.interp(at, nodes, load[nodes]) for load in u.T]) if u.shape[1] else u
         if np.all(np.abs(u - lines) <= STRAIGHT * largest):
             break
         parts *= 2
@@ -191,20 +191,20 @@ def _sizes(system: System, q: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.add.reduceat((system.metric * q) ** 2, system.starts)))
 
 
-def _refused(time: float, h: float, parts: int, off: float, unsolved: NumericalError | None) -> NumericalError:
+def _refusal(time: float, h: float, parts: int, off: float, unsolved: NumericalError | None) -> NumericalError:
     if unsolved is not None:
         return NumericalError(
             f"at t = {time:g} s, in {parts} parts of {h:g} s: {unsolved.what}", remedy=unsolved.remedy
         )
     return NumericalError(
-        f"at t = {time:g} s the step of {h:g} s is {off:.2g} off in {parts} parts",
-        remedy="take a smaller simulate.time_step, or a larger simulate.tolerance",
+        f"at t = {time:g} s the step of {h:g} s still has an error of {off:.2g} in {parts} parts",
+        remedy="reduce simulate.time_step, or increase simulate.tolerance",
     )
 
 
 ROOT = np.sqrt(6.0)
 PLACES = np.array([(4 - ROOT) / 10, (4 + ROOT) / 10, 1.0])
-"""Of the stages in a step; the last one is its end."""
+"""Stages in a step; the last one is its end."""
 WEIGHTS = np.array(
     [
         [(88 - 7 * ROOT) / 360, (296 - 169 * ROOT) / 1800, (-2 + 3 * ROOT) / 225],
@@ -214,9 +214,9 @@ WEIGHTS = np.array(
 )
 """Integrals up to the stages of the polynomials that are 1 at one stage and 0 at the others (Hairer, Wanner 1996)."""
 ITERATIONS, DONE = 25, 1e-12
-"""Most of a step, and what a last change of the displacements is, beside the coordinates in the metric of the mass."""
+"""Most iterations of a step, and the last change of the displacements relative to the coordinates in the metric of the mass."""
 SLOW = 0.05
-"""Factor by which an iteration has to be better than the one before for its matrices to serve the next step, too."""
+"""Factor by which an iteration must decrease for its matrices to serve the next step, too."""
 
 
 def simulate_radau(
@@ -237,7 +237,7 @@ def simulate_radau(
     Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails.
     """
     if system.drives.names:
-        raise NumericalError("a driven joint has no such truth", remedy="set estimate.truth.model: fine")
+        raise NumericalError("this truth model does not support driven joints", remedy="set estimate.truth.model: fine")
     u, n = np.asarray(u, dtype=float), system.size
     eigen = np.linalg.eig(WEIGHTS)
     stages, factors = np.zeros((3, n + system.constrained)), None
@@ -260,9 +260,9 @@ def simulate_radau(
 
 
 Equations = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Balance]
-"""(a, λ) (n + m,), q, v (n,) and loads (nu,) of a stage → the terms there."""
+"""(a, λ) (n + m,), q, v (n,) and loads (nu,) of a stage → its terms."""
 Factors = list[tuple[np.ndarray, np.ndarray]]
-"""Of the matrix of every eigenvalue."""
+"""LU factors for each eigenvalue."""
 
 
 def _step(
@@ -283,20 +283,20 @@ def _step(
     for _ in range(ITERATIONS):
         speeds = v + h * WEIGHTS @ x[:, :n]
         places = q + h * PLACES[:, None] * v + h**2 * WEIGHTS @ WEIGHTS @ x[:, :n]
-        found = [equations(*own) for own in zip(x, places, speeds, loads, strict=True)]
+        terms = [equations(*stage) for stage in zip(x, places, speeds, loads, strict=True)]
         if factors is None:
-            factors, fresh = [_factor(found[-1], h * value) for value in values], True
+            factors, fresh = [_factor(terms[-1], h * value) for value in values], True
         left = np.array(
             [
-                np.concatenate([at.load - at.B.T @ own[n:], at.B @ own[:n] + at.B_rate @ moving])
-                for at, own, moving in zip(found, x, speeds, strict=True)
+                np.concatenate([at.load - at.B.T @ stage[n:], at.B @ stage[:n] + at.B_rate @ moving])
+                for at, stage, moving in zip(terms, x, speeds, strict=True)
             ]
         )
         along = back @ left
         change = -(across @ np.array([lu_solve(f, r) for f, r in zip(factors, along, strict=True)])).real
         x = x + change
         moved = float(np.linalg.norm(h**2 * system.metric * change[:, :n]))
-        # what starts at zero moves beside where it gets
+        # a motion that starts at zero is relative to its end
         size = max(size, float(np.linalg.norm(system.metric * places, axis=1).max()))
         if not np.isfinite(moved):
             break
@@ -305,7 +305,7 @@ def _step(
         if moved > SLOW * before and not fresh:
             factors = None  # of a bench that has moved on since
         before = moved
-    raise NumericalError("a step of the truth does not converge", remedy="take a smaller estimate.truth.step")
+    raise NumericalError("a step of the simulated truth does not converge", remedy="reduce estimate.truth.step")
 
 
 def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
@@ -318,7 +318,9 @@ def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
     try:
         lu, pivots = lu_factor(whole)
     except (LinAlgError, ValueError) as error:
-        raise NumericalError("the matrix of a step of the truth is singular", remedy="look at the joints") from error
+        raise NumericalError(
+            "the matrix of a step of the simulated truth is singular", remedy="check the joints"
+        ) from error
     return np.asarray(lu), np.asarray(pivots)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.accelerations import balance, element_load, unit_rows
 from strainsight.multibody.compiled import newton as iteration
-from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, TrialState, compiled
+from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, TrialState, compile_system
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
 from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages, step_slopes
 from strainsight.multibody.initial import check_regular
@@ -21,16 +21,14 @@ from strainsight.multibody.relations import relation_rows
 from strainsight.multibody.system import System
 
 HALVINGS = 6
-"""How often the step is halved to find a start for Newton's iteration."""
+"""Halvings of the step to find a start for Newton's iteration."""
 
 
 @dataclass(frozen=True)
 class EulerStep:
-    """(q, v)_{k+1} with μ, λ (m,) [h· and 1· the unit of a constraint force], iterations, and what it was the answer to.
-
-    μ and λ are those of the joints; they are zero for the rigidity of bodies, which is not among the equations that are
-    solved. motion ζ (nt,): v in minimal coordinates; memory: what force laws remember.
-    """
+    """(q, v)_{k+1} with μ, λ (m,) [h· and 1· the unit of a constraint force], iterations, and what it was the answer to. μ
+    and λ are those of the joints; they are zero for the rigidity of bodies, which is not among the equations that are solved.
+    motion ζ (nt,): v in minimal coordinates; memory: what force laws remember."""
 
     q: np.ndarray
     v: np.ndarray
@@ -77,14 +75,14 @@ def step(
         return _newton(problem, h, first)
     except NumericalError:
         for halvings in range(1, HALVINGS + 1):
-            found = _lead(problem, h, first, halvings)
-            if found is not None:
-                return found
+            lead = _lead(problem, h, first, halvings)
+            if lead is not None:
+                return lead
     return _newton(problem, h, first)
 
 
 class StepProblem(NamedTuple):
-    """What stages start from, q, v (n,), and under what: u (k, nu), θ, w (n,) or (0,)."""
+    """Start and conditions of the stages: q, v (n,); u (k, nu), θ, w (n,) or (0,)."""
 
     system: System
     compiled: Compiled
@@ -99,16 +97,16 @@ class StepProblem(NamedTuple):
 def problem_of(
     system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, w: np.ndarray | None
 ) -> StepProblem:
-    """All as contiguous numbers."""
-    own = compiled(system)
+    """The problem with contiguous arrays."""
+    result = compile_system(system)
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
     u, theta = np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float)
     w = NONE if w is None else np.ascontiguousarray(w, dtype=float)
-    return StepProblem(system, own, own.at(system, theta), q, v, u, theta, w)
+    return StepProblem(system, result, result.at(system, theta), q, v, u, theta, w)
 
 
 def left_by(problem: StepProblem, guess: EulerStep | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """μ, λ (m,) and the memory of force laws that the stage before leaves."""
+    """μ, λ (m,) and the memory of force laws after the previous stage."""
     if guess is not None:
         return guess.mu, guess.lam, guess.memory
     none = np.zeros(problem.system.constrained)
@@ -136,19 +134,19 @@ def stages(
     return solution
 
 
-def solved(problem: StepProblem, h: float, found: Stages) -> tuple[EulerStep, ...]:
-    """The stages one by one."""
+def list_stages(problem: StepProblem, h: float, result: Stages) -> tuple[EulerStep, ...]:
+    """The stages as a tuple."""
     return tuple(
         EulerStep(
-            found.q[i], found.v[i], found.mu[i], found.lam[i], int(found.iterations[i]), found.motion[i], found.memory[i],
-            (found.start_q[i], found.start_v[i]), problem.u[i], problem.theta, problem.w, h,
+            result.q[i], result.v[i], result.mu[i], result.lam[i], int(result.iterations[i]), result.motion[i], result.memory[i],
+            (result.start_q[i], result.start_v[i]), problem.u[i], problem.theta, problem.w, h,
         )
         for i in range(len(problem.u))
     )  # fmt: skip
 
 
 class _Trial(NamedTuple):
-    """Where Newton's iteration starts."""
+    """Start of Newton's iteration."""
 
     q: np.ndarray
     v: np.ndarray
@@ -158,36 +156,36 @@ class _Trial(NamedTuple):
 
 
 def _lead(problem: StepProblem, h: float, first: _Trial, halvings: int) -> EulerStep | None:
-    """Newton at h/2ᵏ, …, h/2, h, each started from the one before."""
+    """Newton's iteration at h/2ᵏ, …, h/2, h, each started from the previous one."""
     q, v = problem.q, problem.v
     start = first
     try:
         for k in range(halvings, -1, -1):
             part = h / 2**k
-            found = _newton(problem, part, start._replace(q=start.q if k < halvings else q + part * v))
-            start = _Trial(found.q + (found.q - q), 2 * found.v - v, found.mu, found.lam, found.memory)
+            result = _newton(problem, part, start._replace(q=start.q if k < halvings else q + part * v))
+            start = _Trial(result.q + (result.q - q), 2 * result.v - v, result.mu, result.lam, result.memory)
     except NumericalError:
         return None
-    return found
+    return result
 
 
 def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
-    found = stages(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q)))
-    if found.ended == SOLVED:
-        return solved(problem, h, found)[0]
-    trial = found.q[0], found.v[0], found.mu[0], found.lam[0]
-    raise _refusal(problem, h, trial, found.ended, int(found.iterations[0]))
+    result = stages(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q)))
+    if result.ended == SOLVED:
+        return list_stages(problem, h, result)[0]
+    trial = result.q[0], result.v[0], result.mu[0], result.lam[0]
+    raise _refusal(problem, h, trial, result.ended, int(result.iterations[0]))
 
 
 REASONS = {
-    iteration.INFINITE: "it meets what is not finite",
+    iteration.INFINITE: "a value is not finite",
     iteration.SINGULAR: "the matrix of the step is singular",
     iteration.ENDLESS: "Newton's iteration does not converge",
 }
 
 
 def _refusal(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...], ended: int, count: int) -> NumericalError:
-    """The error that names a broken force, else the constraint farthest from zero, else the body off balance."""
+    """Error that names a broken force, else the constraint with the largest residual, else the unbalanced body."""
     q = trial[0]
     try:
         off = _farthest(problem, h, trial)
@@ -196,7 +194,7 @@ def _refusal(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...], ende
     return NumericalError(
         f"the step of {h:g} s was not solved after {count} iterations: {REASONS[ended]}; {off}"
         f"{_dependent(problem.system, q, problem.u[0])}",
-        remedy="take a smaller time step",
+        remedy="use a smaller time step",
     )
 
 
@@ -237,18 +235,18 @@ def _dependent(system: System, q: np.ndarray, u: np.ndarray) -> str:
 
 Method = Literal["second_order", "thesis"]
 GAMMA = 1.0 - np.sqrt(0.5)
-"""Both stages are steps of γh; with this γ the method is of second order and damps what is far too quick for the step."""
+"""Both stages are steps of γh; this γ makes the method second-order and damps very fast motions."""
 CARRIED = (1.0 - GAMMA) / GAMMA
-"""Share of the first stage's change from which the second stage starts."""
+"""Share of the change in the first stage from which the second stage starts."""
 LAG, GAIN = 0.113, 0.0178
-"""What turns freely by φ a step lags by LAG φ² of its angle and gains GAIN φ⁴ of its spin a step (measured; see the tests)."""
+"""A free rotation by φ per step lags by LAG φ² of its angle and gains GAIN φ⁴ of its spin per step (measured; see the tests)."""
 INSTANTS: Mapping[Method, tuple[float, ...]] = MappingProxyType({"second_order": (GAMMA, 1.0), "thesis": (1.0,)})
-"""Where in the step its stages end, as shares of it: the instants at which loads act."""
+"""Ends of the stages as shares of the step: the instants at which loads act."""
 
 
 @dataclass(frozen=True)
 class Advance:
-    """The state at the end, q, v (n,), the implicit steps that led there, and what the next ones are foreseen from."""
+    """State at the end, q, v (n,), the implicit steps, and the data from which the next ones are predicted."""
 
     stages: tuple[EulerStep, ...]
     past: Past
@@ -287,10 +285,10 @@ def advance(
     Raises NumericalError as `step` does.
     Source: Alexander, SIAM J. Numer. Anal. 14 (1977); thesis (1.5-1.7).
     """
-    own, carried, inside = h, 0.0, np.empty((len(INSTANTS[method]), len(u[1])))
+    stage_step, carried, inside = h, 0.0, np.empty((len(INSTANTS[method]), len(u[1])))
     inside[-1] = u[1]
     if method == "second_order":
-        own, carried = GAMMA * h, CARRIED
+        stage_step, carried = GAMMA * h, CARRIED
         if system.drives.names:
             W = between(system.drives, h, GAMMA)
             inside[0] = W[0] @ u[0] + W[1] @ u[1]
@@ -298,20 +296,21 @@ def advance(
             inside[0] = (1 - GAMMA) * u[0] + GAMMA * u[1]
     problem = problem_of(system, q, v, inside, theta, w)
     guess = None if last is None else last.stages[-1]
-    found = stages(problem, own, carried, left_by(problem, guess), near, _past(last, own, len(inside), system.size))
-    if found.ended == SOLVED:
-        return Advance(solved(problem, own, found), found.past)
+    past = _past(last, stage_step, len(inside), system.size)
+    result = stages(problem, stage_step, carried, left_by(problem, guess), near, past)
+    if result.ended == SOLVED:
+        return Advance(list_stages(problem, stage_step, result), result.past)
     # each by itself, led there
-    first = step(system, q, v, inside[0], own, theta, w, guess)
+    first = step(system, q, v, inside[0], stage_step, theta, w, guess)
     both: tuple[EulerStep, ...] = (first,)
     if len(inside) > 1:
         middle = q + carried * (first.q - q), v + carried * (first.v - v)
-        both = first, step(system, *middle, inside[1], own, theta, w, first)
+        both = first, step(system, *middle, inside[1], stage_step, theta, w, first)
     return Advance(both, nothing(len(both), system.size))
 
 
 def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
-    """That of the advance before; of one in steps of another length its last acceleration alone."""
+    """Past of the previous step; for another step length its last acceleration only."""
     if last is None:
         return nothing(count, n)
     before = last.stages[-1]
@@ -321,10 +320,10 @@ def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
 
 
 def linear_step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:
-    """What `advance` makes of M ÿ + C ẏ + K y = f: of (y, ẏ) (2r, 2r), and of f at start and end (2r, r), straight between."""
-    r, own = len(M), h * INSTANTS[method][0]
-    velocity = np.linalg.solve(M / own + C + own * K, np.column_stack([-K, M / own, np.eye(r)]))
-    whole = np.vstack([own * velocity, velocity])
+    """Matrices of `advance` for M ÿ + C ẏ + K y = f: of (y, ẏ) (2r, 2r), and of f at start and end (2r, r), linear in between."""
+    r, stage_step = len(M), h * INSTANTS[method][0]
+    velocity = np.linalg.solve(M / stage_step + C + stage_step * K, np.column_stack([-K, M / stage_step, np.eye(r)]))
+    whole = np.vstack([stage_step * velocity, velocity])
     whole[:r, :r] += np.eye(r)
     X, b = whole[:, : 2 * r], whole[:, 2 * r :]
     if method == "thesis":
@@ -350,11 +349,11 @@ def slopes(system: System, at: Advance, forced: bool = True) -> AdvanceSlopes:
 
     A = A₂ ((1 − c) 1 + c A₁),     ∂/∂p = B₂ + c A₂ B₁   of θ and w,     u(γh) = W₀ u(0) + W₁ u(h)  (`between`)
     """
-    own = [sensitivities(system, stage) for stage in at.stages]
-    if len(own) == 1:
-        only: Sensitivities = own[0]
+    parts = [sensitivities(system, stage) for stage in at.stages]
+    if len(parts) == 1:
+        only: Sensitivities = parts[0]
         return AdvanceSlopes(only.A, np.zeros_like(only.B_u), only.B_u, only.B_theta, only.B_w)
-    first, second = own
+    first, second = parts
     through = CARRIED * second.A
     A = through @ first.A
     A += (1 - CARRIED) * second.A
@@ -389,7 +388,7 @@ def sensitivities(system: System, at: EulerStep) -> Sensitivities:
     state before its last correction. Valid off the constraints too: x_k may be any state, x_{k+1} is on them.
     Raises NumericalError where the matrix is singular.
     """
-    arrays, solution = compiled(system), TrialState(at.q, at.motion, at.mu, at.lam)
+    arrays, solution = compile_system(system), TrialState(at.q, at.motion, at.mu, at.lam)
     elastic = np.ascontiguousarray((system.stiffness_terms @ at.q + system.damping_terms @ at.v).T)
     point = arrays.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)
     regular, A, B_u, B_theta, B_w = step_slopes(

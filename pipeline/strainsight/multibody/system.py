@@ -32,7 +32,7 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Element:
-    """A force law at rows of the relations: element, which rows, which parameters of θ, which loads of u."""
+    """A force law on relations: element, its rows, its parameters in θ, its loads in u."""
 
     force: RelativeElement
     rows: slice
@@ -53,14 +53,11 @@ class TurningMoment:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """What (1.3) needs, over q = [q_b for every body]; made by `assemble`.
-
-    size n; of (name → slice): a body's coordinates; constraints (m): the name of every row of φ, those of the rigid
-    motions first; inputs, parameters: the names of u and θ; drives: of joints that are driven, then u goes on with p and ṗ of
-    every drive; relations: the constraints, then those of elements, inputs
-    and gravity; metric d (n,): d² is the diagonal scale of the mass; mass (n, n): the constant part of M; inertia: the
-    bodies whose mass moves; stiffness, damping (n, n): elastic, constant and per parameter (nθ, n, n).
-    """
+    """What (1.3) needs, over q = [q_b for every body]; made by `assemble`. size n; of (name → slice): a body's coordinates;
+    constraints (m): the name of every row of φ, those of the rigid motions first; inputs, parameters: the names of u and θ;
+    drives: of joints that are driven, then u goes on with p and ṗ of every drive; relations: the constraints, then those of
+    elements, inputs and gravity; metric d (n,): d² is the diagonal scale of the mass; mass (n, n): the constant part of M;
+    inertia: the bodies whose mass moves; stiffness, damping (n, n): elastic, constant and per parameter (nθ, n, n)."""
 
     bodies: tuple[Body, ...]
     joints: tuple[Joint, ...]
@@ -87,7 +84,7 @@ class System:
     @cached_property
     def starts(self) -> np.ndarray:
         """First coordinate of every body."""
-        return np.array([own.start for own in self.of.values()])
+        return np.array([coordinates.start for coordinates in self.of.values()])
 
     @property
     def constrained(self) -> int:
@@ -96,7 +93,7 @@ class System:
 
     @property
     def rigid(self) -> int:
-        """How many of them, the first, keep the bodies' frames orthonormal."""
+        """Number of leading constraints that keep the bodies' frames orthonormal."""
         return 6 * sum(body.moves for body in self.bodies)
 
     def modal(self, name: str) -> slice:
@@ -105,7 +102,7 @@ class System:
         return slice(self.of[name].stop - body.modes, self.of[name].stop)
 
     def most_in(self, x: np.ndarray) -> str:
-        """The body with the largest of these entries (n,) by size."""
+        """The body with the largest absolute value of these entries (n,)."""
         return max(self.of, key=lambda name: float(np.max(np.abs(x[self.of[name]]), initial=0.0)))
 
     def at(self, theta: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -119,12 +116,9 @@ class System:
 
 
 def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Iterable[Force] = ()) -> System:
-    """The system of these bodies, joints and forces.
-
-    Raises InfeasibleError for two bodies or joints of one name, a body that no one gave, shapes that do not fit a body,
-    a frame whose axes are not orthonormal, a point mass. Whether the joints are independent depends on the
-    configuration: `project_position` checks it.
-    """
+    """The system of these bodies, joints and forces. Raises InfeasibleError for two bodies or joints of one name, a body that
+    no one gave, shapes that do not fit a body, a frame whose axes are not orthonormal, a point mass. Whether the joints are
+    independent depends on the configuration: `project_position` checks it."""
     bodies, joints, forces = tuple(bodies), tuple(joints), tuple(forces)
     _refuse_twins("bodies", [b.name for b in bodies])
     _refuse_twins("joints", [j.name for j in joints])
@@ -135,16 +129,16 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
         n += body.size
 
     relations, constraints = _rigidity(bodies)
-    held: list[Relation | DrivenRelation] = [*relations]
+    joint_constraints: list[Relation | DrivenRelation] = [*relations]
     for joint in joints:
-        held += joint.relations
+        joint_constraints += joint.relations
         relations += [
             relation.relation if isinstance(relation, DrivenRelation) else relation for relation in joint.relations
         ]
         constraints += [f"{joint.name}: {relation.name}" for relation in joint.relations]
     parameters = _parameter_names(bodies, forces)
     inputs = list(dict.fromkeys(name for f in forces if not isinstance(f, Gravity) for name in f.inputs))
-    drives, across = compile_drives(held, len(relations), len(inputs))
+    drives, across = compile_drives(joint_constraints, len(relations), len(inputs))
     relations += across
 
     elements, moments = [], []
@@ -184,7 +178,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
             for total, terms, X in ((K, K_terms, body.stiffness), (C, C_terms, body.damping)):
                 X = X if isinstance(X, AffineOperator) else AffineOperator(X, {})
                 total[eta, eta] = X.constant
-                assert not X.coefficients, "a body of a bench is linear in its parameters"
+                assert not X.coefficients, "a body of a bench must be linear in its parameters"
                 for name, term in X.terms.items():
                     terms[parameters.index(name), eta, eta] = term
     moving = [
@@ -226,7 +220,7 @@ def _directions(force: FrameLoad) -> np.ndarray:
     _refuse_twins(f"inputs of {force.name}", list(force.inputs))
     if D.shape != (3, len(force.inputs)):
         raise InfeasibleError(
-            f"{force.name}: directions of shape {D.shape} for {len(force.inputs)} inputs, not (3, inputs)"
+            f"{force.name}: the directions of {len(force.inputs)} inputs have shape {D.shape}, expected (3, inputs)"
         )
     return D.T
 
@@ -235,7 +229,9 @@ def _body(frame: Frame, bodies: Sequence[Body]) -> Body:
     for body in bodies:
         if body.name == frame.body:
             return body
-    raise InfeasibleError(f"frame {frame.name} is not on a body", remedy="a moment on the ground moves nothing")
+    raise InfeasibleError(
+        f"frame {frame.name} is not on a body", remedy="apply the moment to a body: the ground does not move"
+    )
 
 
 def _check_carried(relations: Sequence[Relation], bodies: Sequence[Body]) -> None:
@@ -244,13 +240,13 @@ def _check_carried(relations: Sequence[Relation], bodies: Sequence[Body]) -> Non
         for b in relation.x + relation.y:
             if b.body is not None and b.body not in known:
                 raise InfeasibleError(
-                    f"{relation.name}: there is no body {b.body}",
-                    remedy=did_you_mean(b.body, known, f"the bodies are {', '.join(known)}"),
+                    f"{relation.name}: body {b.body} not found",
+                    remedy=did_you_mean(b.body, known, f"bodies: {', '.join(known)}"),
                 )
             shapes = b.C.shape[1]
             if shapes and shapes != known.get(str(b.body), 0):
                 raise InfeasibleError(
-                    f"{relation.name}: {shapes} shapes on body {b.body}, which has {known.get(str(b.body), 0)} modes"
+                    f"{relation.name}: {shapes} mode shapes on body {b.body} with {known.get(str(b.body), 0)} modes"
                 )
 
 
@@ -269,4 +265,4 @@ def _parameter_names(bodies: Sequence[Body], forces: Sequence[Force]) -> list[st
 def _refuse_twins(what: str, names: Sequence[str]) -> None:
     twins = sorted({name for name in names if names.count(name) > 1})
     if twins:
-        raise InfeasibleError(f"two {what} are called {', '.join(twins)}", remedy="names must differ")
+        raise InfeasibleError(f"{what} have the same name: {', '.join(twins)}", remedy="use different names")

@@ -28,13 +28,11 @@ SAMPLES = 10.0
 
 @dataclass(frozen=True)
 class ArrayPlacement:
-    """A layout, and what a Kalman filter on it claims once it is steady.
-
-    gauges (k,): rows of H, the most missed first; names (u,) of the states that count; std (u,) [unit of the state]: σ of
-    each; std_of_pool (u,): σ with every candidate; without (k, u): σ without each gauge, inf where one is lost; P (n, n):
-    covariance of the whole state; removed (s,): candidates in the order in which the elimination removed them; cost: the
-    criterion of the layout, of all candidates the mean over states 1; lower_bound: below it no layout of as many gauges comes.
-    """
+    """A layout, and what a Kalman filter on it claims once it is steady. gauges (k,): rows of H, the most missed first; names
+    (u,) of the states that count; std (u,) [unit of the state]: σ of each; std_of_pool (u,): σ with every candidate; without
+    (k, u): σ without each gauge, inf where one is lost; P (n, n): covariance of the whole state; removed (s,): candidates in
+    the order in which the elimination removed them; cost: the criterion of the layout, of all candidates the mean over states
+    1; lower_bound: below it no layout of as many gauges comes."""
 
     gauges: np.ndarray
     names: tuple[str, ...]
@@ -63,31 +61,32 @@ def place_arrays(
     names: Sequence[str] = (),
     criterion: str | Criterion = "trace",
     fixed: Collection[int] = (),
-    apart: np.ndarray | None = None,
+    conflicts: np.ndarray | None = None,
 ) -> ArrayPlacement:
-    """The `keep` rows of H by which a steady Kalman filter knows the states best: elimination, exchanges, a lower bound.
+    """The `keep` rows of H with which a steady-state Kalman filter estimates the states best: elimination, exchanges, a lower
+    bound.
 
         ẋ = F x + w,  y = H x + v;   0 = F P + P Fᵀ + Q − P Hᵀ R⁻¹ H P
 
     F (n, n) [1/s]; H (m, n), or (m, c, n) for gauges of up to c channels; Q (n, n), R (m,) or (m, c), or (m, m) diagonal:
     intensities of w and v, of a sample's noise σ every h seconds σ²h; states: numbers of those that count, all by default,
     each relative to its σ with every candidate; names (n,) of the states; criterion: "trace", "log_determinant",
-    "worst_eigenvalue" or a `Criterion`; fixed: rows of H that stay; apart (p, 2): pairs of rows that are not kept both.
-    Raises ConfigError where shapes contradict each other, InfeasibleError where no layout detects every state.
+    "worst_eigenvalue" or a `Criterion`; fixed: rows of H that stay; conflicts (p, 2): pairs of rows that are not kept both.
+    Raises ConfigError for inconsistent shapes, InfeasibleError if no layout detects every state.
     Source: thesis, algorithm 2 and (5.14).
     """
     F, H, Q = (np.asarray(matrix, dtype=float) for matrix in (F, H, Q))
-    r, labels, at = _checked(F, H, Q, np.asarray(R, dtype=float), names, states, criterion)
+    r, labels, at = _check_inputs(F, H, Q, np.asarray(R, dtype=float), names, states, criterion)
     _check_rows("fixed", np.array(list(fixed), dtype=int), len(H))
-    pairs = None if apart is None else np.asarray(apart, dtype=int)
+    pairs = None if conflicts is None else np.asarray(conflicts, dtype=int)
     if pairs is not None and (pairs.ndim != 2 or pairs.shape[1] != 2):
-        raise ConfigError(f"apart {pairs.shape}", remedy="give pairs of rows of H (p, 2)")
-    _check_rows("apart", np.zeros(0, dtype=int) if pairs is None else pairs, len(H))
+        raise ConfigError(f"conflicts {pairs.shape}", remedy="specify pairs of rows of H (p, 2)")
+    _check_rows("conflicts", np.zeros(0, dtype=int) if pairs is None else pairs, len(H))
     pool = solve_pool(Scenario(F, Q, H, r, np.zeros(len(F))), labels)
     pools = [pool.under(Metric(weight_of_pools([pool], at), criterion_of(criterion)))]
     limits = limits_of(len(H), keep, fixed=fixed, near=pairs)
     eliminated = eliminate_from(pools, limits, names=[labels[i] for i in at])
-    gauges = exchange(pools, eliminated.kept, limits=limits).gauges
+    gauges = exchange(pools, eliminated.selected, limits=limits).gauges
     cost = score(pools, gauges)
     gauges = gauges[tied_order(-loss_if_one_fails(pools, gauges))]
     P = subset_covariance(pool, gauges)
@@ -120,9 +119,9 @@ def place_modes(
     names: Sequence[str] = (),
     criterion: str | Criterion = "trace",
     fixed: Collection[int] = (),
-    apart: np.ndarray | None = None,
+    conflicts: np.ndarray | None = None,
 ) -> ArrayPlacement:
-    """The `keep` gauges by which a steady Kalman filter knows loads on a structure of known modes best.
+    """The `keep` gauges with which a steady-state Kalman filter estimates loads on a structure of known modes best.
 
         q̈ + 2ζω q̇ + ω² q = Φᵀ B a ũ,   ũ̇ = w of intensity κ 2π f,   y = S Φ q + v,   Φᵀ M Φ = I
 
@@ -137,16 +136,18 @@ def place_modes(
     Phi, f, S = (np.asarray(values, dtype=float) for values in (modes, frequencies, strain_operator))
     if Phi.ndim != 2 or f.shape != Phi.shape[1:] or S.ndim != 2 or S.shape[1] != len(Phi):
         raise ConfigError(
-            f"modes {Phi.shape}, frequencies {f.shape} and strain_operator {S.shape} do not belong together",
-            remedy="give modes (freedoms, modes), frequencies (modes,) and strain_operator (gauges, freedoms)",
+            f"modes {Phi.shape}, frequencies {f.shape} and strain_operator {S.shape} have inconsistent shapes",
+            remedy="pass modes (freedoms, modes), frequencies (modes,) and strain_operator (gauges, freedoms)",
         )
     if not np.all((f > 0) & np.isfinite(f)):
         raise ConfigError(
-            f"frequency {f[~((f > 0) & np.isfinite(f))][0]:g} Hz of a mode",
-            remedy="leave out rigid modes, which strain nothing, and give positive frequencies [Hz]",
+            f"the frequency of a mode is {f[~((f > 0) & np.isfinite(f))][0]:g} Hz",
+            remedy="remove rigid modes, which cause no strain, and pass positive frequencies [Hz]",
         )
     if loads is not None and (np.ndim(loads) != 2 or len(loads) != len(Phi)):
-        raise ConfigError(f"loads {np.shape(loads)}", remedy=f"give loads ({len(Phi)}, number of loads)")
+        raise ConfigError(
+            f"loads has shape {np.shape(loads)}", remedy=f"pass loads of shape ({len(Phi)}, number of loads)"
+        )
     force = np.eye(len(f)) if loads is None else Phi.T @ np.asarray(loads, dtype=float)
     n, u, omega, rows = len(f), force.shape[1], 2 * np.pi * f, S @ Phi
     sigma = _positive("noise", noise, len(rows))
@@ -154,14 +155,14 @@ def place_modes(
         felt = np.abs((rows / omega**2) @ force / sigma[:, None]).max(axis=0)
         if not np.all(felt > 0):
             raise InfeasibleError(
-                f"no candidate reads anything of load {int(np.argmin(felt > 0)) + 1}",
-                remedy="give more candidates or modes, or leave this load out",
+                f"no candidate responds to load {int(np.argmin(felt > 0)) + 1}",
+                remedy="pass more candidates or modes, or remove this load",
             )
         amplitude = CLEAR / felt
     a = _positive("amplitude", amplitude, u)
     labels = tuple(names) or tuple(f"load {i}" if loads is not None else f"modal force {i}" for i in range(1, u + 1))
     if len(labels) != u or len(set(labels)) < u:
-        raise ConfigError(f"names {', '.join(labels)} of {u} loads", remedy="give every load a name of its own")
+        raise ConfigError(f"{u} loads have the names {', '.join(labels)}", remedy="pass a unique name for each load")
     walks = Unknowns(labels, (), dict(zip(labels, a.tolist(), strict=True)), {})
     speed = _positive("load_frequency", f.min() if load_frequency is None else load_frequency, u)
     zeta = _positive("damping", damping, n, zero=True)
@@ -181,7 +182,7 @@ def place_modes(
         names=(*(f"q{i}" for i in range(1, n + 1)), *(f"dq{i}/dt" for i in range(1, n + 1)), *labels),
         criterion=criterion,
         fixed=fixed,
-        apart=apart,
+        conflicts=conflicts,
     )
 
 
@@ -195,17 +196,17 @@ def _positive(what: str, values: np.ndarray | float, count: int, zero: bool = Fa
     numbers = np.asarray(values, dtype=float)
     allowed = np.isfinite(numbers) & ((numbers > 0) | (zero & (numbers == 0)))
     if numbers.shape not in ((), (count,)) or not np.all(allowed):
-        raise ConfigError(f"{what} {values}", remedy=f"give one positive number, or {count} of them")
+        raise ConfigError(f"invalid {what}: {values}", remedy=f"pass one positive number, or {count} of them")
     return np.broadcast_to(numbers, count)
 
 
 def _check_rows(what: str, rows: np.ndarray, count: int) -> None:
     outside = rows[(rows < 0) | (rows >= count)]
     if outside.size:
-        raise ConfigError(f"{what} names row {outside[0]} of H", remedy=f"give rows from 0 to {count - 1}")
+        raise ConfigError(f"{what} contains row {outside[0]} of H", remedy=f"use rows from 0 to {count - 1}")
 
 
-def _checked(
+def _check_inputs(
     F: np.ndarray,
     H: np.ndarray,
     Q: np.ndarray,
@@ -218,22 +219,24 @@ def _checked(
     n = len(F)
     if F.shape != (n, n) or Q.shape != (n, n) or H.ndim not in (2, 3) or H.shape[-1] != n:
         raise ConfigError(
-            f"F {F.shape}, Q {Q.shape} and H {H.shape} do not belong together",
-            remedy="give F (n, n), Q (n, n) and H (candidates, n)",
+            f"F {F.shape}, Q {Q.shape} and H {H.shape} have inconsistent shapes",
+            remedy="pass F (n, n), Q (n, n) and H (candidates, n)",
         )
     if H.ndim == 2 and R.shape == (len(H), len(H)):
         if np.any(np.diag(np.diag(R)) != R):
             raise ConfigError(
-                "R has correlated noises", remedy="give the intensity of each candidate's noise (candidates,)"
+                "R has correlated noise", remedy="pass the noise intensity of each candidate (candidates,)"
             )
         R = np.diag(R)
     if R.shape != H.shape[:-1]:
-        raise ConfigError(f"R {R.shape} and H {H.shape} do not belong together", remedy=f"give R {H.shape[:-1]}")
+        raise ConfigError(
+            f"R {R.shape} and H {H.shape} have inconsistent shapes", remedy=f"pass R of shape {H.shape[:-1]}"
+        )
     at = np.arange(n) if states is None else np.asarray(states, dtype=int)
     if not len(at) or at.min() < 0 or at.max() >= n or len(np.unique(at)) < len(at):
-        raise ConfigError(f"states {at.tolist()} of {n}", remedy=f"give different numbers from 0 to {n - 1}")
+        raise ConfigError(f"invalid states {at.tolist()} of {n}", remedy=f"pass different numbers from 0 to {n - 1}")
     if names and len(names) != n:
-        raise ConfigError(f"{len(names)} names of {n} states", remedy="give a name for every state, or none")
+        raise ConfigError(f"{n} states have {len(names)} names", remedy="pass a name for each state, or none")
     if isinstance(criterion, str) and criterion not in {c.name for c in CRITERIA}:
-        raise ConfigError(f"criterion '{criterion}'", remedy=f"choose one of {', '.join(c.name for c in CRITERIA)}")
+        raise ConfigError(f"unknown criterion '{criterion}'", remedy=f"choose one of {', '.join(c.name for c in CRITERIA)}")
     return R, tuple(names) or tuple(f"x{i}" for i in range(n)), at

@@ -1,7 +1,6 @@
 """Layouts by other rules on the same pool, to be scored by the same covariance.
 
-Rows are (pool, k), or (pool, c, k) where a gauge or a group of them has up to c channels (zero rows where it has fewer):
-all channels of such a unit enter and leave as one. Channels of unlike quantity or noise are compared at unit noise.
+Rows (pool, k), or (pool, c, k) for up to c channels (zero rows if fewer): modal strain, or whitened rows of the augmented model.
 """
 
 from __future__ import annotations
@@ -29,21 +28,19 @@ TRIES = 200
 def random_sets(
     pool: int, keep: int, count: int, seed: int, allowed: Callable[[np.ndarray], bool] | None = None
 ) -> np.ndarray:
-    """`count` sets of `keep` different gauges out of `pool`, uniformly; (count, keep), each ascending.
-
-    allowed: only sets for which it is true, by rejection and so uniformly among them; fewer than `count`, or none, where
-    `TRIES` · count draws do not find as many.
-    """
+    """`count` sets of `keep` different gauges out of `pool`, uniformly; (count, keep), each ascending. allowed: only sets for
+    which it is true, by rejection and so uniformly among them; fewer than `count`, or none, where `TRIES` · count draws do
+    not find as many."""
     _check(pool, keep)
     rng = np.random.default_rng(seed)
-    found: list[np.ndarray] = []
+    sets: list[np.ndarray] = []
     for _ in range(count if allowed is None else TRIES * count):
-        if len(found) == count:
+        if len(sets) == count:
             break
-        drawn = np.sort(rng.choice(pool, keep, replace=False))
-        if allowed is None or allowed(drawn):
-            found.append(drawn)
-    return np.array(found, dtype=int).reshape(len(found), keep)
+        sample = np.sort(rng.choice(pool, keep, replace=False))
+        if allowed is None or allowed(sample):
+            sets.append(sample)
+    return np.array(sets, dtype=int).reshape(len(sets), keep)
 
 
 def effective_independence(rows: np.ndarray, keep: int) -> np.ndarray:
@@ -86,26 +83,26 @@ def qr_pivoting(rows: np.ndarray, keep: int) -> np.ndarray:
     _check(len(rows), keep)
     blocks = _blocks(rows)
     c, k = blocks.shape[1:]
-    taken: list[int] = []
-    while len(taken) < keep:
-        left = np.setdiff1d(np.arange(len(blocks)), taken)
+    selected: list[int] = []
+    while len(selected) < keep:
+        left = np.setdiff1d(np.arange(len(blocks)), selected)
         pivots = left[_pivots(blocks[left].reshape(-1, k)) // c]
-        taken += list(dict.fromkeys(pivots.tolist())) or left.tolist()
-    return np.sort(taken[:keep])
+        selected += list(dict.fromkeys(pivots.tolist())) or left.tolist()
+    return np.sort(selected[:keep])
 
 
 def _pivots(rows: np.ndarray) -> np.ndarray:
-    """Rows (m, k) in the order in which each is the longest beside the span of those before it, as many as are independent."""
+    """Rows (m, k) in the order of their distance from the span of those before, as long as they are independent."""
     rest = rows.copy()
-    taken: list[int] = []
+    selected: list[int] = []
     length = np.sum(rest**2, axis=1)
-    while len(taken) < min(rows.shape) and length.max() > DEPENDENT**2 * np.sum(rows**2, axis=1).max():
-        taken.append(first_of_largest(length))
-        unit = rest[taken[-1]] / np.sqrt(length[taken[-1]])
+    while len(selected) < min(rows.shape) and length.max() > DEPENDENT**2 * np.sum(rows**2, axis=1).max():
+        selected.append(first_of_largest(length))
+        unit = rest[selected[-1]] / np.sqrt(length[selected[-1]])
         rest -= np.outer(rest @ unit, unit)
-        rest[taken[-1]] = 0.0
+        rest[selected[-1]] = 0.0
         length = np.sum(rest**2, axis=1)
-    return np.array(taken, dtype=int)
+    return np.array(selected, dtype=int)
 
 
 def d_optimal(rows: np.ndarray, variance: np.ndarray, prior: np.ndarray, keep: int) -> np.ndarray:
@@ -148,7 +145,7 @@ def _blocks(rows: np.ndarray) -> np.ndarray:
 def _independent(rows: np.ndarray) -> np.ndarray:
     """The columns of rows (m, k) of unit length, without those that depend on the ones before them."""
     columns: list[np.ndarray] = []
-    kept = []
+    selected = []
     for column in rows.T:
         rest = column.copy()
         for _ in range(2):
@@ -156,12 +153,12 @@ def _independent(rows: np.ndarray) -> np.ndarray:
                 rest -= unit * (unit @ rest)
         if np.linalg.norm(rest) > DEPENDENT * np.linalg.norm(column):
             columns.append(rest / np.linalg.norm(rest))
-            kept.append(column / np.linalg.norm(column))
-    if not kept:
-        raise ConfigError("no gauge of the pool answers to any mode", remedy="choose another direction for the gauges")
-    return np.array(kept).T
+            selected.append(column / np.linalg.norm(column))
+    if not selected:
+        raise ConfigError("no gauge of the pool responds to any mode", remedy="choose another direction for the gauges")
+    return np.array(selected).T
 
 
 def _check(pool: int, keep: int) -> None:
     if not 1 <= keep <= pool:
-        raise ConfigError(f"{keep} gauges out of a pool of {pool}", remedy=f"keep between 1 and {pool}")
+        raise ConfigError(f"cannot keep {keep} gauges of a pool of {pool}", remedy=f"keep between 1 and {pool}")

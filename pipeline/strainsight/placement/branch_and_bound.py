@@ -53,7 +53,7 @@ class Search:
         # a set that is better by no more than a tie is not taken, so that nothing closer can be claimed
         self.gap = max(gap, TIE)
         # gauges that the limits distinguish cannot stand for each other
-        self.twins = np.unique(_twins(pools) * len(limits.size) + limits.alike, return_inverse=True)[1]
+        self.twins = np.unique(_twins(pools) * len(limits.size) + limits.labels, return_inverse=True)[1]
         self.tried: set[tuple[int, ...]] = set()
         self.best: np.ndarray | None = None
         self.cost = np.inf
@@ -65,10 +65,8 @@ class Search:
         return self.cost * (1 - self.gap)
 
     def offer(self, gauges: np.ndarray, bound: float = np.inf) -> None:
-        """Take a set as incumbent if it costs less, with the swaps that help it.
-
-        Where its covariance cannot be solved to accuracy, `bound` is all that is known of it.
-        """
+        """Take a set as incumbent if it costs less, with the swaps that help it. Where its covariance cannot be solved to
+        accuracy, `bound` is all that is known of it."""
         while tuple(gauges) not in self.tried:
             self.tried.add(tuple(gauges))
             try:
@@ -95,10 +93,8 @@ class Search:
         return Node(inside, np.zeros_like(inside), () if cut is None else (cut,), w)
 
     def children(self, node: Node, bound: float) -> list[tuple[float, Node]]:
-        """Cuts until they no longer pay, then the two halves of the node with their bounds; () where none is left.
-
-        Empties, too, a node whose gauges lose an unknown all together, and scores one that holds a single set.
-        """
+        """Cuts until they no longer pay, then the two halves of the node with their bounds; () where none is left. Empties,
+        too, a node whose gauges lose an unknown all together, and scores one that holds a single set."""
         inside, outside, cuts = node.inside, node.outside, list(node.cuts)
         if not all(detects(pool, pool.stacked(~outside)) for pool in self.pools):
             return []
@@ -128,7 +124,7 @@ class Search:
                 return []
             decided = free & (low.value + low.reduced >= self.target)
             if decided.any():
-                inside, outside = inside | (decided & low.taken), outside | (decided & ~low.taken)
+                inside, outside = inside | (decided & low.selected), outside | (decided & ~low.selected)
                 continue
             self._round(cuts, low.weights, inside)
             if len(history) > ROUNDS or (len(history) > 4 and history[-1] - history[-4] < PAYS * (self.target - bound)):
@@ -155,7 +151,7 @@ class Search:
         with_it[gauge] = True
         bounds = [bound, bound]
         if low is not None:
-            bounds[int(low.taken[gauge])] = max(bound, low.value + float(low.reduced[gauge]))
+            bounds[int(low.selected[gauge])] = max(bound, low.value + float(low.reduced[gauge]))
         halves = [replace(node, inside=with_it), replace(node, outside=outside | same)]
         return [(b, half) for b, half in zip(bounds, halves, strict=True) if b < self.target]
 
@@ -183,9 +179,9 @@ class Search:
 def _within(w: np.ndarray, inside: np.ndarray, free: np.ndarray, limits: Limits) -> np.ndarray:
     """w (pool,) moved to 1 inside, 0 outside and a sum of gauges that the limits allow, towards 0 or 1 in proportion."""
     moved = inside.astype(float)
-    part, size, held = w[free], limits.size[free], int(limits.size[inside].sum())
+    part, size, count = w[free], limits.size[free], int(limits.size[inside].sum())
     total, whole = float(size @ part), float(size.sum())
-    most, least = limits.keep - held, limits.least - held
+    most, least = limits.keep - count, limits.least - count
     if total > most:
         part = part * (most / total)
     elif total < least:
@@ -201,7 +197,7 @@ def _twins(pools: Sequence[Pool]) -> np.ndarray:
         length = np.linalg.norm(pool.rows, axis=2, keepdims=True)
         size = np.where(length > 0, length, 1.0)
         unit = pool.rows / size
-        # the sign of the first of the largest, which are ± alike where rows are symmetric
+        # the sign of the first of the largest entries, which are ± equal for symmetric rows
         largest = np.abs(unit) >= (1 - TIE) * np.abs(unit).max(axis=2, keepdims=True)
         sign = np.sign(np.take_along_axis(unit, largest.argmax(axis=2)[:, :, None], axis=2))
         keys.append(_near(np.concatenate([unit * sign, np.log(size)], axis=2)))
@@ -294,9 +290,9 @@ def _first_set(
         gauges = np.unique(np.asarray(start, dtype=int))
         if not limits.allows(gauges):
             what = f"{limits.keep} different gauges" if limits.plain else "a layout within the limits"
-            raise ValueError(f"the search starts from {what}, the fixed ones among them")
+            raise ValueError(f"the search must start from {what} that contain the fixed ones")
         return gauges
     try:
-        return fill(pools, eliminate_from(pools, limits, aggregate).kept, limits, aggregate)
+        return fill(pools, eliminate_from(pools, limits, aggregate).selected, limits, aggregate)
     except InfeasibleError:
         return None

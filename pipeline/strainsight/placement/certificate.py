@@ -15,7 +15,7 @@ from strainsight.placement.exchange import costs_of, gradients_of
 from strainsight.placement.increment import gauge_gradients
 from strainsight.placement.limits import Limits, Polytope, as_limits, cheapest
 from strainsight.placement.riccati import Loop, close_loop, information
-from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
+from strainsight.placement.scenario import Aggregate, Pool, aggregated, refine
 
 CLOSE = 1e-4
 """Share of the cost to which bound and relaxed cost have to agree."""
@@ -23,11 +23,9 @@ CLOSE = 1e-4
 
 @dataclass(frozen=True)
 class Certificate:
-    """No set of this size costs less than lower_bound; gap = (cost − lower_bound)/cost of the set that was certified.
-
-    weights (pool,) of the relaxation, 0 ≤ w ≤ 1; iterations: evaluations of the relaxed cost;
-    relaxed: the least relaxed cost found, which no bound can exceed; including (pool,): no such set with that gauge costs less.
-    """
+    """No set of this size costs less than lower_bound; gap = (cost − lower_bound)/cost of the set that was certified. weights
+    (pool,) of the relaxation, 0 ≤ w ≤ 1; iterations: evaluations of the relaxed cost; relaxed: the least relaxed cost found,
+    which no bound can exceed; including (pool,): no such set with that gauge costs less."""
 
     lower_bound: float
     gap: float
@@ -122,7 +120,7 @@ class _Relaxation:
     def evaluate(self, w: np.ndarray, temperature: float) -> tuple[float, np.ndarray, float, float]:
         """Objective, its gradient (pool,), the aggregate cost and the lower bound at w (pool,)."""
         self.used += 1
-        loops = [relaxed_loop(p, weighed_rows(p, w), P) for p, P in zip(self.pools, self.last, strict=True)]
+        loops = [relaxed_loop(p, weight_rows(p, w), P) for p, P in zip(self.pools, self.last, strict=True)]
         self.last = [loop.P for loop in loops]
         costs = costs_of(self.pools, loops)
         soft, levels, gradients = np.empty_like(costs), np.empty_like(costs), np.empty((len(costs), len(w)))
@@ -145,23 +143,21 @@ class _Relaxation:
         return float(value), slope, float(aggregated(costs, self.aggregate)), bound
 
 
-def weighed_rows(pool: Pool, w: np.ndarray) -> np.ndarray:
+def weight_rows(pool: Pool, w: np.ndarray) -> np.ndarray:
     """√w_g h_g (pool · c, n*), of which G = Σ_g w_g h_gᵀh_g."""
     return (pool.rows * np.sqrt(w)[:, None, None]).reshape(-1, pool.rows.shape[2])
 
 
 def relaxed_loop(pool: Pool, rows: np.ndarray, last: np.ndarray | None) -> Loop:
-    """The closed loop with `weighed_rows`; last: a covariance of weights nearby."""
+    """The closed loop with `weight_rows`; last: a covariance of weights nearby."""
     G = information(rows)
-    return close_loop(pool.scenario.F, G, refined(pool, G, last))
+    return close_loop(pool.scenario.F, G, refine(pool, G, last))
 
 
 @dataclass(frozen=True)
 class Cut:
     """f_s(v) ≥ offset_s + slope_s·v for all gauge weights v ≥ 0: f_s the metric, touched at the weights it was made at.
-
-    offset (s,), slope (s, pool); cost (s,): f_s there; P: covariances there, for the next one to start from.
-    """
+    offset (s,), slope (s, pool); cost (s,): f_s there; P: covariances there, for the next one to start from."""
 
     offset: np.ndarray
     slope: np.ndarray
@@ -171,13 +167,13 @@ class Cut:
 
 @dataclass(frozen=True)
 class Bound:
-    """No set of the node costs less than value; weights (pool,): where the cuts are lowest; taken (pool,) bool: the free
+    """No set of the node costs less than value; weights (pool,): where the cuts are lowest; selected (pool,) bool: the free
     gauges that the combination of cuts behind the bound takes; reduced (pool,): by how much that bound rises where one
     of them is left out, or another free gauge is taken; active (cuts,) bool: the cuts it combines."""
 
     value: float
     weights: np.ndarray
-    taken: np.ndarray
+    selected: np.ndarray
     reduced: np.ndarray
     active: np.ndarray
 
@@ -191,7 +187,7 @@ def cut_at(pools: Sequence[Pool], w: np.ndarray, last: Sequence[np.ndarray] | No
     """
     loops = []
     for pool, P in zip(pools, [None] * len(pools) if last is None else last, strict=True):
-        rows = weighed_rows(pool, w)
+        rows = weight_rows(pool, w)
         if not detects(pool, rows):
             return None
         try:
@@ -215,8 +211,8 @@ def lowest(
         min agg_s(t_s),   t_s ≥ offset_ks + slope_ks·v,   A v ≤ b,   0 ≤ v ≤ 1,   Σ v = keep,   v = 1 inside, 0 elsewhere
 
     The linear program only chooses the multipliers μ_ks of the cuts (Σ_k μ_ks = 1/scenarios for the mean, Σ μ = 1 for
-    the worst) and λ ≥ 0 of the limits beside the count; with any of them, Σ μ (offset + slope·v) + λ·(A v − b) bounds the
-    aggregate, and its least over v is had by sorting: the bound does not depend on the tolerances of the program. It is
+    the worst) and λ ≥ 0 of the limits other than the count; with any of them, Σ μ (offset + slope·v) + λ·(A v − b) bounds the
+    aggregate, and its minimum over v follows from sorting: the bound does not depend on the tolerances of the program. It is
     infinite where the program has no point. inside, free (pool,) bool, at least one way to choose.
     """
     limits = as_limits(len(free), keep)
@@ -247,29 +243,27 @@ def lowest(
     mu[-1] = 1.0
     penalty = np.zeros(len(b))
     if programme.status == 0:
-        found = np.maximum(-programme.ineqlin.marginals, 0.0)
-        mu = found[: offset.size].reshape(offset.shape) + 1e-15 * mu
-        penalty = unit * found[offset.size :]
+        multipliers = np.maximum(-programme.ineqlin.marginals, 0.0)
+        mu = multipliers[: offset.size].reshape(offset.shape) + 1e-15 * mu
+        penalty = unit * multipliers[offset.size :]
     mu /= scenarios * mu.sum(axis=0) if aggregate == "mean" else mu.sum()
     if not exact:
         # count and floor are left to the sorting
         penalty[:2] = 0.0
     steep = np.tensordot(mu, slope, axes=2) + penalty @ A
-    least, chosen, rise = _sorted(steep, size, floor, left)
-    reduced, taken = np.full(len(free), np.inf), np.zeros(len(free), dtype=bool)
-    reduced[places], taken[places] = rise, chosen
+    least, chosen, rise = _sort_rows(steep, size, floor, left)
+    reduced, selected = np.full(len(free), np.inf), np.zeros(len(free), dtype=bool)
+    reduced[places], selected[places] = rise, chosen
     weights = inside.astype(float)
     solved = programme.x if programme.status == 0 else None
     weights[places] = chosen if solved is None else np.clip(solved[: len(places)], 0, 1)
     value = float((mu * offset).sum() - penalty @ b) + least
-    return Bound(value, weights, taken, reduced, mu.sum(axis=1) > 1e-12)
+    return Bound(value, weights, selected, reduced, mu.sum(axis=1) > 1e-12)
 
 
 def _binding(limits: Limits, places: np.ndarray, used: np.ndarray, floor: int) -> tuple[np.ndarray, np.ndarray]:
-    """The limits that the free gauges could break, each at a largest entry of one: A (k, free), b (k,).
-
-    The count and Σ size·v ≥ floor come first, where they are not one equation.
-    """
+    """The limits that the free gauges could break, each at a largest entry of one: A (k, free), b (k,). The count and Σ
+    size·v ≥ floor come first, where they are not one equation."""
     part = limits.rows[:, places]
     room = limits.most - used
     open_ = np.asarray(part.sum(axis=1)).ravel() > room
@@ -282,18 +276,18 @@ def _binding(limits: Limits, places: np.ndarray, used: np.ndarray, floor: int) -
     return A / unit[:, None], b / unit
 
 
-def _sorted(steep: np.ndarray, size: np.ndarray, floor: int, left: int) -> tuple[float, np.ndarray, np.ndarray]:
+def _sort_rows(steep: np.ndarray, size: np.ndarray, floor: int, left: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Least of steep·v over 0 ≤ v ≤ 1, floor ≤ Σ size·v ≤ left; the gauges it takes; what the other choice of each adds."""
     if floor != left or np.any(size != 1):
         value, theta = cheapest(steep, size, floor, left)
         price = steep + theta * size
         return value, price < 0, np.abs(price)
     order = np.argsort(steep, kind="stable")
-    taken, others = order[:left], order[left:]
+    selected, others = order[:left], order[left:]
     rise = np.full(len(steep), np.inf)
     if left and len(others):
-        rise[taken] = steep[others[0]] - steep[taken]
-        rise[others] = steep[others] - steep[taken[-1]]
+        rise[selected] = steep[others[0]] - steep[selected]
+        rise[others] = steep[others] - steep[selected[-1]]
     chosen = np.zeros(len(steep), dtype=bool)
-    chosen[taken] = True
-    return float(steep[taken].sum()), chosen, rise
+    chosen[selected] = True
+    return float(steep[selected].sum()), chosen, rise

@@ -83,11 +83,9 @@ class Trace(Criterion):
 
 @dataclass(frozen=True)
 class LogDeterminant(Criterion):
-    """c = det(M)^(1/k) = exp(ln det M / k): D-optimality, as the geometric mean of the variances along the axes of M.
-
-    The layouts of least ln det, which by itself may be negative, so that a share of it means nothing. No unit of an
-    unknown changes a layout. Over several scenarios the mean is that of these variances.
-    """
+    """c = det(M)^(1/k) = exp(ln det M / k): D-optimality, as the geometric mean of the variances along the axes of M. The
+    layouts of least ln det, which by itself may be negative, so that a share of it means nothing. No unit of an unknown
+    changes a layout. Over several scenarios the mean is that of these variances."""
 
     name = "log_determinant"
     title = "log-determinant"
@@ -120,32 +118,30 @@ def _factor(M: np.ndarray) -> np.ndarray:
         return np.asarray(np.linalg.cholesky(M))
     except np.linalg.LinAlgError:
         raise NumericalError(
-            "the covariance of the unknowns is singular to rounding",
+            "the covariance of the unknowns is numerically singular",
             key="place.criterion",
-            remedy="a combination of them is known far better than each one: estimate fewer, or choose another criterion",
+            remedy="estimate fewer unknowns, or choose another criterion: a combination is known far better than each unknown",
         ) from None
 
 
 ROUNDING = 1e-12
-"""Eigenvalues closer than this share of them are one, so that rounding chooses no vector of theirs; a rise below this share
-of tr D is the rounding of D, and none."""
+"""Eigenvalues closer than this share are equal, so that rounding does not select an eigenvector. A rise below this share of tr D
+is rounding."""
 
 
 @dataclass(frozen=True)
 class WorstEigenvalue(Criterion):
-    """c = λ₁(M), the largest eigenvalue: E-optimality. At a temperature τ > 0, τ ln Σ exp(λᵢ/τ).
-
-    W = v₁v₁ᵀ, or Σ θᵢ vᵢvᵢᵀ with θ = exp(λ/τ)/Σ: of trace 1, hence tr(W N) ≤ λ₁(N) for every N; of a repeated λ₁ the mean
-    over its vectors. The units of the unknowns matter. What does not touch v₁ has no rise.
-    """
+    """c = λ₁(M), the largest eigenvalue: E-optimality. At a temperature τ > 0, τ ln Σ exp(λᵢ/τ). W = v₁v₁ᵀ, or Σ θᵢ vᵢvᵢᵀ
+    with θ = exp(λ/τ)/Σ: of trace 1, hence tr(W N) ≤ λ₁(N) for every N; of a repeated λ₁ the mean over its vectors. The units
+    of the unknowns matter. What does not touch v₁ has no rise."""
 
     temperature: float = 0.0
 
     name = "worst_eigenvalue"
     title = "worst eigenvalue"
     symbol = "λ₁(P)"
-    sigma = "the steady-state σ of the worst-known combination"
-    meaning = "variance of that combination of the unknowns, each in units of its scale, which is known worst"
+    sigma = "the steady-state σ of the least known combination"
+    meaning = "largest variance of any combination of the scaled unknowns"
 
     def value(self, M: np.ndarray) -> float:
         values = np.linalg.eigvalsh(M)

@@ -19,7 +19,7 @@ from strainsight.placement.scenario import (
     Pool,
     aggregated,
     fewest_gauges,
-    refined,
+    refine,
 )
 from strainsight.placement.witness import Guard, Remaining
 
@@ -60,19 +60,19 @@ class RemovedGauge:
     @cached_property
     def bounds(self) -> np.ndarray:
         """Least rise of every scenario (scenarios, m) by its slope in each gauge's weight."""
-        found = np.array([squares(self.left.product(i, s.factor)) for i, s in enumerate(self.slopes)])
-        return np.where(found > NOTHING * found.max(axis=1, keepdims=True), found, 0.0)
+        bounds = np.array([squares(self.left.product(i, s.factor)) for i, s in enumerate(self.slopes)])
+        return np.where(bounds > NOTHING * bounds.max(axis=1, keepdims=True), bounds, 0.0)
 
     @cached_property
     def lifted(self) -> np.ndarray:
         """The same, of a metric with kinks by all directions and not by that of its slope alone."""
-        found = self.bounds.copy()
+        bounds = self.bounds.copy()
         for i, (pool, loop) in enumerate(zip(self.pools, self.loops, strict=True)):
             if not pool.metric.smooth:
                 B = self.left.product(i, loop.P @ loop.U)
                 rise = pool.metric.lifts(loop.P, *least_increments(loop, B, pool.metric.states))
-                found[i] = np.maximum(found[i], rise)
-        return found
+                bounds[i] = np.maximum(bounds[i], rise)
+        return bounds
 
     @cached_property
     def rounding(self) -> float:
@@ -117,10 +117,8 @@ class RemovedGauge:
 
 
 def least_missed(step: RemovedGauge, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
-    """The gauge of the smallest rise, None where every removal costs infinity; the number of exact solves; the bounds.
-
-    relief (m,): the rise counts per relief, and gauges of none stay; 1 where not given.
-    """
+    """The gauge of the smallest rise, None where every removal costs infinity; the number of exact solves; the bounds. relief
+    (m,): the rise counts per relief, and gauges of none stay; 1 where not given."""
     left = step.left
     worth, least = step.together(step.bounds), step.together(step.lifted)
     per = np.ones(len(worth)) if relief is None else relief
@@ -162,15 +160,13 @@ def least_missed(step: RemovedGauge, relief: np.ndarray | None = None) -> tuple[
 
 
 def known_to_go(step: RemovedGauge, gauge: int) -> Choice:
-    """The removal of a gauge without which every unknown is known to be observable, whatever the test of what is left says.
-
-    The test compares with the strongest row there: beside one of 1e10 times the weight, all others are rounding.
-    """
+    """The removal of a gauge without which every unknown is known to be observable, regardless of the numerical test.
+    The test is relative to the strongest row: compared with one of 1e10 times the weight, all others are rounding."""
     at = int(np.flatnonzero(step.left.index == gauge)[0])
     increments, rises = [], []
     for pool, loop in zip(step.pools, step.loops, strict=True):
         rows = pool.stacked(step.left.without(at))
-        increments.append(refined(pool, information(rows), None) - loop.P)
+        increments.append(refine(pool, information(rows), None) - loop.P)
         rises.append(pool.metric.rise(loop.P, increments[-1]))
     rise = aggregated(step.costs + rises, step.aggregate) - aggregated(step.costs, step.aggregate)
     return Choice(gauge, at, increments, float(rise), ())
@@ -178,16 +174,14 @@ def known_to_go(step: RemovedGauge, gauge: int) -> Choice:
 
 @dataclass(frozen=True)
 class Elimination:
-    """What was removed and what it cost.
+    """What was removed and what it cost. kept ascending; removed (s,) in order; cost (s + 1,) aggregate of the metric, the
+    whole pool first; rise (s,) its increments, not differences of `cost` and so with all their digits; blocks (s + 1, states
+    that any scenario weighs) their variances times their weights, Mᵢᵢ (of the worst scenario where that is the aggregate),
+    which add up to the trace; solves (s,): exact Riccati solves of every step, one a scenario; ties: per step, gauges that
+    were as good as the one removed, all of them but for rises of zero; residual: the largest relative one of all; pools: the
+    scenarios as solved."""
 
-    kept ascending; removed (s,) in order; cost (s + 1,) aggregate of the metric, the whole pool first; rise (s,) its
-    increments, not differences of `cost` and so with all their digits; blocks (s + 1, states that any scenario weighs)
-    their variances times their weights, Mᵢᵢ (of the worst scenario where that is the aggregate), which add up to the trace;
-    solves (s,): exact Riccati solves of every step, one a scenario; ties: per step, gauges that were as good as the one
-    removed, all of them but for rises of zero; residual: the largest relative one of all; pools: the scenarios as solved.
-    """
-
-    kept: np.ndarray
+    selected: np.ndarray
     removed: np.ndarray
     cost: np.ndarray
     rise: np.ndarray
@@ -240,7 +234,7 @@ def _descend(
     pools: tuple[Pool, ...], limits: Limits, aggregate: Aggregate, names: Sequence[str], guard: Guard | None
 ) -> Elimination:
     """The removals until the limits are kept; all over again with a guard where without one none is possible before."""
-    left = Remaining(pools, limits.fixed, None if limits.plain else limits.alike)
+    left = Remaining(pools, limits.fixed, None if limits.plain else limits.labels)
     loops = [close_loop(p.scenario.F, left.information(i), p.P) for i, p in enumerate(pools)]
     residual = max(p.residual for p in pools)
     removed: list[tuple[int, float, tuple[int, ...]]] = []
@@ -251,32 +245,32 @@ def _descend(
     while left.count > limits.keep if guard is None else guard.broken:
         relief = None if guard is None else guard.relief[left.index]
         step = RemovedGauge(pools, loops, costs, left, aggregate)
-        found, number, worth = least_missed(step, relief)
+        place, number, worth = least_missed(step, relief)
         spent += number
-        if found is None:
+        if place is None:
             if guard is None:
                 return _descend(pools, limits, aggregate, names, Guard(limits, Detection(pools), names))
-            found = known_to_go(step, guard.surplus(left.index, worth))
+            place = known_to_go(step, guard.surplus(left.index, worth))
             spent += len(pools)
         if guard is not None:
-            spared = guard.lets_go(found.gauge, left.index, worth)
+            spared = guard.lets_go(place.gauge, left.index, worth)
             left.hold(guard.held)
             if not spared:
                 continue
-        left.remove(found.at)
-        for i, (pool, D) in enumerate(zip(pools, found.increments, strict=True)):
+        left.remove(place.at)
+        for i, (pool, D) in enumerate(zip(pools, place.increments, strict=True)):
             G = left.information(i)
-            P = refined(pool, G, loops[i].P + D)
+            P = refine(pool, G, loops[i].P + D)
             residual = max(residual, relative_residual(pool.scenario.F, pool.scenario.Q, G, P))
             loops[i] = close_loop(pool.scenario.F, G, P)
             costs[i] = pool.metric.value(P)
-        removed.append((found.gauge, found.rise, found.ties))
+        removed.append((place.gauge, place.rise, place.ties))
         solves.append(spent)
         spent = 0
         cost.append(float(aggregated(costs, aggregate)))
         blocks.append(_blocks(pools, loops, costs, aggregate))
     return Elimination(
-        kept=left.gauges,
+        selected=left.gauges,
         removed=np.array([gauge for gauge, _, _ in removed], dtype=int),
         cost=np.array(cost),
         rise=np.array([rise for _, rise, _ in removed]),

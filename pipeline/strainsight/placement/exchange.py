@@ -12,7 +12,7 @@ from strainsight.ordering import TIE, tied_order
 from strainsight.placement.increment import addition, gauge_gradients, removal
 from strainsight.placement.limits import Limits, Swaps, as_limits
 from strainsight.placement.riccati import Loop, close_loop, information
-from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, loop_of, loops_of, refined
+from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, loop_of, loops_of, refine
 
 
 def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggregate = "mean") -> np.ndarray:
@@ -30,7 +30,7 @@ def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggre
         return chosen
     loops = loops_of(pools, chosen)
     if loops is None:
-        raise ValueError("only a set that detects every unknown is filled")
+        raise ValueError("only a set that detects every unknown can be extended")
     while len(room):
         into, loops = _most_telling(pools, loops, room, aggregate)
         chosen = np.sort(np.append(chosen, into))
@@ -45,7 +45,7 @@ def with_gauge(pools: Sequence[Pool], loops: Sequence[Loop], gauge: int) -> list
         block = pool.rows[gauge]
         G = loop.information.with_rows(block)
         P = loop.P + addition(pool.scenario.F, pool.scenario.Q, loop, block)
-        grown.append(close_loop(pool.scenario.F, G, refined(pool, G, P)))
+        grown.append(close_loop(pool.scenario.F, G, refine(pool, G, P)))
     return grown
 
 
@@ -80,7 +80,7 @@ def _most_telling(
         best = min(best, cost)
         exact[int(room[at])] = cost, grown
         # loops are matrices: only those that may still be taken are kept
-        exact = {gauge: found for gauge, found in exact.items() if found[0] <= best * (1 + TIE)}
+        exact = {gauge: result for gauge, result in exact.items() if result[0] <= best * (1 + TIE)}
     into = min(exact)
     return into, exact[into][1]
 
@@ -115,26 +115,26 @@ def exchange(
     the i whose removal bound in the enlarged set allows a gain are removed exactly. The first swap that helps is made; of
     equal ones, that of the lower indices.
     gauges: a set that detects every unknown; limits: of which every set on the way breaks none;
-    where they leave room for j beside all of them, j is added and none leaves. limit: of exact solves.
+    if they permit j in addition to the set, j is added and none leaves. limit: of exact solves.
     """
     chosen = np.sort(np.asarray(gauges, dtype=int))
     bounded = as_limits(len(pools[0].rows), len(chosen) if limits is None else limits)
     if not bounded.allows(chosen):
-        raise ValueError("an exchange starts from a layout within the limits, the fixed gauges among it")
+        raise ValueError("an exchange must start from a layout within the limits that contains the fixed gauges")
     loops = loops_of(pools, chosen)
     if loops is None:
-        raise ValueError("an exchange starts from a set that detects every unknown")
+        raise ValueError("an exchange must start from a set that detects every unknown")
     costs = [_cost(pools, loops, aggregate)]
     swaps: list[tuple[int, int]] = []
     solves, complete = 0, False
     while not complete:
-        found, number, stopped = _first_gain(pools, loops, chosen, aggregate, bounded, costs[-1], limit - solves)
+        result, number, stopped = _first_gain(pools, loops, chosen, aggregate, bounded, costs[-1], limit - solves)
         solves += number
-        if found is None:
+        if result is None:
             complete = not stopped
             break
-        out, into, loops = found
-        chosen = _swapped(chosen, out, into)
+        out, into, loops = result
+        chosen = _swap(chosen, out, into)
         swaps.append((out, into))
         costs.append(_cost(pools, loops, aggregate))
     return Exchange(chosen, np.array(costs), tuple(swaps), solves, complete)
@@ -186,14 +186,14 @@ def _first_gain(
             if solves + len(pools) > limit:
                 return None, solves, True
             out = int(movable[i])
-            swapped, number = _without(pools, grown, out, _swapped(chosen, out, into))
+            swapped, number = _without(pools, grown, out, _swap(chosen, out, into))
             solves += number
             if swapped is not None and _cost(pools, swapped, aggregate) < enough:
                 return (out, into, swapped), solves, False
     return None, solves, False
 
 
-def _swapped(chosen: np.ndarray, out: int, into: int) -> np.ndarray:
+def _swap(chosen: np.ndarray, out: int, into: int) -> np.ndarray:
     return np.sort(np.append(chosen[chosen != out], into))
 
 
@@ -204,7 +204,7 @@ def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: np.nd
         D = removal(s.F, s.Q, loop, pool.rows[out], partial(np.asarray, rows), pool.modes)
         if D is None:
             return None, number
-        swapped.append(loop_of(pool, rest, refined(pool, information(rows), loop.P + D)))
+        swapped.append(loop_of(pool, rest, refine(pool, information(rows), loop.P + D)))
     return swapped, len(pools)
 
 

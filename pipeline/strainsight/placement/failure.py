@@ -98,7 +98,7 @@ class LossSearch:
     def _first_addition(
         self, chosen: list[int], room: list[int], loss: dict[int, float]
     ) -> tuple[int, int, dict[int, float]] | None:
-        """The gauge that fits beside all of the set and helps, as a swap for −1: L ≥ f(S − g + j) ≥ agg(f_s − φᵍ_j)."""
+        """The gauge that fits in addition to the set and helps, as a swap for −1: L ≥ f(S − g + j) ≥ agg(f_s − φᵍ_j)."""
         if not room:
             return None
         fatal, largest = measure(loss)
@@ -158,11 +158,8 @@ class RobustSet:
 
 
 def loss_if_one_fails(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregate = "mean") -> np.ndarray:
-    """Aggregate of the metric of the set when each one of its gauges, in the order given, fails.
-
-    inf where an unknown is lost, NaN where the covariance is not solved to accuracy. gauges (k,): different pool rows.
-    Returns (k,).
-    """
+    """Aggregate of the metric of the set when each one of its gauges, in the order given, fails. inf where an unknown is
+    lost, NaN where the covariance is not solved to accuracy. gauges (k,): different pool rows. Returns (k,)."""
     chosen = [int(g) for g in gauges]
     return np.array([_without(pools, chosen, g, aggregate) for g in chosen])
 
@@ -194,22 +191,22 @@ def robust_set(
     limits = as_limits(len(pools[0].rows), keep)
     if limits.keep <= least:
         raise InfeasibleError(
-            f"{limits.keep} gauges for {unknowns} unknowns: whichever fails, an unknown is lost",
+            f"{limits.keep} gauges for {unknowns} unknowns: if any gauge fails, an unknown becomes unobservable",
             remedy=f"keep at least {least + 1}, or estimate fewer unknowns",
         )
     search = LossSearch(pools, aggregate, limits, limit)
     starts = []
     if start is None:
-        start = fill(pools, eliminate_from(pools, limits, aggregate).kept, limits, aggregate)
-        more = eliminate_from(pools, _twice(limits), aggregate).kept
+        start = fill(pools, eliminate_from(pools, limits, aggregate).selected, limits, aggregate)
+        more = eliminate_from(pools, _twice(limits), aggregate).selected
         starts.append(search.reduced(more.tolist()))
     starts.append(exchange(pools, start, aggregate, limits=limits, limit=limit).gauges.tolist())
     chosen, loss, swaps = search.swapped(starts[0])
     for other in starts[1:]:
         fatal, largest = measure(loss)
-        found = search.swapped(other)
-        if measure(found[1]) < (fatal, largest * (1 - TIE)):
-            chosen, loss, swaps = found
+        swap = search.swapped(other)
+        if measure(swap[1]) < (fatal, largest * (1 - TIE)):
+            chosen, loss, swaps = swap
     values = np.array([loss[g] for g in chosen])
     return RobustSet(
         gauges=np.array(chosen),

@@ -21,20 +21,17 @@ from strainsight.placement.riccati import (
 
 CONVERGED = 1e-13
 QUADRATIC, ROUNDING = 1e-4, 1e-9
-"""Relative size of a step of Newton's iteration from which on each is the square of the one before, but for rounding; and that
-of the rounding with which its result is taken. D as a difference of two P would have less digits: on the lug Newton's is within
-2e-10 of D refined in long doubles, the difference is off by 7e-9 to 3e-8."""
+"""Relative size of a Newton step from which convergence is quadratic, and that of the rounding at which its result is
+accepted. The difference of two P has fewer digits: on the lug Newton's D is within 2e-10 of D refined in long doubles, the
+difference is off by 7e-9 to 3e-8."""
 DOUBT = 1e-10
 """Share of their largest parts by which the slopes of a bound may be wrong: their rounding, amplified by the loop."""
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """What the lower bounds of all removals from one loop share.
-
-    factor L (n, n): L Lᵀ = P X P;   X (n, n): Aᵀ X + X A + W = 0 in the Schur coordinates of the loop; G there, as one
-    matrix (n, n) or as two whose product it is.
-    """
+    """What the lower bounds of all removals from one loop share. factor L (n, n): L Lᵀ = P X P;   X (n, n): Aᵀ X + X A + W =
+    0 in the Schur coordinates of the loop; G there, as one matrix (n, n) or as two whose product it is."""
 
     loop: Loop
     factor: np.ndarray
@@ -74,7 +71,7 @@ def least_increments(loop: Loop, B: np.ndarray, at: np.ndarray) -> tuple[np.ndar
     states. Returns Y (m, k, k) and the largest error of an eigenvalue (m,).
     """
     m, c, n = B.shape
-    flat, found, doubt = B.reshape(-1, n), np.empty((m, len(at), len(at))), np.zeros(m)
+    flat, increments, doubt = B.reshape(-1, n), np.empty((m, len(at), len(at))), np.zeros(m)
     length = np.sqrt(squares(B))
     for i, row in enumerate(at):
         for j, column in enumerate(at[: i + 1]):
@@ -83,9 +80,9 @@ def least_increments(loop: Loop, B: np.ndarray, at: np.ndarray) -> tuple[np.ndar
             unit[column, row] += 0.5
             X = loop.U.T @ adjoint_lyapunov(loop, unit) @ loop.U
             BX = (flat @ X).reshape(m, c, n)
-            found[:, i, j] = found[:, j, i] = np.einsum("mcn,mcn->m", B, BX)
+            increments[:, i, j] = increments[:, j, i] = np.einsum("mcn,mcn->m", B, BX)
             doubt = np.maximum(doubt, np.sqrt(squares(BX)) * length)
-    return found, DOUBT * len(at) * doubt
+    return increments, DOUBT * len(at) * doubt
 
 
 def squares(rows: np.ndarray) -> np.ndarray:
@@ -165,11 +162,9 @@ def addition(F: np.ndarray, Q: np.ndarray, loop: Loop, block: np.ndarray) -> np.
 
 
 def _fixed_point(loop: Loop, block: np.ndarray, sign: float) -> np.ndarray | None:
-    """D by repeated Lyapunov solves with the loop at hand; None where they do not contract by 0.3.
-
-    Where they contract, 𝓛_A + t(𝓛_A' − 𝓛_A) is regular for all 0 ≤ t ≤ 1, so no eigenvalue of the loop crosses the
-    axis on the way from A to A': the limit is the stabilising solution.
-    """
+    """D by repeated Lyapunov solves with the loop at hand; None where they do not contract by 0.3. Where they contract, 𝓛_A +
+    t(𝓛_A' − 𝓛_A) is regular for all 0 ≤ t ≤ 1, so no eigenvalue of the loop crosses the axis on the way from A to A': the
+    limit is the stabilising solution."""
     U = loop.U
     h, b, G = U.T @ block.T, U.T @ (loop.P @ block.T), _in_schur(loop)
     D = lyapunov_in_schur(loop, sign * (b @ b.T))

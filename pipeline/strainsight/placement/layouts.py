@@ -1,4 +1,4 @@
-"""Layouts within limits by an integer program, those that detect every unknown, and why there is none."""
+"""Layouts within limits by an integer program, those that detect every unknown, and why no layout exists."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ from strainsight.placement.limits import BUDGET, KEEP, SPACING, Limits
 from strainsight.placement.scenario import Pool
 
 SEES = 1e-9
-"""A gauge sees a direction where it answers to it more than this share of what the best one does."""
+"""A gauge responds to a direction if its answer exceeds this share of the largest one."""
 NODES = 200
-"""Nodes of one program whose answer is to be proven: a limit of work and not of time, so that no machine's speed decides."""
+"""Nodes of a program whose answer must be proven: a limit of work, not of time, so that the result does not depend on the
+machine."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """gauges (k,) ascending, None where there are none; bound: no layout is worth more; settled: within its nodes."""
+    """gauges (k,) ascending, None if none exist; bound: no layout is worth more; settled: whether the program ended within its
+    nodes."""
 
     gauges: np.ndarray | None
     bound: float
@@ -39,25 +41,26 @@ def best_layout(
     value: np.ndarray,
     *,
     names: Collection[str] | None = None,
-    there: np.ndarray | None = None,
-    stays: np.ndarray | None = None,
+    allowed: np.ndarray | None = None,
+    required: np.ndarray | None = None,
     floor: int = 0,
     hits: Sequence[np.ndarray] = (),
     sums: Sequence[tuple[np.ndarray, int]] = (),
     nodes: int = NODES,
     gap: float = 0.0,
 ) -> Found:
-    """The layout of the greatest Σ value·v, by an integer program.
+    """Layout with the largest Σ value·v, by an integer program.
 
         rows·v ≤ most for the limits of these names (all),   Σ size·v ≥ floor,
         Σ v over each of `hits` ≥ 1,   Σ a·v ≥ b for each (a, b) of `sums`
 
-    value (pool,); there (pool,) bool: rows that may be had; stays (pool,) bool: rows that have to be, beside the fixed
-    ones; hits: masks (pool,); sums: a (pool,) and b; nodes: most of the search; gap: share by which it may miss the best.
+    value (pool,); allowed (pool,) bool: available rows; required (pool,) bool: rows that must be selected in addition to the
+    fixed ones; hits: masks (pool,); sums: a (pool,) and b; nodes: most of the search; gap: permitted relative gap to the
+    optimum.
     """
     count = len(limits.size)
-    asked = np.array([names is None or name in names for name in limits.names])
-    rows, most = limits.rows[asked], limits.most[asked]
+    selected = np.array([names is None or name in names for name in limits.names])
+    rows, most = limits.rows[selected], limits.most[selected]
     unit = 1 / np.maximum(rows.max(axis=1).toarray().ravel(), np.finfo(float).tiny)
     below, low = [csr_array(diags_array(unit) @ rows)], [np.full(len(most), -np.inf)]
     above = [most * unit]
@@ -65,13 +68,13 @@ def best_layout(
         below.append(csr_array(np.asarray(mask, dtype=float)[None, :]))
         low.append(np.array([least]))
         above.append(np.array([np.inf]))
-    upper = np.ones(count) if there is None else np.asarray(there, dtype=float)
+    upper = np.ones(count) if allowed is None else np.asarray(allowed, dtype=float)
     lower = np.zeros(count)
     lower[list(limits.fixed)] = 1.0
-    if stays is not None:
-        lower[stays] = 1.0
+    if required is not None:
+        lower[required] = 1.0
     scale = max(float(np.abs(value).max()), np.finfo(float).tiny)
-    priced = np.array([name == BUDGET for name in np.array(limits.names)[asked]], dtype=float)
+    priced = np.array([name == BUDGET for name in np.array(limits.names)[selected]], dtype=float)
     # the program holds its rows to 1e-6: where a sum of prices is over by that it is asked again, with so much less
     for spare in (0.0, 1e-5):
         above[0] = most * unit - spare * priced
@@ -86,17 +89,15 @@ def best_layout(
         if done.x is None:
             return Found(None, -np.inf if done.status == 2 else bound, done.status == 2)
         gauges = np.flatnonzero(done.x > 0.5)
-        if np.all(limits.used(gauges)[asked] <= most):
+        if np.all(limits.used(gauges)[selected] <= most):
             return Found(gauges, bound, done.status == 0)
     return Found(None, bound, False)
 
 
 class Detection:
-    """What a set of gauges loses, and so which gauges every layout needs one of.
-
-    hits: masks (pool,): a layout without any gauge of one of them loses an unknown; sums: channels (pool,) of every gauge, and
-    how many a layout needs at least, one an unknown. Without that every set of too few gauges would have to be tried.
-    """
+    """Unknowns that a set of gauges cannot detect, and masks of which each layout needs a gauge. hits: masks (pool,): a
+    layout without a gauge of one of them loses an unknown; sums: channels (pool,) of each gauge, and the number that a layout
+    needs at least, one per unknown. Without them all sets of too few gauges would be tried."""
 
     def __init__(self, pools: Sequence[Pool]):
         self.pools = pools
@@ -105,33 +106,31 @@ class Detection:
         self._known: set[bytes] = set()
 
     def loses(self, gauges: np.ndarray) -> bool:
-        """Whether this set loses an unknown; every direction that it loses becomes one of `hits`.
-
-        F v = λ v, h_g v = 0 for all g of the set: a layout that tells v has a gauge with h_g v ≠ 0.
-        """
+        """Whether this set loses an unknown; each lost direction becomes one of `hits`. F v = λ v, h_g v = 0 for all g of the
+        set: a layout that detects v has a gauge with h_g v ≠ 0."""
         lost = False
         for pool in self.pools:
             rows, modes = pool.stacked(gauges), pool.modes
             for value, V in zip(modes.eigenvalue, modes.vectors, strict=True):
-                found = undetectable_directions(pool.scenario.F, rows, MarginalModes((value,), (V,), modes.scale))
-                half = found.shape[1] // 2
-                vectors = found[:, :half] + 1j * found[:, half:] if complex(value).imag else found
+                directions = undetectable_directions(pool.scenario.F, rows, MarginalModes((value,), (V,), modes.scale))
+                half = directions.shape[1] // 2
+                vectors = directions[:, :half] + 1j * directions[:, half:] if complex(value).imag else directions
                 for v in vectors.T:
                     answer = np.linalg.norm(pool.rows @ v, axis=1)
-                    seen = answer > SEES * answer.max()
-                    seen[gauges] = False
-                    if seen.tobytes() not in self._known:
-                        self._known.add(seen.tobytes())
-                        self.hits.append(seen)
+                    responding = answer > SEES * answer.max()
+                    responding[gauges] = False
+                    if responding.tobytes() not in self._known:
+                        self._known.add(responding.tobytes())
+                        self.hits.append(responding)
                     lost = True
         return lost
 
     def words(self, gauges: np.ndarray, names: Sequence[str]) -> str:
-        """The unknowns that a set loses, by name."""
+        """Names of the unknowns that a set loses."""
         for pool in self.pools:
-            found = undetectable_directions(pool.scenario.F, pool.stacked(gauges), pool.modes)
-            if found.shape[1]:
-                return undetectable_in_words(found, names)
+            directions = undetectable_directions(pool.scenario.F, pool.stacked(gauges), pool.modes)
+            if directions.shape[1]:
+                return undetectable_in_words(directions, names)
         return "nothing"
 
     def layout(
@@ -145,17 +144,14 @@ class Detection:
     ) -> Found:
         """`best_layout` of those that detect every unknown."""
         while True:
-            found = best_layout(limits, value, names=names, floor=floor, hits=self.hits, sums=self.sums, nodes=nodes)
-            if found.gauges is None or not self.loses(found.gauges):
-                return found
+            layout = best_layout(limits, value, names=names, floor=floor, hits=self.hits, sums=self.sums, nodes=nodes)
+            if layout.gauges is None or not self.loses(layout.gauges):
+                return layout
 
 
 def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> InfeasibleError:
-    """Why no layout is within the limits: the first limit that leaves none, families in turn.
-
-    names: of the unknowns. The fixed gauges alone, then zones, spacing, budget and count; then the same with every unknown
-    to be detected.
-    """
+    """Why no layout is within the limits: the first limit that excludes all, family by family. names: of the unknowns. The
+    fixed gauges alone, then zones, spacing, budget and count; then the same with detection of every unknown."""
     fixed = np.array(sorted(limits.fixed), dtype=int)
     broken = np.flatnonzero(limits.used(fixed) > limits.most)
     if len(broken):
@@ -164,28 +160,28 @@ def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> Infea
     families += [n for n in (SPACING, BUDGET) if n in limits.names]
     size = limits.size.astype(float)
     for i in range(len(families)):
-        found = best_layout(limits, size, names=[*families[: i + 1], KEEP])
-        room = 0 if found.gauges is None else int(limits.size[found.gauges].sum())
+        layout = best_layout(limits, size, names=[*families[: i + 1], KEEP])
+        room = 0 if layout.gauges is None else int(limits.size[layout.gauges].sum())
         if room < limits.least:
-            return _no_room(limits, families[: i + 1], room, found)
+            return _no_room(limits, families[: i + 1], room, layout)
     for i in range(len(families)):
-        held = families[: i + 1]
-        if detection.layout(limits, size, names=held).gauges is None:
-            return _undetected(limits, detection, held, names)
+        active = families[: i + 1]
+        if detection.layout(limits, size, names=active).gauges is None:
+            return _undetected(limits, detection, active, names)
     fewest = detection.layout(limits, -size, names=families)
     least = None if fewest.gauges is None else int(limits.size[fewest.gauges].sum())
     if least is not None and least > limits.keep:
-        known = "" if fewest.settled else f", as far as {NODES} nodes of search tell,"
+        known = "" if fewest.settled else f" (search limit {NODES} nodes)"
         return InfeasibleError(
-            f"{limits.keep} gauges asked for; the fewest of the pool that detect every unknown{_within(families)}{known} "
-            f"are {least}",
+            f"{limits.keep} gauges requested, but the smallest set that detects every unknown{_within(families)}{known} "
+            f"has {least}",
             key=KEEP,
             remedy=f"keep at least {least}, or estimate fewer unknowns",
         )
     return InfeasibleError(
         f"no layout of {limits.keep} gauges that detects every unknown was found{_within(families)}",
         key=KEEP,
-        remedy="keep another number, or widen the limits",
+        remedy="keep another number of gauges, or relax the limits",
     )
 
 
@@ -193,46 +189,46 @@ def _conflict(limits: Limits, at: int) -> InfeasibleError:
     name, row = limits.names[at], limits.rows[[at]].toarray().ravel()
     bonded = [g for g in sorted(limits.fixed) if row[g] > 0]
     if name == SPACING:
-        what = f"the gauges of row {bonded[0]} of the pool are bonded already ({limits.key}), nearer to each other than {name}"
+        what = f"the bonded gauges ({limits.key}) of row {bonded[0]} of the pool are closer to each other than {name}"
     else:
         unit = "" if name == BUDGET else " gauges"
-        taken = f"{row[bonded].sum():g}{unit} of the {limits.most[at]:g}"
-        what = f"what is bonded already ({limits.key}) takes {taken} that {name} allows"
-    return InfeasibleError(what, key=name, remedy=f"widen {name}, or take a gauge out of {limits.key}")
+        used = f"{row[bonded].sum():g}{unit} of the {limits.most[at]:g}"
+        what = f"bonded gauges ({limits.key}) use {used} that {name} allows"
+    return InfeasibleError(what, key=name, remedy=f"relax {name}, or remove a gauge from {limits.key}")
 
 
-def _no_room(limits: Limits, families: Sequence[str], room: int, found: Found) -> InfeasibleError:
+def _no_room(limits: Limits, families: Sequence[str], room: int, layout: Found) -> InfeasibleError:
     name, before = families[-1], families[:-1]
-    alone = best_layout(limits, limits.size.astype(float), names=[name, KEEP]) if before else found
+    alone = best_layout(limits, limits.size.astype(float), names=[name, KEEP]) if before else layout
     enough = alone.gauges is not None and int(limits.size[alone.gauges].sum()) >= limits.least
     together = f" together with {' and '.join(before)}" if enough else ""
-    surely = "" if found.settled else f", as far as {NODES} nodes of search tell"
+    surely = "" if layout.settled else f" (search limit {NODES} nodes)"
     return InfeasibleError(
-        f"{limits.keep} gauges asked for, {name}{together} leaves room for {room} of the pool's {limits.size.sum()}{surely}",
+        f"{limits.keep} gauges requested, but {name}{together} allows only {room} of the pool's {limits.size.sum()}{surely}",
         key=name,
-        remedy=f"keep {room}, or widen {name}" if room else f"widen {name}",
+        remedy=f"keep {room}, or relax {name}" if room else f"relax {name}",
     )
 
 
-def _undetected(limits: Limits, detection: Detection, held: Sequence[str], names: Sequence[str]) -> InfeasibleError:
-    name, before = held[-1], held[:-1]
+def _undetected(limits: Limits, detection: Detection, active: Sequence[str], names: Sequence[str]) -> InfeasibleError:
+    name, before = active[-1], active[:-1]
     if name == BUDGET:
         price = limits.rows[[limits.names.index(BUDGET)]].toarray().ravel()
         cheapest = detection.layout(limits, -price, names=before)
         if cheapest.gauges is not None:
             budget = limits.most[limits.names.index(BUDGET)]
             return InfeasibleError(
-                f"the cheapest gauges that detect every unknown{_within(before)} cost {price[cheapest.gauges].sum():g}, "
+                f"the cheapest gauges that detect every unknown{_within(before)} cost {price[cheapest.gauges].sum():g}, but "
                 f"{name} is {budget:g}",
                 key=name,
-                remedy="raise it, or estimate fewer unknowns",
+                remedy="increase the budget, or estimate fewer unknowns",
             )
-    most = best_layout(limits, limits.size.astype(float), names=held)
+    most = best_layout(limits, limits.size.astype(float), names=active)
     words = "an unknown" if most.gauges is None else detection.words(most.gauges, names)
     return InfeasibleError(
-        f"whatever gauges are kept{_within(held)}, they cannot tell {words}",
+        f"no layout{_within(active)} can observe {words}",
         key=name,
-        remedy=f"widen {name}, or estimate fewer unknowns",
+        remedy=f"relax {name}, or estimate fewer unknowns",
     )
 
 

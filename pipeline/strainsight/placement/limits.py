@@ -21,13 +21,10 @@ ROUNDED = 1e-9
 
 @dataclass(frozen=True)
 class Limits:
-    """Layouts v ∈ {0, 1}^pool with rows·v ≤ most, least ≤ Σ size·v, v = 1 on fixed rows of the pool.
-
-    rows (constraints, pool) ≥ 0; most (constraints,); names: dotted config key of every constraint, the same for all of
-    one key; size (pool,): gauges in every pool row, 2 in a mirrored pair; keep: most gauges, rows[0] = size; least: 0
-    under a budget, else keep, less what a row of more than one gauge may leave over; key: config key of the fixed ones. A
-    part of a layout breaks no limit.
-    """
+    """Layouts v ∈ {0, 1}^pool with rows·v ≤ most, least ≤ Σ size·v, v = 1 on fixed rows of the pool. rows (constraints, pool)
+    ≥ 0; most (constraints,); names: dotted config key of every constraint, the same for all of one key; size (pool,): gauges
+    in every pool row, 2 in a mirrored pair; keep: most gauges, rows[0] = size; least: 0 under a budget, else keep, less what
+    a row of more than one gauge may leave over; key: config key of the fixed ones. A part of a layout breaks no limit."""
 
     rows: csr_array
     most: np.ndarray
@@ -49,20 +46,20 @@ class Limits:
         return csc_array(self.rows)
 
     @cached_property
-    def alike(self) -> np.ndarray:
-        """A label for every pool row (pool,), the same where the limits do not distinguish two."""
+    def labels(self) -> np.ndarray:
+        """Label of each pool row (pool,), the same if the limits do not distinguish two rows."""
         c = self.columns
         labels: dict[tuple[bytes, bytes], int] = {}
         keys = [(c.indices[a:b].tobytes(), c.data[a:b].tobytes()) for a, b in zip(c.indptr, c.indptr[1:], strict=False)]
         return np.array([labels.setdefault(key, len(labels)) for key in keys])
 
     def column(self, gauge: int) -> tuple[np.ndarray, np.ndarray]:
-        """The constraints that a gauge takes part in, and what it takes of each."""
+        """Constraints of a gauge, and its amount in each."""
         part = slice(self.columns.indptr[gauge], self.columns.indptr[gauge + 1])
         return self.columns.indices[part], self.columns.data[part]
 
     def used(self, gauges: np.ndarray) -> np.ndarray:
-        """What a set, by index or as a mask (pool,), takes of every limit (constraints,)."""
+        """Amount of each limit (constraints,) used by a set, given by index or as a mask (pool,)."""
         chosen = np.zeros(len(self.size))
         chosen[gauges] = 1.0
         return np.asarray(self.rows @ chosen)
@@ -71,23 +68,23 @@ class Limits:
         """Whether a set, by index or as a mask, is a layout."""
         chosen = np.zeros(len(self.size), dtype=bool)
         chosen[gauges] = True
-        held = bool(chosen[list(self.fixed)].all()) and int(self.size[chosen].sum()) >= self.least
-        return held and bool(np.all(self.used(chosen) <= self.most))
+        complete = bool(chosen[list(self.fixed)].all()) and int(self.size[chosen].sum()) >= self.least
+        return complete and bool(np.all(self.used(chosen) <= self.most))
 
     def fits(self, used: np.ndarray, gauge: int) -> bool:
-        """Whether a set that takes `used` of the limits may have this gauge, too."""
+        """Whether a set that uses `used` of the limits may contain this gauge, too."""
         at, part = self.column(gauge)
         return bool(np.all(used[at] + part <= self.most[at]))
 
     def too_large(self, used: np.ndarray) -> np.ndarray:
-        """The pool rows (pool,) bool that a set that takes `used` of the limits may not have beside."""
+        """Mask (pool,) of the rows that do not fit in addition to a set that uses `used` of the limits."""
         room = np.repeat(self.most - used, np.diff(self.rows.indptr))
-        found = np.zeros(len(self.size), dtype=bool)
-        found[self.rows.indices[self.rows.data > room]] = True
-        return found
+        excluded = np.zeros(len(self.size), dtype=bool)
+        excluded[self.rows.indices[self.rows.data > room]] = True
+        return excluded
 
     def packed(self, order: Iterable[int], start: np.ndarray) -> np.ndarray:
-        """start, by index or as a mask, and then every gauge of `order` that still fits; ascending indices."""
+        """start, by index or as a mask, then each gauge of `order` that still fits; ascending indices."""
         chosen = np.zeros(len(self.size), dtype=bool)
         chosen[start] = True
         used = self.used(chosen)
@@ -113,42 +110,39 @@ def limits_of(
     zones: Sequence[tuple[str, np.ndarray, int]] = (),
     key: str = FIXED,
 ) -> Limits:
-    """The `Limits` of a pool of so many rows.
-
-    fixed: rows that stay and count; size (pool,): gauges in each, 1 where not given; price (pool,) ≥ 0 and budget: with a
-    budget `keep` is an upper limit; near (p, 2): rows that may not both be kept, of which two fixed ones are as they are,
-    and with twice the same a row that may not be kept at all; zones: (config key, members (pool,), at most so many),
-    members bool, or how many gauges of the row lie inside; key: dotted config key of the fixed ones.
-    Raises ConfigError where the pool is smaller than `keep` or the fixed gauges are more.
-    """
+    """The `Limits` of a pool of so many rows. fixed: rows that stay and count; size (pool,): gauges in each, 1 where not
+    given; price (pool,) ≥ 0 and budget: with a budget `keep` is an upper limit; near (p, 2): rows that may not both be kept,
+    of which two fixed ones are as they are, and with twice the same a row that may not be kept at all; zones: (config key,
+    members (pool,), at most so many), members bool, or how many gauges of the row lie inside; key: dotted config key of the
+    fixed ones. Raises ConfigError where the pool is smaller than `keep` or the fixed gauges are more."""
     sizes = np.ones(pool, dtype=int) if size is None else np.asarray(size, dtype=int)
-    held = frozenset(int(g) for g in fixed)
-    bonded, total = int(sizes[list(held)].sum()), int(sizes.sum())
+    fixed_rows = frozenset(int(g) for g in fixed)
+    bonded, total = int(sizes[list(fixed_rows)].sum()), int(sizes.sum())
     if not max(1, bonded) <= keep <= total:
         raise ConfigError(
-            f"{keep} gauges are to be kept of a pool of {total} with {bonded} fixed",
+            f"cannot keep {keep} gauges of a pool of {total} with {bonded} fixed",
             remedy=f"keep between {max(1, bonded)} and {total}",
         )
-    stated: list[tuple[str, np.ndarray, float]] = [(KEEP, sizes, keep), *zones]
+    entries: list[tuple[str, np.ndarray, float]] = [(KEEP, sizes, keep), *zones]
     if budget is not None:
-        stated.append((BUDGET, np.ones(pool) if price is None else price, budget * (1 + ROUNDED)))
-    names, rows, most = zip(*stated, strict=True)
+        entries.append((BUDGET, np.ones(pool) if price is None else price, budget * (1 + ROUNDED)))
+    names, rows, most = zip(*entries, strict=True)
     parts = [csr_array(np.array(rows, dtype=float))]
     pairs = np.zeros((0, 2), dtype=int) if near is None else np.asarray(near, dtype=int).reshape(-1, 2)
     alone = np.unique(pairs[pairs[:, 0] == pairs[:, 1], 0])
-    groups = [*_groups(pairs[~np.isin(pairs, list(held)).all(axis=1)]), *alone[:, None]]
+    groups = [*_groups(pairs[~np.isin(pairs, list(fixed_rows)).all(axis=1)]), *alone[:, None]]
     if groups:
         at = np.concatenate([np.full(len(group), i) for i, group in enumerate(groups)])
         parts.append(csr_array((np.ones(len(at)), (at, np.concatenate(groups))), shape=(len(groups), pool)))
     matrix = csr_array(vstack(parts))
     matrix.sort_indices()
-    loose = np.delete(sizes, list(held))
+    loose = np.delete(sizes, list(fixed_rows))
     least = 0 if budget is not None else max(bonded, keep + 1 - int(loose.max(initial=1)))
     return Limits(
         rows=matrix,
         most=np.concatenate([most, np.ones(len(groups) - len(alone)), np.zeros(len(alone))]),
         names=(*names, *[SPACING] * len(groups)),
-        fixed=held,
+        fixed=fixed_rows,
         size=sizes,
         keep=keep,
         least=least,
@@ -157,10 +151,7 @@ def limits_of(
 
 
 class Swaps:
-    """Which gauges of a set may be swapped for which others.
-
-    room (pool,) bool: the gauges that fit beside the whole set.
-    """
+    """Swaps permitted by the limits. room (pool,) bool: gauges that fit in addition to the whole set."""
 
     def __init__(self, limits: Limits, chosen: np.ndarray, movable: np.ndarray):
         self.limits = limits
@@ -174,36 +165,36 @@ class Swaps:
         """The movable gauges (k,) bool that may leave for this one."""
         at, part = self.limits.column(into)
         over = self.used[at] + part - self.limits.most[at]
-        kept = self.used[0] + self.limits.size[into] - self._size >= self.limits.least
-        return np.asarray(kept & np.all(self._parts[at] >= over[:, None], axis=0))
+        enough = self.used[0] + self.limits.size[into] - self._size >= self.limits.least
+        return np.asarray(enough & np.all(self._parts[at] >= over[:, None], axis=0))
 
 
 def as_limits(pool: int, keep: int | Limits) -> Limits:
     """Limits of a plain count, or those that there are."""
     if isinstance(keep, Limits):
         if len(keep.size) != pool:
-            raise ValueError(f"limits of a pool of {len(keep.size)}, and the pool has {pool}")
+            raise ValueError(f"the limits are for a pool of {len(keep.size)} gauges, but the pool has {pool}")
         return keep
     return limits_of(pool, keep)
 
 
 def _groups(pairs: np.ndarray) -> list[np.ndarray]:
     """Sets of rows of which at most one may be kept, that hold every pair: larger ones bound more than pairs do."""
-    beside: dict[int, set[int]] = {}
+    neighbours: dict[int, set[int]] = {}
     for a, b in pairs.tolist():
         if a != b:
-            beside.setdefault(a, set()).add(b)
-            beside.setdefault(b, set()).add(a)
-    missing = {a: set(others) for a, others in beside.items()}
+            neighbours.setdefault(a, set()).add(b)
+            neighbours.setdefault(b, set()).add(a)
+    missing = {a: set(others) for a, others in neighbours.items()}
     groups = []
-    for a in sorted(beside):
+    for a in sorted(neighbours):
         while missing[a]:
             b = min(missing[a])
-            group, common = {a, b}, beside[a] & beside[b]
+            group, common = {a, b}, neighbours[a] & neighbours[b]
             while common:
                 new = min(common & missing[a] or common)
                 group.add(new)
-                common = common & beside[new]
+                common = common & neighbours[new]
             for g in group:
                 missing[g] -= group
             groups.append(np.array(sorted(group)))
@@ -231,7 +222,7 @@ class Polytope:
 
             ½|v − w|² + λᵀ(A v − b)
 
-        To the accuracy of the dual's search where there are limits beside the count.
+        To the accuracy of the dual's search if there are limits other than the count.
         """
         projected = np.ones_like(w)
         free = w[~self.fixed]
@@ -244,7 +235,7 @@ class Polytope:
             over = self._rows @ v - self._most
             return -float(0.5 * np.sum((v - free) ** 2) + multiplier @ over), -over
 
-        found = minimize(
+        solution = minimize(
             dual,
             self._multiplier,
             jac=True,
@@ -252,8 +243,8 @@ class Polytope:
             bounds=[(0, None)] * len(self._most),
             options={"maxiter": 500, "ftol": 1e-15, "gtol": 1e-10, "maxcor": 20},
         )
-        self._multiplier = found.x
-        projected[~self.fixed] = np.clip(free - self._across @ found.x, 0, 1)
+        self._multiplier = solution.x
+        projected[~self.fixed] = np.clip(free - self._across @ solution.x, 0, 1)
         return projected
 
     def least(self, slope: np.ndarray) -> tuple[float, np.ndarray]:

@@ -14,18 +14,16 @@ from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.loads.observability import balanced_units, undetectable_directions
 
 CANCELLED = 10.0
-"""Where Σ PᵢᵢGᵢᵢ > CANCELLED tr(P G), the sum G has lost digits that P G P needs: the ratio is 1 to 3 with strain gauges,
-6e3 where an accelerometer reads a load and a modulus at once, each far better than anything distinguishes them."""
+"""Limit of Σ PᵢᵢGᵢᵢ / tr(P G), above which the sum G has lost digits needed for P G P. The ratio is 1 to 3 with strain
+gauges, and 6e3 if an accelerometer measures a load and a modulus that are far better known than distinguished."""
 
 
 @dataclass(frozen=True)
 class Information:
-    """G = HᵀR⁻¹H = RᵀR (n, n) of a set of gauges: their sum, and a factor R (k, n) where that is asked for.
-
-    What a gauge of extreme precision reads is known so well that ‖P h‖ is a small share ε of ‖P‖‖h‖. A relative rounding
-    u of the entries of G, which no way of summing avoids, then changes P G P by u/ε² of itself, that of R by u/ε. rows:
-    gives H at unit noise (m, n), called where that matters; None where only the sum is known.
-    """
+    """G = HᵀR⁻¹H = RᵀR (n, n) of a set of gauges: their sum, and a factor R (k, n) where that is asked for. What a gauge of
+    extreme precision reads is known so well that ‖P h‖ is a small share ε of ‖P‖‖h‖. A relative rounding u of the entries of
+    G, which no way of summing avoids, then changes P G P by u/ε² of itself, that of R by u/ε. rows: gives H at unit noise (m,
+    n), called where that matters; None where only the sum is known."""
 
     G: np.ndarray
     rows: Callable[[], np.ndarray] | None = None
@@ -78,10 +76,8 @@ CLOSE = 1e-3
 
 @dataclass(frozen=True)
 class Loop:
-    """A filter's closed loop A = F − P G with its real Schur form A = U T Uᵀ; abscissa is max Re λ(A) [1/s].
-
-    factor R (k, n), G = RᵀR, where rounding of the sum G would be felt, else None.
-    """
+    """A filter's closed loop A = F − P G with its real Schur form A = U T Uᵀ; abscissa is max Re λ(A) [1/s]. factor R (k, n),
+    G = RᵀR, where rounding of the sum G would be felt, else None."""
 
     P: np.ndarray
     information: Information
@@ -117,7 +113,7 @@ def lyapunov(loop: Loop, S: np.ndarray) -> np.ndarray:
 
 
 def lyapunov_in_schur(loop: Loop, S: np.ndarray, adjoint: bool = False) -> np.ndarray:
-    """Y of T Y + Y Tᵀ + S = 0, S symmetric (n, n): X = U Y Uᵀ solves A X + X Aᵀ + U S Uᵀ = 0; adjoint: of Tᵀ Y + Y T + S = 0."""
+    """Solve T Y + Y Tᵀ + S = 0, S symmetric (n, n). X = U Y Uᵀ satisfies A X + X Aᵀ + U S Uᵀ = 0. adjoint: Tᵀ Y + Y T + S = 0."""
     first, second = "TN" if adjoint else "NT"
     Y, scale, info = dtrsyl(loop.T, loop.T, -S, trana=first, tranb=second)
     if info < 0:
@@ -149,7 +145,7 @@ def solve_care(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
     if not G.G.any():
         return _newton(F, Q, G, np.zeros((n, n)))
     if not Q.any():
-        raise NumericalError("the process noise is zero", remedy="give every unknown a process noise")
+        raise NumericalError("the process noise is zero", remedy="specify a process noise for each unknown")
     s = np.sqrt(np.linalg.norm(G.G) / np.linalg.norm(Q))
     try:
         _, Z, stable = schur(np.block([[F.T, -G.G / s], [-s * Q, -F]]), sort="lhp")
@@ -159,7 +155,7 @@ def solve_care(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
     if stable != n:
         raise NumericalError(
             f"the Hamiltonian of the Riccati equation has {stable} stable eigenvalues instead of {n}",
-            remedy="an unknown is next to unobservable, or the noises lie too far apart: check both",
+            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
         )
     return polish(F, Q, G, 0.5 * (P + P.T))
 
@@ -203,10 +199,8 @@ def balance(F: np.ndarray, Q: np.ndarray, G: Information) -> tuple[np.ndarray, n
 
 
 def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
-    """P of (5.14) from nothing: in these coordinates, or in balanced ones where these leave a residual above 1e-10.
-
-    Raises NumericalError where neither reaches it.
-    """
+    """P of (5.14) from nothing: in these coordinates, or in balanced ones where these leave a residual above 1e-10. Raises
+    NumericalError where neither reaches it."""
     error = np.inf
     try:
         P = solve_care(F, Q, G)
@@ -219,8 +213,8 @@ def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
         P = P * d[:, None] * d
     if not error <= ACCEPTED:
         raise NumericalError(
-            f"the Riccati equation of a set of gauges is solved to {error:.1e} only, {ACCEPTED:.0e} is asked for",
-            remedy="an unknown is next to unobservable from it, or the noises lie too far apart: check both",
+            f"the Riccati equation of a set of gauges is solved to {error:.1e} only, the tolerance is {ACCEPTED:.0e}",
+            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
         )
     return P
 
@@ -240,8 +234,8 @@ def _newton(
     loop = close_loop(F, G, P)
     if not loop.stable:
         raise NumericalError(
-            f"the steady filter is not stable: an error grows at {loop.abscissa:.3g} 1/s",
-            remedy="an unknown is next to unobservable from these gauges",
+            f"the steady-state filter is unstable: errors grow at {loop.abscissa:.3g} 1/s",
+            remedy="add gauges, or estimate fewer unknowns: an unknown is nearly unobservable",
         )
     return lyapunov(loop, Q + G.squared(P)) if defect is None else P + lyapunov(loop, defect)
 
@@ -251,7 +245,7 @@ def _unsorted(_real: float, _imag: float | None = None) -> None:
 
 
 ACCEPTED_IN_STEPS = 1e-9
-"""Largest error of a covariance, beside σᵢσⱼ, that is taken as solved."""
+"""Largest permitted error of a covariance, relative to σᵢσⱼ."""
 NOT_REACHED = 1e-8
 """States whose σ is below this share of the largest are taken as not reached by the noise."""
 SETTLED = 1e-13
@@ -280,25 +274,25 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
         return None
     if undetectable_directions(unstepped.T, N.T).shape[1]:
         raise InfeasibleError(
-            "a motion that does not decay is reached by no noise: no steady filter exists",
-            remedy="give all that moves damping or a disturbance",
+            "an undamped motion has no process noise, so no steady-state filter exists",
+            remedy="add damping, or process noise for every motion",
         )
     F, C, L = A.T, _triangle(H), _triangle(N.T).T
     for _ in range(MOST_DOUBLINGS):
         variance = np.sum(L**2, axis=1)
-        F, C, L = _doubled(F, C, L)
+        F, C, L = _double(F, C, L)
         grown = np.sum(L**2, axis=1) - variance
-        # P⁻ grows, so each variance beside itself: a state that nothing but one noise reaches may dwarf the others
+        # P⁻ grows; relative to each variance, as a state with a single noise source may dwarf the others
         if np.all(grown <= SETTLED * np.maximum(variance, NOT_REACHED**2 * variance.max())):
             break
     before = updated(L, H)
     # what doubling has rounded, a step of the filter itself forgets as fast as it forgets all else
     P = updated(_triangle(np.hstack([A @ before, N]).T).T, H)
     if not (error := _error(A, H, before, P)) <= ACCEPTED_IN_STEPS:
-        solved = f"solved to {error:.1e} only" if np.isfinite(error) else "not solved: its filter is not stable"
+        solved = f"accurate to {error:.1e} only" if np.isfinite(error) else "not solved: its filter is unstable"
         raise NumericalError(
-            f"the steady covariance of a set of gauges is {solved}; {ACCEPTED_IN_STEPS:.0e} is asked for",
-            remedy="the noises of gauges and inputs lie too far apart for sixteen digits: check their units",
+            f"the steady covariance of a set of gauges is {solved}; the tolerance is {ACCEPTED_IN_STEPS:.0e}",
+            remedy="check the units of the noise of gauges and inputs: their magnitudes differ too much for double precision",
         )
     return P
 
@@ -319,23 +313,26 @@ def factor_after(A: np.ndarray, H: np.ndarray, N: np.ndarray, start: np.ndarray,
             P = _triangle(np.hstack([L, F.T @ updated(P, C)]).T).T
         left //= 2
         if left:
-            F, C, L = _doubled(F, C, L)
+            F, C, L = _double(F, C, L)
     return updated(P, H)
 
 
 def updated(L: np.ndarray, H: np.ndarray) -> np.ndarray:
     """Factor L V(1 + Σ²)^(−½) of P − PHᵀ(1 + HPHᵀ)⁻¹HP, P = LLᵀ, HL = U Σ Vᵀ: readings H (m, n) of unit noise."""
     _, s, Vt = np.linalg.svd(H @ L)
-    return np.asarray((L @ Vt.T) * _kept(s, len(Vt)))
+    return np.asarray((L @ Vt.T) * _shrink_factors(s, len(Vt)))
 
 
-def _doubled(F: np.ndarray, C: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _double(F: np.ndarray, C: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same of twice as many steps."""
     U, s, Vt = np.linalg.svd(C @ L)
     m = len(s)
-    rise, seen = (F.T @ L @ Vt.T) * _kept(s, len(Vt)), _kept(s, len(U))[:, None] * (U.T @ C @ F.T)
+    rise, observed = (
+        (F.T @ L @ Vt.T) * _shrink_factors(s, len(Vt)),
+        _shrink_factors(s, len(U))[:, None] * (U.T @ C @ F.T),
+    )
     F = F @ F - (F @ C.T @ U[:, :m]) * (s / (1 + s**2)) @ (Vt[:m] @ L.T @ F)
-    return F, _triangle(np.vstack([C, seen])), _triangle(np.hstack([L, rise]).T).T
+    return F, _triangle(np.vstack([C, observed])), _triangle(np.hstack([L, rise]).T).T
 
 
 def _error(A: np.ndarray, H: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:
@@ -354,7 +351,7 @@ def _error(A: np.ndarray, H: np.ndarray, before: np.ndarray, after: np.ndarray) 
     return float(np.abs(solve_discrete_lyapunov(loop, missed)).max())
 
 
-def _kept(s: np.ndarray, size: int) -> np.ndarray:
+def _shrink_factors(s: np.ndarray, size: int) -> np.ndarray:
     """(1 + Σ²)^(−½) (size,), one beyond the singular values."""
     return np.concatenate([1 / np.sqrt(1 + s**2), np.ones(size - len(s))])
 

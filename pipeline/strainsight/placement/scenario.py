@@ -38,12 +38,10 @@ Gauges = Sequence[int] | np.ndarray
 
 @dataclass(frozen=True)
 class Scenario:
-    """ẋ* = F x* + w, y = H x* + v with intensities Q and r, and the metric of its layouts: weight of each state, criterion.
-
-    A pool row is what is bonded and removed as one. H (pool, n*) where each measures one signal, (pool, c, n*) where up to
-    c, with rows of zeros where fewer; r (pool,) or (pool, c), positive there too, in [y² s].
-    F, Q (n*, n*) [1/s], [x*²/s]; weight (n*,) diagonal of W.
-    """
+    """ẋ* = F x* + w, y = H x* + v with intensities Q and r, and the metric of its layouts: weight of each state, criterion. A
+    pool row is what is bonded and removed as one. H (pool, n*) where each measures one signal, (pool, c, n*) where up to c,
+    with rows of zeros where fewer; r (pool,) or (pool, c), positive there too, in [y² s]. F, Q (n*, n*) [1/s], [x*²/s];
+    weight (n*,) diagonal of W."""
 
     F: np.ndarray
     Q: np.ndarray
@@ -72,10 +70,8 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Pool:
-    """A scenario in the coordinates where the whole pool gives diag P = 1: x* = scale · x̃.
-
-    rows (pool, c, n*): its gauges at unit noise; P (n*, n*) and its relative residual; modes: the marginal ones of F.
-    """
+    """A scenario in the coordinates where the whole pool gives diag P = 1: x* = scale · x̃. rows (pool, c, n*): its gauges at
+    unit noise; P (n*, n*) and its relative residual; modes: the marginal ones of F."""
 
     scenario: Scenario
     rows: np.ndarray
@@ -95,8 +91,8 @@ class Pool:
 
     def under(self, metric: Metric) -> Pool:
         """The same by another metric, of x*."""
-        own = metric.scaled(self.scale)
-        return replace(self, scenario=replace(self.scenario, weight=own.weight, criterion=own.criterion))
+        scaled = metric.scaled(self.scale)
+        return replace(self, scenario=replace(self.scenario, weight=scaled.weight, criterion=scaled.criterion))
 
     @property
     def channels(self) -> np.ndarray:
@@ -105,13 +101,10 @@ class Pool:
 
 
 def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray | None = None) -> Pool:
-    """Steady covariance of the whole pool, in balanced coordinates.
-
-    names: of the unknowns, the last states, for the message, which compares them in these units (names,).
-    Raises ConfigError where a number is not finite or a noise
-    not positive, InfeasibleError where the pool cannot detect them or where the process noise does not reach all that
-    fails to decay, NumericalError where the residual stays above 1e-10.
-    """
+    """Steady covariance of the whole pool, in balanced coordinates. names: of the unknowns, the last states, for the message,
+    which compares them in these units (names,). Raises ConfigError where a number is not finite or a noise not positive,
+    InfeasibleError where the pool cannot detect them or where the process noise does not reach all that fails to decay,
+    NumericalError where the residual stays above 1e-10."""
     _check(scenario)
     size = len(scenario.F)
     rows = scenario.rows.reshape(-1, size)
@@ -120,8 +113,8 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
         if units is not None:
             lost[size - len(units) :] /= units[:, None]
         raise InfeasibleError(
-            f"no gauge of the pool can tell {undetectable_in_words(lost, names)}",
-            remedy="let more candidates into the pool, estimate fewer unknowns, or make a load, a mass or a stiffness known",
+            f"no gauge of the pool can observe {undetectable_in_words(lost, names)}",
+            remedy="add candidates to the pool, estimate fewer unknowns, or make a load, a mass or a stiffness known",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
     # rows of Q at unit variance, so that no unit of a state hides the noise of another: the null space is the same
@@ -135,32 +128,30 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
     residual = relative_residual(balanced.F, balanced.Q, information(balanced.rows.reshape(-1, size)), P)
     if not residual <= ACCEPTED:
         raise NumericalError(
-            f"the Riccati equation of the pool is solved to {residual:.1e} only, {ACCEPTED:.0e} is asked for",
-            remedy="an unknown is next to unobservable, or the noises lie too far apart: check both",
+            f"the Riccati equation of the pool is solved to {residual:.1e} only, the tolerance is {ACCEPTED:.0e}",
+            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
         )
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
 
 
-def solved(names: Sequence[str], scenario: Scenario) -> Pool:
+def solve_named_pool(names: Sequence[str], scenario: Scenario) -> Pool:
     """`solve_pool` as a task of a sweep."""
     return solve_pool(scenario, names)
 
 
 def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> InfeasibleError:
-    """What does not decay and is reached by no process noise, in words; directions w (n*, k): wᵀF = λwᵀ, wᵀQ = 0.
-
-    A motion of the structure has λ ≠ 0, an unknown λ = 0.
-    """
+    """What does not decay and is reached by no process noise, in words; directions w (n*, k): wᵀF = λwᵀ, wᵀQ = 0. A motion of
+    the structure has λ ≠ 0, an unknown λ = 0."""
     moves = np.any(np.abs(directions.T @ F) > 1e-6 * (np.abs(directions.T) @ np.abs(F)), axis=1)
     if moves.any():
         return InfeasibleError(
-            "an undamped motion of the structure is reached by no process noise: no steady filter exists",
-            remedy="give the structure damping (a ratio of 1e-4 will do), or a load that excites this motion too: the noise of a "
-            "motion is a share of how the training run moves it",
+            "an undamped motion of the structure has no process noise, so no steady-state filter exists",
+            remedy="add structural damping (a ratio of 1e-4 is enough), or a load that excites this motion: the process noise is "
+            "a fraction of the motion in the training run",
         )
     return InfeasibleError(
-        f"{undetectable_in_words(directions, names)} is reached by no process noise, or next to none: no steady filter exists",
-        remedy="give it more, or the others less",
+        f"{undetectable_in_words(directions, names)} has no or too little process noise, so no steady-state filter exists",
+        remedy="increase its process noise, or reduce that of the others",
     )
 
 
@@ -171,8 +162,8 @@ def _check(scenario: Scenario) -> None:
     blind = np.flatnonzero(~np.isfinite(scenario.H).reshape(len(scenario.H), -1).all(axis=1))
     if len(blind):
         raise ConfigError(
-            f"the row of gauge {blind[0]} of the pool is not finite, and so of {len(blind)} in all",
-            remedy="check the facets they lie on",
+            f"the strain operator of gauge {blind[0]} of the pool is not finite ({len(blind)} gauges in total)",
+            remedy="check the facets of these gauges",
         )
     r = scenario.r.reshape(len(scenario.r), -1)
     refused = ~((r > 0) & np.isfinite(r))
@@ -180,9 +171,9 @@ def _check(scenario: Scenario) -> None:
     if len(noiseless):
         first = int(noiseless[0])
         raise ConfigError(
-            f"the noise of gauge {first} of the pool is {r[first][refused[first]][0]:g}, and {len(noiseless)} in all are "
-            "not positive",
-            remedy="give every gauge a positive noise",
+            f"the noise of gauge {first} of the pool is {r[first][refused[first]][0]:g} "
+            f"({len(noiseless)} gauges in total have no positive noise)",
+            remedy="set a positive noise for each gauge",
         )
 
 
@@ -192,10 +183,10 @@ def subset_covariance(pool: Pool, gauges: Gauges) -> np.ndarray | None:
     s = pool.scenario
     if undetectable_directions(s.F, rows, pool.modes).shape[1]:
         return None
-    return refined(pool, information(rows), None)
+    return refine(pool, information(rows), None)
 
 
-def refined(pool: Pool, G: Information, P: np.ndarray | None) -> np.ndarray:
+def refine(pool: Pool, G: Information, P: np.ndarray | None) -> np.ndarray:
     """P polished where its residual is above 1e-12; solved anew from None, or where polishing does not reach 1e-10."""
     s = pool.scenario
     if P is not None:
@@ -229,19 +220,21 @@ def loop_of(pool: Pool, gauges: Gauges, P: np.ndarray) -> Loop:
 
 def covariances_of(pools: Sequence[Pool], gauges: Gauges) -> list[np.ndarray] | None:
     """P of every scenario, or None where these gauges lose an unknown."""
-    found = []
+    covariances = []
     for pool in pools:
         P = subset_covariance(pool, gauges)
         if P is None:
             return None
-        found.append(P)
-    return found
+        covariances.append(P)
+    return covariances
 
 
 def loops_of(pools: Sequence[Pool], gauges: Gauges) -> list[Loop] | None:
     """The loop of every scenario, or None where these gauges lose an unknown."""
-    found = covariances_of(pools, gauges)
-    return None if found is None else [loop_of(pool, gauges, P) for pool, P in zip(pools, found, strict=True)]
+    covariances = covariances_of(pools, gauges)
+    return (
+        None if covariances is None else [loop_of(pool, gauges, P) for pool, P in zip(pools, covariances, strict=True)]
+    )
 
 
 def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
@@ -265,10 +258,8 @@ def weight_of_pools(pools: Sequence[Pool], unknown: np.ndarray) -> np.ndarray:
 
 
 def thesis_weight(size: int, unknown: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Weights (size,) of the plain trace over the unknowns in their physical units (algorithm 2): scale² [N², SI²].
-
-    unknown (count,): their indices in x*; scale (count,).
-    """
+    """Weights (size,) of the plain trace over the unknowns in their physical units (algorithm 2): scale² [N², SI²]. unknown
+    (count,): their indices in x*; scale (count,)."""
     weight = np.zeros(size)
     weight[np.asarray(unknown, dtype=int)] = scale**2
     return weight
@@ -277,8 +268,8 @@ def thesis_weight(size: int, unknown: np.ndarray, scale: np.ndarray) -> np.ndarr
 LARGE = 60
 """States from which a pool is searched by its slow motions."""
 AGREES = 1e-3
-"""Relative difference in σ of every unknown, all gauges of the pool there, up to which motions count as slow enough to leave out:
-the fewer gauges there are, the slower the filter, and the less it sees of quick motions."""
+"""Relative difference in σ of each unknown, with all gauges of the pool, up to which quick motions are left out. Fewer gauges
+make the filter slower and less sensitive to quick motions."""
 WORTH = 0.7
 """Share of the states above which a scenario in slow motions is not worth having."""
 APART = 1e-3
@@ -296,13 +287,13 @@ def slow_pools(pools: Sequence[Pool], motions: int, unknowns: np.ndarray) -> tup
         return tuple(pools)
     count = max(1, motions // 4)
     while 2 * count + size - 2 * motions <= WORTH * size:
-        found: list[Pool] = []
+        selected: list[Pool] = []
         for pool in pools:
             if (slow := _slow_pool(pool, motions, count, unknowns - size)) is None:
                 break
-            found.append(slow)
+            selected.append(slow)
         else:
-            return tuple(found)
+            return tuple(selected)
         count = max(count + 1, count * 5 // 4)
     return tuple(pools)
 

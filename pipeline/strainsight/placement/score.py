@@ -14,8 +14,8 @@ from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, 
 
 @dataclass(frozen=True)
 class Scores:
-    """One layout by every metric, from the same steady covariances P; inf throughout where it loses an unknown, NaN where
-    there is none or P is not solved to accuracy.
+    """One layout by every metric, from the same steady covariances P; inf if it loses an unknown, NaN without a
+    layout or an accurate P.
 
     cost: name of the metric → its aggregate; std (count,) [SI]: √Pᵢᵢ · scale of each unknown, root mean square over
     scenarios. All of a fixed linearisation: numbers to rank layouts by, not what a filter along the motion will claim.
@@ -47,12 +47,12 @@ def scores(
     pools = next(iter(by.values()))
     try:
         P = covariances_of(pools, gauges)
-        cost = {key: cost_of(P, own, aggregate) for key, own in by.items()}
+        cost = {key: cost_of(P, matrix, aggregate) for key, matrix in by.items()}
     except NumericalError:
         return Scores.all(by, np.nan, len(unknown))
     if P is None:
         return Scores.all(by, np.inf, len(unknown))
-    variances = np.array([(np.diag(own) * pool.scale**2)[unknown] for pool, own in zip(pools, P, strict=True)])
+    variances = np.array([(np.diag(matrix) * pool.scale**2)[unknown] for pool, matrix in zip(pools, P, strict=True)])
     if share is None:
         return Scores(cost, np.sqrt(np.mean(variances, axis=0)) * scale)
     return Scores(cost, np.sqrt(np.sum(share * variances * scale**2, axis=0)))
@@ -67,38 +67,32 @@ def cost_of(covariances: Sequence[np.ndarray] | None, pools: Sequence[Pool], agg
 
 
 WORTH = 0.05
-"""A gauge more is worth it where it lowers σ by this share."""
-ALIKE = 0.99
-"""Two gauges are redundant where the cosine between their rows is above this."""
+"""Relative decrease of σ for which another gauge is worthwhile."""
+REDUNDANT = 0.99
+"""Cosine between the rows of two gauges above which they are redundant."""
 NOTHING = 1e-6
-"""A gauge of several channels does not read a motion to which it answers with less than this share of its most."""
+"""Share of its largest response below which a gauge of several channels does not respond to a motion."""
 
 
 def gains(cost: np.ndarray) -> np.ndarray:
-    """By what share one gauge more lowers σ = √c, from the smallest set on: 1 − √(c(n + 1)/c(n)).
-
-    cost (s,) of an elimination, the whole pool first. Returns (s − 1,) for n = keep, keep + 1, …, pool − 1.
-    """
+    """Relative decrease of σ = √c by one more gauge, from the smallest set on: 1 − √(c(n + 1)/c(n)). cost (s,) of an
+    elimination, the whole pool first. Returns (s − 1,) for n = keep, keep + 1, …, pool − 1."""
     c = np.asarray(cost, dtype=float)[::-1]
     return 1 - np.sqrt(c[1:] / c[:-1])
 
 
 def worth_keeping(cost: np.ndarray, keep: int) -> int:
-    """The elbow of the trend: fewest gauges n ≥ keep from which no further one lowers σ by 5 % or more.
-
-    cost (pool − keep + 1,) of an elimination, the whole pool first.
-    """
+    """Elbow of the trend: fewest gauges n ≥ keep after which no further one reduces σ by 5 % or more. cost (pool − keep + 1,)
+    of an elimination, the whole pool first."""
     worth = np.flatnonzero(gains(cost) >= WORTH)
     return keep + (int(worth[-1]) + 1 if worth.size else 0)
 
 
-def alike(rows: np.ndarray) -> list[tuple[int, ...]]:
-    """Groups of gauges whose rows (k, n), or (k, c, n) of up to c channels each, span the same space: each within 0.99 of
-    another of its group by the smallest cosine of the principal angles between the two, for one channel |cos| of the rows.
-
-    Rows in coordinates of unit training amplitude, so that the cosine is the correlation of what they read: such gauges
-    are redundant and only average noise. Spaces of unlike dimension, as of a rosette and a single gauge, never agree.
-    """
+def redundant_groups(rows: np.ndarray) -> list[tuple[int, ...]]:
+    """Groups of redundant gauges, whose rows (k, n), or (k, c, n) of up to c channels, span the same space. Each is within
+    0.99 of another of its group, by the smallest cosine of the principal angles; for one channel |cos| of the rows. Rows in
+    coordinates of unit training amplitude: the cosine is the correlation of the readings, and redundant gauges only average
+    noise. Spaces of different dimension, such as of a rosette and a single gauge, never agree."""
     blocks = np.reshape(rows, (len(rows), -1, rows.shape[-1]))
     _, sigma, basis = np.linalg.svd(blocks, full_matrices=False)
     rank = np.sum(sigma > NOTHING * sigma[:, :1], axis=1)
@@ -107,7 +101,7 @@ def alike(rows: np.ndarray) -> list[tuple[int, ...]]:
         same = np.flatnonzero(rank == r)
         span = basis[same, :r]
         cosines = np.linalg.svd(np.einsum("ain,bjn->abij", span, span), compute_uv=False)
-        near[np.ix_(same, same)] = cosines[..., -1] > ALIKE
+        near[np.ix_(same, same)] = cosines[..., -1] > REDUNDANT
     _, group = connected_components(near, directed=False)
     members = [tuple(np.flatnonzero(group == number).tolist()) for number in dict.fromkeys(group.tolist())]
     return [member for member in members if len(member) > 1]

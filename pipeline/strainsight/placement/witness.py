@@ -1,4 +1,4 @@
-"""The gauges that are left while they leave one by one, and a layout within them as the proof that one is left."""
+"""A layout within the remaining gauges, as a proof that one exists while gauges are removed one by one."""
 
 from __future__ import annotations
 
@@ -14,19 +14,17 @@ from strainsight.placement.riccati import Information
 from strainsight.placement.scenario import Pool
 
 EFFORT = 20
-"""Nodes of the search of another layout; where they are not enough, the gauge stays while the layout at hand has it."""
+"""Nodes of the search for another layout; if they are not enough, the gauge stays while the current layout contains it."""
 REACH = 200
-"""Pool rows that such a search may choose from; the rest of the layout at hand stays as it is."""
+"""Largest number of pool rows of such a search; the rest of the current layout is unchanged."""
 
 
 class Witness:
-    """units (pool,) bool: a layout that detects every unknown, of as many gauges as the limits allow.
-
-    Under a budget there is no such goal, and any layout that detects every unknown will do.
-    """
+    """units (pool,) bool: a layout that detects every unknown, with as many gauges as the limits permit. Under a budget there
+    is no target size, and any layout that detects every unknown is accepted."""
 
     def __init__(self, limits: Limits, detection: Detection, worth: np.ndarray, names: Sequence[str]):
-        """worth (pool,): what a gauge is about worth. Raises InfeasibleError where the limits leave no layout."""
+        """worth (pool,): approximate worth of each gauge. Raises InfeasibleError if no layout is within the limits."""
         self.limits, self.detection = limits, detection
         # what a gauge takes of the whole of count and budget
         self._dear = np.zeros(len(limits.size))
@@ -38,38 +36,36 @@ class Witness:
         self._local = limits.rows[np.array(local)]
         self._goal = 0 if BUDGET in limits.names else limits.keep
         present = np.ones(len(limits.size), dtype=bool)
-        found = self._greedy(present, worth)
-        if found is None:
+        layout = self._greedy(present, worth)
+        if layout is None:
             size = limits.size.astype(float)
-            # of more than one number, as many as are found soon will do; only that there is none at all takes a proof
+            # with a range of sizes any size found quickly is enough; only infeasibility needs a proof
             for nodes in (NODES,) if limits.least == limits.keep else (EFFORT, NODES):
-                found = detection.layout(limits, size, floor=limits.least, nodes=nodes).gauges
-                if found is not None:
+                layout = detection.layout(limits, size, floor=limits.least, nodes=nodes).gauges
+                if layout is not None:
                     break
-            if found is None:
+            if layout is None:
                 raise refusal(limits, detection, names)
             if self._goal:
-                self._goal = int(limits.size[found].sum())
-        self.units = np.isin(np.arange(len(limits.size)), found)
+                self._goal = int(limits.size[layout].sum())
+        self.units = np.isin(np.arange(len(limits.size)), layout)
 
-    def spares(self, gauge: int, there: np.ndarray, worth: np.ndarray) -> bool:
-        """Whether a layout is found without this gauge of those there (pool,) bool; it is the witness from then on.
-
-        In turn: another gauge in its place, the gauges worth most as far as they fit, an integer program over the `REACH`
-        rows around the gauge, which is a proof where no more than those are left.
-        """
+    def spares(self, gauge: int, present: np.ndarray, worth: np.ndarray) -> bool:
+        """Whether a layout without this gauge exists in present (pool,) bool; it becomes the witness. Tried in turn: another
+        gauge in its place, the most valuable gauges that fit, an integer program over the `REACH` rows around the gauge,
+        which is a proof if no more rows remain."""
         if not self.units[gauge]:
             return True
-        rest = there.copy()
+        rest = present.copy()
         rest[gauge] = False
-        found = self._checked(self.limits.packed(self._order(rest & ~self.units, worth), self.units & rest))
-        if found is None:
-            found = self._greedy(rest, worth)
-        if found is None:
-            found = self._programmed(gauge, rest, worth)
-        if found is None:
+        layout = self._checked(self.limits.packed(self._order(rest & ~self.units, worth), self.units & rest))
+        if layout is None:
+            layout = self._greedy(rest, worth)
+        if layout is None:
+            layout = self._programmed(gauge, rest, worth)
+        if layout is None:
             return False
-        self.units = np.isin(np.arange(len(rest)), found)
+        self.units = np.isin(np.arange(len(rest)), layout)
         return True
 
     def _greedy(self, rest: np.ndarray, worth: np.ndarray) -> np.ndarray | None:
@@ -82,22 +78,22 @@ class Witness:
         around = self._around(gauge, rest, worth)
         stays = self.units & rest & ~around
         while True:
-            found = best_layout(
+            layout = best_layout(
                 self.limits,
                 value,
-                there=around | stays,
-                stays=stays,
+                allowed=around | stays,
+                required=stays,
                 floor=self._goal,
                 hits=self.detection.hits,
                 nodes=EFFORT,
                 gap=0.05,
             ).gauges
-            if found is None or not self.detection.loses(found):
-                return found
+            if layout is None or not self.detection.loses(layout):
+                return layout
 
     def _around(self, gauge: int, rest: np.ndarray, worth: np.ndarray) -> np.ndarray:
-        """The rows of `rest` (pool,) bool, `REACH` at most, that share a limit with the gauge or see what is lost with it,
-        or share one with those, and so on; of equals, those worth most."""
+        """At most `REACH` rows of `rest` (pool,) bool that share a limit with the gauge, detect what is lost with it, or are
+        connected to those; of equals, the most valuable."""
         if rest.sum() <= REACH:
             return rest
         left = self.units & rest
@@ -122,19 +118,17 @@ class Witness:
         places = np.flatnonzero(rest)
         return places[tied_order(-worth[places] / self._dear[places])]
 
-    def _checked(self, found: np.ndarray) -> np.ndarray | None:
-        full = int(self.limits.size[found].sum()) >= self._goal
-        return found if full and not self.detection.loses(found) else None
+    def _checked(self, layout: np.ndarray) -> np.ndarray | None:
+        full = int(self.limits.size[layout].sum()) >= self._goal
+        return layout if full and not self.detection.loses(layout) else None
 
 
 class Guard:
-    """What the limits say to an elimination: whether one is still broken, who may leave for it, and who has to stay.
-
-    there, held (pool,) bool: gauges that have not left, and those of the witness without which no other was found.
-    """
+    """Interface of the limits to an elimination: broken limits, gauges that may leave for them, and gauges that have to stay.
+    there, held (pool,) bool: remaining gauges, and those of the witness that cannot be replaced."""
 
     def __init__(self, limits: Limits, detection: Detection, names: Sequence[str]):
-        """Raises InfeasibleError where the bonded gauges break a limit by themselves."""
+        """Raises InfeasibleError if the bonded gauges alone break a limit."""
         self.limits, self.names, self.detection = limits, names, detection
         self.there = np.ones(len(limits.size), dtype=bool)
         self.held = np.zeros(len(limits.size), dtype=bool)
@@ -146,7 +140,7 @@ class Guard:
 
     @property
     def excess(self) -> np.ndarray:
-        """By how much every limit is broken (constraints,)."""
+        """Excess over each limit (constraints,)."""
         return np.maximum(self.limits.used(self.there) - self.limits.most, 0.0)
 
     @property
@@ -155,18 +149,15 @@ class Guard:
 
     @property
     def relief(self) -> np.ndarray:
-        """What a rise is divided by (pool,), 0 for gauges that need not leave: see `eliminate`."""
+        """Divisor of a rise (pool,), 0 for gauges that need not leave: see `eliminate`."""
         return np.asarray(self.limits.rows.T @ (self.excess / self._whole**2))
 
     def lets_go(self, gauge: int, index: np.ndarray, bounds: np.ndarray) -> bool:
-        """Whether a layout is found without this gauge; index (m,), bounds (m,): what the gauges still there are worth.
-
-        It is held where none is, and no longer when a witness without it is found: what is left holds the witness, so
-        while it breaks a limit, a gauge that the limit counts is no part of the witness, and is not held.
-        Raises InfeasibleError where there was no layout to begin with.
-        """
+        """Whether a layout without this gauge exists; index (m,), bounds (m,): worth of the remaining gauges. Otherwise the
+        gauge is held until a witness without it is found. The remaining gauges contain the witness; while they break a limit,
+        a gauge counted by that limit is not part of the witness. Raises InfeasibleError if no layout existed initially."""
         worth = self._worth(index, bounds)
-        witness = self._found(worth)
+        witness = self._get_witness(worth)
         spared = witness.spares(gauge, self.there, worth)
         self.held[gauge] = not spared
         self.held &= witness.units
@@ -174,9 +165,9 @@ class Guard:
         return spared
 
     def surplus(self, index: np.ndarray, bounds: np.ndarray) -> int:
-        """The gauge worth least that a broken limit counts and the witness does without; as in `lets_go`."""
+        """The least valuable gauge that a broken limit counts and the witness does not need; as in `lets_go`."""
         worth = self._worth(index, bounds)
-        out = np.flatnonzero(self.there & ~self._found(worth).units & (self.relief > 0))
+        out = np.flatnonzero(self.there & ~self._get_witness(worth).units & (self.relief > 0))
         return int(out[tied_order(worth[out])[0]])
 
     def _worth(self, index: np.ndarray, bounds: np.ndarray) -> np.ndarray:
@@ -184,25 +175,23 @@ class Guard:
         worth[index] = np.maximum(bounds, 0.0)
         return worth
 
-    def _found(self, worth: np.ndarray) -> Witness:
+    def _get_witness(self, worth: np.ndarray) -> Witness:
         if self._witness is None:
             self._witness = Witness(self.limits, self.detection, worth, self.names)
         return self._witness
 
 
 SUMMED = 256
-"""G of so few gauges is summed anew at every removal; of more, after as many removals."""
+"""G of so few gauges is summed again at each removal; of more, after as many removals."""
 
 
 class Remaining:
-    """Packed rows of the gauges left, in the order of their indices; those of gauges just removed are zero until packed.
+    """Packed rows of the remaining gauges in index order; rows of removed gauges are zero until packed. index (m,): gauge at
+    each place; movable (m,): remaining, neither fixed nor held; count: remaining gauges. Columns without response in any
+    scenario, such as velocities under strain gauges, are omitted."""
 
-    index (m,): gauge at each place; movable (m,): still there, not fixed and not held; count: gauges still there. Columns that no
-    gauge of a scenario sees, as velocities and unknowns under strain gauges, are left out of the rows.
-    """
-
-    def __init__(self, pools: Sequence[Pool], fixed: Collection[int], apart: np.ndarray | None = None):
-        """fixed: gauges that stay; apart (pool,): labels, gauges of different ones are no twins whatever they read."""
+    def __init__(self, pools: Sequence[Pool], fixed: Collection[int], labels: np.ndarray | None = None):
+        """fixed: gauges that stay; labels (pool,): gauges with different labels are no twins."""
         self.index = np.arange(len(pools[0].rows))
         self.count = len(self.index)
         self._fixed = np.isin(self.index, list(fixed))
@@ -211,8 +200,8 @@ class Remaining:
         self._columns = [np.flatnonzero(p.rows.any(axis=(0, 1))) for p in pools]
         self._rows = [np.ascontiguousarray(p.rows[:, :, c]) for p, c in zip(pools, self._columns, strict=True)]
         self._twin = twin_groups(self._rows)
-        if apart is not None:
-            self._twin = np.unique(self._twin * len(apart) + apart, return_inverse=True)[1]
+        if labels is not None:
+            self._twin = np.unique(self._twin * len(labels) + labels, return_inverse=True)[1]
         self._has_twins = len(np.unique(self._twin)) < self.count
         self._pools = pools
         self._size = [p.rows.shape[2] for p in pools]
@@ -222,11 +211,11 @@ class Remaining:
 
     @property
     def gauges(self) -> np.ndarray:
-        """Indices of the gauges still there, ascending."""
+        """Indices of the remaining gauges, ascending."""
         return self.index[self._there]
 
     def without(self, at: int) -> np.ndarray:
-        """Indices of the gauges still there but the one at this place."""
+        """Indices of the remaining gauges except the one at this place."""
         present = self._there.copy()
         present[at] = False
         return self.index[present]
@@ -238,29 +227,29 @@ class Remaining:
         return np.asarray(flat.reshape(len(rows), rows.shape[1], -1))
 
     def gram(self, scenario: int) -> np.ndarray:
-        """G = HᵀR⁻¹H (n, n) of the gauges still there."""
+        """G = HᵀR⁻¹H (n, n) of the remaining gauges."""
         G = np.zeros((self._size[scenario],) * 2)
         G[np.ix_(self._columns[scenario], self._columns[scenario])] = self._G[scenario]
         return G
 
     def information(self, scenario: int) -> Information:
-        """The same G with the rows it is the sum of, as they are now."""
+        """G with the rows of which it is the sum."""
         return Information(self.gram(scenario), partial(self._pools[scenario].stacked, self.gauges))
 
     def twins(self, at: int) -> np.ndarray:
-        """Places of the movable gauges that say the same as the one at this place, itself among them."""
+        """Places of the movable gauges with the same rows as that at this place, itself included."""
         return np.flatnonzero((self._twin == self._twin[at]) & self.movable) if self._has_twins else np.array([at])
 
     def one_of_each(self, places: np.ndarray) -> np.ndarray:
-        """The first of every set of twins among the places."""
+        """First of each set of twins among the places."""
         return places[np.unique(self._twin[places], return_index=True)[1]] if self._has_twins else places
 
-    def hold(self, held: np.ndarray) -> None:
-        """These gauges (pool,) bool stay for now, beside the fixed ones, and no others."""
-        self.movable = self._there & ~(self._fixed | held)[self.index]
+    def hold(self, gauges: np.ndarray) -> None:
+        """Keep these gauges (pool,) bool for now, in addition to the fixed ones, and no others."""
+        self.movable = self._there & ~(self._fixed | gauges)[self.index]
 
     def remove(self, at: int) -> None:
-        """Take the gauge at this place away."""
+        """Remove the gauge at this place."""
         self._there[at] = self.movable[at] = False
         self.count -= 1
         self._since += 1
@@ -286,10 +275,7 @@ class Remaining:
 
 
 def twin_groups(rows: Sequence[np.ndarray]) -> np.ndarray:
-    """A number for every gauge (m,): the same for gauges whose channels (m, c, k) agree in every scenario.
-
-    Up to the sign and the order of the channels, which change nothing in hᵀh.
-    """
+    """Number of each gauge (m,), the same if their channels (m, c, k) agree in all scenarios, up to sign and order."""
     labels = np.zeros(len(rows[0]), dtype=np.int64)
     for part in rows:
         m, c, k = part.shape
@@ -297,8 +283,8 @@ def twin_groups(rows: Sequence[np.ndarray]) -> np.ndarray:
         leading = flat[np.arange(m * c), np.argmax(flat != 0, axis=1)]
         # adding zero turns −0 into 0: the bytes are compared
         signed = np.ascontiguousarray(flat * np.where(leading < 0, -1.0, 1.0)[:, None] + 0.0)
-        own = np.unique(signed.view(np.dtype((np.void, k * 8))).ravel(), return_inverse=True)[1].reshape(m, c)
-        for channel in np.sort(own, axis=1).T:
+        codes = np.unique(signed.view(np.dtype((np.void, k * 8))).ravel(), return_inverse=True)[1].reshape(m, c)
+        for channel in np.sort(codes, axis=1).T:
             labels = np.unique(labels * (m * c) + channel, return_inverse=True)[1]
     return labels
 

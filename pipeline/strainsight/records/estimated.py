@@ -124,7 +124,7 @@ class VirtualStrain:
     direction: np.ndarray = dataset("1", "grid × 3", "measuring direction")
 
 
-BANK, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
+GRID_FILTER, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
 """Names of the compared filters."""
 
 

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.estimation.consistency import Verdict, verdict
-from strainsight.estimation.decision import record_verdict
+from strainsight.estimation.consistency import InnovationCheck, check_innovations
+from strainsight.estimation.decision import summarise_record
 from strainsight.experiment.filters_compared import disagreements_in_words
 from strainsight.experiment.structure.campaign_text import channel_table, damage_tables, innovations_inside
 from strainsight.experiment.structure.filtering import posterior_doubts
@@ -65,8 +65,8 @@ def _findings_of(
     layout, marks = layout_of_test(mesh_from(up["import"]), up, config.loads, record.gauge.label, record.gauge.channel)
     readings = _readings(record, marks, read(Training, up["train"]))
     doubts = posterior_doubts(record.posterior if campaign is None else campaign.posterior, units)
-    noise = verdict(record.whitened)
-    result = record_verdict(record.trusted, "apart" in summary, noise.consistent)
+    noise = check_innovations(record.whitened)
+    result = summarise_record(record.trusted, "apart" in summary, noise.consistent)
 
     def history(unknown: str) -> History:
         """A load as smoothed; a parameter as it was filtered, and as smoothed."""
@@ -166,7 +166,7 @@ def _hidden(summary: Mapping[str, object]) -> str:
     return f"the channels cannot distinguish {hidden}" if hidden else ""
 
 
-def _warnings(record: Estimated, summary: Mapping[str, object], doubts: list[str], noise: Verdict) -> tuple[str, ...]:
+def _warnings(record: Estimated, summary: Mapping[str, object], doubts: list[str], noise: InnovationCheck) -> tuple[str, ...]:
     """Notes, most important first: reasons for omitted σ, inconsistencies of the measurements, unobservable unknowns."""
     # a record that is inconsistent with the model has its own warning, and the noise is not to blame
     loud = noise.text if record.trusted and not noise.consistent else ""

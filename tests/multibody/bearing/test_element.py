@@ -192,7 +192,7 @@ def test_a_ball_that_outgrows_its_grooves_is_refused():
     theta = pitch_bearing().parameters
     theta[0] = 0.0637
     with pytest.raises(
-        UserError, match=r"inner left groove of radius 31\.8\d+ mm does not pass a ball of radius 31\.85"
+        UserError, match=r"inner left groove of radius 31\.8\d+ mm is too small for a ball of radius 31\.85"
     ):
         pitch_bearing().with_parameters(theta)
     theta = pitch_bearing().parameters
@@ -205,11 +205,11 @@ def test_a_ball_that_outgrows_its_grooves_is_refused():
     ("change", "message"),
     [
         ({"balls": 2}, "2 balls"),
-        ({"contact_angle": 1.6}, "contact angle of 91.67°"),
+        ({"contact_angle": 1.6}, "contact angle is 91.67°"),
         ({"ball_diameter": -0.06}, "ball_diameter is -0.06"),
         ({"pitch_diameter": 0.05}, "pitch circle"),
         ({"ball_diameter": 1e-170}, r"times as wide as the ball"),
-        ({"ball_diameter": 0.0636 * (1 - 1e-12)}, "does not pass"),
+        ({"ball_diameter": 0.0636 * (1 - 1e-12)}, "is too small"),
         ({"preload": float("nan")}, "preload is nan"),
         ({"poisson_ratio": 0.5}, "ratio 0.5"),
         ({"groove_centres": "float"}, "groove centres 'float'"),

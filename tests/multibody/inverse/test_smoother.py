@@ -153,7 +153,7 @@ def test_sigma_of_smooth_loads_is_withheld_where_the_step_is_corrected():
         assert np.isfinite(found.mean).all()
 
 
-def test_a_long_record_is_filtered_without_and_says_so():
+def test_long_record_is_filtered_without_smoothing():
     b = bench()
     assert keep_for(b.model(0.02, 2), 1000) == ("first", ())
     keep, notes = keep_for(b.model(0.02, 2), 100_000)

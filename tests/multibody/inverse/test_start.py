@@ -12,9 +12,9 @@ from strainsight.estimation.filter import filter_runs
 from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.initial import constraints_at, static_equilibrium
-from strainsight.multibody.inverse.linear import linearised
+from strainsight.multibody.inverse.linear import linearise
 from strainsight.multibody.inverse.parameters import (
-    followed,
+    follow_equilibrium,
     parameter_coordinates,
     rest_at,
     start_covariance,
@@ -87,7 +87,7 @@ def test_white_force_is_mass_times_acceleration():
 
 def test_linear_system_of_the_whole_bench_gives_the_static_response():
     b = bench()
-    T, M, _, K, B_u = linearised(b.system, b.q, np.zeros(3), b.theta)
+    T, M, _, K, B_u = linearise(b.system, b.q, np.zeros(3), b.theta)
     _, B, _ = constraints_at(b.system, b.q)
     assert np.abs(B @ T).max() < 1e-12 * np.abs(B).max() * np.abs(T).max()
     du = np.array([20.0, -10.0, 30.0])
@@ -140,7 +140,7 @@ def test_its_slopes_are_those_of_differences(loaded):
         np.testing.assert_allclose(slopes[:, j], by_hand, rtol=0, atol=1e-4 * np.abs(by_hand).max())
 
 
-def test_one_that_cannot_be_followed_is_sought(loaded, monkeypatch):
+def test_untracked_equilibrium_is_searched(loaded, monkeypatch):
     """A modulus fifty times as large, and Newton's iteration that is given one step."""
     b, coordinates, q = loaded
     zero = zero_at_rest(b.system, b.sensors, ALL, q, LOADS, coordinates)
@@ -167,9 +167,9 @@ def test_a_motion_that_becomes_free_on_the_way_is_refused_as_from_the_start():
     system = assemble(stones, rails, [known, unknown])
     q = np.tile(np.concatenate([np.zeros(3), np.eye(3).ravel()]), 2)
     rest = rest_at(system, q, np.zeros(0), np.array([50.0]))
-    assert followed(system, rest, np.zeros(0), np.array([1.0])).theta == 1.0
-    for seek, start in ((rest_at, q), (followed, rest)):
-        with pytest.raises(InfeasibleError, match="nothing holds body loose"):
+    assert follow_equilibrium(system, rest, np.zeros(0), np.array([1.0])).theta == 1.0
+    for seek, start in ((rest_at, q), (follow_equilibrium, rest)):
+        with pytest.raises(InfeasibleError, match="no stiffness restrains body loose"):
             seek(system, start, np.zeros(0), np.array([1e-11]))
 
 
@@ -238,7 +238,7 @@ def algorithm_1(b, model, x, P, y):
     return np.array([mean for mean, _ in found]), np.array([std for _, std in found])
 
 
-def test_with_both_it_is_algorithm_1_as_printed(case):
+def test_step_matches_printed_algorithm(case):
     b, model, x, P, y = case
     own = np.concatenate([np.arange(2 * b.system.size), model.position])
     mean, std = algorithm_1(b, model, x[own], P[np.ix_(own, own)], y)

@@ -86,9 +86,9 @@ def test_a_claim_holds_where_every_number_does_in_nine_of_ten_seeds(found, verdi
     [
         ({"claim.F$z": "overconfident"}, "overconfident"),
         ({"identified.F$z": False}, "not identified"),
-        ({"verdict.F$z": "contradicted by its sensors"}, "contradicted by its sensors"),
+        ({"verdict.F$z": "inconsistent with the sensors"}, "inconsistent with the sensors"),
         ({"verdict.F$z": "σ is withheld"}, "σ is withheld"),
-        ({"verdict.F$z": "beyond the range of the reduced model"}, "beyond the range of the reduced model"),
+        ({"verdict.F$z": "outside the range of the reduced model"}, "outside the range of the reduced model"),
     ],
 )
 def test_every_fault_of_a_run_is_counted(numbers, word):

@@ -85,7 +85,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
-    yield from _grid_filter(estimate)
+    yield from _check_grid_filter(estimate)
     times = config.filter_duration, config.filter_step
     yield from step_problems("estimate.time_step", *times, FEWEST_STEPS, MOST_STEPS, "estimate.duration")
     yield from truth_problems(config, estimate)
@@ -234,7 +234,7 @@ def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Ite
             yield Problem(f"estimate.parameters.{free['preload']}", what, "estimate one of them", at_key=True)
 
 
-def _grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
+def _check_grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
     """Check the limits of the grid filter: few constant parameters, and iterated updates."""
     if estimate.method.parameters != "bank":
         return

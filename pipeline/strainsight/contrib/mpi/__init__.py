@@ -1,1 +1,1 @@
-"""Factorisation, modes and static responses over the processes of MPI: PETSc, SLEPc and MUMPS, in an interpreter of their own."""
+"""Factorisation, modes and static responses distributed over MPI processes: PETSc, SLEPc and MUMPS in a separate interpreter."""

@@ -45,9 +45,10 @@ LACKING = (
     "import sys; sys.path[:] = filter(None, sys.path); import importlib.util as u; "
     "print(*(m for m in ('numpy', 'petsc4py', 'slepc4py') if u.find_spec(m) is None))"
 )
-"""What is asked of an interpreter, which may be older than -P and PYTHONSAFEPATH: "" stands for the working folder."""
+"""Code that prints the missing packages of an interpreter, which may be older than -P and PYTHONSAFEPATH; "" is the working
+folder."""
 LIMIT = 60.0
-"""[s] for an interpreter to say what it lacks."""
+"""[s] for an interpreter to report its missing packages."""
 WHERE = "apt install python3-slepc4py, or pip install 'strainsight[mpi]'"
 
 
@@ -61,42 +62,42 @@ class Programs:
 
 
 def programs(environment: Mapping[str, str] = os.environ) -> Programs:
-    """Raises UserError on Windows, where the launcher is not there, or an interpreter lacks petsc4py or slepc4py."""
+    """Launcher and interpreter. Raises UserError on Windows, without a launcher, or without petsc4py and slepc4py."""
     if os.name == "nt":
-        raise UserError("solver: slepc is for Linux and macOS", key="solver", remedy="solver: direct")
+        raise UserError("solver: slepc is available on Linux and macOS only", key="solver", remedy="set solver: direct")
     launcher = _launcher(environment)
     # one thread a process: the processes are the parallelism
-    own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **environment, SAFE_PATH: "1"}
-    stated = environment.get(PYTHON)
+    variables = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **environment, SAFE_PATH: "1"}
+    configured = environment.get(PYTHON)
     tried = []
-    for python, added in [(stated, ())] if stated else [(sys.executable, ()), *_debian()]:
-        paths = os.pathsep.join(filter(None, (*added, *own.get("PYTHONPATH", "").split(os.pathsep))))
-        found = Programs(launcher, python, {**own, "PYTHONPATH": paths} if paths else own)
-        lacks = _lacking(found)
+    for python, added in [(configured, ())] if configured else [(sys.executable, ()), *_debian()]:
+        paths = os.pathsep.join(filter(None, (*added, *variables.get("PYTHONPATH", "").split(os.pathsep))))
+        candidate = Programs(launcher, python, {**variables, "PYTHONPATH": paths} if paths else variables)
+        lacks = _lacking(candidate)
         if not lacks:
-            return found
+            return candidate
         tried.append(f"{python} lacks {lacks}")
     raise UserError(
-        f"no Python that has petsc4py and slepc4py: {'; '.join(tried)}",
+        f"no Python with petsc4py and slepc4py found: {'; '.join(tried)}",
         key="solver",
-        remedy=f"{WHERE}; another interpreter: export {PYTHON}=/path/to/python; or solver: direct",
+        remedy=f"{WHERE}; another interpreter: export {PYTHON}=/path/to/python; or set solver: direct",
     )
 
 
 def _launcher(environment: Mapping[str, str]) -> tuple[str, ...]:
-    stated = environment.get(LAUNCHER) or DEFAULT_LAUNCHER
+    command = environment.get(LAUNCHER) or DEFAULT_LAUNCHER
     try:
-        launcher = tuple(shlex.split(stated))
+        launcher = tuple(shlex.split(command))
     except ValueError as error:
         raise UserError(
-            f"{LAUNCHER}={stated!r} is no command: {error}", key="solver", remedy="close its quotes"
+            f"{LAUNCHER}={command!r} is not a valid command: {error}", key="solver", remedy="close the quotes"
         ) from None
     if not launcher or shutil.which(launcher[0], path=environment.get("PATH")) is None:
         raise UserError(
-            f"there is no program {launcher[0] if launcher else stated}, the launcher of MPI",
+            f"the MPI launcher {launcher[0] if launcher else command} was not found",
             key="solver",
-            remedy=f"install an MPI (Debian: apt install openmpi-bin), or name its launcher: export {LAUNCHER}='mpiexec -n 4'; "
-            "or solver: direct",
+            remedy=f"install an MPI (Debian: apt install openmpi-bin), or set its launcher: export {LAUNCHER}='mpiexec -n 4'; "
+            "or set solver: direct",
         )
     return launcher
 
@@ -108,43 +109,49 @@ def _debian() -> list[tuple[str, tuple[str, ...]]]:
     return [(str(DEBIAN_PYTHON), tuple(str(folder[-1]) for folder in folders if folder))]
 
 
-def _lacking(own: Programs) -> str:
-    """The packages that the interpreter lacks; why it does not run, where it does not."""
+def _lacking(programs: Programs) -> str:
+    """Missing packages of the interpreter, or why it does not run."""
     try:
-        asked = subprocess.run(
-            [own.python, "-c", LACKING], env=dict(own.environment), capture_output=True, text=True, timeout=LIMIT
+        process = subprocess.run(
+            [programs.python, "-c", LACKING],
+            env=dict(programs.environment),
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         return f"everything ({error})"
-    return " and ".join(asked.stdout.split()) if asked.returncode == 0 else f"everything (exit code {asked.returncode})"
+    return (
+        " and ".join(process.stdout.split())
+        if process.returncode == 0
+        else f"everything (exit code {process.returncode})"
+    )
 
 
 WORKER = Path(__file__).with_name("worker.py")
 START_LIMIT = 120.0
-"""[s] until the processes have found each other."""
+"""[s] until the processes are connected."""
 SHORT, LONG = 0.001, 0.02
 """[s] between two looks for an answer."""
 TAIL = 6
-"""Lines of what MPI has said that an error repeats."""
+"""Lines of the MPI output that an error repeats."""
 CONVERGED, RESTARTS = 1e-14, 1000
-"""Of the Krylov-Schur iterations: residual beside λ, and how often they start again at most."""
+"""Krylov-Schur iterations: relative residual, and most restarts."""
 KILLED = 128 + 9
 FAILURE = "failure.json"
-"""What one process alone has met."""
+"""Error of a single process."""
 
 
 @dataclass(frozen=True)
 class OverMpi:
-    """Factorise by MUMPS in the processes of MPI; say: takes a sentence on who does it, once for each factor."""
+    """Factorise by MUMPS in MPI processes; say: receives a sentence about each factorisation."""
 
     say: Callable[[str], None] = lambda text: None
 
     def __call__(self, A: sparse.csr_array) -> Factor:
-        """A = LLᵀ as `fem.factorisation.factorise`, scaled likewise, with `lowest` for modes.
-
-        Raises NumericalError where A is not positive definite or a process dies, UserError where MPI, PETSc or SLEPc cannot be
-        had, do not fit together, or have too little memory.
-        """
+        """A = LLᵀ as `fem.factorisation.factorise`, scaled likewise, with `lowest` for modes. Raises NumericalError if A is
+        not positive definite or a process dies, UserError if MPI, PETSc or SLEPc are missing, incompatible, or have too
+        little memory."""
         scale = conditioned(A)
         session = _Session(programs())
         try:
@@ -156,7 +163,7 @@ class OverMpi:
             session.close()
             raise
         self.say(
-            f"SLEPc {hello['slepc']} with MUMPS in {hello['processes']} processes: the factor of {A.shape[0]} unknowns takes "
+            f"SLEPc {hello['slepc']} with MUMPS in {hello['processes']} processes: factorising {A.shape[0]} unknowns took "
             f"{answer['memory'] * 1e6 / GIB:.3g} GiB"
         )
         return _factor(session, scale)
@@ -168,31 +175,31 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
     def solve(B: np.ndarray) -> np.ndarray:
         right, into = session.array(scale[:, None] * B), session.room(B.shape[1], len(B))
         session.ask("solve", of=right, into=into)
-        return scale[:, None] * session.taken(right, into)
+        return scale[:, None] * session.read_columns(right, into)
 
     def lowest(
         M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
     ) -> tuple[np.ndarray, np.ndarray]:
         if not mass or mass[0] is not M:
             if mass:
-                raise ValueError("a factor has the modes of one mass")
+                raise ValueError("a factor supports one mass matrix only")
             session.matrix("M", scaled_upper(M, scale))
             mass.append(M)
         first, into = session.array((start / scale)[:, None]), session.room(count, len(start))
         known = session.array(beside / scale[:, None]) if beside.shape[1] else ""
         limits = {"tolerance": max(tolerance, CONVERGED), "restarts": RESTARTS}
-        found = session.ask("lowest", count=count, basis=basis, start=first, beside=known, into=into, **limits)
-        return np.array(found["values"]), scale[:, None] * session.taken(first, known, into)
+        answer = session.ask("lowest", count=count, basis=basis, start=first, known=known, into=into, **limits)
+        return np.array(answer["values"]), scale[:, None] * session.read_columns(first, known, into)
 
     weakref.finalize(solve, session.close)
     return Factor(len(scale), "MUMPS", solve, lowest)
 
 
 class _Session:
-    """Processes of MPI and their folder, until `close`."""
+    """MPI processes and their folder, until `close`."""
 
-    def __init__(self, own: Programs):
-        self.own, self.asked, self.written, self.started = own, 0, 0, False
+    def __init__(self, programs: Programs):
+        self.programs, self.requests, self.written, self.started = programs, 0, 0, False
         self.process = subprocess.Popen(
             command_of("strainsight.contrib.mpi.supervisor"),
             env=inherited(),
@@ -203,25 +210,25 @@ class _Session:
         self.folder = Path(self.process.stdout.readline().decode().rstrip("\n"))
 
     def start(self) -> dict[str, Any]:
-        """Start the processes; who they are. Raises UserError where they do not come, or are not what is needed."""
+        """Start the processes and return their description. Raises UserError if they do not start or are not suitable."""
         assert self.process.stdin is not None
-        command = [*self.own.launcher, self.own.python, str(WORKER)]
-        self.process.stdin.write(json.dumps([command, dict(self.own.environment)]).encode() + b"\n")
+        command = [*self.programs.launcher, self.programs.python, str(WORKER)]
+        self.process.stdin.write(json.dumps([command, dict(self.programs.environment)]).encode() + b"\n")
         self.process.stdin.flush()
         hello = self._wait("hello.json", START_LIMIT)
         if hello["launched"] != hello["processes"]:
             raise UserError(
-                f"`{' '.join(self.own.launcher)}` starts {hello['launched']} processes that do not know each other",
+                f"`{' '.join(self.programs.launcher)}` starts {hello['launched']} processes that are not connected",
                 key="solver",
-                remedy=f"take the launcher of the MPI that petsc4py was built with: export {LAUNCHER}=…",
+                remedy=f"use the launcher of the MPI that petsc4py was built with: export {LAUNCHER}=…",
             )
         remedy = ""
         if hello["complex"]:
-            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "take a build for real numbers"
+            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "use a build for real numbers"
         elif not hello["mumps"]:
             what, remedy = (
                 f"PETSc {hello['petsc']} is built without MUMPS",
-                "build it with --download-mumps --download-scalapack",
+                "build PETSc with --download-mumps --download-scalapack",
             )
         if remedy:
             raise UserError(
@@ -236,15 +243,15 @@ class _Session:
             np.save(self.folder / f"{name}.{part}.npy", getattr(upper, part))
 
     def ask(self, do: str, **what: Any) -> dict[str, Any]:
-        """One request to all processes, and the answer."""
+        """Send a request to all processes, and return the answer."""
         self._request(do, **what)
-        return self._wait(f"answer-{self.asked - 1}.json", np.inf)
+        return self._wait(f"answer-{self.requests - 1}.json", np.inf)
 
     def _request(self, do: str, **what: Any) -> None:
-        request = self.folder / f"request-{self.asked}.json"
+        request = self.folder / f"request-{self.requests}.json"
         request.with_suffix(".tmp").write_text(json.dumps({"do": do, **what}))
         request.with_suffix(".tmp").replace(request)
-        self.asked += 1
+        self.requests += 1
 
     def close(self) -> None:
         """End the processes and remove the folder."""
@@ -261,13 +268,13 @@ class _Session:
         shutil.rmtree(self.folder, ignore_errors=True)  # of a supervisor that was killed
 
     def array(self, columns: np.ndarray) -> str:
-        """A new file of columns (n, k), each as a row of it."""
+        """Write columns (n, k) to a new file, as its rows; return its name."""
         name = self._name()
         np.save(self.folder / name, np.ascontiguousarray(columns.T, dtype=float))
         return name
 
     def room(self, k: int, n: int) -> str:
-        """A new file for a result (k, n)."""
+        """Create a file for a result (k, n); return its name."""
         name = self._name()
         np.lib.format.open_memmap(self.folder / name, "w+", dtype=float, shape=(k, n)).flush()
         return name
@@ -276,15 +283,15 @@ class _Session:
         self.written += 1
         return f"array-{self.written}.npy"
 
-    def taken(self, *names: str) -> np.ndarray:
+    def read_columns(self, *names: str) -> np.ndarray:
         """Columns (n, k) of the last of these files; all of them are removed."""
-        found = np.load(self.folder / names[-1])
+        array = np.load(self.folder / names[-1])
         for name in filter(None, names):
             (self.folder / name).unlink()
-        return np.asarray(found.T)
+        return np.asarray(array.T)
 
     def _wait(self, name: str, limit: float) -> dict[str, Any]:
-        """What a file says, once it is there. Raises what the processes refuse, or have died of."""
+        """Content of a file as soon as it exists. Raises the error reported by the processes, or the cause of their end."""
         answer, pause, until = self.folder / name, SHORT, time.monotonic() + limit
         while not answer.exists():
             ended = self.process.poll() is not None or (self.folder / ENDED).exists()
@@ -292,68 +299,68 @@ class _Session:
                 raise self._failed()
             if time.monotonic() > until:
                 raise UserError(
-                    f"{limit:g} s after `{' '.join(self.own.launcher)}` was started its processes have not found each other"
-                    f"{self._said()}",
+                    f"the processes of `{' '.join(self.programs.launcher)}` were not connected after {limit:g} s"
+                    f"{self._last_output()}",
                     key="solver",
-                    remedy=f"try it on {self.own.python} -c 'from slepc4py import SLEPc'; another launcher: "
+                    remedy=f"try it on {self.programs.python} -c 'from slepc4py import SLEPc'; another launcher: "
                     f"export {LAUNCHER}='mpiexec -n 4'",
                 )
             time.sleep(pause)
             pause = min(1.2 * pause, LONG)
-        found: dict[str, Any] = json.loads(answer.read_text())
-        if "refused" in found:
-            raise self._refused(found)
-        return found
+        result: dict[str, Any] = json.loads(answer.read_text())
+        if "refused" in result:
+            raise self._refused(result)
+        return result
 
-    def _refused(self, found: dict[str, Any]) -> NumericalError | UserError:
-        """What all processes know alike."""
-        kind = found["refused"]
+    def _refused(self, answer: dict[str, Any]) -> NumericalError | UserError:
+        """Error that all processes have in common."""
+        kind = answer["refused"]
         if kind == "indefinite":
             return NumericalError(NOT_DEFINITE, remedy=MECHANISM)
         if kind == "converged":
             return NumericalError(
-                f"the Krylov-Schur iterations did not converge: {found['found']} modes after {found['iterations']} restarts",
-                remedy="check the model for nearly loose parts, or ask for fewer modes",
+                f"the Krylov-Schur iterations did not converge: {answer['found']} modes after {answer['iterations']} restarts",
+                remedy="check the model for nearly unconnected parts, or request fewer modes",
             )
         if kind == "memory":
-            figure = f" (its analysis asks for {found['estimate'] * 1e6 / GIB:.3g} GiB)" if "estimate" in found else ""
+            figure = f" (estimated: {answer['estimate'] * 1e6 / GIB:.3g} GiB)" if "estimate" in answer else ""
             return UserError(
-                f"there is not enough memory for the factor in the processes of MPI{figure}",
+                f"the MPI processes have too little memory for the factor{figure}",
                 key="solver",
-                remedy=f"start them on more machines by {LAUNCHER}, or {SMALLER}",
+                remedy=f"use more machines with {LAUNCHER}, or {SMALLER}",
             )
         if kind == "indices":
             return UserError(
-                f"PETSc with indices of 32 bits cannot count the entries of a process ({found['text']})",
+                f"PETSc with 32-bit indices cannot index the entries of a process ({answer['text']})",
                 key="solver",
-                remedy=f"start more processes by {LAUNCHER}, or build PETSc --with-64-bit-indices",
+                remedy=f"start more processes with {LAUNCHER}, or build PETSc --with-64-bit-indices",
             )
-        text = found.get("text") or f"MUMPS stopped with INFOG(1) = {found['code']}, INFOG(2) = {found['detail']}"
-        return NumericalError(text, key="solver", remedy="look the code up in the manual of MUMPS; or solver: direct")
+        text = answer.get("text") or f"MUMPS stopped with INFOG(1) = {answer['code']}, INFOG(2) = {answer['detail']}"
+        return NumericalError(text, key="solver", remedy="look up the code in the MUMPS manual; or set solver: direct")
 
     def _failed(self) -> NumericalError | UserError:
-        """Of processes that have ended by themselves."""
+        """Error of processes that ended unexpectedly."""
         failure, ended = self.folder / FAILURE, self.folder / ENDED
         if failure.exists():
             return self._refused(json.loads(failure.read_text()))
         code = json.loads(ended.read_text()) if ended.exists() else self.process.poll()
-        what = f"`{' '.join(self.own.launcher)}` ended with exit code {code}{self._said()}"
+        what = f"`{' '.join(self.programs.launcher)}` ended with exit code {code}{self._last_output()}"
         if self.started:
-            killed = "a process was killed, mostly as there was no memory left: start" if code == KILLED else "start"
+            killed = "a process was killed, probably because memory ran out: start" if code == KILLED else "start"
             return NumericalError(
-                f"a process of MPI died: {what}",
+                f"an MPI process died: {what}",
                 key="solver",
-                remedy=f"{killed} them on more machines by {LAUNCHER}, or take a coarser mesh; or solver: direct",
+                remedy=f"{killed} the processes on more machines with {LAUNCHER}, or use a coarser mesh; or set solver: direct",
             )
         return UserError(
             what,
             key="solver",
-            remedy=f"its launcher and options are those of {LAUNCHER} in the environment; as root Open MPI wants "
-            "OMPI_ALLOW_RUN_AS_ROOT=1 and OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1, for more processes than cores --oversubscribe",
+            remedy=f"set the launcher and its options in {LAUNCHER}; as root Open MPI needs "
+            "OMPI_ALLOW_RUN_AS_ROOT=1 and OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1; more processes than cores need --oversubscribe",
         )
 
-    def _said(self) -> str:
-        """The last lines that the launcher or its processes have printed."""
+    def _last_output(self) -> str:
+        """Last lines printed by the launcher or its processes."""
         try:
             text = (self.folder / SAID).read_text(errors="replace")
         except OSError:

@@ -1,8 +1,6 @@
-"""The process between strainsight and MPI's launcher: when either ends, however it does, it ends the other's and clears up.
-
-A run that is interrupted leaves at once, without another line of its own (`strainsight_cli.failures`). So the private folder is
-made and removed here: stdin that is closed says that nobody is there any more.
-"""
+"""Process between strainsight and the MPI launcher: if either ends, it ends the other and removes the folder. An interrupted
+run leaves at once, without further Python code (`strainsight_cli.failures`). Therefore this process creates and removes the
+private folder; a closed stdin indicates that the parent has ended."""
 
 from __future__ import annotations
 
@@ -18,11 +16,11 @@ from contextlib import suppress
 from pathlib import Path
 
 ENDED, END, SAID = "ended.json", "end", "said.txt"
-"""Files of the folder: how the launcher ended; that it may end by itself; what it and its processes have printed."""
+"""Files of the folder: exit code of the launcher; permission to end by itself; output of the launcher and its processes."""
 LOOK = 0.05
-"""[s] between two looks at launcher and parent."""
+"""[s] between two checks of launcher and parent."""
 PATIENCE = 5.0
-"""[s] for a launcher to end what it has started."""
+"""[s] for a launcher to end its processes."""
 ENDING = (signal.SIGTERM, signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGTERM))
 KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 
@@ -32,8 +30,8 @@ def _leave(number: int, _: object) -> None:
 
 
 def _end(process: subprocess.Popen[bytes], signalled: bool) -> None:
-    """By SIGTERM, which a launcher passes on; its processes end with it in any case. Where this process was ended by a signal the
-    launcher has mostly had one, too, and a second one would keep it from clearing up."""
+    """End the launcher by SIGTERM, which it passes on to its processes. If this process was ended by a signal, the launcher has
+    usually received it as well; a second one would interrupt its cleanup."""
     if signalled:
         with suppress(subprocess.TimeoutExpired):
             process.wait(PATIENCE)
@@ -50,8 +48,8 @@ def _end(process: subprocess.Popen[bytes], signalled: bool) -> None:
 
 
 def main() -> None:
-    """Make the folder and say its name; start the command that a line of stdin states, [command, environment]; wait for one of
-    the two to end."""
+    """Create the folder and print its name; start the command [command, environment] from stdin; wait for either process to
+    end."""
     for number in ENDING:
         signal.signal(number, _leave)
     folder, process = Path(tempfile.mkdtemp(prefix="strainsight-")), None
@@ -62,12 +60,12 @@ def main() -> None:
         if not line:
             return
         command, environment = json.loads(line)
-        with open(folder / SAID, "wb") as said:
+        with open(folder / SAID, "wb") as output:
             process = subprocess.Popen(
                 [*command, str(folder)],
                 env=environment,
                 stdin=subprocess.DEVNULL,
-                stdout=said,
+                stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )

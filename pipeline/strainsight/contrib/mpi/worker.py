@@ -1,9 +1,6 @@
-"""One process of MPI: it holds its rows of A and M and its part of the factor, and answers requests until it is ended.
-
-Runs under another interpreter than strainsight, and knows numpy, petsc4py and slepc4py alone. Requests and answers are files of
-the working directory, which is private to one factorisation (`session.py` says which); every process reads and writes the rows
-that are its own.
-"""
+"""One MPI process: it stores its rows of A and M and its part of the factor, and answers requests until it is ended. Runs
+under another interpreter than strainsight, with numpy, petsc4py and slepc4py only. Requests and answers are files of the
+private working directory (see `session.py`); each process reads and writes only its rows."""
 
 from __future__ import annotations
 
@@ -21,24 +18,24 @@ sys.path[:] = [path for path in sys.path if path and os.path.abspath(path) != HE
 import numpy as np  # noqa: E402
 
 SHORT, LONG = 0.001, 0.01
-"""[s] between two looks for a request: processes that wait in MPI would each take a core."""
+"""[s] between two checks for a request: processes that wait in MPI would each occupy a core."""
 PR_SET_PDEATHSIG, SIGKILL = 1, 9
 OUT_OF_MEMORY = (-7, -8, -9, -11, -13, -19, -20, -29)
-"""INFOG(1) of MUMPS where a work array is too small for the memory that it was given, or cannot be had."""
+"""INFOG(1) of MUMPS for too small or unavailable work arrays."""
 NEGATIVE_ROOT, NULL_PIVOT = -40, -10
 LOCAL = ("OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS")
-"""In which launchers say how many processes are on this machine: Open MPI, MPICH."""
+"""Variables with the number of processes on this machine: Open MPI, MPICH."""
 ALL = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS")
-"""In which they say how many they have started."""
+"""Variables with the total number of processes."""
 SHARE = 0.9
-"""Of the memory that is there."""
+"""Share of the available memory."""
 PETSC_ERR_MEM = 55
 ROOM = 50
-"""Per cent that MUMPS may take beyond its estimate."""
+"""Per cent that MUMPS may exceed its estimate."""
 
 
 class Refused(Exception):
-    """What every process knows alike: kind, and figures for the message."""
+    """Error that all processes have in common: kind, and figures for the message."""
 
     def __init__(self, kind: str, **figures: int):
         super().__init__(kind)
@@ -46,7 +43,7 @@ class Refused(Exception):
 
 
 class Distributed:
-    """The matrices and the factor, as far as they are of this process."""
+    """Matrices and factor, as far as this process stores them."""
 
     def __init__(self, PETSc: Any, SLEPc: Any):
         self.PETSc, self.SLEPc = PETSc, SLEPc
@@ -62,15 +59,15 @@ class Distributed:
         PETSc = self.PETSc
         indptr, indices, data = (np.load(f"{name}.{part}.npy", mmap_mode="r") for part in ("indptr", "indices", "data"))
         n = len(indptr) - 1
-        own = n // self.comm.size + (self.comm.rank < n % self.comm.size)
+        rows = n // self.comm.size + (self.comm.rank < n % self.comm.size)
         first = self.comm.rank * (n // self.comm.size) + min(self.comm.rank, n % self.comm.size)
-        pointers = np.asarray(indptr[first : first + own + 1])
+        pointers = np.asarray(indptr[first : first + rows + 1])
         entries = slice(int(pointers[0]), int(pointers[-1]))
         most = np.iinfo(PETSc.IntType).max
         if pointers[-1] - pointers[0] > most:
-            raise OverflowError(f"{pointers[-1] - pointers[0]} entries a process, PETSc counts to {most}")
+            raise OverflowError(f"{pointers[-1] - pointers[0]} entries per process exceed the PETSc limit of {most}")
         X = PETSc.Mat().createSBAIJ(
-            ((own, n), (own, n)),
+            ((rows, n), (rows, n)),
             1,
             csr=(
                 (pointers - pointers[0]).astype(PETSc.IntType),
@@ -83,7 +80,7 @@ class Distributed:
         return X
 
     def factorise(self, memory: float) -> dict[str, Any]:
-        """A = LLᵀ by MUMPS, which takes no more than `memory` [bytes] on the machine of the command, 0: whatever it needs."""
+        """A = LLᵀ by MUMPS with at most `memory` [bytes] on the machine of the command, 0: no limit."""
         PETSc = self.PETSc
         self.A = self.matrix("A")
         self.A.setOption(PETSc.Mat.Option.SPD, True)
@@ -108,42 +105,42 @@ class Distributed:
             raise Refused("mumps", code=code, detail=self.factor.getMumpsInfog(2))
         return {"memory": self.factor.getMumpsInfog(22)}
 
-    def own(self, file: str, mode: Any) -> Any:
-        """The columns that this process has of an array (k, n) of a file."""
+    def local_columns(self, file: str, mode: Any) -> Any:
+        """Columns of this process in an array (k, n) of a file."""
         first, last = self.A.getOwnershipRange()
         return np.load(file, mmap_mode=mode)[:, first:last]
 
     def solve(self, request: dict[str, Any]) -> dict[str, Any]:
         """A⁻¹B, B and the result as rows of a file (k, n)."""
         PETSc = self.PETSc
-        B = self.own(request["of"], "r")
-        own, k, n = B.shape[1], len(B), self.A.getSize()[0]
-        right, found = (PETSc.Mat().createDense(((own, n), (PETSc.DECIDE, k)), comm=self.comm) for _ in range(2))
+        B = self.local_columns(request["of"], "r")
+        rows, k, n = B.shape[1], len(B), self.A.getSize()[0]
+        right, solution = (PETSc.Mat().createDense(((rows, n), (PETSc.DECIDE, k)), comm=self.comm) for _ in range(2))
         right.setUp()
-        found.setUp()
+        solution.setUp()
         right.getDenseArray()[:] = B.T
         right.assemble()
-        found.assemble()
-        self.factor.matSolve(right, found)
-        self.written(request["into"], found.getDenseArray(readonly=True).T)
+        solution.assemble()
+        self.factor.matSolve(right, solution)
+        self.write_columns(request["into"], solution.getDenseArray(readonly=True).T)
         right.destroy()
-        found.destroy()
+        solution.destroy()
         return {}
 
-    def written(self, file: str, rows: np.ndarray) -> None:
-        """Write what this process has of rows (k, n)."""
-        into = self.own(file, "r+")
+    def write_columns(self, file: str, rows: np.ndarray) -> None:
+        """Write the columns of this process of rows (k, n)."""
+        into = self.local_columns(file, "r+")
         into[:] = rows
         into.base.flush()
 
     def lowest(self, request: dict[str, Any]) -> dict[str, Any]:
-        """A φ = λ M φ of the lowest λ beside the vectors of a file, which are orthonormal in M; φᵀMφ = 1."""
+        """A φ = λ M φ for the lowest λ, M-orthogonal to the known vectors of a file; φᵀMφ = 1."""
         eps, count = self.iterations(), request["count"]
         eps.setDimensions(count, request["basis"])
         eps.setTolerances(request["tolerance"], request["restarts"])
-        beside = [self.vector(row) for row in self.own(request["beside"], "r")] if request["beside"] else []
-        eps.setDeflationSpace(beside)
-        start = self.vector(self.own(request["start"], "r")[0])
+        known = [self.vector(row) for row in self.local_columns(request["known"], "r")] if request["known"] else []
+        eps.setDeflationSpace(known)
+        start = self.vector(self.local_columns(request["start"], "r")[0])
         eps.setInitialSpace([start])
         eps.solve()
         if eps.getConverged() < count:
@@ -152,13 +149,13 @@ class Distributed:
         for i in range(count):
             values.append(eps.getEigenpair(i, phi).real)
             shapes.append(phi.getArray().copy())
-        self.written(request["into"], np.array(shapes))
-        for vector in (*beside, start, phi):
+        self.write_columns(request["into"], np.array(shapes))
+        for vector in (*known, start, phi):
             vector.destroy()
         return {"values": values}
 
     def iterations(self) -> Any:
-        """SLEPc's solver, made once: each that is made factorises anew."""
+        """SLEPc solver, created once: each new one factorises again."""
         if self.eps is None:
             SLEPc = self.SLEPc
             self.eps = SLEPc.EPS().create(self.comm)
@@ -172,21 +169,21 @@ class Distributed:
             st.setKSP(self.ksp)
         return self.eps
 
-    def vector(self, own: np.ndarray) -> Any:
+    def vector(self, values: np.ndarray) -> Any:
         x = self.A.createVecRight()
-        x.setArray(own)
+        x.setArray(values)
         return x
 
 
 def say(name: str, what: dict[str, Any]) -> None:
-    """Write a file at once: whoever finds it finds all of it."""
+    """Write a file atomically."""
     with open(f"{name}.tmp", "w", encoding="utf-8") as file:
         json.dump(what, file)
     os.replace(f"{name}.tmp", name)
 
 
 def share_of(memory: float, size: int) -> int:
-    """[MB] that a process may take, of `memory` [bytes] where all are on one machine, else of what its own machine has."""
+    """[MB] for one process, of `memory` [bytes] if all are on one machine, else of the machine of the process."""
     here = next((int(os.environ[name]) for name in LOCAL if os.environ.get(name, "").isdigit()), size)
     if here < size:
         with open("/proc/meminfo", encoding="ascii") as file:
@@ -195,7 +192,7 @@ def share_of(memory: float, size: int) -> int:
 
 
 def end_with_parent() -> None:
-    """The kernel ends this process with the one that started it."""
+    """Let the kernel end this process with its parent."""
     if sys.platform == "linux":
         import ctypes
 
@@ -203,7 +200,7 @@ def end_with_parent() -> None:
 
 
 def serve() -> None:
-    """Answer requests, one after the other."""
+    """Answer requests one after the other."""
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
@@ -230,13 +227,11 @@ def serve() -> None:
             time.sleep(pause)
             pause = min(1.2 * pause, LONG)
         with open(request, encoding="utf-8") as file:
-            asked = json.load(file)
-        if asked["do"] == "end":
+            task = json.load(file)
+        if task["do"] == "end":
             return
         try:
-            answer = (
-                rows.factorise(asked["memory"]) if asked["do"] == "factorise" else getattr(rows, asked["do"])(asked)
-            )
+            answer = rows.factorise(task["memory"]) if task["do"] == "factorise" else getattr(rows, task["do"])(task)
         except Refused as refused:
             answer = refused.answer
         comm.barrier()

@@ -1,4 +1,4 @@
-"""The steps of filters side by side, of each its own model."""
+"""Compiled steps of parallel Kalman filters, each with its own model."""
 
 from __future__ import annotations
 
@@ -8,51 +8,51 @@ from strainsight.compiled import kept
 from strainsight.estimation.compiled.vectors import (
     LOOPS,
     add_rows,
-    apart,
-    copied,
-    copied_matrix,
+    copy,
+    copy_matrix,
+    count_differences,
     dot,
-    flushed,
+    flush,
+    is_steady,
     loop,
-    measured,
-    mirrored,
+    measured_channels,
+    mirror,
     product,
-    solved,
-    transposed,
-    unmoved,
+    solve,
+    transpose,
 )
 
 
 @loop
-def add_moved(x, pairs, beside, out):  # type: ignore[no-untyped-def]
-    """out ← out + A x, in coordinates in which modes are apart: each moves by itself and by the states behind them."""
+def add_moved(x, pairs, augmented, out):  # type: ignore[no-untyped-def]
+    """out ← out + A x in modal coordinates: modes are uncoupled, and the augmented states act on all of them."""
     q, n = pairs.shape[1], len(x)
     for a in range(q):
         out[a] += pairs[0, a] * x[a] + pairs[1, a] * x[q + a]
     for a in range(q):
         out[q + a] += pairs[2, a] * x[a] + pairs[3, a] * x[q + a]
-    for b in range(len(beside)):
+    for b in range(len(augmented)):
         value = x[2 * q + b]
         for a in range(n):
-            out[a] += value * beside[b, a]
+            out[a] += value * augmented[b, a]
 
 
 @loop
-def moved_mean(x, pairs, beside, G, w, ahead):  # type: ignore[no-untyped-def]
+def predict_mean(x, pairs, augmented, G, w, ahead):  # type: ignore[no-untyped-def]
     """x ← A x + G w."""
     n = len(x)
     for a in range(n):
         ahead[a] = dot(G[a], w)
-    add_moved(x, pairs, beside, ahead)
+    add_moved(x, pairs, augmented, ahead)
     for a in range(n):
-        x[a] = flushed(ahead[a])
+        x[a] = flush(ahead[a])
 
 
 @loop
-def moved_nuisances(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
+def move_considered(x, V, pairs, augmented, pairs_nu, augmented_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
     """V ← A V − (A_ν x + G_ν w), x before it has moved; V (n, d), a row a state, as ν are many; behind (s, d): work space."""
     n, d = V.shape
-    q, s = pairs.shape[1], len(beside)
+    q, s = pairs.shape[1], len(augmented)
     for a in range(q):
         p0, p1, p2, p3 = pairs[0, a], pairs[1, a], pairs[2, a], pairs[3, a]
         for k in range(d):
@@ -64,27 +64,27 @@ def moved_nuisances(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind): 
             behind[b, k] = V[2 * q + b, k]
             V[2 * q + b, k] = 0.0
     for a in range(n):
-        add_rows(beside[:, a], behind, d, V[a])
+        add_rows(augmented[:, a], behind, d, V[a])
         for k in range(d):
-            V[a, k] = flushed(V[a, k])
+            V[a, k] = flush(V[a, k])
     for k in range(len(pairs_nu)):
         for a in range(q):
             V[a, k] -= pairs_nu[k, 0, a] * x[a] + pairs_nu[k, 1, a] * x[q + a]
             V[q + a, k] -= pairs_nu[k, 2, a] * x[a] + pairs_nu[k, 3, a] * x[q + a]
         for a in range(n):
             for b in range(s):
-                V[a, k] -= beside_nu[k, b, a] * x[2 * q + b]
+                V[a, k] -= augmented_nu[k, b, a] * x[2 * q + b]
             V[a, k] -= dot(G_nu[k, a], w)
 
 
 @loop
-def predicted(P, pairs, beside, Q, half):  # type: ignore[no-untyped-def]
-    """P ← A P Aᵀ + Q, symmetric; half: P Aᵀ."""
+def predict_covariance(P, pairs, augmented, Q, half):  # type: ignore[no-untyped-def]
+    """P ← A P Aᵀ + Q, symmetric; half: work space for P Aᵀ."""
     n, q = len(P), pairs.shape[1]
     for a in range(n):
         for b in range(n):
             half[a, b] = 0.0
-        add_moved(P[a], pairs, beside, half[a])
+        add_moved(P[a], pairs, augmented, half[a])
     for a in range(n):
         for b in range(a + 1):
             P[a, b] = Q[a, b]
@@ -93,34 +93,33 @@ def predicted(P, pairs, beside, Q, half):  # type: ignore[no-untyped-def]
             position, rate = pairs[first, k], pairs[first + 1, k]
             for b in range(a + 1):
                 P[a, b] += position * half[k, b] + rate * half[q + k, b]
-        add_rows(beside[:, a], half[2 * q :], a + 1, P[a])
+        add_rows(augmented[:, a], half[2 * q :], a + 1, P[a])
         for b in range(a + 1):
-            P[a, b] = flushed(P[a, b])
-    mirrored(P)
+            P[a, b] = flush(P[a, b])
+    mirror(P)
 
 
 @loop
-def in_states(basis, z, out):  # type: ignore[no-untyped-def]
+def to_states(basis, z, out):  # type: ignore[no-untyped-def]
     """x = T z."""
     for a in range(len(z)):
         out[a] = dot(basis[a], z)
 
 
 @loop
-def corrected(x, V, nu, out):  # type: ignore[no-untyped-def]
-    """x less what ν makes of it."""
+def correct_mean(x, V, nu, out):  # type: ignore[no-untyped-def]
+    """x − Vᵀν: the states corrected by the estimate of ν."""
     for a in range(len(x)):
         out[a] = x[a] - dot(V[a], nu)
 
 
 @loop
-def updated_nuisances(V, H, sensed, K, S, channels, whitened, nu, left, slope, W, small):  # type: ignore[no-untyped-def]
-    """V ← V + K ε of one channel after the other, and ν by least squares on the innovations of all at once; returns what the
-    squares add to the log-likelihood.
+def update_considered(V, H, sensed, K, S, channels, whitened, nu, left, slope, W, small):  # type: ignore[no-untyped-def]
+    """V ← V + K ε channel by channel, and ν by least squares on all innovations; returns the increment of the log-likelihood.
 
-    By slopes s (k, d) of white innovations e (k,):  L Lᵀ = I + s Λ sᵀ,  W = L⁻¹ s Λ,  ν ← ν + Wᵀ L⁻¹(e − s ν),  Λ ← Λ − WᵀW
+    With slopes s (k, d) of the white innovations e (k,):  L Lᵀ = I + s Λ sᵀ,  W = L⁻¹ s Λ,  ν ← ν + Wᵀ L⁻¹(e − s ν),  Λ ← Λ − WᵀW
 
-    V (n, d); channels: those that measured; slope, W (m, d) and small (m + 2, m): work space.
+    V (n, d); channels: channels with a sample; slope, W (m, d) and small (m + 2, m): work space.
     """
     n, d = V.shape
     m = len(channels)
@@ -180,8 +179,8 @@ def updated_nuisances(V, H, sensed, K, S, channels, whitened, nu, left, slope, W
 
 
 @loop
-def without(less, nu, left):  # type: ignore[no-untyped-def]
-    """ν ← ν − Λ β, by an information β that is none; returns what that adds to the log-likelihood, −βᵀν + βᵀΛβ/2."""
+def remove_bias(less, nu, left):  # type: ignore[no-untyped-def]
+    """ν ← ν − Λ β, which removes the bias β; returns the increment of the log-likelihood, −βᵀν + βᵀΛβ/2."""
     d = len(nu)
     change = np.zeros(d)
     add_rows(less, left, d, change)
@@ -193,10 +192,10 @@ def without(less, nu, left):  # type: ignore[no-untyped-def]
 
 
 @loop
-def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
-    """Update by all channels that measured, with the gain of Schmidt; V (n, d)."""
+def schmidt_update(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
+    """Update by all channels with a sample, with the Schmidt-Kalman gain; V (n, d)."""
     n, d = V.shape
-    channels = measured(y)
+    channels = measured_channels(y)
     m = len(channels)
     Ph, slope, S, K = np.empty((m, n)), np.empty((m, d)), np.empty((m, m)), np.empty((m, n))
     innovation, less = np.empty(m), np.empty(m)
@@ -212,7 +211,7 @@ def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
         for g in range(c + 1):
             S[c, g] = dot(H[channels[g]], Ph[c]) + dot(slope[c], slope[g])
         S[c, c] += R[channels[c]]
-    solved(S, K)
+    solve(S, K)
     add_rows(innovation, K, n, x)
     for a in range(n):
         for c in range(m):
@@ -234,7 +233,7 @@ def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
 
 @loop
 def sense(x, D, E, offset, acts, w, out):  # type: ignore[no-untyped-def]
-    """What one of every ν adds to the readings of the predicted motion; nothing where it does not act."""
+    """Sensitivity of the predicted readings to each ν; zero where it does not act."""
     for k in range(len(D)):
         for c in range(D.shape[1]):
             out[c, k] = offset[k, c]
@@ -243,8 +242,8 @@ def sense(x, D, E, offset, acts, w, out):  # type: ignore[no-untyped-def]
 
 
 @loop
-def sense_beyond(z, B, out):  # type: ignore[no-untyped-def]
-    """What it adds to them of what loads displace beyond the coordinates."""
+def sense_truncation(z, B, out):  # type: ignore[no-untyped-def]
+    """Add the sensitivity to the displacement that the reduced coordinates truncate."""
     if len(z) == 0:
         return
     for k in range(len(B)):
@@ -264,7 +263,7 @@ def innovation_covariance(P, H, R, Ph, S):  # type: ignore[no-untyped-def]
 
 
 @loop
-def updated(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
+def update_covariance(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
     """P ← (I − k hᵀ) P (I − h kᵀ) + k r kᵀ, Joseph's form, symmetric but for rounding, with k ← P h/s; returns
     s = hᵀP h + r."""
     n = len(h)
@@ -277,22 +276,22 @@ def updated(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
             T[a, b] = P[a, b] - k[a] * Ph[b]
         Th[a] = dot(T[a], h)
     for a in range(n):
-        gone = Th[a] - r * k[a]
+        lost = Th[a] - r * k[a]
         for b in range(n):
-            P[a, b] = T[a, b] - gone * k[b]
+            P[a, b] = T[a, b] - lost * k[b]
     return s
 
 
 CALM = 20
-"""A covariance is steady after so many steps in which it did not move (`unmoved`)."""
+"""Steps without change (`is_steady`) after which a covariance counts as steady."""
 FILES = tuple(f"estimation/compiled/{name}.py" for name in ("filters", "vectors"))
 
 
 @kept(*FILES, **LOOPS)
-def take_steps(span, motion, reading, beyond, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
-    pairs, beside, G, Q, pairs_nu, beside_nu, G_nu, basis = motion
+def take_steps(span, motion, reading, truncation, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
+    pairs, augmented, G, Q, pairs_nu, augmented_nu, G_nu, basis = motion
     H, F, D, E, offset, acts = reading
-    B, U, W, about = beyond
+    B, U, W, about = truncation
     xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts = state
     xcs, Pcs, Vcs = considering
     known, known_end, y, R, more, less = data
@@ -301,42 +300,47 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
     keeps, whole = keep
     m, n, d = H.shape[1], H.shape[2], D.shape[0]
     before, work, row, row2 = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n)
-    whitened, small, likely, seen = np.empty(m), np.empty((m + 2, m)), np.empty(n), np.empty(n)
-    sensed, slope, gain, behind = np.empty((m, d)), np.empty((m, d)), np.empty((m, d)), np.empty((beside.shape[1], d))
+    whitened, small, likely, physical = np.empty(m), np.empty((m + 2, m)), np.empty(n), np.empty(n)
+    sensed, slope, gain, behind = (
+        np.empty((m, d)),
+        np.empty((m, d)),
+        np.empty((m, d)),
+        np.empty((augmented.shape[1], d)),
+    )
     V, V_c, free = np.empty((n, d)), np.empty((n, d)), np.empty(d)
     f, ahead_of_loads = len(U), len(pairs_nu[0]) - len(U)
     z = np.empty(f)
     for i in span:
         x, P, K, S = xs[i], Ps[i], gains[i], variances[i]
-        transposed(Vs[i], V)
+        transpose(Vs[i], V)
         if len(xcs):
-            transposed(Vcs[i], V_c)
+            transpose(Vcs[i], V_c)
         for t in range(len(y)):
-            channels = measured(y[t])
+            channels = measured_channels(y[t])
             complete = len(channels) == m
-            if not complete or (t > 0 and apart(R[t], R[t - 1]) > 0):
+            if not complete or (t > 0 and count_differences(R[t], R[t - 1]) > 0):
                 calms[i] = 0
             steady = calms[i] >= CALM
-            for k in range(d):  # ν that is counted from elsewhere than zero has its slopes there
+            for k in range(d):  # slopes in a ν with a reference other than zero are taken there
                 free[k] = nus[i, k] if about[k] == 0.0 else 0.0
-            corrected(x, V, free, likely)
-            moved_nuisances(likely, V, pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], behind)
-            moved_mean(x, pairs[i], beside[i], G[i], known[t], row)
+            correct_mean(x, V, free, likely)
+            move_considered(likely, V, pairs[i], augmented[i], pairs_nu[i], augmented_nu[i], G_nu[i], known[t], behind)
+            predict_mean(x, pairs[i], augmented[i], G[i], known[t], row)
             if not steady:
-                copied_matrix(P, before)
-                predicted(P, pairs[i], beside[i], Q[i], work)
-            corrected(x, V, free, likely)
-            in_states(basis[i], likely, seen)
-            sense(seen, D, E, offset, acts, known_end[t], sensed)
+                copy_matrix(P, before)
+                predict_covariance(P, pairs[i], augmented[i], Q[i], work)
+            correct_mean(x, V, free, likely)
+            to_states(basis[i], likely, physical)
+            sense(physical, D, E, offset, acts, known_end[t], sensed)
             for j in range(f):
-                z[j] = nus[i, ahead_of_loads + j] * (dot(U[j], seen) + dot(W[j], known_end[t]))
-            sense_beyond(z, B, sensed)
+                z[j] = nus[i, ahead_of_loads + j] * (dot(U[j], physical) + dot(W[j], known_end[t]))
+            sense_truncation(z, B, sensed)
             if not steady and (
                 whole or calms[i] == CALM - 1
             ):  # a step that is kept may be the first of a steady filter
                 innovation_covariance(P, H[i], R[t], row, Ss[i])
             if whole:
-                copied_matrix(Ss[i], S_kept[i, t])
+                copy_matrix(Ss[i], S_kept[i, t])
                 for c in range(m):
                     y_kept[i, t, c] = dot(H[i, c], x) + dot(F[i, c], known_end[t])
                     for k in range(d):
@@ -349,42 +353,44 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
                 if np.isnan(y[t, c]):
                     continue
                 if not steady:
-                    S[c] = updated(P, H[i, c], R[t, c] + more[c], K[c], row, row2, work)
+                    S[c] = update_covariance(P, H[i, c], R[t, c] + more[c], K[c], row, row2, work)
                 innovation = y[t, c] - dot(F[i, c], known_end[t]) - dot(H[i, c], x)
                 for a in range(n):
                     x[a] += K[c, a] * innovation
                 whitened[c] = innovation / np.sqrt(S[c])
                 fits[i, t] -= 0.5 * np.log(2 * np.pi * S[c])
-            fits[i, t] += updated_nuisances(
+            fits[i, t] += update_considered(
                 V, H[i], sensed, K, S, channels, whitened, nus[i], lefts[i], slope, gain, small
             )
             if len(less):
-                fits[i, t] += without(less[t], nus[i], lefts[i])
+                fits[i, t] += remove_bias(less[t], nus[i], lefts[i])
             if not steady:
-                mirrored(P)
-                calms[i] = calms[i] + 1 if complete and unmoved(P, before, row) else 0
+                mirror(P)
+                calms[i] = calms[i] + 1 if complete and is_steady(P, before, row) else 0
             if len(xcs):
-                moved_nuisances(xcs[i], V_c, pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], behind)
-                moved_mean(xcs[i], pairs[i], beside[i], G[i], known[t], row)
-                predicted(Pcs[i], pairs[i], beside[i], Q[i], work)
-                in_states(basis[i], xcs[i], seen)
-                sense(seen, D, E, offset, acts, known_end[t], sensed)
-                considered(xcs[i], Pcs[i], V_c, H[i], F[i], known_end[t], y[t], R[t], sensed)
+                move_considered(
+                    xcs[i], V_c, pairs[i], augmented[i], pairs_nu[i], augmented_nu[i], G_nu[i], known[t], behind
+                )
+                predict_mean(xcs[i], pairs[i], augmented[i], G[i], known[t], row)
+                predict_covariance(Pcs[i], pairs[i], augmented[i], Q[i], work)
+                to_states(basis[i], xcs[i], physical)
+                sense(physical, D, E, offset, acts, known_end[t], sensed)
+                schmidt_update(xcs[i], Pcs[i], V_c, H[i], F[i], known_end[t], y[t], R[t], sensed)
             if whole:
                 if len(xcs):
                     keep_state(xcs[i], Pcs[i], V_c, x_kept[i, t], P_kept[i, t], V_kept[i, t])
                 else:
                     keep_state(x, P, V, x_kept[i, t], P_kept[i, t], V_kept[i, t])
             if keeps:
-                copied(nus[i], nu_kept[i, t])
-                copied_matrix(lefts[i], left_kept[i, t])
-        transposed(V, Vs[i])
+                copy(nus[i], nu_kept[i, t])
+                copy_matrix(lefts[i], left_kept[i, t])
+        transpose(V, Vs[i])
         if len(xcs):
-            transposed(V_c, Vcs[i])
+            transpose(V_c, Vcs[i])
 
 
 @loop
 def keep_state(x, P, V, x_kept, P_kept, V_kept):  # type: ignore[no-untyped-def]
-    copied(x, x_kept)
-    copied_matrix(P, P_kept)
-    transposed(V, V_kept)
+    copy(x, x_kept)
+    copy_matrix(P, P_kept)
+    transpose(V, V_kept)

@@ -1,8 +1,6 @@
-"""Products, copies and solutions of small arrays.
-
-Plain loops that numba compiles: they take the same steps on every processor, and a step of twenty-odd states in microseconds. A
-slice that is assigned to would take seconds to compile, as numba makes a message of the shapes that do not fit.
-"""
+"""Products, copies and solutions of small arrays. Plain loops that numba compiles: they take the same steps on every
+processor, and a step of twenty-odd states in microseconds. A slice that is assigned to would take seconds to compile, as
+numba makes a message of the shapes that do not fit."""
 
 from __future__ import annotations
 
@@ -25,28 +23,28 @@ def loop(function: Any) -> Any:
 
 
 @loop
-def copied(a, out):  # type: ignore[no-untyped-def]
+def copy(a, out):  # type: ignore[no-untyped-def]
     """out ← a, of one dimension."""
     for j in range(len(a)):
         out[j] = a[j]
 
 
 @loop
-def copied_matrix(A, out):  # type: ignore[no-untyped-def]
+def copy_matrix(A, out):  # type: ignore[no-untyped-def]
     for i in range(len(A)):
         for j in range(A.shape[1]):
             out[i, j] = A[i, j]
 
 
 @loop
-def transposed(A, out):  # type: ignore[no-untyped-def]
+def transpose(A, out):  # type: ignore[no-untyped-def]
     for i in range(len(A)):
         for j in range(A.shape[1]):
             out[j, i] = A[i, j]
 
 
 @loop
-def measured(y):  # type: ignore[no-untyped-def]
+def measured_channels(y):  # type: ignore[no-untyped-def]
     """Places in y that are no NaN."""
     places, m = np.empty(len(y), np.int64), 0
     for c in range(len(y)):
@@ -57,7 +55,7 @@ def measured(y):  # type: ignore[no-untyped-def]
 
 
 @loop
-def apart(a, b):  # type: ignore[no-untyped-def]
+def count_differences(a, b):  # type: ignore[no-untyped-def]
     """In how many places."""
     count = 0
     for j in range(len(a)):
@@ -67,7 +65,7 @@ def apart(a, b):  # type: ignore[no-untyped-def]
 
 
 @loop
-def flushed(value):  # type: ignore[no-untyped-def]
+def flush(value):  # type: ignore[no-untyped-def]
     return value if abs(value) > NEGLIGIBLE else 0.0
 
 
@@ -93,7 +91,7 @@ def add_rows(h, X, n, out):  # type: ignore[no-untyped-def]
 
 
 @loop
-def mirrored(P):  # type: ignore[no-untyped-def]
+def mirror(P):  # type: ignore[no-untyped-def]
     """The lower half of P above its diagonal."""
     for a in range(len(P)):
         for b in range(a):
@@ -110,7 +108,7 @@ def product(P, h, out):  # type: ignore[no-untyped-def]
 
 
 @loop
-def solved(S, B):  # type: ignore[no-untyped-def]
+def solve(S, B):  # type: ignore[no-untyped-def]
     """B ← S⁻¹ B by Cholesky's factors, of the lower half of S, which they replace."""
     m = len(S)
     for c in range(m):
@@ -134,7 +132,7 @@ def solved(S, B):  # type: ignore[no-untyped-def]
 
 
 @loop
-def unmoved(P, before, std):  # type: ignore[no-untyped-def]
+def is_steady(P, before, std):  # type: ignore[no-untyped-def]
     for a in range(len(P)):
         std[a] = np.sqrt(before[a, a])
         for b in range(a + 1):

@@ -25,10 +25,10 @@ from strainsight.experiment.system import Resources, of_steps
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
-from strainsight.multibody.accelerations import Instant, measured, reaction
+from strainsight.multibody.accelerations import Instant, measure, reaction
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bodies import Frame, RigidBody
-from strainsight.multibody.coupled import SHARE, CoupledModes, coupled_modes, followed, growth, missed
+from strainsight.multibody.coupled import SHARE, CoupledModes, coupled_modes, growth, load_error, resolved_frequency
 from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.laws import TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
@@ -173,10 +173,10 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
     if len(record.frequency) and record.frequency[0] > 0:
         summary["first_frequency"] = float(record.frequency[0])
         if settings.tolerance is None:
-            band = summary["band"] = followed(record.frequency, h, settings.method)
+            band = summary["band"] = resolved_frequency(record.frequency, h, settings.method)
             text += f"; follows loads up to {band:.3g} Hz to {100 * SHARE:g} %"
             for name, load in record.inputs.items():
-                share = float(missed(load[:, None], record.frequency, h, settings.method)[0])
+                share = float(load_error(load[:, None], record.frequency, h, settings.method)[0])
                 summary[f"missed.{name}"] = share
                 if share > MISSED:
                     doubts.append(
@@ -337,7 +337,7 @@ def coupled(rest: BenchAtRest) -> Coupled:
     bench, modes = rest.bench, rest.modes
     sensors = sensors_of(bench)
     none = np.zeros(len(bench.system.drives.names))
-    read = measured(bench.system, sensors.readings, rest.q, rest.v, rest.u, bench.theta, none)
+    read = measure(bench.system, sensors.readings, rest.q, rest.v, rest.u, bench.theta, none)
     nu, Phi = len(bench.system.inputs), modes.shapes
     B = np.vstack([np.zeros_like(modes.B), modes.B])[:, :nu]
     values = modes.eigenvalues

@@ -128,6 +128,6 @@ def _some(of: np.ndarray) -> list[int]:
 def _kept(pools: Sequence[Pool], keep: int, fixed: frozenset[int]) -> np.ndarray | None:
     """What an elimination by the metric of these pools keeps; None where it cannot go so far."""
     try:
-        return eliminate_from(pools, limits_of(len(pools[0].rows), keep, fixed=fixed)).kept
+        return eliminate_from(pools, limits_of(len(pools[0].rows), keep, fixed=fixed)).selected
     except (InfeasibleError, NumericalError):
         return None

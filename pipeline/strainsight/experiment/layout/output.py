@@ -51,7 +51,7 @@ def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
     pool, exists, criterion = task.pool, task.pool.channels >= 0, task.criterion
     solved = [solution.scenario for solution in result.pools]
     several = solved[0].H.ndim == 3
-    greedy = pool.gauges_of(result.kept)
+    greedy = pool.gauges_of(result.selected)
     cost = {metric_key(criterion.name): result.cost}
     return kind(
         augmented=Augmented(
@@ -205,7 +205,7 @@ def _summary(placement: Placement) -> dict[str, Scalar]:
         "ties": sum(1 for tied in result.ties if tied),
     }
     if placement.task.limits.plain:
-        numbers |= {"worth": worth_keeping(result.cost, len(result.kept))}
+        numbers |= {"worth": worth_keeping(result.cost, len(result.selected))}
     if swapped:
         numbers |= {"exchanges": len(swapped.swaps), "exchange_complete": swapped.complete}
     if proof:

@@ -101,7 +101,7 @@ def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement
     words = advice(task, result, layout, listed, expected, loss, subject.alike(gauges))
     if chosen:
         words = (moved_in_words(expected_of(tasks[0], drafts[0][1]), expected, task.over), *words)
-    others = comparison(task, final, result.kept)
+    others = comparison(task, final, result.selected)
     return Placement(task, result, layout, final, gauges, listed, expected, loss, others, words)
 
 
@@ -110,11 +110,11 @@ def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimin
     progress("elimination", 0.3)
     with blame("place.keep"):
         result = eliminate_from(task.under(task.searched), task.limits, task.aggregate, names=task.unknowns.states)
-        layout = layout_of(result.pools, result.kept, task.limits, task.settings, task.aggregate, progress)
+        layout = layout_of(result.pools, result.selected, task.limits, task.settings, task.aggregate, progress)
     if task.searched is task.pools:
         return result, layout
     pools = tuple(task.under(task.pools))
-    cost = np.append(result.cost[:-1], score(pools, result.kept, task.aggregate))
+    cost = np.append(result.cost[:-1], score(pools, result.selected, task.aggregate))
     return (replace(result, cost=cost, pools=pools), replace(layout, cost=score(pools, layout.gauges, task.aggregate)))
 
 

@@ -17,11 +17,12 @@ from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import WantedCovariances
 from strainsight.experiment.hold_out import held_out
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
+from strainsight.experiment.structure.considered import exact_frequencies_in_words, not_held_in_words, tolerated
 from strainsight.experiment.structure.consistency import (
     Judgement,
     Together,
+    build_check_record,
     judgement_of,
-    suspect_of,
     together_of,
     turning_of,
 )
@@ -29,24 +30,23 @@ from strainsight.experiment.structure.damage import damage_of_test
 from strainsight.experiment.structure.estimation import Common, Estimation, FilteredGauges, estimation_of_record
 from strainsight.experiment.structure.filtering import (
     beyond_ranges,
-    by_bank,
     compared,
     excluded,
     excluded_in_words,
+    grid_filter_values,
     last_values,
     posteriors_of,
     widen,
 )
 from strainsight.experiment.structure.measured import in_record, measured_of, records_of, source_of
-from strainsight.experiment.structure.nuisances import exact_frequencies_in_words, not_held_in_words, tolerated
 from strainsight.experiment.structure.observation import undetectable
 from strainsight.experiment.structure.problem import problem_of, rests_on_loads_in_words
 from strainsight.experiment.structure.record_filter import (
     FilteredRecord,
     RecordFilter,
     Wants,
-    filter_banks,
     filter_by_consistency,
+    filter_records_on_grid,
     forecast_in_words,
     forecast_of,
     record_filters,
@@ -170,16 +170,16 @@ def campaign_of(
 
     # whether they are consistent with the model, and with each other
     turning = turning_of(structure, channels)
-    judgements, suspects = [], []
+    judgements, check_records = [], []
     for i, record in enumerate(filters):
 
         def checking(share: float, i: int = i) -> None:
             of = f" of {records[i].name}" * (len(records) > 1)
             progress(f"channels{of}", CHECKED + (FILTERED - CHECKED) * (i + share) / len(records))
 
-        suspects.append(suspect_of(structure, record, turning))
-        judgements.append(judgement_of(record.test, problem, suspects[-1], tolerances.discrepancy, checking))
-    together = None if len(records) == 1 else together_of(filters, suspects)
+        check_records.append(build_check_record(structure, record, turning))
+        judgements.append(judgement_of(record.test, problem, check_records[-1], tolerances.discrepancy, checking))
+    together = None if len(records) == 1 else together_of(filters, check_records)
     apart = together.words if together is not None and all(one.trusted for one in judgements) else ""
     if apart and not settings.accept:
         raise ContradictionError(
@@ -217,7 +217,7 @@ def campaign_of(
         ends = last_values(record.model, result.smoothed)
         beyond |= beyond_ranges(config, problem, {name: value for name, (value, _) in ends.items()})
     remedy = f"{widen(beyond)} if that can be, or look for a load, unit, support or gauge that is not as stated"
-    decision = replace(decision, reasons=(uncertain_loads, exclusion), beyond=beyond, remedy=remedy)
+    decision = replace(decision, reasons=(uncertain_loads, exclusion), out_of_range=beyond, remedy=remedy)
     withheld = decision.withheld
 
     # what no gauge measured
@@ -273,7 +273,7 @@ def campaign_of(
         undetectable=hidden,
         tuning=tuning,
         together=together,
-        posterior={} if withheld else posteriors_of(problem, filters[0].start, results[0].bank),
+        posterior={} if withheld else posteriors_of(problem, filters[0].start, results[0].grid_run),
         damage=damage,
         surface=surface,
         units={
@@ -305,7 +305,7 @@ def _filtered(
         results = filter_by_consistency(filters, consistent, wanted, progress)
         compare = not first.long if compare is None else compare
         if len(filters) == 1 and compare and not decision.withheld and first.problem.method == "bank":
-            results = (replace(results[0], compared=compared(first.problem, first.bank_record)),)
+            results = (replace(results[0], compared=compared(first.problem, first.grid_record)),)
         return results
     except (NumericalError, np.linalg.LinAlgError) as error:
         if decision.inconsistent:
@@ -327,15 +327,16 @@ def _filtered(
 def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, result: FilteredRecord) -> tuple[str, str]:
     """Why there is no σ, and a note, each empty where there is nothing to report.
 
-    The bank beside the estimate has no tolerances, and an unknown start. Where tolerances are stated, the estimate counts against
-    it, unless the start is settled and a bank with the same tolerances and an unknown start excludes the estimate, too.
+    The grid filter beside the estimate has no tolerances, and an unknown start. Where tolerances are stated, the estimate
+    counts against it, unless the start is settled and a grid filter with the same tolerances and an unknown start excludes the
+    estimate, too.
     """
     ends, settled = last_values(record.model, result.smoothed), record.settled is not None
-    words = excluded(ends, by_bank(result.compared))
+    words = excluded(ends, grid_filter_values(result.compared))
     if not words or tolerances_of(config.tolerances) == NONE:
         return excluded_in_words(words, settled, "estimate.start"), ""
     if settled:
-        moving = last_values(record.model, filter_banks([replace(record, settled=None)])[0].run)
+        moving = last_values(record.model, filter_records_on_grid([replace(record, settled=None)])[0].run)
         otherwise = excluded(ends, {name: moving[name] for name in record.model.unknowns.parameters})
         if otherwise:
             return excluded_in_words(otherwise, True, "estimate.start"), ""

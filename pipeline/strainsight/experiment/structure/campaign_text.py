@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.estimation.consistency import verdict
-from strainsight.estimation.decision import record_verdict
+from strainsight.estimation.consistency import check_innovations
+from strainsight.estimation.decision import summarise_record
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.hold_out import (
     LeftOut,
@@ -63,7 +63,9 @@ def _numbers(campaign: Campaign) -> dict[str, Scalar]:
     """Every number by its name; of one record of several with that behind it."""
     first, together = campaign.first.estimated, campaign.together
     every = [record.estimated for record in campaign.records.values()]
-    whole = campaign.first.verdict if together is None else verdict(np.concatenate([one.whitened for one in every]))
+    whole = campaign.first.innovation_check
+    if together is not None:
+        whole = check_innovations(np.concatenate([one.whitened for one in every]))
     numbers: dict[str, Scalar] = {
         "samples": sum(len(one.gauge.time) for one in every),
         "channels": len(first.gauge.label),
@@ -90,7 +92,10 @@ def _numbers(campaign: Campaign) -> dict[str, Scalar]:
         for name, values in together.alone.items():
             numbers |= {f"alone.{name}.{of}": float(value) for of, value in zip(campaign.records, values, strict=True)}
         for of, record in campaign.records.items():
-            each: dict[str, Scalar] = {"innovation_ratio": record.verdict.ratio, "trusted": record.judgement.trusted}
+            each: dict[str, Scalar] = {
+                "innovation_ratio": record.innovation_check.ratio,
+                "trusted": record.judgement.trusted,
+            }
             each |= _load_numbers(campaign, [record.estimated]) | hold_out_numbers(without_each(record.estimated))
             numbers |= {f"{key}.{of}": value for key, value in each.items()}
     numbers |= damage_numbers(campaign.damage, campaign.labels)
@@ -122,7 +127,7 @@ def _message(campaign: Campaign) -> str:
     for of, record in campaign.records.items():
         misfits = misfits_in_words(without_each(record.estimated), "gauges")
         parts += [text if only else f"{of}: {text}" for text in misfits]
-    loud = [of for of, one in campaign.records.items() if one.judgement.trusted and not one.verdict.consistent]
+    loud = [of for of, one in campaign.records.items() if one.judgement.trusted and not one.innovation_check.consistent]
     if loud:
         parts.append(f"the noise does not fit the innovations{'' if only else ' of ' + ', '.join(loud)}")
     parts += damage_in_words(campaign.damage)
@@ -179,7 +184,7 @@ def _records_table(campaign: Campaign) -> Table:
             top = int(np.argmax(np.abs(value)))
             cells += [_with_sigma(float(value[top]), float(std[top])), _with_sigma(rms(value), rms(std))]
         inside = f"{100 * innovations_inside(record.estimated):.3g} %"
-        judged = record_verdict(record.judgement.trusted, record.judgement.apart, record.verdict.consistent)
+        judged = summarise_record(record.judgement.trusted, record.judgement.apart, record.innovation_check.consistent)
         rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, inside, judged))
     heads = [f"{name} {what} [{campaign.units[name]}]" for name in loads for what in ("peak", "RMS")]
     return Table("records", ("record", "duration", *heads, "innovations within 2σ", "verdict"), tuple(rows))

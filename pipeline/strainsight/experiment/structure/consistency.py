@@ -1,5 +1,5 @@
-"""Whether measurements are consistent with the model: the bank that judges a record, the fault of a channel or a known load that
-explains it, with the key that undoes it, and whether records of one test agree with each other."""
+"""Whether measurements are consistent with the model: the grid filter that judges a record, the fault of a channel or a known
+load that explains it, with the key that undoes it, and whether records of one test agree with each other."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.estimate import Channel, DelayInSeconds
-from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.conditional import ConsideredParameters
 from strainsight.estimation.decision import INCONSISTENT
+from strainsight.estimation.fault_evidence import CheckRecord, ShiftedMode
 from strainsight.estimation.faults import ANGLES, MARGIN, Explained, Fault, at_limit
 from strainsight.estimation.load_faults import ResidualPattern
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.peak import peak_of_records
+from strainsight.estimation.peak import find_common_peak
 from strainsight.estimation.record_check import RecordCheck, check_record
-from strainsight.estimation.suspect import ShiftedMode, Suspect
 from strainsight.experiment.recorded import delay_in_seconds
+from strainsight.experiment.structure.considered import build_considered, on_average, tolerated
 from strainsight.experiment.structure.measured import Measured
-from strainsight.experiment.structure.nuisances import nuisances_of, on_average, tolerated
 from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.record_filter import RecordFilter
 from strainsight.experiment.structure.structure import Structure
@@ -76,8 +76,8 @@ def _turned(pool: Candidates, angle: float | np.ndarray) -> Candidates:
     return replace(pool, direction=turned(pool.direction, pool.normal, each))
 
 
-def suspect_of(structure: Structure, record: RecordFilter, turning: Turning) -> Suspect:
-    """A record by the bank, whatever filter estimates: no other takes the tolerances in."""
+def build_check_record(structure: Structure, record: RecordFilter, turning: Turning) -> CheckRecord:
+    """A record by the grid filter, whatever filter estimates: no other takes the tolerances in."""
     model, test, channels, training = record.model, record.test, record.test.channels, structure.training
     Q, at = np.array(model.Q), model.parameter_states
     Q[..., at, :], Q[..., :, at] = 0.0, 0.0
@@ -87,7 +87,7 @@ def suspect_of(structure: Structure, record: RecordFilter, turning: Turning) -> 
     moving, motion = np.array(record.covariance), model.motion
     moving[motion, motion] = np.diag(np.abs(record.problem.x).max(axis=0) ** 2)
 
-    def with_turned(j: int, angle: float) -> tuple[FilterModel, Nuisances]:
+    def with_turned(j: int, angle: float) -> tuple[FilterModel, ConsideredParameters]:
         k, channel = ANGLES.index(angle), channels[j]
         H = np.array(constant.H)
         H[j] = wide[j, k]
@@ -102,15 +102,15 @@ def suspect_of(structure: Structure, record: RecordFilter, turning: Turning) -> 
         # the others have what they read on average over their installations already
         H[j] = on_average(tolerances, replace(constant, H=H), channels).H[j]
         changed = replace(constant, H=H, change=change)
-        return changed, nuisances_of(tolerances, changed, channels)
+        return changed, build_considered(tolerances, changed, channels)
 
-    return Suspect(
+    return CheckRecord(
         model=constant,
         mean=np.zeros(len(record.covariance)),
         covariance=record.covariance,
         known=test.known,
         samples=test.values,
-        nuisances=nuisances_of(record.tolerances, constant, channels),
+        considered=build_considered(record.tolerances, constant, channels),
         biased=record.biased,
         settled=record.settled,
         turned_rows=wide,
@@ -138,16 +138,17 @@ class Judgement:
 
 
 def judgement_of(
-    test: Measured, problem: Problem, suspect: Suspect, discrepancy: float, progress: Callable[[float], None]
+    test: Measured, problem: Problem, checked_record: CheckRecord, discrepancy: float, progress: Callable[[float], None]
 ) -> Judgement:
-    """Of a record and the bank that judges it, as `check_record` does; discrepancy: share of a reading that may be missed."""
-    check = check_record(suspect, discrepancy, progress)
+    """Of a record and the grid filter that judges it, as `check_record` does; discrepancy: share of a reading that may be
+    missed."""
+    check = check_record(checked_record, discrepancy, progress)
     finding, words, channels = check.finding, FaultInWords(test, check.stretch, problem.known), test.record.channels
     named = "" if finding.named is None else ": ".join(words.of(finding.named))
     # which of several it is has to be checked on the structure: the key of another one would hide it
     candidates = (named,) if named else tuple(words.of(one)[0] for one in finding.candidates)
     # what explains a consistent record a little better than no fault is chance, and no explanation
-    best = [finding.best_of(j) if finding.contradicts else None for j in range(len(test.labels))]
+    best = [finding.best_of(j) if finding.inconsistent else None for j in range(len(test.labels))]
     gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
     by_channel = record_from(
         ChannelsChecked,
@@ -159,7 +160,7 @@ def judgement_of(
         gain=np.minimum(gain, np.finfo(float).max),
         candidate=candidates,
     )
-    if not finding.contradicts:
+    if not finding.inconsistent:
         return Judgement("", "", by_channel)
     ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains it"
     if named:
@@ -206,7 +207,7 @@ class FaultInWords:
     """Faults of a record, and what undoes them, with keys of the config; stretch: the samples that show them."""
 
     test: Measured
-    stretch: Suspect
+    stretch: CheckRecord
     known: Sequence[str] = ()
 
     def of(self, explanation: Explained) -> tuple[str, str]:
@@ -371,23 +372,25 @@ class Together:
     words: str
 
 
-def together_of(filters: Sequence[RecordFilter], suspects: Sequence[Suspect]) -> Together:
-    """Records and the banks that judge them one by one.
+def together_of(filters: Sequence[RecordFilter], check_records: Sequence[CheckRecord]) -> Together:
+    """Records and the grid filters that judge them one by one.
 
         ln p(y₁ … y_R) − Σᵣ ln p(yᵣ)
 
     Of records of one test it is large, as parameters and constants that fit one fit all; records of other parameters, or of
     gauges that were bonded anew in between, have one below −MARGIN. Both as of `peak_of`, which gives up on what no parameters
-    explain before a bank would.
+    explain before a grid filter would.
     """
     unknowns = filters[0].problem.unknowns
 
-    def learning(suspect: Suspect, nuisances: Nuisances) -> Suspect:
-        return replace(suspect, nuisances=replace(nuisances, learned=True))
+    def learning(checked_record: CheckRecord, considered: ConsideredParameters) -> CheckRecord:
+        return replace(checked_record, considered=replace(considered, learned=True))
 
-    peaks = [peak_of_records([learning(suspect, suspect.nuisances)]) for suspect in suspects]
+    peaks = [
+        find_common_peak([learning(checked_record, checked_record.considered)]) for checked_record in check_records
+    ]
     order = np.argsort([record.record for record in filters])
-    of_all = peak_of_records([learning(suspects[i], filters[i].nuisances) for i in order])
+    of_all = find_common_peak([learning(check_records[i], filters[i].considered) for i in order])
     values = {
         name: unknowns.guess[name] * np.exp([peak.point[i] for peak in (*peaks, of_all)])
         for i, name in enumerate(unknowns.parameters)

@@ -23,12 +23,12 @@ from strainsight.damage import (
     one_number,
 )
 from strainsight.errors import NumericalError, UserError
-from strainsight.estimation.bank import BankRun
-from strainsight.estimation.bank_smoother import AT_ONCE, Paths, bank_paths
+from strainsight.estimation.grid_filter import GridRun
+from strainsight.estimation.grid_filter_smoother import AT_ONCE, Paths, sample_paths
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.smoother import Smoothed, smoother_errors
-from strainsight.experiment.structure.record_filter import FilteredRecord, RecordFilter, filter_banks
+from strainsight.experiment.structure.record_filter import FilteredRecord, RecordFilter, filter_records_on_grid
 from strainsight.experiment.structure.surface import Skin, Virtual
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.recovery import SurfaceModel
@@ -69,7 +69,7 @@ def damage_of_test(
     assert config.estimate is not None
     settings = config.estimate.damage
     assert settings is not None
-    stated = _Walked(config, filters, [result.bank for result in results])
+    stated = _Walked(config, filters, [result.grid_run for result in results])
     drawn, changed, undecided = _walks(stated, None if withheld else filters_of)
     shown = SHOWN if undecided else SHOWN_DECIDED
     records = [
@@ -77,9 +77,9 @@ def damage_of_test(
             record.model,
             result.smoothed,
             skin.field.states(result.smoothed.mean),
-            None if withheld else histories(by, replace(result, bank=bank), settings.draws, config.seed),
+            None if withheld else histories(by, replace(result, grid_run=grid_run), settings.draws, config.seed),
         )
-        for record, result, by, bank in zip(filters, results, drawn.filters, drawn.banks, strict=True)
+        for record, result, by, grid_run in zip(filters, results, drawn.filters, drawn.grid_runs, strict=True)
     ]
     damage = damage_in_test(settings, damage_places(skin, virtual), records, progress, shown)
     return damage, damage_notes(settings, withheld, shown, walks_in_words(drawn.config, changed))
@@ -330,11 +330,11 @@ def damage_at(
 
 @dataclass(frozen=True)
 class _Walked:
-    """Filters by one choice of walks; banks None of another filter."""
+    """Filters by one choice of walks; grid_runs None of another filter."""
 
     config: PlacementConfig
     filters: Sequence[RecordFilter]
-    banks: Sequence[BankRun | None]
+    grid_runs: Sequence[GridRun | None]
 
 
 def _walks(
@@ -349,25 +349,25 @@ def _walks(
         changed = walking(so_far.config, name)
         try:
             filters = filters_of(changed)
-            return _Walked(changed, filters, filter_banks(filters))
+            return _Walked(changed, filters, filter_records_on_grid(filters))
         except (NumericalError, np.linalg.LinAlgError):
             return None
 
     def evidence(walked: _Walked) -> float:
-        return float(sum(bank.run.log_likelihood[0] for bank in walked.banks if bank is not None))
+        return float(sum(grid_run.run.log_likelihood[0] for grid_run in walked.grid_runs if grid_run is not None))
 
     return walks(stated, unknown, other, evidence)
 
 
 def histories(record: RecordFilter, result: FilteredRecord, count: int, seed: int) -> Iterator[Paths]:
-    """`count` draws of q (N, T + 1, n) with the parameters of each, in parts; by the bank where there is one, with z behind it,
-    which may be that of other walks of the loads than those of the test's results.
+    """`count` draws of q (N, T + 1, n) with the parameters of each, in parts; by the grid filter where there is one, with z
+    behind it, which may be that of other walks of the loads than those of the test's results.
 
     A parameter that a filter lets drift is its mean over the record.
     """
     model, test, q = record.model, record.test, slice(0, record.model.model.size)
-    if result.bank is not None:
-        yield from bank_paths(record.bank_record, result.bank, count, seed, q, record.record)
+    if result.grid_run is not None:
+        yield from sample_paths(record.grid_record, result.grid_run, count, seed, q, record.record)
         return
     core, rng = driven_with_offsets(model, test.known, record.biased), np.random.default_rng(seed)
     part = max(1, AT_ONCE // ((len(test.known) + 1) * core.size))
@@ -410,7 +410,7 @@ def walking(config: PlacementConfig, name: str) -> PlacementConfig:
 
 def may_walk_otherwise(config: PlacementConfig, unknown: Sequence[str]) -> bool:
     """Whether the walks of all unknown loads can be compared: all are one, with intensities that do not depend on the step, and a
-    bank filters them, with evidence that has everything integrated out."""
+    grid filter filters them, with evidence that has everything integrated out."""
     stated = all(config.loads[name].process_noise.model in OTHER for name in unknown)
     return stated and config.filter.method == "bank" and config.process_noise.rule == "continuous"
 

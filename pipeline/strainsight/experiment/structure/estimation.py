@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
-from strainsight.estimation.consistency import Verdict, verdict
+from strainsight.estimation.consistency import InnovationCheck, check_innovations
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.model import surface_reading
 from strainsight.estimation.smoother import Smoothed
@@ -48,16 +48,16 @@ class Estimation:
     surface: VtkHdf | None
 
     @cached_property
-    def verdict(self) -> Verdict:
+    def innovation_check(self) -> InnovationCheck:
         """On the innovations."""
-        return verdict(self.estimated.whitened)
+        return check_innovations(self.estimated.whitened)
 
     @property
     def innovations_in_words(self) -> str:
         """The verdict on the innovations; empty where a fault is named, or where they are as claimed and the record is
         inconsistent with the model all the same."""
-        inconsistent = self.verdict.consistent and not self.judgement.trusted
-        return "" if inconsistent or self.estimated.check.candidate else self.verdict.text
+        inconsistent = self.innovation_check.consistent and not self.judgement.trusted
+        return "" if inconsistent or self.estimated.check.candidate else self.innovation_check.text
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def estimation_of_record(
         known=dict(zip(problem.known, instant_values(test.known).T, strict=False)),
         source=source,
         notes=_notes(common, record, judgement, no_budget),
-        posterior={} if withheld or record.records > 1 else posteriors_of(problem, record.start, result.bank),
+        posterior={} if withheld or record.records > 1 else posteriors_of(problem, record.start, result.grid_run),
         trusted=judgement.trusted,
         check=judgement.check,
         virtual=None if common.virtual is None else common.virtual.smoothed(model, run, smoothed),
@@ -157,8 +157,8 @@ class FilteredGauges:
         ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
 
     x̂ˢ, Pˢ smoothed from the other channels; H with the column θ ∂H/∂θ q̂ of a free thickness; R of one sample; D, E, o what
-    the gauge's installation may be off by (`Nuisances`), and σ_b the σ of its unknown offset. undetectable_by: in words, what
-    some channels (k,) of train.h5 cannot tell, empty where nothing; withheld: whether σ is, which then is NaN.
+    the gauge's installation may be off by (`ConsideredParameters`), and σ_b the σ of its unknown offset. undetectable_by: in
+    words, what some channels (k,) of train.h5 cannot tell, empty where nothing; withheld: whether σ is, which then is NaN.
     """
 
     filters: Sequence[RecordFilter]
@@ -198,7 +198,7 @@ class FilteredGauges:
 
 def _predicted(record: RecordFilter, smoothed: Smoothed) -> tuple[np.ndarray, np.ndarray]:
     """Readings (T, c) of the channels of a filter, and their σ."""
-    model, test, nuisances = record.model, record.test, record.nuisances
+    model, test, considered = record.model, record.test, record.considered
     states, sampled = model.parameter_states.start, slice(model.every, None, model.every)
     x = smoothed.mean[sampled, 0]
     assert smoothed.covariance is not None
@@ -215,9 +215,9 @@ def _predicted(record: RecordFilter, smoothed: Smoothed) -> tuple[np.ndarray, np
         on_states, on_known = acceleration_rows(model, theta, read[moving, : model.model.size])
         H[moving], fed[moving], slope[:, moving] = on_states[0], on_known[0], 0.0
     J = np.concatenate([np.broadcast_to(H, (len(slope), *H.shape)), slope], axis=-1)
-    ends = known_ends(test.known, nuisances)[model.every - 1 :: model.every]
-    installation = np.einsum("dmn,tn->tdm", nuisances.D, x[:, :states]) + np.einsum("dmp,tp->tdm", nuisances.E, ends)
-    installation += nuisances.offset
+    ends = known_ends(test.known, considered)[model.every - 1 :: model.every]
+    installation = np.einsum("dmn,tn->tdm", considered.D, x[:, :states]) + np.einsum("dmp,tp->tdm", considered.E, ends)
+    installation += considered.offset
     loads = test.known.sum(axis=1)[model.every - 1 :: model.every]
     variance = output_std(J, P) ** 2 + model.noise + np.sum(installation**2, axis=1) + test.bias**2
     return x[:, :states] @ H.T + loads @ fed.T, np.sqrt(variance)

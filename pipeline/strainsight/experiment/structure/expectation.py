@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.claim import bank_claim, covariance_recursion
+from strainsight.estimation.claim import covariance_recursion, predict_grid_std
 from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.placement import Placement
 from strainsight.experiment.structure.candidates import of_channels
-from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, variances
+from strainsight.experiment.structure.considered import Tolerated, build_considered, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
 from strainsight.ordering import first_of_largest
-from strainsight.placement.score import alike, score
+from strainsight.placement.score import redundant_groups, score
 from strainsight.records.placed import ByCase
 from strainsight.records.training import Screened, Training
 from strainsight.runner.output import Table
@@ -37,12 +37,12 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
     model = filter_model(problem, flat, problem.h)
     model = replace(model, r=model.r * silent)
     start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
-    nuisances = nuisances_of(tolerances, model, flat)
+    considered = build_considered(tolerances, model, flat)
     if problem.method == "bank":
         settled = settled_under(problem, problem.loading)
-        claim = bank_claim(model, problem.x, problem.u, start, nuisances, settled)
+        claim = predict_grid_std(model, problem.x, problem.u, start, considered, settled)
     else:
-        claim = covariance_recursion(model, problem.x, problem.u, start, nuisances)
+        claim = covariance_recursion(model, problem.x, problem.u, start, considered)
     if not np.isfinite(claim.std).all():
         raise NumericalError(
             "the σ that the filter is to claim along the training run is not finite",
@@ -72,7 +72,7 @@ def alike_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -
     for kind in np.unique(quantity):
         of_kind = np.flatnonzero(quantity == kind)
         rows = of_channels(problem.channels.rows, channels[of_kind])
-        groups += [tuple(int(of_kind[i]) for i in group) for group in alike(rows @ L)]
+        groups += [tuple(int(of_kind[i]) for i in group) for group in redundant_groups(rows @ L)]
     return sorted(groups)
 
 

@@ -1,4 +1,4 @@
-"""The filter of the config on measurements: a bank over constant parameters, the sigma-point or the extended filter."""
+"""The filter of the config on measurements: a grid filter over constant parameters, the sigma-point or the extended filter."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.decision import out_of_range
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.grid_filter import GridRun, filter_on_grid
 from strainsight.estimation.mixture import Posterior, marginal
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.filters_compared import filters_compared
 from strainsight.experiment.structure.problem import Method, Problem, exactly_damped
 from strainsight.experiment.structure.references import unknown_units
-from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
+from strainsight.records.estimated import EXTENDED, GRID_FILTER, SIGMA_POINT, Compared
 
 IDENTIFIED = 0.5
 """Share of its initial σ that the samples may leave of a parameter that they identify."""
@@ -49,10 +49,10 @@ def by_moments(
     )
 
 
-def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.ndarray, steps: int) -> FilterRun:
-    """Runs of many banks as one, NaN where one failed or has no channel (channels (B, m), −1 for none)."""
-    if len(banks) == 1 and banks[0] is not None:
-        return banks[0].run
+def together(model: FilterModel, grid_runs: Sequence[GridRun | None], channels: np.ndarray, steps: int) -> FilterRun:
+    """Runs of many grid filters as one, NaN where one failed or has no channel (channels (B, m), −1 for none)."""
+    if len(grid_runs) == 1 and grid_runs[0] is not None:
+        return grid_runs[0].run
     (runs, m), n, u, has = channels.shape, model.size, len(model.position), channels >= 0
     by_state = {name: np.full((steps + 1, runs, n), np.nan) for name in ("mean", "std")}
     by_channel = {
@@ -60,21 +60,25 @@ def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.n
     }
     unknown = np.full((steps + 1, runs, u, u), np.nan)
     fit, last = np.full(runs, -np.inf), np.full((runs, n, n), np.nan)
-    for b, bank in enumerate(banks):
-        if bank is None:
+    for b, grid_run in enumerate(grid_runs):
+        if grid_run is None:
             continue
         for name, values in by_state.items():
-            values[:, b] = getattr(bank.run, name)[:, 0]
+            values[:, b] = getattr(grid_run.run, name)[:, 0]
         for name, values in by_channel.items():
-            values[:, b, has[b]] = getattr(bank.run, name)[:, 0]
-        unknown[:, b], fit[b], last[b] = bank.run.unknown_covariance[:, 0], bank.run.log_likelihood[0], bank.run.last[0]
+            values[:, b, has[b]] = getattr(grid_run.run, name)[:, 0]
+        unknown[:, b], fit[b], last[b] = (
+            grid_run.run.unknown_covariance[:, 0],
+            grid_run.run.log_likelihood[0],
+            grid_run.run.last[0],
+        )
     return FilterRun(
         time=model.h * np.arange(steps + 1),
         **by_state,
         **by_channel,
         unknown_covariance=unknown,
         nis=np.nansum(by_channel["whitened"] ** 2, axis=2),
-        lost=np.where([bank is None for bank in banks], 1, -1),
+        lost=np.where([grid_run is None for grid_run in grid_runs], 1, -1),
         log_likelihood=fit,
         last=last,
     )
@@ -91,17 +95,17 @@ def histories(model: FilterModel, run: FilterRun, smoothed: Smoothed) -> dict[st
     }
 
 
-def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None) -> dict[str, Posterior]:
-    """Of every parameter of a bank; covariance (n*, n*) at t = 0. None by another filter, nor by columns, of which no more than
-    mean and covariance is known."""
-    if bank is None or bank.step is None:
+def posteriors_of(problem: Problem, covariance: np.ndarray, grid_run: GridRun | None) -> dict[str, Posterior]:
+    """Of every parameter of a grid filter; covariance (n*, n*) at t = 0. None by another filter, nor by columns, of which no
+    more than mean and covariance is known."""
+    if grid_run is None or grid_run.step is None:
         return {}
     names, guess = problem.unknowns.parameters, problem.unknowns.guess
     first = problem.unknowns.size(problem.model) - len(names)
     posteriors = {}
     for i, name in enumerate(names):
         prior = 0.0, float(np.sqrt(covariance[first + i, first + i]))
-        of_log = marginal(bank.point[:, i], bank.weight, float(bank.step[i]), prior)
+        of_log = marginal(grid_run.point[:, i], grid_run.weight, float(grid_run.step[i]), prior)
         value, peak = guess[name] * np.exp(of_log.value), guess[name] * np.exp(of_log.peak)
         posteriors[name] = replace(of_log, value=value, peak=peak)
     return posteriors
@@ -131,21 +135,21 @@ def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str
     return words
 
 
-def compared(problem: Problem, record: BankRecord) -> Compared | None:
-    """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
+def compared(problem: Problem, record: GridRecord) -> Compared | None:
+    """Every parameter at the end by a grid filter and by the approximate filters, with the ratio of `expected_ratio`: all of them
     without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
 
-    A filter that diverges is NaN, and so is a bank where readings that are taken for exact have no posterior. None without a
-    parameter.
+    A filter that diverges is NaN, and so is a grid filter where readings that are taken for exact have no posterior. None
+    without a parameter.
     """
     names, at = record.model.unknowns.parameters, record.model.parameter_states
     if not names:
         return None
     model = exactly_damped(problem, record.model)
-    record = replace(record, model=model, nuisances=no_nuisances(model), settled=None)
+    record = replace(record, model=model, considered=none_considered(model), settled=None)
     data, biased = (model, record.mean, record.covariance, record.known, record.samples), record.biased
     filters: dict[str, Callable[[], FilterRun]] = {
-        BANK: lambda: filter_bank(record, "parameters").run,
+        GRID_FILTER: lambda: filter_on_grid(record, "parameters").run,
         SIGMA_POINT: lambda: by_moments(problem, *data, biased=biased, method="sigma-point"),
         EXTENDED: lambda: by_moments(problem, *data, biased=biased, method="extended"),
     }
@@ -187,8 +191,8 @@ def last_values(model: FilterModel, run: FilterRun | Smoothed) -> Values:
     return {name: (float(value), float(std)) for name, (value, std) in values.items()}
 
 
-def by_bank(comparison: Compared | None) -> dict[str, tuple[float, float]]:
-    """By the bank of a comparison; empty where nothing was compared."""
+def grid_filter_values(comparison: Compared | None) -> dict[str, tuple[float, float]]:
+    """By the grid filter of a comparison; empty where nothing was compared."""
     if comparison is None:
         return {}
     return {name: (float(value[0]), float(comparison.std[name][0])) for name, value in comparison.estimate.items()}

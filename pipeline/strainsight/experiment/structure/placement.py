@@ -31,6 +31,7 @@ from strainsight.experiment.structure.clearance import (
     notes_at_gauges,
     tested_hot_spots,
 )
+from strainsight.experiment.structure.considered import not_held_in_words, tolerated
 from strainsight.experiment.structure.cost import of_pool_in_words
 from strainsight.experiment.structure.expectation import (
     alike_gauges,
@@ -41,7 +42,6 @@ from strainsight.experiment.structure.expectation import (
     unresolved_gauges,
     worst_case,
 )
-from strainsight.experiment.structure.nuisances import not_held_in_words, tolerated
 from strainsight.experiment.structure.problem import (
     Problem,
     placed_instants,
@@ -59,7 +59,7 @@ from strainsight.loads.linearisation import linearise, measurement_rows
 from strainsight.loads.observability import Observability, observability
 from strainsight.mesh.model import Mesh
 from strainsight.placement.limits import Limits
-from strainsight.placement.scenario import Pool, Scenario, solve_pool, solved
+from strainsight.placement.scenario import Pool, Scenario, solve_named_pool, solve_pool
 from strainsight.records.placed import AtGauges, ByCase, HotSpots, Placed, budget_of_shares
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
@@ -223,7 +223,7 @@ class _OnStructure(Subject):
         config, problem = self.config, self.problem
         unknowns, scenarios = problem.unknowns, self._scenarios(self.pool.channels, share)
         with blame("place.estimate"):
-            pools = self.using.sweep(solved, tuple(chain(*scenarios)), unknowns.state_names)
+            pools = self.using.sweep(solve_named_pool, tuple(chain(*scenarios)), unknowns.state_names)
         cases = self._cases([len(of_case) for of_case in scenarios])
         return Task(
             UnknownStates(

@@ -159,15 +159,15 @@ MODEL_ERROR = 0.01
 def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, float]:
     """Share of the training acceleration that is noise in the layout, and in the filter.
 
-    A bank over parameters whose damping has a tolerance needs none, and is misled by it: readings that are quieter than the
-    noise says speak for parameters at which the same noise makes quieter readings.
+    A grid filter over parameters whose damping has a tolerance needs none, and is misled by it: readings that are quieter than
+    the noise says speak for parameters at which the same noise makes quieter readings.
     """
     stated = config.process_noise.model_error
     if stated is not None:
         return stated, stated
     tolerant = tolerances_of(config.tolerances).damping > 1
-    by_bank = config.filter.method == "bank" and bool(unknowns.parameters)
-    return MODEL_ERROR, 0.0 if by_bank and tolerant else MODEL_ERROR
+    uses_grid = config.filter.method == "bank" and bool(unknowns.parameters)
+    return MODEL_ERROR, 0.0 if uses_grid and tolerant else MODEL_ERROR
 
 
 def model_error_intensity(model: ReducedModel, x: np.ndarray, u: np.ndarray, share: float) -> np.ndarray:
@@ -283,7 +283,7 @@ def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: f
 
 
 def settled_under(problem: Problem, loading: Loading) -> Settled | None:
-    """How the motion of a bank begins where it is periodic and every load is known; None otherwise."""
+    """How the motion of a grid filter begins where it is periodic and every load is known; None otherwise."""
     tones = loading.tones
     if tones is None or problem.unknowns.inputs or problem.method != "bank":
         return None

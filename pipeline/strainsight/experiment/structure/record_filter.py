@@ -10,18 +10,25 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError, blame
-from strainsight.estimation.bank import BankRun, filter_records
-from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.conditional import Nuisances, each_its_own
+from strainsight.estimation.conditional import ConsideredParameters, split_by_record
 from strainsight.estimation.consistency import Tuning, scale_noise, tune
+from strainsight.estimation.grid_filter import GridRun, filter_records
+from strainsight.estimation.grid_filter_smoother import smooth_on_grid
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.record import BankRecord, Settled
+from strainsight.estimation.record import GridRecord, Settled
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, WantedCovariances, smooth
+from strainsight.experiment.structure.considered import (
+    RENEWED,
+    Shares,
+    Tolerated,
+    budget_of,
+    build_considered,
+    on_average,
+)
 from strainsight.experiment.structure.filtering import by_moments
 from strainsight.experiment.structure.measured import Measured, in_record, settled_in
-from strainsight.experiment.structure.nuisances import RENEWED, Shares, Tolerated, budget_of, nuisances_of, on_average
 from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance
 from strainsight.experiment.structure.tolerated_loads import with_interpolation_errors
 from strainsight.memory import require_memory
@@ -65,17 +72,17 @@ class RecordFilter:
         return np.diag(np.concatenate([np.diag(self.start), self.test.bias[self.biased] ** 2]))
 
     @property
-    def nuisances(self) -> Nuisances:
+    def considered(self) -> ConsideredParameters:
         """Of all records; what is zeroed anew acts in this one alone."""
-        nuisances = nuisances_of(self.tolerances, self.model, self.test.channels, behind=True)
-        return each_its_own(nuisances, self.records, RENEWED)[self.record]
+        considered = build_considered(self.tolerances, self.model, self.test.channels, behind=True)
+        return split_by_record(considered, self.records, RENEWED)[self.record]
 
     @property
-    def bank_record(self) -> BankRecord:
-        """What the bank is given, from a start at zero."""
+    def grid_record(self) -> GridRecord:
+        """What the grid filter is given, from a start at zero."""
         start, test = self.covariance, self.test
         states = self.model, np.zeros(len(start)), start
-        return BankRecord(*states, test.known, test.values, self.nuisances, self.biased, self.settled)
+        return GridRecord(*states, test.known, test.values, self.considered, self.biased, self.settled)
 
     @property
     def long(self) -> bool:
@@ -94,13 +101,13 @@ class RecordFilter:
 
 @dataclass(frozen=True)
 class FilteredRecord:
-    """run and smoothed; compared: by other filters, where they were asked for; bank: where it is one. Offsets of channels stand
-    behind x*."""
+    """run and smoothed; compared: by other filters, where they were asked for; grid_run: of the grid filter. Offsets of
+    channels stand behind x*."""
 
     run: FilterRun
     smoothed: Smoothed
     compared: Compared | None
-    bank: BankRun | None
+    grid_run: GridRun | None
 
     def without_sigma(self) -> FilteredRecord:
         """NaN for σ and covariance, so that what is computed from them is NaN; other filters are not compared by theirs."""
@@ -146,8 +153,8 @@ def record_filters(
 def filter_together(
     filters: Sequence[RecordFilter], wanted: Wants | None = None, progress: Progress = lambda share: None
 ) -> tuple[FilteredRecord, ...]:
-    """Filter and smoother of records that share their parameters and what is bonded, by the bank; of one by the filter of the
-    config. Raises InfeasibleError where the memory does not hold them.
+    """Filter and smoother of records that share their parameters and what is bonded, by the grid filter; of one by the filter
+    of the config. Raises InfeasibleError where the memory does not hold them.
 
     wanted: covariances that the smoother keeps of a record, by its filter, None: all of every instant; progress: called with the
     share of the way.
@@ -159,15 +166,17 @@ def filter_together(
         core = driven_with_offsets(first.model, known, biased)
         run = by_moments(first.problem, first.model, np.zeros(core.size), start, known, values, "all", biased)
         return (FilteredRecord(run, smooth(core, run, covariance=True), None, None),)
-    banks = filter_banks(filters, lambda share: progress(FILTER * share))
+    grid_runs = filter_records_on_grid(filters, lambda share: progress(FILTER * share))
     records: list[FilteredRecord] = []
-    for each, bank in zip(filters, banks, strict=True):
+    for each, grid_run in zip(filters, grid_runs, strict=True):
 
         def smoothing(share: float, done: int = len(records)) -> None:
             progress(FILTER + (1 - FILTER) * (done + share) / len(filters))
 
-        kept = None if wanted is None else wanted(each, bank.run)
-        records.append(FilteredRecord(bank.run, smooth_bank(each.bank_record, bank, kept, smoothing), None, bank))
+        kept = None if wanted is None else wanted(each, grid_run.run)
+        records.append(
+            FilteredRecord(grid_run.run, smooth_on_grid(each.grid_record, grid_run, kept, smoothing), None, grid_run)
+        )
     return tuple(records)
 
 
@@ -189,26 +198,28 @@ def filter_by_consistency(
     return tuple(results[i] for i in range(len(filters)))
 
 
-def filter_banks(filters: Sequence[RecordFilter], progress: Progress = lambda share: None) -> tuple[BankRun, ...]:
-    """The bank over the records, in the order of their places; progress: called with the share of the way."""
+def filter_records_on_grid(
+    filters: Sequence[RecordFilter], progress: Progress = lambda share: None
+) -> tuple[GridRun, ...]:
+    """The grid filter over the records, in the order of their places; progress: called with the share of the way."""
     order = np.argsort([each.record for each in filters])
     ratio = max(each.birge_ratio for each in filters)
-    records = [filters[i].bank_record for i in order]
-    banks = filter_records(records, "mean", progress=progress, birge_ratio=ratio)
-    return tuple(banks[i] for i in np.argsort(order))
+    records = [filters[i].grid_record for i in order]
+    grid_runs = filter_records(records, "mean", progress=progress, birge_ratio=ratio)
+    return tuple(grid_runs[i] for i in np.argsort(order))
 
 
 def _require_memory(filters: Sequence[RecordFilter], some: bool) -> None:
-    """Of what filter and smoother take at most; some: whether a bank's smoother keeps some covariances alone."""
+    """Of what filter and smoother take at most; some: whether a grid filter's smoother keeps some covariances alone."""
     first, steps = filters[0], sum(len(each.test.known) for each in filters)
     model, m, n, k = first.model, len(first.test.labels), len(first.covariance), len(first.model.unknowns.parameters)
     # mean and σ of filter and smoother with copies of them, and what channels read, innovate and are expected to
     numbers = 8 * n + 12 * m
-    beyond = len(first.nuisances.load)
+    beyond = len(first.considered.load)
     if first.problem.method != "bank":
         numbers += (3 if k else 2) * n**2
-    elif first.nuisances.learned:
-        d, points = len(first.nuisances.sources(model.model.size)), max(1, 2 * k)
+    elif first.considered.learned:
+        d, points = len(first.considered.sources(model.model.size)), max(1, 2 * k)
         numbers += (2 * points + 2) * (n + beyond) ** 2 + d * (4 * n + 5 * m)
     elif not some:
         numbers += (n + beyond) ** 2
@@ -223,7 +234,7 @@ def budget_in(record: RecordFilter, result: FilteredRecord) -> tuple[Shares, tup
         return {}, (f"more than {LONGEST_COMPARED} steps: no budget of the variance",)
     if len(record.biased):
         return {}, ("no budget of the variance where offsets of channels are unknown",)
-    known = record.bank_record, record.test.channels
+    known = record.grid_record, record.test.channels
     return budget_of(record.problem, record.tolerances, *known, result.run, result.smoothed)
 
 

@@ -301,7 +301,8 @@ def places_of(loads: Mapping[str, LoadSection], inputs: Sequence[str]) -> list[t
 
 
 def displaced(reduced: Reduced, record: RecordFilter) -> Displaced:
-    """By the coordinates of a filter, and by what misaligned loads add where it is a bank, which has z behind its states."""
+    """By the coordinates of a filter, and by what misaligned loads add where it is a grid filter, which has z behind its
+    states."""
     basis, n = reduced.basis, reduced.basis.shape[1]
     if record.problem.method == "bank":
         basis = np.hstack([basis, field_beyond(record.tolerances.loads, record.model, reduced)])
@@ -340,7 +341,7 @@ def wanted_of(
     """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
     its pictures; run: of the filter."""
     assert config.estimate is not None
-    beyond = len(record.nuisances.load) if record.problem.method == "bank" else 0  # z of a bank's smoother
+    beyond = len(record.considered.load) if record.problem.method == "bank" else 0  # z of a grid filter's smoother
     states, field = len(record.covariance) + beyond, config.estimate.field
     frames = np.zeros(0) if field is None else frames_of(field, run.time)
     most = (largest(record, run.mean[-1, 0])[0] + 1) * record.test.every

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.tolerances import Tolerances
-from strainsight.estimation.conditional import acceleration_change, on_loads, theta_at
+from strainsight.estimation.conditional import acceleration_change, load_rows, theta_at
 from strainsight.estimation.model import FilterModel
 from strainsight.records.reduced import Reduced
 from strainsight.sensors.candidates import ACCELERATION
@@ -122,7 +122,7 @@ def of_loads(
         direct[:, i] = loads.missed[each][at]
         if moving.any():
             direct[moving] = model.H[moving, : model.model.size] @ acceleration_change(model, at_guess, change)[0]
-        yield loads.source[each], *on_loads(model, direct), change
+        yield loads.source[each], *load_rows(model, direct), change
 
 
 def stacked(parts: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:

@@ -10,16 +10,16 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError, blame
-from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.conditional import ConsideredParameters
 from strainsight.estimation.consistency import input_error, load_scale
+from strainsight.estimation.grid_filter import GridRun, filter_on_grid
+from strainsight.estimation.grid_filter_smoother import smooth_on_grid
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.record import BankRecord, Settled
+from strainsight.estimation.record import GridRecord, Settled
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.smoother import Smoothed, smooth
+from strainsight.experiment.structure.considered import Tolerated, build_considered, on_average
 from strainsight.experiment.structure.filtering import by_moments, together
-from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, on_average
 from strainsight.experiment.structure.problem import Problem, initial_covariance, sample_std, settled_under
 from strainsight.experiment.structure.references import unknown_units
 from strainsight.experiment.structure.start import Loading, loading_of
@@ -29,10 +29,10 @@ from strainsight.loads.histories import instant_values
 
 @dataclass(frozen=True)
 class TrialRuns:
-    """run: B runs of a filter; banks: what each run's bank found, none of another filter, None for one that failed."""
+    """run: B runs of a filter; grid_runs: what each run's grid filter found, none of another filter, None for one that failed."""
 
     run: FilterRun
-    banks: tuple[BankRun | None, ...]
+    grid_runs: tuple[GridRun | None, ...]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Trial:
     """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N], loads that the filter is given;
     truth and its motion; history: unknown's name → (T + 1,) [SI]; gauges: numbers of those of the layout, chosen (k,) their
     channels, stopped: how many of them a sharp edge has kept from being misplaced as far as stated; covariance P₀ (n*, n*);
-    settled: how the motion of a bank begins where that is known;
+    settled: how the motion of a grid filter begins where that is known;
     units: unknown's name → unit; tolerated: what σ allows of the channels that are filtered;
     again: number of a realisation → what the layout reads without noise (T + 1, k) where the truth is drawn anew, None where
     nothing is drawn."""
@@ -99,8 +99,8 @@ class Trial:
     ) -> TrialRuns:
         """The filter of the config on measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none.
 
-        start (B, n*) of x* at t = 0, None: zero; keep: whether what a smoother needs is kept; with "mean" a bank under known
-        loads has its parameters alone; refuse: raise NumericalError where every run fails, and not mark them lost."""
+        start (B, n*) of x* at t = 0, None: zero; keep: whether what a smoother needs is kept; with "mean" a grid filter under
+        known loads has its parameters alone; refuse: raise NumericalError where every run fails, and not mark them lost."""
         P, mean = self.covariance, np.zeros(model.size) if start is None else start
         if self.problem.method != "bank":
             run = by_moments(self.problem, model, mean, P, self.known, measured, keep, refuse=refuse)
@@ -109,34 +109,34 @@ class Trial:
         runs = samples.shape[1]
         sets, starts = np.broadcast_to(channels, (runs, channels.shape[-1])), np.broadcast_to(mean, (runs, model.size))
         keep = "parameters" if keep == "mean" and not model.unknowns.inputs else keep
-        banks: list[BankRun | None] = []
+        grid_runs: list[GridRun | None] = []
         failure: NumericalError | None = None
         for b in range(runs):
             has = sets[b] >= 0
-            alone, nuisances = self._with_tolerances(_of_run(model, b).of_channels(has), sets[b][has])
+            alone, considered = self._with_tolerances(_of_run(model, b).of_channels(has), sets[b][has])
             try:
-                known_to_it = P, self.known, samples[:, b, has], nuisances
-                banks.append(filter_bank(BankRecord(alone, starts[b], *known_to_it, settled=self.settled), keep))
+                known_to_it = P, self.known, samples[:, b, has], considered
+                grid_runs.append(filter_on_grid(GridRecord(alone, starts[b], *known_to_it, settled=self.settled), keep))
             except NumericalError as error:
                 failure = error
-                banks.append(None)
-        if failure is not None and refuse and all(bank is None for bank in banks):
+                grid_runs.append(None)
+        if failure is not None and refuse and all(grid_run is None for grid_run in grid_runs):
             raise failure
-        return TrialRuns(together(model, banks, sets, len(self.known)), tuple(banks))
+        return TrialRuns(together(model, grid_runs, sets, len(self.known)), tuple(grid_runs))
 
     def smoothed(self, model: FilterModel, measured: np.ndarray, filtered: TrialRuns) -> Smoothed:
         """What all samples (T, k) of the layout's channels say of every instant, from a start at zero."""
         if self.problem.method != "bank":
             return smooth(model, filtered.run)
-        bank = filtered.banks[0]
-        assert bank is not None  # a bank that fails alone is refused
-        model, nuisances = self._with_tolerances(model, self.chosen)
-        samples = self.covariance, self.known, measured, nuisances
-        return smooth_bank(BankRecord(model, np.zeros(model.size), *samples, settled=self.settled), bank)
+        grid_run = filtered.grid_runs[0]
+        assert grid_run is not None  # a grid filter that fails alone is refused
+        model, considered = self._with_tolerances(model, self.chosen)
+        samples = self.covariance, self.known, measured, considered
+        return smooth_on_grid(GridRecord(model, np.zeros(model.size), *samples, settled=self.settled), grid_run)
 
-    def _with_tolerances(self, model: FilterModel, channels: np.ndarray) -> tuple[FilterModel, Nuisances]:
+    def _with_tolerances(self, model: FilterModel, channels: np.ndarray) -> tuple[FilterModel, ConsideredParameters]:
         model = on_average(self.tolerated, model, channels)
-        return model, nuisances_of(self.tolerated, model, channels)
+        return model, build_considered(self.tolerated, model, channels)
 
 
 def _of_run(model: FilterModel, b: int) -> FilterModel:

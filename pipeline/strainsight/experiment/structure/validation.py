@@ -9,40 +9,40 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
-from strainsight.estimation.conditional import no_nuisances
-from strainsight.estimation.consistency import after_start, nees, nis, settling_time, verdict, whiteness
+from strainsight.estimation.conditional import none_considered
+from strainsight.estimation.consistency import after_start, check_innovations, nees, nis, settling_time, whiteness
 from strainsight.estimation.decision import (
     WITHHELD,
     Benefit,
     Claim,
     Decision,
+    autocorrelation_time,
     band_of,
     benefit_of,
     claims_of,
-    samples_alike,
     without_sigma,
 )
 from strainsight.estimation.model import FilterModel, physical, surface_reading
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.layout.gauge_list import layout_labels
+from strainsight.experiment.structure.considered import budget_of, tolerated
 from strainsight.experiment.structure.filtering import (
     beyond_ranges,
-    by_bank,
     compared,
     excluded,
     excluded_in_words,
+    grid_filter_values,
     histories,
     posterior_doubts,
     posterior_numbers,
     posteriors_of,
     widen,
 )
-from strainsight.experiment.structure.nuisances import budget_of, tolerated
 from strainsight.experiment.structure.problem import (
     filter_model,
     judged_as_stated_in_words,
@@ -128,7 +128,7 @@ def validation_of(
     run, smoothed = filtered.run, trial.smoothed(model, measured, filtered)
     compare = problem.method == "bank" and config.filter.compare is not False
     samples = trial.covariance, trial.known, measured
-    record = BankRecord(model, np.zeros(model.size), *samples, no_nuisances(model), settled=trial.settled)
+    record = GridRecord(model, np.zeros(model.size), *samples, none_considered(model), settled=trial.settled)
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies, lost = studies_of(
         trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch
@@ -150,7 +150,7 @@ def validation_of(
         ),
         field=_field(trial, model, run),
         sweep=swept,
-        posterior=posteriors_of(problem, trial.covariance, filtered.banks[0] if filtered.banks else None),
+        posterior=posteriors_of(problem, trial.covariance, filtered.grid_runs[0] if filtered.grid_runs else None),
         compared=compared(problem, record) if compare else None,
         budget=budget_of_shares(budget),
     )
@@ -159,7 +159,7 @@ def validation_of(
         validated,
         accuracies(trial, model, run, smoothed, validated.all),
         float(whiteness(run.whitened[:, 0])),
-        verdict(run.whitened[:, 0]).text,
+        check_innovations(run.whitened[:, 0]).text,
         lost,
         without,
     )
@@ -187,7 +187,7 @@ def validation_output(structure: Structure, validation: Validation) -> Output:
         claims = {
             name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in validation.accuracy
         }
-        numbers |= {f"claim.{name}": every[0].verdict for name, every in claims.items() if every}
+        numbers |= {f"claim.{name}": every[0].result for name, every in claims.items() if every}
     units = {name: load.unit for name, load in config.loads.items()}
     field = {"true": shown.field.true, "strain": shown.field.strain, "std": shown.field.std}
     # Where not all read strain, an array has several units.
@@ -212,12 +212,12 @@ def _decision(config: PlacementConfig, validation: Validation) -> Decision:
     """Whether σ is given: not of parameters beyond their ranges, nor where another filter excludes the estimate."""
     accuracy, trial = validation.validated, validation.trial
     ends = {name: (accuracy.smoothed[name][-1], accuracy.smoothed_std[name][-1]) for name in accuracy.smoothed}
-    apart = excluded(ends, by_bank(accuracy.compared)) if tolerances_of(config.tolerances) == NONE else ""
+    apart = excluded(ends, grid_filter_values(accuracy.compared)) if tolerances_of(config.tolerances) == NONE else ""
     beyond = beyond_ranges(
         config, trial.problem, {name: accuracy.estimate for name, accuracy in validation.accuracy.items()}
     )
     reasons = (excluded_in_words(apart, trial.settled is not None, "train.settle"),)
-    return Decision(reasons=reasons, beyond=beyond, remedy=widen(beyond))
+    return Decision(reasons=reasons, out_of_range=beyond, remedy=widen(beyond))
 
 
 def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
@@ -309,7 +309,7 @@ def accuracies(
 def _draws(error: np.ndarray, std: np.ndarray) -> int:
     """Independent draws that a load's error (T + 1,) is worth after the first tenth of the run."""
     scaled = after_start(np.divide(error, std, out=np.full_like(error, np.nan), where=std > 0))
-    return max(1, int(np.count_nonzero(np.isfinite(scaled)) / samples_alike(scaled)))
+    return max(1, int(np.count_nonzero(np.isfinite(scaled)) / autocorrelation_time(scaled)))
 
 
 def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
@@ -346,7 +346,7 @@ def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
         if accuracy.settling_time is not None:
             numbers[f"settling_time.{name}"] = accuracy.settling_time
         if accuracy.benefit is not None:
-            numbers[f"benefit.{name}"] = accuracy.benefit.verdict
+            numbers[f"benefit.{name}"] = accuracy.benefit.result
         if accuracy.rank is not None:
             numbers |= {f"rank_{key}.{name}": value for key, value in vars(accuracy.rank).items()}
     return (
@@ -376,7 +376,7 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
         f"placement brings no benefit for {name} here: {accuracy.benefit.as_well} of {accuracy.benefit.sets} random layouts of "
         "the same size do as well"
         for name, accuracy in validation.accuracy.items()
-        if accuracy.benefit is not None and accuracy.benefit.verdict == "none"
+        if accuracy.benefit is not None and accuracy.benefit.result == "none"
     ]
     for name, accuracy in validation.accuracy.items():
         if name in trial.problem.unknowns.parameters:

@@ -27,11 +27,9 @@ from strainsight.multibody.relations import Relation, bearing_displacements, dot
 
 @dataclass(frozen=True)
 class BearingLoad:
-    """F = ∂Π/∂q, the load on the inner ring that holds it at q while the outer ring is at rest.
-
-    force (5,) [N, N, N, N m, N m]; tangent (5, 5) = ∂F/∂q, symmetric, positive semidefinite;
-    slopes (5, 6) = ∂F/∂θ, θ in the order of PARAMETERS, zero where they were not asked for; energy Π [J].
-    """
+    """F = ∂Π/∂q, the load on the inner ring that holds it at q while the outer ring is at rest. force (5,) [N, N, N, N m, N
+    m]; tangent (5, 5) = ∂F/∂q, symmetric, positive semidefinite; slopes (5, 6) = ∂F/∂θ, θ in the order of PARAMETERS, zero
+    where they were not asked for; energy Π [J]."""
 
     force: np.ndarray
     tangent: np.ndarray
@@ -41,12 +39,10 @@ class BearingLoad:
 
 @dataclass(frozen=True)
 class BallLoads:
-    """What every ball carries, contacts in the order il, ir, ol, or.
-
-    angle (z,) station φ [rad]; force (z, 4) Q [N]; contact_angle (z, 4) β [rad] from the radial plane; pressure (z, 4) peak
-    [Pa]; approach (z, 4) |p − c_k| − L_k [m], negative: gap; centre (z, 2) p = (V, W), axial and radial from the pitch
-    circle [m]; semi_axes (z, 4, 2) of the contact ellipse along and across the raceway [m].
-    """
+    """What every ball carries, contacts in the order il, ir, ol, or. angle (z,) station φ [rad]; force (z, 4) Q [N];
+    contact_angle (z, 4) β [rad] from the radial plane; pressure (z, 4) peak [Pa]; approach (z, 4) |p − c_k| − L_k [m],
+    negative: gap; centre (z, 2) p = (V, W), axial and radial from the pitch circle [m]; semi_axes (z, 4, 2) of the contact
+    ellipse along and across the raceway [m]."""
 
     angle: np.ndarray
     force: np.ndarray
@@ -115,21 +111,23 @@ def _five(what: str, values: np.ndarray, last: str = "two about y and z") -> np.
     """Five numbers (5,) along the motions of the inner ring. Raises UserError for others; last: what the last two are."""
     x = np.ascontiguousarray(values, dtype=float)
     if x.shape != (5,) or not np.isfinite(x).all():
-        raise UserError(f"a bearing {what} {x.tolist()}", remedy=f"give five finite numbers: axial, two radial, {last}")
+        raise UserError(
+            f"invalid bearing {what} {x.tolist()}", remedy=f"specify five finite numbers: axial, two radial, {last}"
+        )
     return x
 
 
 def _unsettled(ball: int, excess: float, q: np.ndarray) -> NumericalError:
     return NumericalError(
-        f"ball {ball} of the bearing finds no equilibrium: its force remains unbalanced by {excess:.1e} times the tolerance"
+        f"ball {ball} of the bearing has no equilibrium: its unbalanced force is {excess:.1e} times the tolerance"
         f" at the displacement ({', '.join(f'{value:.4g}' for value in q)})",
-        remedy="the displacement may be absurd: take a smaller time step or a better start",
+        remedy="use a smaller time step or a better start: the displacement may be unrealistic",
     )
 
 
 ITERATIONS = 200
 FLOOR = 1e-9
-"""Approach, as a share of the ball diameter, at which the forces are below all that a load is resolved to."""
+"""Approach, as a share of the ball diameter, below which forces are negligible."""
 
 
 def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
@@ -148,18 +146,22 @@ def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = 
     unit = np.array([1.0, 1.0, 1.0, 2 / bearing.pitch_diameter, 2 / bearing.pitch_diameter])
     size, most = float(np.abs(unit * F).max()), _largest_force(bearing)
     if size > most:
-        raise _none(InfeasibleError, F, f"its balls together carry {most:.3g} N at an approach of one ball diameter")
+        raise _none(
+            InfeasibleError, F, f"all balls together carry only {most:.3g} N at an approach of one ball diameter"
+        )
     y, left = _newton(bearing, unit, F, y / unit)
     factor = 1e-6 * most / size if left > 1 else 1.0
     while left > 1 or factor > 1:
         factor = max(factor / 4, 1.0)
         y, left = _newton(bearing, unit, factor * F, y)
         if left > 1:
-            why = f"after {ITERATIONS} steps {left:.1e} times the tolerated force remains unbalanced"
+            why = f"after {ITERATIONS} steps the unbalanced force is {left:.1e} times the tolerance"
             raise _none(NumericalError, factor * F, why)
     semi_axis = float(ball_loads(bearing, unit * y).semi_axes.max())
     if semi_axis > bearing.ball_diameter / 2:
-        raise _none(InfeasibleError, F, f"a contact ellipse would reach {1e3 * semi_axis:.4g} mm, beyond the ball")
+        raise _none(
+            InfeasibleError, F, f"a contact ellipse would extend {1e3 * semi_axis:.4g} mm, more than the ball radius"
+        )
     return unit * y
 
 
@@ -170,13 +172,13 @@ def _largest_force(bearing: Bearing) -> float:
 
 def _none(kind: type[StrainsightError], F: np.ndarray, why: str) -> StrainsightError:
     return kind(
-        f"the bearing finds no equilibrium under the load ({', '.join(f'{x:.4g}' for x in F)}): {why}",
-        remedy="load or preload may be far beyond what the bearing carries: look at the pressures under a smaller one",
+        f"the bearing has no equilibrium under the load ({', '.join(f'{x:.4g}' for x in F)}): {why}",
+        remedy="reduce load or preload, and check the contact pressures: they may far exceed the capacity of the bearing",
     )
 
 
 def _newton(bearing: Bearing, unit: np.ndarray, F: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, float]:
-    """The minimiser in y = q/unit, and the force that remains unbalanced as a multiple of what is tolerated."""
+    """The minimiser in y = q/unit, and the unbalanced force as a multiple of the tolerance."""
     span = float(np.max(bearing.contacts.table[:, 2]))
     floor = FLOOR**1.5 * _largest_force(bearing)
     trust = 1e-3 * bearing.ball_diameter
@@ -197,12 +199,12 @@ def _newton(bearing: Bearing, unit: np.ndarray, F: np.ndarray, y: np.ndarray) ->
         promised = -(g @ step + 0.5 * step @ H @ step)
         # close to the end the energies differ by less than their rounding: the residual decides
         rounded = promised <= 1e-12 * (abs(value) + abs(F @ (unit * y)))
-        kept = float(better) if rounded else (value - new_value) / promised
-        if kept < 0.25:
+        decrease = float(better) if rounded else (value - new_value) / promised
+        if decrease < 0.25:
             trust = 0.25 * float(np.linalg.norm(step))
-        elif kept > 0.75:
+        elif decrease > 0.75:
             trust = max(trust, 3 * float(np.linalg.norm(step)))
-        if kept > 1e-4:
+        if decrease > 1e-4:
             y, value, g, H = y + step, new_value, new_g, new_H
     return y, left
 
@@ -231,9 +233,9 @@ def _bounded_newton(H: np.ndarray, g: np.ndarray, trust: float) -> np.ndarray:
 
 
 TILT_WEIGHT, RADIAL_WEIGHT = 4.4, 2.2 * 1.73
-"""Weights of tilting moment and radial force beside the axial one in the friction of a ball slewing bearing."""
+"""Friction of a ball slewing bearing: weights of tilting moment and radial force relative to the axial force."""
 SMALL = 1.0
-"""[N or N m] below which the size of a load is rounded off, so that it has a slope at zero."""
+"""[N or N m] below which the size of a load is smoothed, so that it has a slope at zero."""
 
 
 @dataclass(frozen=True)
@@ -256,18 +258,19 @@ class Drag:
 
     @property
     def turns(self) -> bool:
-        """Whether it resists the turn."""
+        """Whether friction resists the rotation."""
         return bool(self.moment or self.coefficient or self.viscous)
 
 
 def ring_relations(outer: Frame, inner: Frame, drag: Drag) -> tuple[Relation, ...]:
-    """The five displacements of the inner ring in the outer one; with friction cosine and sine of its turn about x, too."""
+    """The five displacements of the inner ring relative to the outer one; with friction also cosine and sine of its rotation
+    about x."""
     five = bearing_displacements(outer, inner)
     return (*five, dot(outer, 1, inner, 1), dot(outer, 2, inner, 1)) if drag.turns else five
 
 
 class BearingLaw:
-    """F(ρ, ρ̇, θ) of a bearing on `ring_relations`; θ: those of its parameters that are free, by name, in order."""
+    """F(ρ, ρ̇, θ) of a bearing on `ring_relations`; θ: its free parameters, by name, in order."""
 
     def __init__(self, bearing: Bearing, free: Sequence[str] = (), drag: Drag | None = None):
         self._places = [PARAMETERS.index(name) for name in free]
@@ -282,7 +285,7 @@ class BearingLaw:
         if drag.damping.any():
             rate = np.diag(drag.damping)
             ring = ring._replace(F=ring.F + rate @ rho_dot[:5], F_rate=rate)
-        return self._turned(balls.force, ring, rho[5:], rho_dot[5:]) if drag.turns else ring
+        return self._add_friction(balls.force, ring, rho[5:], rho_dot[5:]) if drag.turns else ring
 
     def _move(self, theta: np.ndarray) -> None:
         if self._places and not np.array_equal(self._at.parameters[self._places], theta):
@@ -290,13 +293,13 @@ class BearingLaw:
             values[self._places] = theta
             self._at = self._bearing.with_parameters(values)
 
-    def _turned(self, held: np.ndarray, ring: Load, rho: np.ndarray, rho_dot: np.ndarray) -> Load:
-        """With the moment against the turn; held (5,): what the balls carry."""
+    def _add_friction(self, force: np.ndarray, ring: Load, rho: np.ndarray, rho_dot: np.ndarray) -> Load:
+        """Add the friction moment about the bearing axis; force (5,): load of the balls."""
         drag, D = self._drag, self._at.pitch_diameter
-        squares = np.array([held[0] ** 2, held[1] ** 2 + held[2] ** 2, held[3] ** 2 + held[4] ** 2])
+        squares = np.array([force[0] ** 2, force[1] ** 2 + force[2] ** 2, force[3] ** 2 + force[4] ** 2])
         size = np.sqrt(squares + SMALL**2)
         share = 0.5 * drag.coefficient * np.array([D, RADIAL_WEIGHT * D, TILT_WEIGHT])
-        by_load = held * (share / size)[[0, 1, 1, 2, 2]]
+        by_load = force * (share / size)[[0, 1, 1, 2, 2]]
         _, slope, bend = turned_by(rho)
         coulomb = drag.moment + float(share @ (size - SMALL))
         T, steep, by_coulomb = regular_friction(float(slope @ rho_dot), coulomb, drag.viscous, drag.speed)
@@ -311,20 +314,20 @@ class BearingLaw:
 
     @property
     def address(self) -> int:
-        """0, which is in Python, where the bearing takes from motion."""
+        """Address of the compiled law; 0, for a law in Python, with friction or damping."""
         if self._drag.turns or self._drag.damping.any():
             return 0
         return int(compiled_law(ring_law, "multibody/bearing/ring.py").address)
 
     @property
     def memory(self) -> int:
-        """What is kept of every ball, from which it is followed."""
+        """Stored values of the balls, from which they are tracked."""
         return 6 + KEPT * self._bearing.balls
 
     def numbers(self, theta: np.ndarray) -> np.ndarray:
-        """As `ring_law` takes them."""
+        """Numbers of `ring_law`."""
         self._move(theta)
-        own = self._at
-        sizes = [own.pitch_diameter / 2, own.ball_diameter, own.balls]
-        parts = own.contacts.table.ravel(), own.contacts.centrifugal, sizes, own.turns.ravel(), self._places
+        cache = self._at
+        sizes = [cache.pitch_diameter / 2, cache.ball_diameter, cache.balls]
+        parts = cache.contacts.table.ravel(), cache.contacts.centrifugal, sizes, cache.turns.ravel(), self._places
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])

@@ -1,4 +1,4 @@
-"""What a four-point-contact ball bearing is made of, and where its groove centres stand."""
+"""Geometry of a four-point-contact ball bearing: its parameters and groove centres."""
 
 from __future__ import annotations
 
@@ -36,10 +36,8 @@ def point_contact(along: float, across: float, modulus: float) -> tuple[float, f
 
 @inner
 def _elliptic(k: float) -> tuple[float, float]:
-    """K(m) and s(m) = (1 − E(m)/K(m))/m at m = 1 − k², by the arithmetic-geometric mean, to round-off for 0 < k ≤ 1.
-
-    c₁² = m (1 − k)/(4 (1 + k)) is divided by m beforehand, so that the circle m = 0 is no special case.
-    """
+    """K(m) and s(m) = (1 − E(m)/K(m))/m at m = 1 − k², by the arithmetic-geometric mean, to round-off for 0 < k ≤ 1. c₁² = m
+    (1 − k)/(4 (1 + k)) is divided by m beforehand, so that the circle m = 0 is no special case."""
     a, b = 0.5 * (1 + k), math.sqrt(k)
     c = 0.5 * (1 - k)
     term = 0.25 * (1 - k) / (1 + k)
@@ -90,10 +88,8 @@ def groove_curvatures(ball: float, groove: float, pitch: float, cosine: float, s
 def groove_contact(
     ball: float, groove: float, pitch: float, cosine: float, side: float, modulus: float
 ) -> tuple[float, float, float]:
-    """K of a ball in a groove, ∂K/∂D and ∂K/∂r by the chain rule of `point_contact` over `groove_curvatures`.
-
-    Arguments as in `groove_curvatures`; modulus E* [Pa]. Returns [N/m^1.5], [N/m^2.5], [N/m^2.5].
-    """
+    """K of a ball in a groove, ∂K/∂D and ∂K/∂r by the chain rule of `point_contact` over `groove_curvatures`. Arguments as in
+    `groove_curvatures`; modulus E* [Pa]. Returns [N/m^1.5], [N/m^2.5], [N/m^2.5]."""
     along, across = groove_curvatures(ball, groove, pitch, cosine, side)
     constant, share = point_contact(along, across, modulus)
     gamma = side * ball * cosine / pitch
@@ -130,11 +126,11 @@ CONTACTS = ("inner left", "inner right", "outer left", "outer right")
 
 AXIAL = np.array([1.0, -1.0, 1.0, -1.0])
 RADIAL = np.array([1.0, 1.0, -1.0, -1.0])
-"""Signs of the direction from the ball to the groove centre, (± sin α, ± cos α): also that of the force on the ball."""
+"""Sign of the direction from the ball to the groove centre, (± sin α, ± cos α), which is also that of the force on the ball."""
 
 LEAST_GAP, WIDEST = 1e-9, 1e6
-"""Share of the ball's radius by which a groove's must be larger, and how many times it may be as large: beyond, rounding
-leaves no contact ellipse."""
+"""Least relative excess of the groove radius over the ball radius, and its largest ratio: beyond, rounding leaves no contact
+ellipse."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +189,9 @@ class Bearing:
         """The bearing at other θ (6,) [m]; the grooves remain cut for the same nominal values."""
         values = np.asarray(theta, float)
         if values.shape != (len(PARAMETERS),):
-            raise UserError(f"bearing parameters of shape {values.shape}", remedy=f"give six: {', '.join(PARAMETERS)}")
+            raise UserError(
+                f"bearing parameters have shape {values.shape}", remedy=f"specify six values: {', '.join(PARAMETERS)}"
+            )
         return replace(self, **dict(zip(PARAMETERS, values.tolist(), strict=True)))
 
     @cached_property
@@ -204,12 +202,10 @@ class Bearing:
 
     @cached_property
     def contacts(self) -> Contacts:
-        """What the forces need, computed once.
-
-        Groove centres  c_k = ℓ_k (± sin α, ± cos α),  ℓ_k = r_k − D/2  of now ("follow") or of the nominal ("fixed").
-        Hertz constants at the free contact angle, as Harris has them. Balls orbit at half the speed of the contact of the
-        inner ring, ω_c = ω (1 − D cos α/d_m)/2, on the pitch circle:  F_c = (π/6) ρ D³ ω_c² d_m/2.
-        """
+        """What the forces need, computed once. Groove centres  c_k = ℓ_k (± sin α, ± cos α),  ℓ_k = r_k − D/2  of now
+        ("follow") or of the nominal ("fixed"). Hertz constants at the free contact angle, as Harris has them. Balls orbit at
+        half the speed of the contact of the inner ring, ω_c = ω (1 − D cos α/d_m)/2, on the pitch circle:  F_c = (π/6) ρ D³
+        ω_c² d_m/2."""
         D, d_m = self.ball_diameter, self.pitch_diameter
         sine, cosine = math.sin(self.contact_angle), math.cos(self.contact_angle)
         follow = self.groove_centres == "follow"
@@ -229,12 +225,9 @@ class Bearing:
 
 @dataclass(frozen=True)
 class Contacts:
-    """The four contacts of a ball, relative to the pitch circle, with their slopes.
-
-    table (4, 10): x_k, ρ_k: groove centre [m];  L_k = r_k − D/2 − preload: distance of the ball centre at touch [m];
-    K_k [N/m^1.5];  ∂K_k/∂D, ∂K_k/∂r_k;  ∂x_k/∂D, ∂x_k/∂r_k;  ∂ρ_k/∂D, ∂ρ_k/∂r_k
-    centrifugal (2,): F_c [N], radially outwards, and ∂F_c/∂D [N/m]
-    """
+    """The four contacts of a ball, relative to the pitch circle, with their slopes. table (4, 10): x_k, ρ_k: groove centre
+    [m];  L_k = r_k − D/2 − preload: distance of the ball centre at touch [m]; K_k [N/m^1.5];  ∂K_k/∂D, ∂K_k/∂r_k;  ∂x_k/∂D,
+    ∂x_k/∂r_k;  ∂ρ_k/∂D, ∂ρ_k/∂r_k centrifugal (2,): F_c [N], radially outwards, and ∂F_c/∂D [N/m]"""
 
     table: np.ndarray
     centrifugal: np.ndarray
@@ -244,33 +237,35 @@ def _check(bearing: Bearing) -> None:
     for field in fields(bearing):
         value = getattr(bearing, field.name)
         if field.name not in ("groove_centres", "nominal") and not math.isfinite(value):
-            raise UserError(f"the bearing's {field.name} is {value}", remedy="give a finite number")
+            raise UserError(f"the bearing's {field.name} is {value}", remedy="specify a finite number")
     if bearing.balls < 3 or bearing.balls != int(bearing.balls):
         raise UserError(
-            f"a bearing of {bearing.balls} balls", remedy="give at least 3: fewer leave a tilt without stiffness"
+            f"the bearing has {bearing.balls} balls", remedy="specify at least 3: with fewer a tilt has no stiffness"
         )
     for name in ("pitch_diameter", "ball_diameter", "youngs_modulus"):
         if getattr(bearing, name) <= 0:
-            raise UserError(f"the bearing's {name} is {getattr(bearing, name):.6g}", remedy="give a positive value")
+            raise UserError(f"the bearing's {name} is {getattr(bearing, name):.6g}", remedy="specify a positive value")
     if not 0 < bearing.contact_angle < math.pi / 2:
         raise UserError(
-            f"a free contact angle of {math.degrees(bearing.contact_angle):.4g}°", remedy="give one between 0 and 90°"
+            f"the free contact angle is {math.degrees(bearing.contact_angle):.4g}°",
+            remedy="specify an angle between 0 and 90°",
         )
     if not -1 < bearing.poisson_ratio < 0.5 or bearing.density < 0:
         raise UserError(
             f"Poisson's ratio {bearing.poisson_ratio:.4g}, density {bearing.density:.4g} kg/m³",
-            remedy="give a ratio between -1 and 0.5 and a density that is not negative",
+            remedy="specify a ratio between -1 and 0.5 and a nonnegative density",
         )
     if bearing.groove_centres not in ("follow", "fixed"):
-        raise UserError(f"groove centres '{bearing.groove_centres}'", remedy="say follow or fixed")
+        raise UserError(f"groove centres '{bearing.groove_centres}'", remedy="set follow or fixed")
     if bearing.ball_diameter >= bearing.pitch_diameter:
         raise UserError(
-            f"balls of {1e3 * bearing.ball_diameter:.6g} mm on a pitch circle of {1e3 * bearing.pitch_diameter:.6g} mm",
-            remedy="the balls must be smaller than their pitch circle",
+            f"the balls have a diameter of {1e3 * bearing.ball_diameter:.6g} mm, the pitch circle "
+            f"{1e3 * bearing.pitch_diameter:.6g} mm",
+            remedy="the ball diameter must be smaller than the pitch diameter",
         )
     _check_grooves(bearing.ball_diameter, bearing.radii.tolist(), max(bearing.preload, 0.0), "")
     if len(bearing.nominal) != 5 or not all(math.isfinite(value) for value in bearing.nominal):
-        raise UserError(f"nominal values {bearing.nominal}", remedy="give the ball diameter and four groove radii")
+        raise UserError(f"nominal values {bearing.nominal}", remedy="specify the ball diameter and four groove radii")
     _check_grooves(bearing.nominal[0], list(bearing.nominal[1:]), 0.0, "nominal ")
 
 
@@ -278,9 +273,9 @@ def _check_grooves(ball: float, radii: list[float], oversize: float, which: str)
     for name, radius in zip(CONTACTS, radii, strict=True):
         if radius <= (1 + LEAST_GAP) * ball / 2 + oversize:
             raise UserError(
-                f"the {which}{name} groove of radius {1e3 * radius:.6f} mm does not pass a ball of radius"
+                f"the {which}{name} groove of radius {1e3 * radius:.6f} mm is too small for a ball of radius"
                 f" {1e3 * ball / 2:.6f} mm" + (f" with {1e6 * oversize:.4g} µm of preload" if oversize else ""),
-                remedy="make the groove radius larger than the ball's, usually by 2 to 8 %",
+                remedy="make the groove radius larger than the ball radius, usually by 2 to 8 %",
             )
         if radius > WIDEST * ball / 2:
             raise UserError(

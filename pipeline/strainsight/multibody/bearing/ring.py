@@ -1,4 +1,4 @@
-"""What all balls do to the rings: load, tangent and slopes, and each ball by itself: the inner loops."""
+"""Loads, tangents and slopes of all balls on the rings, and the equilibrium of each ball: the inner loops."""
 
 from __future__ import annotations
 
@@ -10,18 +10,16 @@ from strainsight.compiled import carray, inner, kept
 
 ITERATIONS = 200
 NEAR, FALL = 3e-8, 0.1
-"""Unbalanced force beside all forces on a ball from which one linear correction is exact to round-off, and by how much it
-has to fall in a step before."""
+"""Unbalanced force, relative to all forces on a ball, from which one linear correction is exact, and its required decrease
+before."""
 LOOSE = 1e-10
-"""Approach, as a share of the ball diameter, whose force counts as no contact."""
+"""Approach, as a share of the ball diameter, below which a contact has no force."""
 
 
 @inner
 def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: float, out: np.ndarray) -> None:
-    """c_k (4, 2) in the axial plane of one ball; those of the inner ring have moved by  A_k (u, w, τ).
-
-    A_k = [1 0 R + ρ_k; 0 1 −x_k];  u axial, w radial displacement [m], τ tilt about the tangent of the pitch circle [rad].
-    """
+    """c_k (4, 2) in the axial plane of one ball; those of the inner ring have moved by  A_k (u, w, τ). A_k = [1 0 R + ρ_k; 0
+    1 −x_k];  u axial, w radial displacement [m], τ tilt about the tangent of the pitch circle [rad]."""
     for k in range(4):
         out[k, 0], out[k, 1] = table[k, 0], table[k, 1]
         if k < 2:
@@ -31,20 +29,18 @@ def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: fl
 
 @inner
 def pinched(table: np.ndarray, c: np.ndarray) -> tuple[float, float]:
-    """The ball centre between the two opposite grooves that are farthest apart: exact where only they touch.
-
-    On their line, the elongation |c_i − c_o| − L_i − L_o divided as K_i^(−2/3) to K_o^(−2/3).
-    """
+    """Ball centre between the two opposite grooves that are farthest apart: exact if only they touch. On their line, the
+    elongation |c_i − c_o| − L_i − L_o is divided as K_i^(−2/3) to K_o^(−2/3)."""
     best, px, pr = -math.inf, 0.0, 0.0
     for i in range(2):
         for o in range(2, 4):
             ex, er = c[i, 0] - c[o, 0], c[i, 1] - c[o, 1]
-            apart = math.sqrt(ex * ex + er * er)
-            gap = apart - table[i, 2] - table[o, 2]
-            if gap > best and apart > 0:
+            distance = math.sqrt(ex * ex + er * er)
+            gap = distance - table[i, 2] - table[o, 2]
+            if gap > best and distance > 0:
                 best = gap
                 part = gap / (1 + (table[i, 3] / table[o, 3]) ** (2 / 3))
-                share = (table[i, 2] + part) / apart
+                share = (table[i, 2] + part) / distance
                 px, pr = c[i, 0] - share * ex, c[i, 1] - share * er
     return px, pr
 
@@ -112,11 +108,9 @@ def gradient_and_hessian(
 def ball_centre(
     table: np.ndarray, c: np.ndarray, push: float, soft: float, loose: float, state: np.ndarray
 ) -> tuple[float, float, float]:
-    """p = argmin Π(p): the equilibrium of one ball, thesis (1.18); Newton with halved steps on a convex function.
-
-    push F_c, loose [N], soft ε [N/m]; fills `state` (`contact_state`) at p. Returns p [m] and the force that remains
-    unbalanced, as a multiple of what is tolerated: above one the ball did not settle.
-    """
+    """p = argmin Π(p): the equilibrium of one ball, thesis (1.18); Newton with halved steps on a convex function. push F_c,
+    loose [N], soft ε [N/m]; fills `state` (`contact_state`) at p. Returns p [m] and the force that remains unbalanced, as a
+    multiple of what is tolerated: above one the ball did not settle."""
     px, pr = pinched(table, c)
     reach = 0.0
     for k in range(4):
@@ -169,8 +163,8 @@ def followed(
     pr: float,
     state: np.ndarray,
 ) -> tuple[bool, float, float]:
-    """Newton's own steps from p near the equilibrium of a ball that two grooves hold: whether that led there, and p; fills
-    `state` there. A last correction is taken into the forces to first order."""
+    """Full Newton steps from p near the equilibrium of a ball held by two grooves: whether they converged, and p; fills `state`.
+    A last correction is applied to the forces to first order."""
     before = math.inf
     for _ in range(4):
         total, rounding = contact_state(table, c, px, pr, state)
@@ -193,14 +187,14 @@ def followed(
 
 @inner
 def floors(table: np.ndarray, ball: float) -> tuple[float, float]:
-    """Regularisation ε [N/m] of a ball without contact and the force [N] that counts as none: far below any that matter."""
+    """Regularisation ε [N/m] of a ball without contact, and the negligible force [N]: far below all relevant values."""
     constant = np.max(table[:, 3])
     return 1e-16 * constant * math.sqrt(ball), constant * (LOOSE * ball) ** 1.5
 
 
 KEPT = 8
-"""Numbers that `ring_law` keeps of a ball: its centre, and how it follows the ring. Six stand before: whether there are any,
-the displacement."""
+"""Values stored by `ring_law` for a ball: its centre, and its slope with the ring. Six precede them: whether they exist, and the
+displacement."""
 
 
 @kept()
@@ -387,7 +381,8 @@ def each_ball(
     stations: np.ndarray,
     q: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int, float]:
-    """Centres p (z, 2) and vectors c_k − p (z, 4, 2) [m] of all balls; then the ball that did not settle, its excess."""
+    """Centres p (z, 2) and vectors c_k − p (z, 4, 2) [m] of all balls; then the ball without equilibrium, and its unbalanced
+    force."""
     soft, loose = floors(table, ball)
     centre, arm, c, state = (
         np.empty((len(stations), 2)),

@@ -1,4 +1,4 @@
-"""A system as the arrays that compiled code takes."""
+"""A system as arrays for compiled code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from strainsight.multibody.system import System
 
 MOTIONS = 6
-"""Minimal coordinates of a body that moves before its modal ones: a displacement, a turn."""
+"""Minimal coordinates of a moving body before its modal ones: displacement and rotation."""
 
 
 class Moments(NamedTuple):
@@ -31,10 +31,10 @@ class Moments(NamedTuple):
 
 
 class Sparsity(NamedTuple):
-    """What the matrix of a step needs: body, dt and feels of `Arrays`; joints: how many are held; tied, pushed (nb, any): the
-    bodies that a body shares a joint with, an element with, itself too; reached (nb, any): those that a row of the matrix reaches
-    through both; held (nb, any): the joint rows of a body. place (N,): where in the matrix the unknowns (nt, μ, λ) stand; low
-    (N,): the last row that a column can reach."""
+    """Sparsity of the matrix of a step: body, dt and feels of `Arrays`; joints: number of joint constraints. tied, pushed
+    (nb, any): bodies that share a joint or an element with a body, itself included; reached (nb, any): bodies coupled through
+    both; joint_rows (nb, any): joint constraints of a body. place (N,): positions of the unknowns (nt, μ, λ) in the matrix;
+    low (N,): last nonzero row of each column, fill-in included."""
 
     body: np.ndarray
     dt: np.ndarray
@@ -43,21 +43,20 @@ class Sparsity(NamedTuple):
     tied: np.ndarray
     pushed: np.ndarray
     reached: np.ndarray
-    held: np.ndarray
+    joint_rows: np.ndarray
     place: np.ndarray
     low: np.ndarray
 
 
 class Arrays(NamedTuple):
     """What a system is made of, by number; compiled functions take the part that they need, for each array is an argument.
-
     Bodies (nb): body (nb, 6): whether it moves, its first natural and its first minimal coordinate, modes, where its inertia
-    begins in `inertia` (−1: it is constant, in `mass`), number of minimal coordinates; d (n,), dt (nt,): diagonal scale of the
-    mass, natural and minimal. weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
+    begins in `inertia` (−1: it is constant, in `mass`), number of minimal coordinates; d (n,), dt (nt,): diagonal scale of
+    the mass, natural and minimal. weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
     Elements (ne): element (ne, 4): first row, rows, parameters and loads, where its memory begins; element_feels;
-    element_parameter: places in (θ, u). joints: how many constraints are held, rigid: how many come before theirs; drive (k, 4):
-    row of a driven constraint, of its second relation or −1, which drive, power; drive_at, drives: where p begins in u, how many.
-    """
+    element_parameter: places in (θ, u). joints: how many constraints are held, rigid: how many come before theirs; drive (k,
+    4): row of a driven constraint, of its second relation or −1, which drive, power; drive_at, drives: where p begins in u,
+    how many."""
 
     body: np.ndarray
     d: np.ndarray
@@ -80,8 +79,8 @@ class Arrays(NamedTuple):
 
 
 class StepPoint(NamedTuple):
-    """What a step starts from and under what: q, v (n,) at its start, h, u with p and ṗ behind the loads, θ, K(θ), C(θ) (n, n),
-    w (n,) or (0,); of every element the address of its law and where its numbers begin; the numbers."""
+    """Start and conditions of a step: q, v (n,), h, u with p and ṗ behind the loads, θ, K(θ), C(θ) (n, n), w (n,) or (0,);
+    addresses of the force laws, offsets of their numbers, and the numbers."""
 
     q: np.ndarray
     v: np.ndarray
@@ -97,7 +96,7 @@ class StepPoint(NamedTuple):
 
 
 class TrialState(NamedTuple):
-    """A state that an iteration tries: q (n,), ζ (nt,), μ, λ (m,)."""
+    """Trial state of an iteration: q (n,), ζ (nt,), μ, λ (m,)."""
 
     q: np.ndarray
     z: np.ndarray
@@ -106,7 +105,7 @@ class TrialState(NamedTuple):
 
 
 class StateChange(NamedTuple):
-    """Of a trial state: y and that of ζ (nt, k), of μ and λ (joints, k)."""
+    """Change of a trial state: y and that of ζ (nt, k), of μ and λ (joints, k)."""
 
     y: np.ndarray
     z: np.ndarray
@@ -134,7 +133,7 @@ class Terms(NamedTuple):
 
 
 def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Sparsity]:
-    """Over minimal coordinates. memory: numbers that every element's law keeps from one trial state to the next."""
+    """Arrays over minimal coordinates. memory: values that each law stores from one trial state to the next."""
     names = [body.name for body in system.bodies]
     body, inertia, flat = np.zeros((len(names), 6), dtype=np.int64), {x.at: x for x in system.inertia}, [np.zeros(0)]
     t0, begin, dt = 0, 0, []
@@ -163,8 +162,8 @@ def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Sparsity]:
     ]
     element_feels = [sorted({k for row in feels[first : first + rows] for k in row}) for first, rows, _ in elements]
     tied, pushed = _neighbours(len(names), feels[:joints]), _neighbours(len(names), element_feels)
-    near = [sorted({j for i in own for j in tied[i]}) for own in pushed]
-    held = [[row for row in range(joints) if k in feels[row]] for k in range(len(names))]
+    near = [sorted({j for i in bodies for j in tied[i]}) for bodies in pushed]
+    joint_rows = [[row for row in range(joints) if k in feels[row]] for k in range(len(names))]
     place = _places(body, near, feels[:joints])
     moments, most = system.moments, max(b.modes for b in system.bodies)
     rotation = np.zeros((len(moments), 3, most))
@@ -177,7 +176,7 @@ def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Sparsity]:
     for k, (first, rows, parameters) in enumerate(elements):
         table[k] = first, rows, parameters, sum(memory[:k])
     feeling, scale = _padded(feels, 4), np.concatenate(dt)
-    made = Arrays(
+    result = Arrays(
         body, np.ascontiguousarray(system.metric), scale, np.ascontiguousarray(system.mass), np.concatenate(flat),
         relations._replace(
             part=relations.part[rigid:], sign=relations.sign[rigid:], value=relations.value[rigid:], feels=feeling
@@ -199,15 +198,15 @@ def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Sparsity]:
         _padded(tied),
         _padded(pushed),
         _padded(near),
-        _padded(held),
+        _padded(joint_rows),
         place,
         _reach(body, near, feels[:joints], place),
     )
-    return made, pattern
+    return result, pattern
 
 
 def natural(system: System, s: Arrays) -> Arrays:
-    """The same over natural coordinates, in which the rigidity of bodies is a constraint: `balance`."""
+    """The same over natural coordinates, in which the rigidity of bodies is a constraint: see `balance`."""
     rigid, products = system.rigid, system.products
     body = products.body.copy()
     body[:, 4] = s.body[:, 4]
@@ -223,40 +222,40 @@ def natural(system: System, s: Arrays) -> Arrays:
 
 
 def _padded(rows: Sequence[Sequence[int]], least: int = 0) -> np.ndarray:
-    """Lists of different lengths as one array, filled up with −1."""
-    found = np.full((len(rows), max([least, *(len(row) for row in rows)])), -1, dtype=np.int64)
+    """Lists of different lengths as one array, padded with −1."""
+    padded = np.full((len(rows), max([least, *(len(row) for row in rows)])), -1, dtype=np.int64)
     for k, row in enumerate(rows):
-        found[k, : len(row)] = row
-    return found
+        padded[k, : len(row)] = row
+    return padded
 
 
 def _neighbours(count: int, groups: Sequence[Sequence[int]]) -> list[list[int]]:
-    found = [{k} for k in range(count)]
+    neighbours = [{k} for k in range(count)]
     for group in groups:
         for k in group:
-            found[k] |= set(group)
-    return [sorted(own) for own in found]
+            neighbours[k] |= set(group)
+    return [sorted(bodies) for bodies in neighbours]
 
 
 def _places(body: np.ndarray, near: list[list[int]], joints: list[list[int]]) -> np.ndarray:
-    """From the free ends of chains to what is held: every joint's multipliers behind the first of its bodies that has motions
-    left for them, so that elimination fills little and meets no zero."""
+    """Elimination order from the free ends of chains to the supports. Multipliers of a joint follow the first of its bodies with
+    remaining motions, for little fill-in and no zero pivot."""
     count = len(body)
     links = np.zeros((count, count))
-    for k, own in enumerate(near):
-        links[k, own] = links[own, k] = 1.0
+    for k, bodies in enumerate(near):
+        links[k, bodies] = links[bodies, k] = 1.0
     order = reverse_cuthill_mckee(csr_matrix(links), symmetric_mode=True)
     ground = {row[0] for row in joints if len(row) == 1} | {k for k in range(count) if not body[k, 0]}
     where = {int(k): i for i, k in enumerate(order)}
     if ground and np.mean([where[k] for k in ground]) < 0.5 * (count - 1):
         order = order[::-1]
     sequence: list[int] = []
-    nt, waiting, seen = int(body[:, 5].sum()), list(range(len(joints))), set()
+    nt, waiting, visited = int(body[:, 5].sum()), list(range(len(joints))), set()
     for k in map(int, order):
-        seen.add(k)
+        visited.add(k)
         sequence += range(body[k, 2], body[k, 2] + body[k, 5])
         free = int(body[k, 5])
-        now = [row for row in waiting if set(joints[row]) <= seen]
+        now = [row for row in waiting if set(joints[row]) <= visited]
         free -= len(now)
         for row in waiting:
             if row not in now and k in joints[row] and free > 0:
@@ -270,14 +269,14 @@ def _places(body: np.ndarray, near: list[list[int]], joints: list[list[int]]) ->
 
 
 def _reach(body: np.ndarray, near: list[list[int]], joints: list[list[int]], place: np.ndarray) -> np.ndarray:
-    """Last row (N,) that is not zero in a column or in one before it, elimination included."""
+    """Last nonzero row (N,) of each column and those before it, fill-in included."""
     nt, count = int(body[:, 5].sum()), len(joints)
     spans = [range(body[k, 2], body[k, 2] + body[k, 5]) for k in range(len(body))]
     filled = np.eye(len(place), dtype=bool)
-    for k, own in enumerate(near):
-        for j in own:
-            first, beside = place[list(spans[k])], place[list(spans[j])]
-            filled[np.ix_(first, beside)] = filled[np.ix_(beside, first)] = True
+    for k, bodies in enumerate(near):
+        for j in bodies:
+            first, second = place[list(spans[k])], place[list(spans[j])]
+            filled[np.ix_(first, second)] = filled[np.ix_(second, first)] = True
     for row, mine in enumerate(joints):
         felt = sorted({j for k in mine for j in near[k]})
         columns = place[[i for k in felt for i in spans[k]]]
@@ -292,69 +291,70 @@ def _reach(body: np.ndarray, near: list[list[int]], joints: list[list[int]], pla
 
 NONE = np.zeros(0)
 REMEMBERED = 4
-"""Values of θ for which what laws need is remembered."""
+"""Number of values of θ whose preparation is stored."""
 
 
 class Compiled:
-    """arrays with their pattern, natural: of the step, of `balance`; memory: how many numbers the laws keep; in_python: of every
-    element the law that is called back, or None."""
+    """arrays with their pattern, of the step; natural: of `balance`; memory: values stored by the laws; in_python: law called
+    back for each element, or None."""
 
     def __init__(self, system: System):
         laws = [element.force.law for element in system.elements]
         fast = [law if isinstance(law, CompiledLaw) and law.address else None for law in laws]
-        self.in_python = tuple(None if own else InPython(law) for own, law in zip(fast, laws, strict=True))
-        kept = [0 if own is None else own.memory for own in fast]
-        self.arrays, self.pattern = arrays(system, kept)
+        self.in_python = tuple(
+            None if compiled_law else InPython(law) for compiled_law, law in zip(fast, laws, strict=True)
+        )
+        memory = [0 if compiled_law is None else compiled_law.memory for compiled_law in fast]
+        self.arrays, self.pattern = arrays(system, memory)
         self.natural: Arrays = natural(system, self.arrays)
-        self.memory = sum(kept)
+        self.memory = sum(memory)
         self._prepared: dict[bytes, StepPoint] = {}
         self._numbers: list[tuple[bytes, np.ndarray] | None] = [None] * len(laws)
 
     def failure(self) -> Exception | None:
-        """The error of a law in Python at which compiled code stopped."""
-        return next(filter(None, [law.taken() for law in self.in_python if law is not None]), None)
+        """Error of a Python law that stopped compiled code."""
+        return next(filter(None, [law.pop_failure() for law in self.in_python if law is not None]), None)
 
     def at(self, system: System, theta: np.ndarray) -> StepPoint:
-        """A point with all that depends on θ (nθ,), and without a state. Raises the errors of a law that cannot have these
-        parameters."""
-        found = self._prepared.get(theta.tobytes())
-        if found is None:
-            found = self._prepare(system, theta)
+        """A point with everything that depends on θ (nθ,), without a state. Raises the errors of a law with these parameters."""
+        point = self._prepared.get(theta.tobytes())
+        if point is None:
+            point = self._prepare(system, theta)
             while len(self._prepared) >= REMEMBERED:
                 del self._prepared[next(iter(self._prepared))]
-            self._prepared[theta.tobytes()] = found
-        return found
+            self._prepared[theta.tobytes()] = point
+        return point
 
     def _prepare(self, system: System, theta: np.ndarray) -> StepPoint:
         address, begin, numbers, count = [], [], [np.zeros(0)], 0
         for e, (element, back) in enumerate(zip(system.elements, self.in_python, strict=True)):
             law = element.force.law
-            own = self._numbers_of(e, law, theta[element.parameters]) if back is None else np.zeros(0)
+            values = self._numbers_of(e, law, theta[element.parameters]) if back is None else np.zeros(0)
             address.append(back.address if back is not None else law.address)  # type: ignore[attr-defined]
             begin.append(count)
-            numbers.append(own)
-            count += len(own)
+            numbers.append(values)
+            count += len(values)
         K, C = system.at(theta)
         return StepPoint(
             NONE, NONE, 1.0, NONE, theta.copy(), np.ascontiguousarray(K), np.ascontiguousarray(C), NONE,
             np.array(address, dtype=np.int64), np.array(begin, dtype=np.int64), np.concatenate(numbers),
         )  # fmt: skip
 
-    def _numbers_of(self, e: int, law: ForceLaw, own: np.ndarray) -> np.ndarray:
-        """Those of element e, once for parameters that have not changed."""
+    def _numbers_of(self, e: int, law: ForceLaw, parameters: np.ndarray) -> np.ndarray:
+        """Numbers of element e, stored for unchanged parameters."""
         last = self._numbers[e]
-        if last is None or last[0] != own.tobytes():
+        if last is None or last[0] != parameters.tobytes():
             assert isinstance(law, CompiledLaw)
-            last = self._numbers[e] = own.tobytes(), np.asarray(law.numbers(own), dtype=float)
+            last = self._numbers[e] = parameters.tobytes(), np.asarray(law.numbers(parameters), dtype=float)
         return last[1]
 
 
 _compiled: WeakKeyDictionary[System, Compiled] = WeakKeyDictionary()
 
 
-def compiled(system: System) -> Compiled:
-    """The compiled form of a system, made once."""
-    found = _compiled.get(system)
-    if found is None:
-        found = _compiled[system] = Compiled(system)
-    return found
+def compile_system(system: System) -> Compiled:
+    """The compiled form of a system, created once."""
+    result = _compiled.get(system)
+    if result is None:
+        result = _compiled[system] = Compiled(system)
+    return result

@@ -16,11 +16,8 @@ from strainsight.multibody.relations import Relations, Values, Vectors, carried_
 
 @joined
 def carried(r: Relations, body: np.ndarray, q: np.ndarray, z: np.ndarray) -> Vectors:
-    """Vectors in minimal coordinates, J (nc, 3, 6 + k), its rate under q alone:
-
-    b = t r + R y,  y = c + C η;     δb = t δr + ε × Ry + RC δη
-    rate = t ṙ + ω × Ry + RC η̇;     δrate = ω × (ε × Ry + RC δη) + ε × RC η̇      at the same (ṙ, ω, η̇)
-    """
+    """Vectors in minimal coordinates, J (nc, 3, 6 + k), its rate under q alone: b = t r + R y,  y = c + C η;     δb = t δr +
+    ε × Ry + RC δη rate = t ṙ + ω × Ry + RC η̇;     δrate = ω × (ε × Ry + RC δη) + ε × RC η̇      at the same (ṙ, ω, η̇)"""
     nc, most = len(r.t), r.C.shape[2]
     b, rate, turned = np.zeros((nc, 3)), np.zeros((nc, 3)), np.zeros((nc, 3))
     J, Jr = np.zeros((nc, 3, 6 + most)), np.zeros((nc, 3, 6 + most))
@@ -110,8 +107,8 @@ def add_curvature(
                     K[t0 + m, u0 + n] += a0 * J[j, 0, n] + a1 * J[j, 1, n] + a2 * J[j, 2, n]
         if moving == 0:
             continue
-        own = weight * r.sign[row, p]
-        f0, f1, f2 = own * x[row, o, 0], own * x[row, o, 1], own * x[row, o, 2]
+        factor = weight * r.sign[row, p]
+        f0, f1, f2 = factor * x[row, o, 0], factor * x[row, o, 1], factor * x[row, o, 2]
         f = (f0, f1, f2)
         if lead == 12:
             for m in range(9):
@@ -206,7 +203,7 @@ def add_forces(
 ) -> int:
     """What is conjugate to relations, Σ F ∇ρ: loads, weights, elements, multipliers. The state."""
     nr, r1, r2, g = len(values.rho), terms.r1, terms.r2, terms.g
-    F, held, state = s.weights.copy(), np.zeros(nr), SOLVED
+    F, F_joint, state = s.weights.copy(), np.zeros(nr), SOLVED
     for k in range(len(s.input_row)):
         F[s.input_row[k]] = -p.u[s.input_which[k]]
     for e in range(len(s.element)):
@@ -218,26 +215,26 @@ def add_forces(
             state = NO_LOAD
             break
     for row in range(s.joints):
-        F[row], held[row] = -lam[s.rigid + row], mu[s.rigid + row]
+        F[row], F_joint[row] = -lam[s.rigid + row], mu[s.rigid + row]
     for row in range(nr):
         for f in range(4):
             k = s.relations.feels[row, f]
             if k >= 0:
                 for i in range(s.body[k, 2], s.body[k, 2] + s.body[k, 5]):
-                    r1[i] += held[row] * g[row, i]
+                    r1[i] += F_joint[row] * g[row, i]
                     r2[i] += F[row] * g[row, i]
     for k in range(len(s.drive) if tangents else 0):
         # the weight of a driven constraint is that of the two relations it is made of
         row, across = s.drive[k, 0], s.drive[k, 1]
         if across >= 0:
             angle = p.u[s.drive_at + s.drive[k, 2]]
-            F[across], held[across] = -np.sin(angle) * F[row], -np.sin(angle) * held[row]
-            F[row], held[row] = np.cos(angle) * F[row], np.cos(angle) * held[row]
+            F[across], F_joint[across] = -np.sin(angle) * F[row], -np.sin(angle) * F_joint[row]
+            F[row], F_joint[row] = np.cos(angle) * F[row], np.cos(angle) * F_joint[row]
     for row in range(nr if tangents else 0):
         if F[row] != 0.0:
             add_curvature(s.relations, s.body, row, F[row], vectors, values.x, terms.K)
-        if held[row] != 0.0:
-            add_curvature(s.relations, s.body, row, held[row], vectors, values.x, terms.X)
+        if F_joint[row] != 0.0:
+            add_curvature(s.relations, s.body, row, F_joint[row], vectors, values.x, terms.X)
     return state
 
 
@@ -247,7 +244,7 @@ def add_element(
 ) -> int:
     """The law of an element: its F, K += ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ ∂ρ̇), A += ∇ρᵀ ∂F/∂ρ̇ ∇ρ, ∂r₂/∂θ. Its answer."""
     first, n, parameters = s.element[e, 0], s.element[e, 1], s.element[e, 2]
-    own, slope, damped = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+    force, slope, damped = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
     by, mine = np.zeros((n, parameters)), np.empty(parameters)
     for j in range(parameters):
         which = s.element_parameter[e, j]
@@ -256,12 +253,12 @@ def add_element(
     numbers, kept_memory = p.numbers[p.begin[e] :], memory[s.element[e, 3] :]
     answer: int = call(
         p.address[e], n, parameters, numbers.ctypes.data, kept_memory.ctypes.data, here.ctypes.data, moving.ctypes.data,
-        mine.ctypes.data, own.ctypes.data, slope.ctypes.data, damped.ctypes.data, by.ctypes.data,
+        mine.ctypes.data, force.ctypes.data, slope.ctypes.data, damped.ctypes.data, by.ctypes.data,
     )  # fmt: skip
     if answer < 1:
         return answer
     for i in range(n):
-        F[first + i] = own[i]
+        F[first + i] = force[i]
     if not tangents:
         return answer
     g, gr = terms.g, terms.gr

@@ -11,7 +11,7 @@ TINY = float(np.finfo(float).tiny)
 
 
 @inner
-def scaled(s: Sparsity, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scale_terms(s: Sparsity, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """X̂ = h D⁻¹X D⁻¹, Â = h D⁻¹A D⁻¹ (in X and A); the matrix Z of
 
         D²(y/h − ζ) + … = X y − D²ζ + Jᵀμ = r₁,     K y + A ζ − Jᵀλ = r₂,     J_r y + J ζ = r₃,     J y = r₄
@@ -79,8 +79,8 @@ def scaled(s: Sparsity, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray,
                         if e >= 0:
                             for j in range(s.body[e, 2], s.body[e, 2] + s.body[e, 5]):
                                 row[j] += value * X[k, j]
-                for t in range(s.held.shape[1]):
-                    r = s.held[c, t]
+                for t in range(s.joint_rows.shape[1]):
+                    r = s.joint_rows[c, t]
                     if r >= 0:
                         value = 0.0
                         for k in range(s.body[c, 2], s.body[c, 2] + s.body[c, 5]):
@@ -115,8 +115,8 @@ def scaled(s: Sparsity, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray,
                             row[j] += value * X[k, j]
                 for j in range(left, right):
                     Z[mu, s.place[j]] += row[j]
-            for t in range(s.held.shape[1]):
-                o = s.held[b, t]
+            for t in range(s.joint_rows.shape[1]):
+                o = s.joint_rows[b, t]
                 if o >= 0:
                     value = 0.0
                     for j in range(begin, end):
@@ -132,10 +132,10 @@ def right_side(
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """r̂₁ = h D⁻¹r₁ (nt, k) and the right side (N, k) of Z:  h²D⁻¹r₂ + Âr̂₁,  h S r₃ + Ĵr̂₁,  S r₄  at their places."""
     nt, m, k = len(s.dt), s.joints, r1.shape[1]
-    own, right = np.empty((nt, k)), np.empty((nt + 2 * m, k))
+    rows, right = np.empty((nt, k)), np.empty((nt + 2 * m, k))
     for i in range(nt):
         for c in range(k):
-            own[i, c] = h / s.dt[i] * r1[i, c]
+            rows[i, c] = h / s.dt[i] * r1[i, c]
     for b in range(len(s.body)):
         for i in range(s.body[b, 2], s.body[b, 2] + s.body[b, 5]):
             to = s.place[i]
@@ -148,7 +148,7 @@ def right_side(
                         value = A[i, j]
                         if value != 0.0:
                             for c in range(k):
-                                right[to, c] += value * own[j, c]
+                                right[to, c] += value * rows[j, c]
     for r in range(m):
         to = s.place[nt + r]
         for c in range(k):
@@ -159,17 +159,15 @@ def right_side(
             if b >= 0:
                 for j in range(s.body[b, 2], s.body[b, 2] + s.body[b, 5]):
                     for c in range(k):
-                        right[to, c] += J[r, j] * own[j, c]
-    return own, right
+                        right[to, c] += J[r, j] * rows[j, c]
+    return rows, right
 
 
 @inner
 def factorise(Z: np.ndarray, low: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
     """Z = LU by Gauss with row pivots in the envelope, in place: whether Z is regular, the pivots, the last column of a row.
-
-    low (N,): the last row that a column reaches, not falling; so no row below is looked at, and what is filled stays within. As
-    the pattern of Z is that of its transpose, a row reaches no column beyond.
-    """
+    low (N,): the last row that a column reaches, not falling; so no row below is looked at, and what is filled stays within.
+    As the pattern of Z is that of its transpose, a row reaches no column beyond."""
     N = len(Z)
     pivots, last = np.empty(N, dtype=np.int64), np.empty(N, dtype=np.int64)
     for i in range(N):
@@ -238,8 +236,8 @@ def substitute(Z: np.ndarray, low: np.ndarray, pivots: np.ndarray, last: np.ndar
 
 
 @inner
-def expanded(
-    s: Sparsity, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, own: np.ndarray, z: np.ndarray
+def expand_step(
+    s: Sparsity, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, rows: np.ndarray, z: np.ndarray
 ) -> StateChange:
     """From the solution z (N, k) of Z."""
     nt, m, k = len(s.dt), s.joints, z.shape[1]
@@ -247,7 +245,7 @@ def expanded(
     for i in range(nt):
         for c in range(k):
             y[i, c] = z[s.place[i], c]
-            zeta[i, c] = -own[i, c]
+            zeta[i, c] = -rows[i, c]
     for b in range(len(s.body)):
         for i in range(s.body[b, 2], s.body[b, 2] + s.body[b, 5]):
             for n in range(s.tied.shape[1]):

@@ -7,28 +7,27 @@ import numpy as np
 from strainsight.compiled import inner
 from strainsight.multibody.compiled.arrays import Arrays, Sparsity, StateChange, StepPoint, TrialState
 from strainsight.multibody.compiled.equations import BROKEN, NO_LOAD, SOLVED, equations
-from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
+from strainsight.multibody.compiled.matrix import expand_step, factorise, right_side, scale_terms, substitute
 
 INFINITE, SINGULAR, ENDLESS = 3, 4, 5
-"""How an iteration ends beside SOLVED, NO_LOAD and BROKEN: not finite; singular; too many iterations."""
+"""Outcomes of an iteration other than SOLVED, NO_LOAD and BROKEN: not finite; singular; too many iterations."""
 ITERATIONS = 25
 CONVERGED = 1e-12
-"""Largest correction of a body's coordinates beside the coordinates themselves, or its expected successor."""
+"""Largest correction of a body, or its expected successor, relative to its coordinates."""
 ROUNDING = 1e-8
-"""A correction below this that no longer shrinks is rounding."""
+"""A smaller correction that no longer decreases is rounding."""
 DIGITS, OF_ITS_OWN = 1e-14, 1e-6
-"""So is one below the first beside the coordinates of the whole system, and the second beside those of its body: a body that
-hardly deforms follows the last digits of places that others have."""
+"""A correction is also rounding below these limits relative to the whole system and to its body. A nearly rigid body follows the
+last digits of other positions."""
 SLOW = 1e-3
-"""Motion in a step beside the coordinates below which the velocity is as good as none."""
+"""Motion in a step, relative to the coordinates, below which the velocity is negligible."""
 STILL = 1e-10
-"""Deformation of a body beside the whole system's coordinates that is as good as none: what no load deforms is rounding."""
+"""Deformation of a body, relative to the whole system, that is negligible: that of an unloaded body is rounding."""
 CLOSE, FAST, ROUNDED = 0.01, 1e-4, 1e-2
-"""A correction below which the next iteration tries the matrix of this one; what that one's has to be beside it to count; and
-what its expected successor has to be beside CONVERGED: with the old matrix corrections go on shrinking by the same factor
-only, and not by its square."""
+"""A correction below CLOSE lets the next iteration reuse its matrix. The next correction must be below FAST of it. Its expected
+successor must be below ROUNDED of CONVERGED: with the old matrix the convergence is linear only."""
 BELIEVED, LAST_DIGIT = 0.01, 1e-17
-"""What the successor of a first correction has to be beside CONVERGED where it is not looked at, and the least that it is."""
+"""Required successor of a first correction, relative to CONVERGED, if it is not computed, and its least value."""
 USUAL, SMALL = 2.0, 1e-6
 """Times the first correction of the step before, above which something has happened, a contact say; and the largest one whose
 successor is believed."""
@@ -49,13 +48,11 @@ def newton(
     lam: np.ndarray,
     corrections: np.ndarray,
 ) -> tuple[int, int, TrialState]:
-    """How it ended, iterations, and the state, from a trial q, v that is put on the rotations first, and μ, λ (m,).
-
-    Undamped while the corrections shrink; a step after which they grow, or to where a law has no load, is halved. corrections
-    (3,): the first two of a stage that led here, where they were last seen, and the first of the last one; or zeros. A first one
-    that is no larger than either, and whose successor, if it fell by its square as theirs, would be far below what is asked for,
-    is the only one. They are brought up to date, and the second counts for twice as much every time it is believed.
-    """
+    """How it ended, iterations, and the state, from a trial q, v that is put on the rotations first, and μ, λ (m,). Undamped
+    while the corrections shrink; a step after which they grow, or to where a law has no load, is halved. corrections (3,):
+    the first two of a stage that led here, where they were last seen, and the first of the last one; or zeros. A first one
+    that is no larger than either, and whose successor, if it fell by its square as theirs, would be far below what is asked
+    for, is the only one. They are brought up to date, and the second counts for twice as much every time it is believed."""
     nt, m = len(s.dt), s.joints
     q, z = on_rotations(s.body, nt, q, v)
     trial = last = TrialState(q, z, mu, lam)
@@ -72,20 +69,20 @@ def newton(
             share *= 0.5
             if not begun or share < LEAST:
                 return state, iteration, trial
-            trial = moved(s, last, change, share)
+            trial = move_state(s, last, change, share)
             again = False
             continue
         size, of_all, failed = np.inf, np.inf, not np.isfinite(total(r1) + total(r2) + total(r3) + total(r4))
         if not failed:
             if not again:
-                Z, J, S = scaled(pattern, p.h, terms)
+                Z, J, S = scale_terms(pattern, p.h, terms)
                 regular, pivots, ends = factorise(Z, pattern.low)
                 if not regular:
                     return SINGULAR, iteration, trial
                 old_X, old_A = terms.X, terms.A
-            own, right = right_side(pattern, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
+            rows, right = right_side(pattern, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
             substitute(Z, pattern.low, pivots, ends, right)
-            new = expanded(pattern, p.h, old_X, J, S, own, right)
+            new = expand_step(pattern, p.h, old_X, J, S, rows, right)
             size, of_all = correction(s, p.h, trial, new)
             failed = not np.isfinite(size)
         if again and (failed or size > FAST * before):
@@ -97,12 +94,12 @@ def newton(
             share *= 0.5
             if share < LEAST:
                 return ENDLESS, iteration, trial
-            trial = moved(s, last, change, share)
+            trial = move_state(s, last, change, share)
             continue
         if failed:
             return INFINITE, iteration, trial
         change, last, begun = new, trial, True
-        trial = moved(s, trial, change, 1.0)
+        trial = move_state(s, trial, change, 1.0)
         if iteration == 1:
             usual = size <= min(SMALL, corrections[0], USUAL * corrections[2])
             corrections[2] = size
@@ -111,12 +108,12 @@ def newton(
                 return SOLVED, iteration, trial
         if iteration == 2 and share == 1.0:
             corrections[0], corrections[1] = before, max(size, LAST_DIGIT)
-        beyond = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
+        extrapolated = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
         enough = ROUNDED if again else 0.1
         rounding = (
             iteration > 2 and size > 0.3 * before and (size < ROUNDING or (of_all < DIGITS and size < OF_ITS_OWN))
         )
-        if size <= CONVERGED or beyond <= enough * CONVERGED or rounding:
+        if size <= CONVERGED or extrapolated <= enough * CONVERGED or rounding:
             return SOLVED, iteration, trial
         # so near the end the change of the matrix is one of the next order
         again = size < CLOSE
@@ -136,18 +133,16 @@ def negative(r: np.ndarray) -> np.ndarray:
 @inner
 def total(r: np.ndarray) -> float:
     """Sum of r (n,)."""
-    found = 0.0
+    value = 0.0
     for i in range(len(r)):
-        found += r[i]
-    return found
+        value += r[i]
+    return value
 
 
 @inner
 def on_rotations(body: np.ndarray, nt: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """q (n,) with the nearest rotations for R, and the ζ (nt,) nearest to v: ω = ½ Σ R_β × V_β.
-
-    R ← ½(R + R⁻ᵀ) (Higham), whose quadratic convergence ends at the polar factor of any regular R.
-    """
+    """q (n,) with the nearest rotations for R, and the ζ (nt,) nearest to v: ω = ½ Σ R_β × V_β. R ← ½(R + R⁻ᵀ) (Higham),
+    whose quadratic convergence ends at the polar factor of any regular R."""
     q, z = q.copy(), np.empty(nt)
     C = np.empty(9)
     for k in range(len(body)):
@@ -190,7 +185,7 @@ def cofactors(R: np.ndarray, C: np.ndarray) -> None:
 
 
 @inner
-def moved(s: Arrays, trial: TrialState, change: StateChange, share: float) -> TrialState:
+def move_state(s: Arrays, trial: TrialState, change: StateChange, share: float) -> TrialState:
     """The state a share of a correction further: R ← exp([ε]×) R, put back on the rotations to round-off."""
     body, q, y = s.body, trial.q.copy(), change.y
     turn = np.empty(3)
@@ -240,8 +235,8 @@ def further(x: np.ndarray, change: np.ndarray, share: float) -> np.ndarray:
 
 @inner
 def correction(s: Arrays, h: float, trial: TrialState, change: StateChange) -> tuple[float, float]:
-    """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them; and of all
-    coordinates and velocities beside the coordinates of the whole system, [-]."""
+    """Largest correction of any body, relative to its coordinates and to its velocity (or SLOW of them); and of all coordinates
+    and velocities, relative to the coordinates of the whole system [-]."""
     body, d, dt, q, z, y, dz = s.body, s.d, s.dt, trial.q, trial.z, change.y, change.z
     count = len(body)
     squares, whole, moved_by, speed = np.zeros((count, 4)), 0.0, 0.0, 0.0
@@ -261,7 +256,7 @@ def correction(s: Arrays, h: float, trial: TrialState, change: StateChange) -> t
         return np.inf, np.inf
     largest = 0.0
     for k in range(count):
-        own = max(squares[k, 2], STILL**2 * whole)
-        largest = max(largest, squares[k, 0] / max(own, TINY))
-        largest = max(largest, squares[k, 1] / max(squares[k, 3], SLOW**2 * own, TINY))
+        scale = max(squares[k, 2], STILL**2 * whole)
+        largest = max(largest, squares[k, 0] / max(scale, TINY))
+        largest = max(largest, squares[k, 1] / max(squares[k, 3], SLOW**2 * scale, TINY))
     return float(np.sqrt(largest)), float(np.sqrt(moved_by / max(whole, TINY)))

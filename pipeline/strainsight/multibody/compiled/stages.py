@@ -10,7 +10,7 @@ from strainsight.compiled import inner, kept
 from strainsight.multibody.compiled.arrays import Arrays, Moments, Sparsity, StepPoint, TrialState
 from strainsight.multibody.compiled.blocks import natural_motions, natural_velocity
 from strainsight.multibody.compiled.equations import FILES, SOLVED, equations
-from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
+from strainsight.multibody.compiled.matrix import expand_step, factorise, right_side, scale_terms, substitute
 from strainsight.multibody.compiled.newton import newton
 
 ROWS = 7
@@ -18,14 +18,10 @@ ROWS = 7
 
 
 class Past(NamedTuple):
-    """What a stage leaves to those behind it.
-
-    end (2, n): q', v' of the last one, or (0, n). rate (2, n): its  e = (q' − q)/h − v'  and  a = (v' − v)/h,  or (0, n).
-    differences (k, ROWS, 2, n): backward ones, from step to step, of its change from the stage before, for every stage of a step;
-    known (k,): how many there are.
-    corrections (k, 3): the first and the second of Newton's iteration where it was last seen how they follow each other, and the
-    first of the last one.
-    """
+    """What a stage leaves to those behind it. end (2, n): q', v' of the last one, or (0, n). rate (2, n): its  e = (q' − q)/h
+    − v'  and  a = (v' − v)/h,  or (0, n). differences (k, ROWS, 2, n): backward ones, from step to step, of its change from
+    the stage before, for every stage of a step; known (k,): how many there are. corrections (k, 3): the first and the second
+    of Newton's iteration where it was last seen how they follow each other, and the first of the last one."""
 
     end: np.ndarray
     rate: np.ndarray
@@ -72,19 +68,17 @@ def solve_stages(
     near: np.ndarray,
     past: Past,
 ) -> Stages:
-    """Implicit Euler of p.h from p.q, p.v under u[0], then from  x + carried (x₁ − x)  under u[1], …, u (k, nu).
-
-    near (2, n): q', v' from which the last one's iteration starts; (0, n): from what is foreseen, or q + hv, v where nothing is.
-    mu, lam, memory: those of the stage before. Ends at the first stage that is not solved, whose trial state it leaves.
-    """
+    """Implicit Euler of p.h from p.q, p.v under u[0], then from  x + carried (x₁ − x)  under u[1], …, u (k, nu). near (2, n):
+    q', v' from which the last one's iteration starts; (0, n): from what is foreseen, or q + hv, v where nothing is. mu, lam,
+    memory: those of the stage before. Ends at the first stage that is not solved, whose trial state it leaves."""
     count, n, h = len(u), len(p.q), p.h
     iterations, ended = np.zeros(count, dtype=np.int64), SOLVED
     starts, starts_v = np.empty((count, n)), np.empty((count, n))
     ends, ends_v = np.empty((count, n)), np.empty((count, n))
     motions, kept_memory = np.empty((count, len(s.dt))), np.empty((count, len(memory)))
     mus, lams = np.empty((count, len(mu))), np.empty((count, len(lam)))
-    given = len(past.rate) > 0
-    rate = past.rate.copy() if given else np.zeros((2, n))
+    has_past = len(past.rate) > 0
+    rate = past.rate.copy() if has_past else np.zeros((2, n))
     differences, known, corrections = past.differences.copy(), past.known.copy(), past.corrections.copy()
     q0, v0, end = p.q.copy(), p.v.copy(), np.empty((2, n))
     if not goes_on(past.end, q0, v0):
@@ -97,8 +91,8 @@ def solve_stages(
         if i == count - 1 and len(near):
             q, v = near[0].copy(), near[1].copy()
             corrections[i, 0] = corrections[i, 1] = corrections[i, 2] = 0.0
-        elif given:
-            ahead = foreseen(s.d, h, differences[i], known[i])
+        elif has_past:
+            ahead = predict_stage(s.d, h, differences[i], known[i])
             for j in range(n):
                 v[j] = v0[j] + h * (rate[1, j] + ahead[1, j])
                 q[j] = q0[j] + h * (v[j] + rate[0, j] + ahead[0, j])
@@ -119,9 +113,9 @@ def solve_stages(
             rate[0, j] = (q[j] - q0[j]) / h - v[j]
             for a in range(2):
                 change[a, j] = rate[a, j] - change[a, j]
-        if given:
-            known[i] = noted(differences[i], known[i], change)
-        given = True
+        if has_past:
+            known[i] = store_differences(differences[i], known[i], change)
+        has_past = True
         for j in range(n):
             q0[j] += carried * (q[j] - q0[j])
             v0[j] += carried * (v[j] - v0[j])
@@ -133,7 +127,7 @@ def solve_stages(
 
 @inner
 def copy(a: np.ndarray, out: np.ndarray) -> None:
-    """out ← a (n,); numba would make a message of its own for shapes that do not fit."""
+    """out ← a (n,); numba would create a separate message for inconsistent shapes."""
     for j in range(len(a)):
         out[j] = a[j]
 
@@ -148,11 +142,11 @@ def goes_on(end: np.ndarray, q: np.ndarray, v: np.ndarray) -> bool:
 
 
 @inner
-def foreseen(d: np.ndarray, h: float, differences: np.ndarray, known: int) -> np.ndarray:
+def predict_stage(d: np.ndarray, h: float, differences: np.ndarray, known: int) -> np.ndarray:
     """The change (2, n) of e and a from the stage before: the sum of the differences up to the order at which it would have been
     nearest the last time, when the next difference was its error."""
     n = len(d)
-    found, least, order = np.zeros((2, n)), np.inf, 0
+    best, least, order = np.zeros((2, n)), np.inf, 0
     for r in range(known):
         off = 0.0
         for j in range(n):
@@ -162,12 +156,12 @@ def foreseen(d: np.ndarray, h: float, differences: np.ndarray, known: int) -> np
     for r in range(order):
         for a in range(2):
             for j in range(n):
-                found[a, j] += differences[r, a, j]
-    return found
+                best[a, j] += differences[r, a, j]
+    return best
 
 
 @inner
-def noted(differences: np.ndarray, known: int, change: np.ndarray) -> int:
+def store_differences(differences: np.ndarray, known: int, change: np.ndarray) -> int:
     """Backward differences with one change (2, n) more, which becomes the last difference; how many are known now."""
     now: int = min(known + 1, len(differences))
     for r in range(now):
@@ -194,7 +188,7 @@ def step_slopes(
     tangents = nt > 0
     _, terms = equations(s, p, memory, solved, tangents)
     by_drive, TM = terms.by_drive, terms.TM
-    Z, J, S = scaled(pattern, h, terms)
+    Z, J, S = scale_terms(pattern, h, terms)
     columns = 2 * nt + 2 * nd
     r1, r2, r3, r4 = np.zeros((nt, columns)), np.zeros((nt, columns)), np.zeros((m, columns)), np.zeros((m, columns))
     for i in range(nt):
@@ -209,11 +203,11 @@ def step_slopes(
         r3[row, at] -= rate
         r3[row, at + nd] -= by_drive[k, nt]
         r4[row, at] -= by_drive[k, nt]
-    own, right = right_side(pattern, h, terms.A, J, S, r1, r2, r3, r4)
+    rows, right = right_side(pattern, h, terms.A, J, S, r1, r2, r3, r4)
     regular, pivots, last = factorise(Z, pattern.low)
     if regular:
         substitute(Z, pattern.low, pivots, last, right)
-    y, zeta, _, _ = expanded(pattern, h, terms.X, J, S, own, right)
+    y, zeta, _, _ = expand_step(pattern, h, terms.X, J, S, rows, right)
     whole = natural_rows(s.body, q, z, y, zeta)
     first, second = whole[:, :nt], whole[:, nt : 2 * nt]
     by_all, by_w = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
@@ -240,8 +234,8 @@ def step_slopes(
         for i in range(modes):
             for j in range(count):
                 F[t0 + 6 * moving + i, j] += elastic[n0 + 12 * moving + i, j]
-    found = -(np.ascontiguousarray(second) @ F)
-    by_theta, by_u = found[:, :count].copy(), found[:, count:].copy()
+    slopes = -(np.ascontiguousarray(second) @ F)
+    by_theta, by_u = slopes[:, :count].copy(), slopes[:, count:].copy()
     for i in range(2 * n):
         for k in range(2 * nd):
             by_u[i, s.drive_at + k] += whole[i, 2 * nt + k]

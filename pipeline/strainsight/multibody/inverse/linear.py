@@ -21,8 +21,8 @@ from strainsight.multibody.system import System
 
 @dataclass(frozen=True)
 class LinearBench:
-    """η̈ + C η̇ + diag(λ) η = B u + w about an equilibrium, q + T η, and the unknown inputs u as random walks; unknown parameters ξ
-    are inputs behind them, for to first order a parameter is a force that deforms the bench at rest.
+    """η̈ + C η̇ + diag(λ) η = B u + w about an equilibrium, q + T η, and the unknown inputs u as random walks; unknown
+    parameters ξ are inputs behind them, for to first order a parameter is a force that deforms the bench at rest.
 
     T (n, r) [unit of q per m √kg], TᵀMT = 1; C (r, r) [1/s]; stiffness λ (r,) [rad²/s²], ascending, none of them zero;
     B (r, nu) [m √kg/s² per unit of an input]; increment (nu,) σ of the change of every input in a step of h [s]; force (n,)
@@ -67,7 +67,7 @@ def linear_bench(
 ) -> LinearBench:
     """The system about the equilibrium q (n,) under u (all inputs) and θ; inputs: places of the unknown ones; by_xi (nθ, p):
     ∂θ/∂ξ of the unknown parameters, whose columns B_ξ = −Tᵀ ∂f/∂θ ∂θ/∂ξ and increments follow those of the inputs."""
-    T, M, C, K, B = linearised(system, q, u, theta, by_xi)
+    T, M, C, K, B = linearise(system, q, u, theta, by_xi)
     B = np.hstack([B[:, list(inputs)], B[:, len(system.inputs) :]])
     bench = in_modes(T, M, C, K, B, np.asarray(increment, float), white_force(system, 1.0), h, method)
     return replace(bench, corrected=corrected, printed=printed)
@@ -84,10 +84,8 @@ def in_modes(
     h: float,
     method: Method,
 ) -> LinearBench:
-    """M ÿ + C ẏ + K y = B u, q + T y, in its modes K φ = λ M φ; M, C, K (r, r), B (r, nu), the others of `LinearBench`.
-
-    Modes are turned and signed by what the white force does to q, so that no rounding chooses among them.
-    """
+    """M ÿ + C ẏ + K y = B u, q + T y, in its modes K φ = λ M φ. M, C, K (r, r), B (r, nu), others as in `LinearBench`. Repeated
+    modes and signs are chosen by the effect of the white force on q, so that they do not depend on rounding."""
     stiffness, modes = eigh(K, M)
     felt = np.sqrt(force)[:, None] * T
     modes = modes @ turned(stiffness, felt @ modes)
@@ -95,7 +93,7 @@ def in_modes(
     return LinearBench(T @ modes, modes.T @ C @ modes, stiffness, modes.T @ B, increment, force, h, method)
 
 
-def linearised(
+def linearise(
     system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray, by_xi: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """T (n, r), M, C, K (r, r), B_u (r, nu) of small motions about an equilibrium q (n,) under u (nu,), θ (nθ,):
@@ -115,7 +113,9 @@ def linearised(
     return tangent.T, 0.5 * (M + M.T), C, 0.5 * (K + K.T), tangent.pushes(slopes)
 
 
-def in_time(bench: LinearBench, acceleration: float, drawn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def build_continuous_model(
+    bench: LinearBench, acceleration: float, changes: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """F (n*, n*) [1/s] and the intensity Q (n*, n*) of ẋ = F x + w, x = (η, η̇, u):
 
         F = [0  I  0; −diag λ  −C  B; 0  0  0],   Q = diag(0, h W, increment²/h)
@@ -124,30 +124,30 @@ def in_time(bench: LinearBench, acceleration: float, drawn: np.ndarray | None = 
     increment.
     """
     r, nu = bench.B.shape
-    drawn = bench.increment if drawn is None else drawn
+    changes = bench.increment if changes is None else changes
     F, Q = np.zeros((2, 2 * r + nu, 2 * r + nu))
     F[:r, r : 2 * r] = np.eye(r)
     F[r : 2 * r] = np.hstack([-np.diag(bench.stiffness), -bench.C, bench.B])
     Q[r : 2 * r, r : 2 * r] = bench.h * acceleration**2 * (bench.T.T * bench.force) @ bench.T
-    Q[2 * r :, 2 * r :] = np.diag(drawn**2 / bench.h)
+    Q[2 * r :, 2 * r :] = np.diag(changes**2 / bench.h)
     return F, Q
 
 
-def in_steps(
-    bench: LinearBench, acceleration: float, drawn: np.ndarray | None = None
+def build_discrete_model(
+    bench: LinearBench, acceleration: float, changes: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n*, n*) and N (n*, nu + n) of the filter's own step x' = A x + N · (white, σ = 1), with the stages of `advance`:
 
         thesis        z' = X z + b(u + δ) + b w,                      X, b of one stage of h
         second_order  z' = X (z + c (k − z)) + b(u + δ) + b w,        k = X z + b(u + γδ) + b w,   of stages of γh,  c = (1 − γ)/γ
 
-    z = (η, η̇), u' = u + δ, the step with δ = 0 where `printed`. scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇ in
-    what stores the energy that the largest increment does at rest. There no motion grows in a step, whatever the units, and one
-    that no input moves has no unit of rounding. drawn (nu,): σ of the changes in a step, where it is not the increment, which
+    z = (η, η̇), u' = u + δ, the step with δ = 0 where `printed`. scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇
+    in what stores the energy that the largest increment does at rest. There no motion grows in a step, whatever the units, and
+    one that no input moves has no unit of rounding. drawn (nu,): σ of the changes in a step, where it is not the increment, which
     then is a unit.
     """
     r, nu = bench.B.shape
-    own_drawn = bench.increment if drawn is None else drawn
+    std = bench.increment if changes is None else changes
     frequency = np.sqrt(np.abs(bench.stiffness))
     energy = np.linalg.norm(bench.B * bench.increment / frequency[:, None], axis=0).max(initial=0.0) or 1.0
     scale = np.concatenate([energy / frequency, np.full(r, energy), bench.increment])
@@ -156,7 +156,7 @@ def in_steps(
     force = (first + last) @ shaken
     if bench.corrected:
         # sampled exactly, as the filter has it; the white force acts in the step as before
-        F, Q = in_time(bench, 0.0, own_drawn)
+        F, Q = build_continuous_model(bench, 0.0, std)
         units = np.concatenate([frequency, np.ones(r + nu)])
         F, Q = units[:, None] * F / units, units[:, None] * Q * units
         parts = doublings_of(max(bench.h * float(np.linalg.norm(F[: 2 * r, : 2 * r], 2)), 1.0))
@@ -164,13 +164,13 @@ def in_steps(
         A, gathered = A / units[:, None] * units, gathered / units[:, None] / units
         white = np.zeros((2 * r + nu, shaken.shape[1]))
         white[: 2 * r] = force
-        own = scale[:, None] * _factor(gathered / scale[:, None] / scale)
-        return A / scale[:, None] * scale, np.hstack([own, white]) / scale[:, None], scale
+        process = scale[:, None] * _factor(gathered / scale[:, None] / scale)
+        return A / scale[:, None] * scale, np.hstack([process, white]) / scale[:, None], scale
     A, N = np.eye(2 * r + nu), np.zeros((2 * r + nu, nu + shaken.shape[1]))
     A[: 2 * r, : 2 * r], A[: 2 * r, 2 * r :] = through, (first + last) @ bench.B
     N[: 2 * r, :nu], N[2 * r :, :nu], N[: 2 * r, nu:] = (
-        0.0 if bench.printed else last @ bench.B * own_drawn,
-        np.diag(own_drawn),
+        0.0 if bench.printed else last @ bench.B * std,
+        np.diag(std),
         force,
     )
     return A / scale[:, None] * scale, N / scale[:, None], scale
@@ -221,6 +221,6 @@ def indistinct(model: AugmentedStep, x: np.ndarray, k: int, names: Sequence[str]
 
 def _pushes(d: np.ndarray, T: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """−Tᵀ∂f (r, k); zero where constraints carry all of it and rounding is left, which balanced units would make a push of."""
-    found = -T.T @ slopes
+    forces = -T.T @ slopes
     whole = np.linalg.norm(d[:, None] * T) * np.linalg.norm(slopes / d[:, None], axis=0)
-    return np.where(np.linalg.norm(found, axis=0) > ROUNDING * whole, found, 0.0)
+    return np.where(np.linalg.norm(forces, axis=0) > ROUNDING * whole, forces, 0.0)

@@ -22,11 +22,9 @@ from strainsight.loads.input_models import (
 
 @dataclass(frozen=True, eq=False)
 class LoadProcess:
-    """ċ = A c + w, w of intensity Q, u = c[first]; after a step c' = exp(Ah) c + δ.
-
-    A (k, k) [1/s]; Q (k, k) [unit²/s]; first (nu,): places of the loads in c, behind each its rates, all in the unit of the load;
-    std (k,): of the components behind the first at the start [unit]; h [s].
-    """
+    """ċ = A c + w, w of intensity Q, u = c[first]; after a step c' = exp(Ah) c + δ. A (k, k) [1/s]; Q (k, k) [unit²/s]; first
+    (nu,): places of the loads in c, behind each its rates, all in the unit of the load; std (k,): of the components behind
+    the first at the start [unit]; h [s]."""
 
     A: np.ndarray
     Q: np.ndarray
@@ -45,7 +43,7 @@ class LoadProcess:
         return np.asarray(expm(self.A * self.h))
 
     @cached_property
-    def drawn(self) -> np.ndarray:
+    def noise_covariance(self) -> np.ndarray:
         """Covariance (k, k) of δ, by the nilpotent or short series of A over small parts of the step, doubled."""
         parts = doublings_of(np.abs(self.A).max(initial=0.0) * self.h)
         return step_noise(self.A, self.Q, self.h / 2**parts, parts)[1]
@@ -75,8 +73,9 @@ def step_noise(F: np.ndarray, Q: np.ndarray, part: float, doublings: int) -> tup
 def step_responses(
     F: np.ndarray, Q: np.ndarray | None, G: np.ndarray, part: float, doublings: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Φ = exp(F s) (n, n), ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt (n, n), X = ∫₀ˢ exp(F t) G dt and Y = ∫₀ˢ exp(F (s − t)) G t dt (n, k),
-    s = part · 2^doublings, ‖F‖ part ≤ about SHORT:
+    """Φ (n, n), step noise (n, n), and the load integrals X and Y (n, k), with s = part · 2^doublings, ‖F‖ part ≤ about SHORT:
+
+        Φ = exp(F s),   ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt,   X = ∫₀ˢ exp(F t) G dt,   Y = ∫₀ˢ exp(F (s − t)) G t dt
 
         Φ₂ₛ = Φₛ Φₛ,   Q₂ₛ = Qₛ + Φₛ Qₛ Φₛᵀ,   X₂ₛ = Xₛ + Φₛ Xₛ,   Y₂ₛ = Yₛ + Φₛ Yₛ + s Xₛ
 
@@ -95,7 +94,7 @@ def step_responses(
     for row in rows[-2::-1]:
         phi2 = fourth @ phi2 + row
     phi1 = A @ phi2 + low[0]
-    # Φ beside X and Y, which it carries on
+    # Φ, X and Y in one array, all propagated by Φ
     carried, s = np.empty((n, n + 2 * k)), part
     carried[:, :n] = A @ phi1 + low[0]
     carried[:, n : n + k], carried[:, n + k :] = part * (phi1 @ G), part**2 * (phi2 @ G)
@@ -118,14 +117,14 @@ def _gathered(Q: np.ndarray | None, low: np.ndarray, fourth: np.ndarray, part: f
         return None
     driven = np.flatnonzero(Q.any(axis=0))
     values, vectors = np.linalg.eigh(Q[driven[:, None], driven])
-    n, drawn = len(Q), len(driven)
-    powers = np.empty((FOURTHS, n, 4, drawn))
+    n, noises = len(Q), len(driven)
+    powers = np.empty((FOURTHS, n, 4, noises))
     powers[0] = (low[:, :, driven] @ (vectors * np.sqrt(part * np.maximum(values, 0.0)))).transpose(1, 0, 2)
-    flat = powers.reshape(FOURTHS, n, 4 * drawn)
+    flat = powers.reshape(FOURTHS, n, 4 * noises)
     for j in range(1, FOURTHS):
         np.matmul(fourth, flat[j - 1], out=flat[j])
     nodes = np.tensordot(_EXPONENTIALS.reshape(NODES, FOURTHS, 4), powers, axes=((1, 2), (0, 2)))
-    factor = nodes.transpose(1, 0, 2).reshape(n, NODES * drawn)
+    factor = nodes.transpose(1, 0, 2).reshape(n, NODES * noises)
     return np.asarray(factor @ factor.T)
 
 

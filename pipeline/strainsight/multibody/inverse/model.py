@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.multibody.accelerations import measured, unit_rows
+from strainsight.multibody.accelerations import measure, unit_rows
 from strainsight.multibody.initial import constraints_at, nearest_state, static_equilibrium
-from strainsight.multibody.inverse.left_out import Begun, Plant, Start, begun
 from strainsight.multibody.inverse.loads import LoadProcess
 from strainsight.multibody.inverse.parameters import ParameterCoordinates, Zero, static_response
+from strainsight.multibody.inverse.unmodelled_dynamics import Begun, Plant, Start, begin_step
 from strainsight.multibody.sensors import CompiledSensors
 from strainsight.multibody.step import Advance, Method, advance, slopes
 from strainsight.multibody.system import System
@@ -77,7 +77,7 @@ class AugmentedStep:
     printed: bool = False
     second: np.ndarray | None = None
     _last: dict[int, Advance] = field(default_factory=dict, init=False, repr=False)
-    _taken: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
+    _recent: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
     _rests: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False)
     _begun: dict[int, Begun] = field(default_factory=dict, init=False, repr=False)
     _added: dict[str, tuple[tuple[np.ndarray | None, ...], np.ndarray]] = field(
@@ -149,31 +149,31 @@ class AugmentedStep:
 
     def spread(self, P: np.ndarray) -> np.ndarray:
         """Covariance (size, size) of x from that of (q, v, u, ξ); w = δ = 0, rates as they are at the start."""
-        own = np.concatenate([np.arange(self.v.stop), self.position])
+        states = np.concatenate([np.arange(self.v.stop), self.position])
         whole = np.zeros((self.size, self.size))
         whole[self.c, self.c] = np.diag(self.loads.std**2)
-        whole[np.ix_(own, own)] = P
+        whole[np.ix_(states, states)] = P
         return whole
 
     def begin(self, x: np.ndarray, k: int) -> None:
         """What step k from x (B, size) leaves out, for all trials of this step."""
         for run in [old for old in self._begun if old >= len(x)]:
             del self._begun[run]
-        for run, own in enumerate(x if self.corrected else ()):
-            self._begin(run, own, k)
+        for run, state in enumerate(x if self.corrected else ()):
+            self._begin(run, state, k)
 
     def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """f(x) (B, size) and ∂f/∂x (B, size, size) of x (B, size); NaN where a step fails."""
-        taken = [self._whole(run, own, k) for run, own in enumerate(x)]
-        if len(taken) == 1:
-            return taken[0][0][None], taken[0][1][None]
-        return np.stack([ahead for ahead, _ in taken]), np.stack([A for _, A in taken])
+        steps = [self._whole(run, state, k) for run, state in enumerate(x)]
+        if len(steps) == 1:
+            return steps[0][0][None], steps[0][1][None]
+        return np.stack([ahead for ahead, _ in steps]), np.stack([A for _, A in steps])
 
     def measure(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Readings (B, m) and their slopes (B, m, size)."""
         y, J = np.empty((len(x), self.channels)), np.zeros((len(x), self.channels, self.size))
-        for run, own in enumerate(x):
-            y[run], J[run] = self.measured_at(own, k + 1)
+        for run, state in enumerate(x):
+            y[run], J[run] = self.measured_at(state, k + 1)
         return y - self.offset, J
 
     def measured_at(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -199,19 +199,19 @@ class AugmentedStep:
         u, (theta, by_xi) = np.array(self.known[k], dtype=float), self.coordinates.theta(x[self.xi])
         u[self.inputs] = x[self.u]
         second = np.zeros(len(self.system.drives.names)) if self.second is None else self.second[k]
-        found = measured(self.system, sensors, x[self.q], x[self.v], u, theta, second)
-        J[:, self.q], J[:, self.v], J[:, self.u] = found.by_q, found.by_v, found.by_u[:, self.inputs]
-        J[:, self.xi] = found.by_theta @ by_xi
-        return found.y, J
+        reading = measure(self.system, sensors, x[self.q], x[self.v], u, theta, second)
+        J[:, self.q], J[:, self.v], J[:, self.u] = reading.by_q, reading.by_v, reading.by_u[:, self.inputs]
+        J[:, self.xi] = reading.by_theta @ by_xi
+        return reading.y, J
 
     def process(self, k: int) -> np.ndarray:
         """Of every run where it began step k (B, size, size), or one for all where nothing is corrected."""
         if not self.corrected:
             return self._noise[0]
         # the same array while nothing in it is new: its factors are kept by whoever takes them
-        found = tuple(part for run in sorted(self._begun) for part in self._begun[run].noises(k))
+        parts = tuple(part for run in sorted(self._begun) for part in self._begun[run].noises(k))
         known, whole = self._added.get("process", ((None,), self._noise[0]))
-        if len(known) == len(found) and all(new is old for new, old in zip(found, known, strict=True)):
+        if len(known) == len(parts) and all(new is old for new, old in zip(parts, known, strict=True)):
             return whole
         moved = self.v.stop
         whole = np.tile(self._noise[0], (max(len(self._begun), 1), 1, 1))
@@ -219,7 +219,7 @@ class AugmentedStep:
             for part in now.noises(k):
                 if part is not None:
                     whole[run, :moved, :moved] += part
-        self._added["process"] = found, whole
+        self._added["process"] = parts, whole
         return whole
 
     def before(self, k: int) -> np.ndarray:
@@ -234,22 +234,24 @@ class AugmentedStep:
     def projected(self, x: np.ndarray, k: int) -> np.ndarray:
         """x (B, size) at kh with q and v put back on φ(q) = 0, B(q)v = −φ_t, nearest in the metric; NaN where that fails."""
         x = x.copy()
-        for own in x:
-            if np.isfinite(own.sum()):
+        for state in x:
+            if np.isfinite(state.sum()):
                 try:
-                    own[self.q], own[self.v] = nearest_state(self.system, own[self.q], own[self.v], self.known[k])
+                    state[self.q], state[self.v] = nearest_state(
+                        self.system, state[self.q], state[self.v], self.known[k]
+                    )
                 except UserError:
-                    own[:] = np.nan
+                    state[:] = np.nan
         return x
 
     def violation(self, x: np.ndarray, k: int) -> np.ndarray:
-        """How far x (B, size) at kh is off φ(q) = 0, beside ‖Dq‖ and in unit rows: the largest constraint (B,) [-]."""
+        """Violation of φ(q) = 0 by x (B, size) at kh, relative to ‖Dq‖ and in unit rows: the largest constraint (B,) [-]."""
         off = np.zeros(len(x))
-        for run, own in enumerate(x):
-            phi, B, _ = constraints_at(self.system, own[self.q], self.known[k])
+        for run, state in enumerate(x):
+            phi, B, _ = constraints_at(self.system, state[self.q], self.known[k])
             if len(phi):
                 d = self.system.metric
-                off[run] = np.max(np.abs(phi) * unit_rows(B, 1 / d)[1]) / np.linalg.norm(d * own[self.q])
+                off[run] = np.max(np.abs(phi) * unit_rows(B, 1 / d)[1]) / np.linalg.norm(d * state[self.q])
         return off
 
     @property
@@ -260,44 +262,44 @@ class AugmentedStep:
     @cached_property
     def _noise(self) -> tuple[np.ndarray, np.ndarray]:
         """After every step, and before it."""
-        drawn, nothing = np.zeros((self.size, self.size)), np.zeros((self.size, self.size))
-        drawn[self.xi, self.xi] = np.diag(self.Q_xi) if self.Q_xi.ndim == 1 else self.Q_xi
+        after, nothing = np.zeros((self.size, self.size)), np.zeros((self.size, self.size))
+        after[self.xi, self.xi] = np.diag(self.Q_xi) if self.Q_xi.ndim == 1 else self.Q_xi
         if self.printed:
-            drawn[self.v, self.v] = np.diag(self.Q_w * (self.h / self.system.metric**2) ** 2)
-            drawn[self.c, self.c] = self.loads.drawn
-            return drawn, nothing
+            after[self.v, self.v] = np.diag(self.Q_w * (self.h / self.system.metric**2) ** 2)
+            after[self.c, self.c] = self.loads.noise_covariance
+            return after, nothing
         if self._forced:
-            drawn[self.w, self.w] = np.diag(self.Q_w)
-        drawn[self.delta, self.delta] = self.loads.drawn
-        return nothing, drawn
+            after[self.w, self.w] = np.diag(self.Q_w)
+        after[self.delta, self.delta] = self.loads.noise_covariance
+        return nothing, after
 
     def _whole(self, run: int, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """The step and its slopes, with what it leaves out."""
-        taken = self._take(run, x, k)
-        if not self.corrected or not np.isfinite(taken.ahead.sum()):
-            return taken.ahead, taken.A
+        step = self._take(run, x, k)
+        if not self.corrected or not np.isfinite(step.ahead.sum()):
+            return step.ahead, step.A
         now = self._begun.get(run)
         if now is None or now.k != k:
             now = self._begin(run, x, k)
         if now.left is None:
-            return taken.ahead, taken.A
+            return step.ahead, step.A
         left, moved = now.left, self.v.stop
-        ahead, A = taken.ahead.copy(), taken.A.copy()
+        ahead, A = step.ahead.copy(), step.A.copy()
         off = x - now.x
         ahead[:moved] += now.by_xi @ off[self.xi]
         ahead[:moved] += (
-            left.change + left.by_state @ off[:moved] + left.by_load @ off[self.c] + left.by_drawn @ x[self.delta]
+            left.change + left.by_state @ off[:moved] + left.by_load @ off[self.c] + left.by_noise @ x[self.delta]
         )
         A[:moved, :moved] += left.by_state
         A[:moved, self.c] += left.by_load
-        A[:moved, self.delta] += left.by_drawn
+        A[:moved, self.delta] += left.by_noise
         A[:moved, self.xi] += now.by_xi
         return ahead, A
 
     def _begin(self, run: int, x: np.ndarray, k: int) -> Begun:
         """Nothing where the step itself cannot be taken."""
-        taken, n = self._take(run, x, k), self.v.stop
-        if not np.isfinite(taken.ahead.sum()):
+        step, n = self._take(run, x, k), self.v.stop
+        if not np.isfinite(step.ahead.sum()):
             self._begun[run] = Begun(k, x.copy(), None, np.zeros((n, self.coordinates.size)), np.zeros((n, n)))
             return self._begun[run]
         u, end = np.array(self.known[k : k + 2], dtype=float)
@@ -306,21 +308,21 @@ class AugmentedStep:
         q, v = x[self.q], x[self.v]
         if rest:
             q, v = self._at_rest(run, q, u, theta), np.zeros_like(v)
-        self._begun[run] = begun(
+        self._begun[run] = begin_step(
             Plant(self.system, self.method, self.loads, self.inputs), self.coordinates, x, x[self.xi], k,
-            Start(q, v, x[self.c], u, end, theta), (taken.ahead[self.q], taken.ahead[self.v]), rest, self._begun.get(run),
+            Start(q, v, x[self.c], u, end, theta), (step.ahead[self.q], step.ahead[self.v]), rest, self._begun.get(run),
         )  # fmt: skip
         return self._begun[run]
 
     def _take(self, run: int, x: np.ndarray, k: int) -> _Taken:
-        before = self._taken.get(run, ())
+        before = self._recent.get(run, ())
         for one in before:
             if one.k == k and np.array_equal(one.x, x):
                 return one
         # an update ends at a trial, but may have refused one since
-        taken = self._fresh(run, x, k)
-        self._taken[run] = (taken, *before[:1])
-        return taken
+        step = self._fresh(run, x, k)
+        self._recent[run] = (step, *before[:1])
+        return step
 
     def _fresh(self, run: int, x: np.ndarray, k: int) -> _Taken:
         size, start, end = self.size, *np.array(self.known[k : k + 2], dtype=float)
@@ -359,24 +361,26 @@ class AugmentedStep:
         A[self.c, self.delta], A[self.c, self.c] = np.eye(self.loads.size), across
         A[self.xi, self.xi] = np.eye(self.coordinates.size)
         drive = s.B_start.copy(), s.B_end.copy()
-        for own in drive:
-            own[:, self.inputs] = 0.0
+        for slope in drive:
+            slope[:, self.inputs] = 0.0
         return _Taken(x.copy(), k, ahead, A, drive)
 
     def _at_rest(self, run: int, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """The equilibrium (n,) under u and θ near the one that was found last in this run, else near q."""
         known = self._rests.get(run)
-        found = static_equilibrium(self.system, q if known is None else known, u, theta, near=known is not None)[0]
-        self._rests[run] = found
-        return found
+        equilibrium = static_equilibrium(self.system, q if known is None else known, u, theta, near=known is not None)[
+            0
+        ]
+        self._rests[run] = equilibrium
+        return equilibrium
 
     def _near(self, run: int, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Where the step taken last in this run says that x leads, to first order."""
-        before = self._taken.get(run)
+        before = self._recent.get(run)
         if not before or not np.isfinite(before[0].ahead.sum()) or (self.rest and before[0].k == 0):
             return None  # the slopes of a step from rest know nothing of its q and v
         last, moved = before[0], self.w.start
         ahead = last.ahead[:moved] + last.A[:moved] @ (x - last.x)
-        for later, own in enumerate(last.drive):
-            ahead += own @ (self.known[k + later] - self.known[last.k + later])
+        for later, slope in enumerate(last.drive):
+            ahead += slope @ (self.known[k + later] - self.known[last.k + later])
         return (ahead[self.q], ahead[self.v]) if np.isfinite(ahead.sum()) else None

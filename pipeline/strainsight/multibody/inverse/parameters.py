@@ -66,23 +66,25 @@ class ParameterCoordinates:
         """θ (nθ,) and ∂θ/∂ξ (nθ, p) at ξ (p,); a diameter moves the radii that are free with it."""
         theta = self.reference.copy()
         slopes = np.zeros((len(theta), self.size))
-        for k, own in enumerate(self.unknowns):
-            if own.kind == "preload":
-                theta[own.at], slopes[own.at, k] = MICROMETRE * xi[k], MICROMETRE
-            elif own.kind == "log":
-                theta[own.at] = slopes[own.at, k] = np.exp(xi[k])
-            elif own.kind == "diameter":
+        for k, unknown in enumerate(self.unknowns):
+            if unknown.kind == "preload":
+                theta[unknown.at], slopes[unknown.at, k] = MICROMETRE * xi[k], MICROMETRE
+            elif unknown.kind == "log":
+                theta[unknown.at] = slopes[unknown.at, k] = np.exp(xi[k])
+            elif unknown.kind == "diameter":
                 play = np.exp(xi[k])
-                theta[own.at] = 2 * own.smallest / (1 + play)
-                slopes[own.at, k] = -theta[own.at] * play / (1 + play)
-        for k, own in enumerate(self.unknowns):
-            if own.kind == "radius":
+                theta[unknown.at] = 2 * unknown.smallest / (1 + play)
+                slopes[unknown.at, k] = -theta[unknown.at] * play / (1 + play)
+        for k, unknown in enumerate(self.unknowns):
+            if unknown.kind == "radius":
                 play = np.exp(xi[k])
-                ball = own.diameter if own.ball < 0 else theta[self.unknowns[own.ball].at]
-                theta[own.at] = own.oversize + 0.5 * ball * (1 + play)
-                slopes[own.at, k] = 0.5 * ball * play
-                if own.ball >= 0:
-                    slopes[own.at, own.ball] = 0.5 * (1 + play) * slopes[self.unknowns[own.ball].at, own.ball]
+                ball = unknown.diameter if unknown.ball < 0 else theta[self.unknowns[unknown.ball].at]
+                theta[unknown.at] = unknown.oversize + 0.5 * ball * (1 + play)
+                slopes[unknown.at, k] = 0.5 * ball * play
+                if unknown.ball >= 0:
+                    slopes[unknown.at, unknown.ball] = (
+                        0.5 * (1 + play) * slopes[self.unknowns[unknown.ball].at, unknown.ball]
+                    )
         return theta, slopes
 
     def xi(self, theta: np.ndarray) -> np.ndarray:
@@ -96,15 +98,13 @@ class ParameterCoordinates:
             inside, bound = value, "0"
             if unknown.kind == "diameter":
                 inside = 2 * unknown.smallest / value - 1 if value > 0 else value
-                bound = f"0 or not below the {2 * unknown.smallest:.6g} m that the grooves leave"
+                bound = f"not between 0 and {2 * unknown.smallest:.6g} m, the clearance of the grooves"
             elif unknown.kind == "radius":
                 ball = unknown.diameter if unknown.ball < 0 else float(theta[self.unknowns[unknown.ball].at])
                 inside = 2 * (value - unknown.oversize) / ball - 1
                 bound = f"not above the ball's radius of {0.5 * ball + unknown.oversize:.6g} m"
             if not inside > 0:
-                raise InfeasibleError(
-                    f"{unknown.name} of {value:.6g} is {bound}", remedy="start from a value that can be built"
-                )
+                raise InfeasibleError(f"{unknown.name} of {value:.6g} is {bound}", remedy="start from a feasible value")
             xi[k] = np.log(inside)
         return xi
 
@@ -116,9 +116,7 @@ class ParameterCoordinates:
 
     def covariance(self, theta: np.ndarray, std_of_theta: np.ndarray) -> np.ndarray:
         """Covariance (p, p) of ξ, to first order, of free parameters that are independent in θ with these deviations (p,).
-
-        Not diagonal where a ball's diameter and a groove of it are free together.
-        """
+        Not diagonal where a ball's diameter and a groove of it are free together."""
         slopes = self.theta(self.xi(theta))[1][self.free]
         factor = np.linalg.inv(slopes) * np.asarray(std_of_theta, dtype=float)
         return factor @ factor.T
@@ -130,51 +128,48 @@ def parameter_coordinates(
     theta: np.ndarray,
     bearings: Mapping[str, np.ndarray],
 ) -> ParameterCoordinates:
-    """Coordinates of the free ones among a system's parameters.
-
-    system_parameters (nθ,): names, a bearing's "<bearing>.<one of PARAMETERS>", anything else a modulus; free (p,): the
-    unknown ones; theta (nθ,): values of all; bearings: of every bearing that has a free parameter its six values [m] in the
-    order of PARAMETERS, for those that are no parameter of the system.
-    Raises InfeasibleError for an unknown name or bearing, a name twice, a value that has no ξ.
-    """
+    """Coordinates of the free ones among a system's parameters. system_parameters (nθ,): names, a bearing's "<bearing>.<one
+    of PARAMETERS>", anything else a modulus; free (p,): the unknown ones; theta (nθ,): values of all; bearings: of every
+    bearing that has a free parameter its six values [m] in the order of PARAMETERS, for those that are no parameter of the
+    system. Raises InfeasibleError for an unknown name or bearing, a name twice, a value that has no ξ."""
     names, reference = list(system_parameters), np.array(theta, dtype=float)
     twice = sorted({name for name in free if list(free).count(name) > 1})
     if twice:
-        raise InfeasibleError(f"{', '.join(twice)} is free twice", remedy="name every parameter once")
+        raise InfeasibleError(f"{', '.join(twice)} is listed twice", remedy="list each parameter once")
     unknowns: list[_Unknown] = []
     for name in free:
         if name not in names:
-            known = f"the parameters are {', '.join(names) or 'none'}"
-            raise InfeasibleError(f"there is no parameter {name}", remedy=did_you_mean(name, names, known))
+            known = f"parameters: {', '.join(names) or 'none'}"
+            raise InfeasibleError(f"parameter {name} not found", remedy=did_you_mean(name, names, known))
         bearing, _, part = name.rpartition(".")
         if not bearing or part not in PARAMETERS:
             unknowns.append(_Unknown(name, names.index(name), "log"))
             continue
         if bearing not in bearings:
             raise InfeasibleError(
-                f"{name} is free, but nothing tells the size of bearing {bearing}", remedy="give its six values"
+                f"{name} is free, but the dimensions of bearing {bearing} are missing", remedy="specify its six values"
             )
         unknowns.append(_of_bearing(bearing, part, names, free, reference, np.asarray(bearings[bearing], dtype=float)))
-    found = ParameterCoordinates(tuple(free), reference, tuple(unknowns))
-    found.xi(reference)
-    return found
+    coordinates = ParameterCoordinates(tuple(free), reference, tuple(unknowns))
+    coordinates.xi(reference)
+    return coordinates
 
 
 def _of_bearing(
     bearing: str, part: str, names: list[str], free: Sequence[str], theta: np.ndarray, values: np.ndarray
 ) -> _Unknown:
-    values, own = values.copy(), [f"{bearing}.{each}" for each in PARAMETERS]
-    for k, name in enumerate(own):
+    values, parameter_names = values.copy(), [f"{bearing}.{each}" for each in PARAMETERS]
+    for k, name in enumerate(parameter_names):
         if name in names:
             values[k] = theta[names.index(name)]
     at, name = names.index(f"{bearing}.{part}"), f"{bearing}.{part}"
-    oversize = 0.0 if own[-1] in free else max(float(values[-1]), 0.0)
+    oversize = 0.0 if parameter_names[-1] in free else max(float(values[-1]), 0.0)
     if part == "preload":
         return _Unknown(name, at, "preload")
     if part == "ball_diameter":
-        known = [float(values[k]) for k in RADII if own[k] not in free]
+        known = [float(values[k]) for k in RADII if parameter_names[k] not in free]
         return _Unknown(name, at, "diameter", smallest=min(known) - oversize) if known else _Unknown(name, at, "log")
-    ball = list(free).index(own[0]) if own[0] in free else -1
+    ball = list(free).index(parameter_names[0]) if parameter_names[0] in free else -1
     return _Unknown(name, at, "radius", ball=ball, diameter=float(values[0]), oversize=oversize)
 
 
@@ -218,10 +213,8 @@ def start_covariance(
 
 
 def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """∂q/∂u (n, all inputs) and ∂q/∂θ (n, nθ) of an equilibrium q (n,):  K ∂q = −∂f  on  B ∂q = 0.
-
-    Raises InfeasibleError where nothing holds a motion of the system.
-    """
+    """∂q/∂u (n, all inputs) and ∂q/∂θ (n, nθ) of an equilibrium q (n,):  K ∂q = −∂f  on  B ∂q = 0. Raises InfeasibleError
+    where nothing holds a motion of the system."""
     still = np.zeros(system.size)
     tangent = tangent_space(system, q, still, u, theta)
     by_u = input_slopes(system, tangent.at, np.asarray(q, dtype=float))
@@ -229,22 +222,20 @@ def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndar
     *_, K = tangent.matrices
     if len(K) and not np.linalg.cond(K) < 1 / FREE:
         raise InfeasibleError(
-            "nothing holds a motion of the system at the start", remedy="hold it with a joint or a spring"
+            "the system has an unrestrained motion at the start", remedy="restrain it with a joint or a spring"
         )
     response = tangent.T @ np.linalg.solve(K, tangent.pushes(slopes))
     return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]
 
 
 def white_force(system: System, acceleration: float) -> np.ndarray:
-    """Variances Q_w (n,) of the white generalised force that stands for a white acceleration a [m/s²] of every body:
-
-    (d √m a)², m the mass of the body [kg], d the metric of its coordinates: √kg for r, m √kg for R, √M_kk for η.
-    """
+    """Variances Q_w (n,) of the white generalised force that stands for a white acceleration a [m/s²] of every body: (d √m
+    a)², m the mass of the body [kg], d the metric of its coordinates: √kg for r, m √kg for R, √M_kk for η."""
     variance = np.empty(system.size)
     for body in system.bodies:
         mass = body.mass if isinstance(body, RigidBody) else body.invariants.mass
-        own = system.of[body.name]
-        variance[own] = (system.metric[own] * acceleration) ** 2 * mass
+        coordinates = system.of[body.name]
+        variance[coordinates] = (system.metric[coordinates] * acceleration) ** 2 * mass
     return variance
 
 
@@ -278,7 +269,7 @@ def zero_at_rest(
             theta, by_xi = coordinates.theta(xi)
             if answers:
                 near = min(answers, key=lambda known: float(np.abs(np.frombuffer(known) - xi).max(initial=0.0)))
-                rest = followed(system, answers[near][0], u, theta)
+                rest = follow_equilibrium(system, answers[near][0], u, theta)
             else:
                 rest = rest_at(system, q, u, theta)
             y, H, _ = sensors.read(rest.q, still, at_rest(system, u))
@@ -306,7 +297,7 @@ def rest_at(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> 
     return Equilibrium(theta, q, lam, static_response(system, q, u, theta)[1])
 
 
-def followed(system: System, known: Equilibrium, u: np.ndarray, theta: np.ndarray) -> Equilibrium:
+def follow_equilibrium(system: System, known: Equilibrium, u: np.ndarray, theta: np.ndarray) -> Equilibrium:
     """The equilibrium at θ (nθ,), from one that is known under the same loads u, by
 
         [K  −Bᵀ] [Δq  ∂q]     [f  ∂f/∂θ]

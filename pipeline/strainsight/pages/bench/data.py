@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.estimation.decision import DIVERGED, FAULTS, LOST, Claim, judged
+from strainsight.estimation.decision import DIVERGED, FAULTS, LOST, Claim, check_ratio
 from strainsight.pages.arrays import FloatArray, History, Reading
 from strainsight.pages.placement.data import Criteria, MetricWords, Trend
 from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated
@@ -146,7 +146,7 @@ class BenchPageRun(PageRun):
     def claim(self, name: str) -> Claim | None:
         """Whether the estimate of an unknown keeps to its σ; None where no truth is known."""
         ratio, draws = (self.number(f"claim_{key}.{name}") for key in ("ratio", "draws"))
-        return None if ratio is None or draws is None else judged(ratio, int(draws))
+        return None if ratio is None or draws is None else check_ratio(ratio, int(draws))
 
     def faults(self, name: str) -> tuple[str, ...]:
         """What is wrong with the estimate of an unknown, the gravest first, empty where nothing is."""

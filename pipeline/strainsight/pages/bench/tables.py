@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 from strainsight import text
-from strainsight.estimation.decision import FAULTS, OVERCONFIDENT, UNTESTED, WEAK
+from strainsight.estimation.decision import FAULTS, NOT_TESTED, OVERCONFIDENT, WEAK
 from strainsight.pages.bench.data import BenchPageRun, BenchStress, BenchUnknown, PlacedGauges
 from strainsight.pages.page.markup import (
     AXES,
@@ -66,7 +66,7 @@ def _verdict(run: BenchPageRun, unknown: BenchUnknown) -> str:
     word = run.summary.get(f"verdict.{unknown.name}", run.summary.get(f"claim.{unknown.name}"))
     if not isinstance(word, str):
         return "–"
-    return word if word == UNTESTED else verdict_mark(word, word not in (*FAULTS, WEAK))
+    return word if word == NOT_TESTED else verdict_mark(word, word not in (*FAULTS, WEAK))
 
 
 YES_NO = ('<strong class="bad">no</strong>', '<strong class="good">yes</strong>')

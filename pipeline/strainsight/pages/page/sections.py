@@ -9,9 +9,9 @@ from hashlib import sha256
 from html import escape
 from importlib.resources import files
 
-from strainsight.estimation.decision import CONSISTENT, comparison_verdict
+from strainsight.estimation.decision import CONSISTENT, classify_ratio
 from strainsight.pages.page.markup import bullets, figures, measure, pairs, plain, share, table, titled
-from strainsight.records.estimated import BANK, Compared
+from strainsight.records.estimated import GRID_FILTER, Compared
 from strainsight.runner.output import Table
 from strainsight.text import percent
 
@@ -77,8 +77,8 @@ BUDGET = (
 )
 LEAD = "The same samples and model, tolerances left out: the filters differ in what they approximate."
 FILTERS = (
-    "The bank is Bayes' rule but for quadrature; sigma-point and extended filter take parameter and motion as normal, and the "
-    "extended one neglects the product of their errors. Ratio: the RMS error that the bank expects of an estimate, over "
+    "The grid filter is Bayes' rule up to quadrature; sigma-point and extended filter assume normal parameters and motion; the "
+    "extended one neglects the product of their errors. Ratio: the RMS error that the grid filter expects of an estimate, over "
     "the σ claimed for it; above 2 overconfident, below 0.5 too cautious."
 )
 DAMAGE = "Of the hottest spots of the surface, none near another, and of virtual gauges."
@@ -152,15 +152,15 @@ def held_mark(verdict: str) -> str:
 
 
 def filters_section(compared: Compared | None, units: Mapping[str, str]) -> str:
-    """What other filters make of the same samples, and whether their σ allows for what the bank finds: a row for every parameter
-    and filter."""
+    """What other filters make of the same samples, and whether their σ allows for what the grid filter finds: a row for every
+    parameter and filter."""
     if compared is None:
         return ""
     rows = []
     for name, estimates in compared.estimate.items():
         columns = (compared.filter, estimates.tolist(), compared.std[name].tolist(), compared.ratio[name].tolist())
         for kind, estimate, std, ratio in zip(*columns, strict=True):
-            verdict = "" if kind == BANK else comparison_verdict(ratio)
+            verdict = "" if kind == GRID_FILTER else classify_ratio(ratio)
             numbers = [measure(estimate, units[name]), share(std / estimate), plain(ratio, 3) if verdict else "–"]
             rows.append([escape(name), escape(kind), *numbers, held_mark(verdict)])
     head = ("parameter", "filter", "estimate", "claimed σ", "ratio", "verdict")

@@ -70,5 +70,5 @@ def not_shown(unknowns: Sequence[Unknown]) -> list[str]:
 
 def _as_well(unknowns: Sequence[Unknown], verdict: str) -> dict[str, str]:
     """Names of the unknowns of that benefit → how many random layouts do as well, as HTML."""
-    benefits = {escape(one.name): one.benefit for one in unknowns if one.benefit and one.benefit.verdict == verdict}
+    benefits = {escape(one.name): one.benefit for one in unknowns if one.benefit and one.benefit.result == verdict}
     return {name: f"{plain(benefit.as_well)} of {plain(benefit.sets)}" for name, benefit in benefits.items()}

@@ -196,7 +196,7 @@ class PlacementReport:
     load_cases: what the layout is placed for together, None where it is the loads as stated;
     budget: unknown's name → source → share of the variance expected, empty where that is not known;
     advice: sentences, what to do with the layout (how many gauges are worth it, which are redundant, limits);
-    posteriors: parameter → what the measurements leave of it; filters: parameters by the bank and by others;
+    posteriors: parameter → what the measurements leave of it; filters: parameters by the grid filter and by others;
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
     test: what the test of this layout said, empty before one;
     facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];

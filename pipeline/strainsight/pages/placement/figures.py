@@ -278,10 +278,10 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
     caption = f"{len(error)} runs with other noise and other starting values, the truth the same. "
     caption += f"Little more is known of it than before: {LOST}." * (verdict == LOST)
     if claim is not None:
-        verdict = f"{claim.verdict}, {verdict}"
+        verdict = f"{claim.result}, {verdict}"
         low, high = (number(edge, 2) for edge in claim.band)
         caption += (
-            f" RMS of error over claimed σ {number(claim.ratio, 3)}, {low} to {high} where σ holds: {claim.verdict}."
+            f" RMS of error over claimed σ {number(claim.ratio, 3)}, {low} to {high} where σ holds: {claim.result}."
         )
     alt = f"Chart of {len(error)} repeated runs for {name}, {verdict}."
     return Drawing(f"repeats-{name}", f"{name}: other seeds, other starts", caption, alt, svg(drawn))

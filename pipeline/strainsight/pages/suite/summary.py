@@ -150,7 +150,7 @@ class Result:
         """All of them in words; "" where it was not estimated."""
         if self.error is None:
             return ""
-        return ", ".join(self.verdicts) or (self.claim.verdict if self.claim else "no claim")
+        return ", ".join(self.verdicts) or (self.claim.result if self.claim else "no claim")
 
 
 def results_of(run: PlacementRun) -> tuple[Result, ...]:
@@ -175,7 +175,7 @@ def counts(report: Suite) -> dict[str, list[int]]:
 
 def without_benefit(report: Suite) -> list[int]:
     """Numbers of the runs, from 1, in which random layouts estimate every unknown as well as the placed one."""
-    verdicts = {i: {one.benefit and one.benefit.verdict for one in run.unknowns} for i, run in report.placements}
+    verdicts = {i: {one.benefit and one.benefit.result for one in run.unknowns} for i, run in report.placements}
     return [index for index, words in verdicts.items() if words == {"none"}]
 
 
@@ -188,7 +188,7 @@ def _words(run: SuiteRun) -> tuple[str, ...]:
     else:
         results = results_of(run)
         wrong = tuple(dict.fromkeys(verdict for result in results for verdict in result.verdicts))
-        held = {result.claim.verdict for result in results if result.claim is not None}
+        held = {result.claim.result for result in results if result.claim is not None}
     return wrong or (next((word for word in (TOO_CAUTIOUS, CONSISTENT) if word in held), UNKNOWN),)
 
 
@@ -332,7 +332,7 @@ def _verdict(result: Result) -> str:
 def _measured(result: Result) -> str:
     """What decides: the errors that were held against σ, in units of it."""
     assert result.claim is not None
-    return result.claim.words(plain, limit=False).removeprefix(f"{result.claim.verdict} ")
+    return result.claim.words(plain, limit=False).removeprefix(f"{result.claim.result} ")
 
 
 def _lost(result: Result) -> str:

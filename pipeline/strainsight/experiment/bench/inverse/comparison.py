@@ -244,7 +244,9 @@ def _claims(result: BenchEstimation, numbers: Numbers) -> dict[str, Claim]:
     for name, off in result.errors.items():
         std = result.values[name][1]
         if name in result.problem.unknowns.free:
-            claims[name] = claim_of(off[-1], std[-1], alike=result.starts)  # starts within a seed are one draw
+            claims[name] = claim_of(
+                off[-1], std[-1], samples_per_draw=result.starts
+            )  # starts within a seed are one draw
             continue
         if f"error.{name}" in numbers:
             claims[name] = claim_in_time(_late(off), _late(std), starts=result.starts)

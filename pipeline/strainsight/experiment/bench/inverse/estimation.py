@@ -16,11 +16,11 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.filtering import (
     FilteredRuns,
-    by_bank,
     by_extended,
     predicted,
     ring_watch,
     rings_estimated,
+    run_grid_filter,
 )
 from strainsight.experiment.bench.inverse.problem import (
     BenchProblem,
@@ -35,7 +35,7 @@ from strainsight.experiment.bench.sensors import channel_labels, misread
 from strainsight.experiment.bench.simulation import turns_in_a_step
 from strainsight.experiment.hold_out import LeftOut, held_out, left_out
 from strainsight.experiment.system import Resources
-from strainsight.multibody.coupled import coupled_modes, followed, missed
+from strainsight.multibody.coupled import coupled_modes, load_error, resolved_frequency
 from strainsight.multibody.inverse.linear import indistinct
 from strainsight.records.bench import BenchTruths, RingEstimate, Simulated
 from strainsight.records.estimated import HoldOut
@@ -136,7 +136,7 @@ def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.nd
     """Loads that the step does not follow, and bodies that turn too far in it, mean, std (T + 1, size) of the first run; raises
     ConfigError, where the config does not allow for them.
 
-    A step that is taken for true gets wrong what its loads have above its band (`missed`): of a load that is known more than
+    A step that is taken for true gets wrong what its loads have above its band (`load_error`): of a load that is known more than
     MISSED; of one that is only estimated, whose spectrum is also that of its errors, more than its σ besides.
     """
     config, h = trial.problem.config, trial.model.h
@@ -173,13 +173,14 @@ def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarr
         known = bool(np.isfinite(true[:, column]).all())
         at = np.flatnonzero(model.inputs == column)
         load = true[:, column] if known else mean[:, model.u[at[0]]] if len(at) else model.known[:, column]
-        share = float(missed(load[:, None], frequency, h, method)[0])
+        share = float(load_error(load[:, None], frequency, h, method)[0])
         if share <= MISSED:
             continue
         size, claimed = float(np.std(load)), float(np.median(std[1:, model.u[at[0]]])) if len(at) else 0.0
         if known or not len(at) or share * size > claimed:
             yield (
-                f"the step of {h:g} s follows loads up to {followed(frequency, h, method):.3g} Hz, and of {name} it gets "
+                f"the step of {h:g} s follows loads up to {resolved_frequency(frequency, h, method):.3g} Hz, and of "
+                f"{name} it gets "
                 f"{100 * share:.2g} % wrong"
             )
 
@@ -230,7 +231,8 @@ class BenchEstimation:
 
     @cached_property
     def smoothed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Load → its estimate by all samples and σ in the first run (T + 1,), σ NaN where it is withheld; none of a bank."""
+        """Load → its estimate by all samples and σ in the first run (T + 1,), σ NaN where it is withheld; none of a grid
+        filter."""
         loads = self.filtered.smoothed
         each = () if loads is None else zip(loads.mean.T, loads.std.T, strict=True)
         return dict(zip(self.problem.estimate.inputs, each, strict=False))
@@ -287,8 +289,8 @@ def estimate_bench(
         using.progress(what, 0.3 + 0.7 * (until + (1 - until) * share))
 
     watch = ring_watch(bench, trial.model, problem.steps)
-    bank = estimate.method.parameters == "bank" and problem.unknowns.free
-    filtered = by_bank(trial, y, filtering) if bank else by_extended(trial, y, filtering, watch)
+    uses_grid = estimate.method.parameters == "bank" and problem.unknowns.free
+    filtered = run_grid_filter(trial, y, filtering) if uses_grid else by_extended(trial, y, filtering, watch)
     mean = filtered.mean[:, 0]
     doubts = (*undistinguished(trial, mean), *unfollowed(trial, reality, mean, filtered.std[:, 0]))
     without = None

@@ -1,4 +1,4 @@
-"""The filter of a bench: an extended one over loads and parameters, or a bank of them over the parameters; what the balls of its
+"""The filter of a bench: an extended one over loads and parameters, or a grid of them over the parameters; what the balls of its
 bearings carry by the estimate, with σ.
 """
 
@@ -14,7 +14,7 @@ from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.reduced import StepModel
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.smoother import smooth_first
-from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
+from strainsight.estimation.step_grid_filter import StepGridProblem, StepGridRun, filter_constants
 from strainsight.estimation.update import covariance_factor
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.trial import BenchTrial
@@ -26,7 +26,7 @@ from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.relations import relation_rows
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench import BallsThen, RingEstimate
-from strainsight.records.estimated import BANK, EXTENDED, Compared
+from strainsight.records.estimated import EXTENDED, GRID_FILTER, Compared
 from strainsight.records.record import record_from
 
 LARGEST = 1e9
@@ -82,8 +82,8 @@ Progress = Callable[[float], None]
 class FilteredRuns:
     """mean, std (T + 1, B, size) of x, behind it the offsets, NaN in diverged runs; joint (T + 1, b, k, k) covariance of loads
     and parameters; nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; compared: the
-    parameters of the first run by the bank and by the extended filter; smoothed: loads of the first run, of an extended filter;
-    notes in words."""
+    parameters of the first run by the grid filter and by the extended filter; smoothed: loads of the first run, of an extended
+    filter; notes in words."""
 
     mean: np.ndarray
     std: np.ndarray
@@ -181,28 +181,30 @@ def _refuse_large(trial: BenchTrial, y: np.ndarray) -> None:
         )
 
 
-def by_bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRuns:
+def run_grid_filter(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRuns:
     """One run after the other on y (T, B, m), and the extended filter on the first one's samples beside it."""
     runs = y.shape[1]
 
     def progress_of(run: int) -> Progress:
         return lambda share: progress((run + share) / runs)
 
-    banks = [_bank(trial.of_runs(slice(run, run + 1)), y[:, run], progress_of(run)) for run in range(runs)]
+    grid_runs = [
+        _filter_on_grid(trial.of_runs(slice(run, run + 1)), y[:, run], progress_of(run)) for run in range(runs)
+    ]
     mean, std, joint, nis = (
-        np.stack([getattr(bank, key) for bank in banks], axis=1) for key in ("mean", "std", "joint", "nis")
+        np.stack([getattr(grid_run, key) for grid_run in grid_runs], axis=1) for key in ("mean", "std", "joint", "nis")
     )
     for k, states in enumerate(mean[1:], start=1):
         # a mean of states that the joints allow is none itself, by the square of what they differ
         states[:] = trial.offsets.projected(trial.model)(states, k)
     nis, lost = per_channel(nis, y), np.full(runs, -1)
     notes: tuple[str, ...] = ()
-    if without := sum(bank.without for bank in banks):
-        tried = sum(len(bank.weight) for bank in banks)
+    if without := sum(grid_run.without for grid_run in grid_runs):
+        tried = sum(len(grid_run.weight) for grid_run in grid_runs)
         notes = (
             f"{without} of {tried} points of the parameters have no weight: filters there diverged or found no start",
         )
-    return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, banks[0]), notes=notes)
+    return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, grid_runs[0]), notes=notes)
 
 
 def _filter(
@@ -234,18 +236,18 @@ def _filter(
     )
 
 
-def _bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> StepBankRun:
+def _filter_on_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> StepGridRun:
     """On the samples y (T, m) of one run."""
 
     def filters(x: np.ndarray, P: np.ndarray, samples: np.ndarray) -> FilterRun:
         return _filter(trial, np.repeat(samples[:, None], len(x), axis=1), (x, P), refuse=False)
 
     model = trial.model
-    bank = StepBank(trial.start[0], trial.covariance[0], model.xi, model.position, trial.begin, filters)
-    return filter_constants(bank, y, progress=lambda k: progress(k / len(y)))
+    grid_problem = StepGridProblem(trial.start[0], trial.covariance[0], model.xi, model.position, trial.begin, filters)
+    return filter_constants(grid_problem, y, progress=lambda k: progress(k / len(y)))
 
 
-def _compared(trial: BenchTrial, y: np.ndarray, bank: StepBankRun) -> Compared:
+def _compared(trial: BenchTrial, y: np.ndarray, grid_run: StepGridRun) -> Compared:
     """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
     unknowns, at, model = trial.problem.unknowns, trial.model.xi, trial.model
     p, k = model.coordinates.size, len(unknowns.inputs)
@@ -254,13 +256,13 @@ def _compared(trial: BenchTrial, y: np.ndarray, bank: StepBankRun) -> Compared:
         moments = extended.mean[-1, 0, at], extended.last[0, at, at]
     except NumericalError:
         moments = np.full(p, np.nan), np.full((p, p), np.nan)
-    both = (bank.mean[-1, at], bank.joint[-1, k:, k:]), moments
+    both = (grid_run.mean[-1, at], grid_run.joint[-1, k:, k:]), moments
     value, std = np.full((2, len(both), p), np.nan)
     for i, (xi, P) in enumerate(both):
         if np.isfinite(xi).all():
             value[i], std[i] = model.coordinates.with_std(xi, P)
     ends = np.array([(xi, np.sqrt(np.diagonal(P))) for xi, P in both])
-    return filters_compared((BANK, EXTENDED), unknowns.free, ends, value, std)
+    return filters_compared((GRID_FILTER, EXTENDED), unknowns.free, ends, value, std)
 
 
 INSTANTS = 100

@@ -12,20 +12,20 @@ import numpy as np
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import BenchEstimateSection, FromFile
 from strainsight.estimation.decision import (
-    BEYOND,
-    BORNE_OUT,
-    CONTRADICTED,
+    CONFIRMED,
     DIVERGED,
     INCONSISTENT,
     LOST,
+    NOT_TESTED,
+    OUT_OF_RANGE,
     OVERCONFIDENT,
+    SENSORS_DISAGREE,
     TOO_CAUTIOUS,
-    UNTESTED,
     WEAK,
     WITHHELD,
     Claim,
     Decision,
-    judged,
+    check_ratio,
     out_of_range,
     without_sigma,
 )
@@ -54,7 +54,7 @@ REMEDY = (
 
 @dataclass(frozen=True)
 class Evidence:
-    """What an estimate is judged by.
+    """What an estimate is check_ratio by.
 
     estimation: with σ, whether or not that is withheld; numbers: the summary's; claims by unknown, where the truth is known;
     beyond: parameters outside their ranges, whose σ and that of all others then say nothing."""
@@ -86,7 +86,7 @@ class Evidence:
         """The verdict on the innovations; empty where there is none."""
         nis, late = self._number("nis"), self.estimation.filtered.nis
         innovations = int(np.isfinite(late[len(late) // 2 :, 0]).sum()) * int(self._number("channels"))
-        return judged(np.sqrt(nis), innovations).verdict if nis >= 0 else ""
+        return check_ratio(np.sqrt(nis), innovations).result if nis >= 0 else ""
 
     @property
     def against(self) -> tuple[str, ...]:
@@ -104,11 +104,11 @@ class Evidence:
             more = "" if estimate.hold_out is not None else ", estimate.hold_out: each says which channel it is"
             check = f"check channels, units and noise of estimate.measured{more}"
             words = f"{INCONSISTENT}: {self._contradicted}: {check}"
-        return Decision(words, accept=estimate.accept, beyond=self.beyond, remedy=REMEDY)
+        return Decision(words, accept=estimate.accept, out_of_range=self.beyond, remedy=REMEDY)
 
     @property
     def _contradicted(self) -> str:
-        return f"{', '.join(self.against)} {'is' if len(self.against) == 1 else 'are'} {CONTRADICTED}"
+        return f"{', '.join(self.against)} {'is' if len(self.against) == 1 else 'are'} {SENSORS_DISAGREE}"
 
     def verdict(self, name: str) -> str:
         """What is wrong with the estimate of an unknown, the gravest alone; else how error and σ compare, of a known truth,
@@ -116,14 +116,14 @@ class Evidence:
         claim = self.claims.get(name)
         applies = {
             DIVERGED: self._number("lost") > 0,
-            BEYOND: name in self.beyond,
+            OUT_OF_RANGE: name in self.beyond,
             WITHHELD: bool(self.beyond),
             LOST: self.numbers.get(f"identified.{name}") is False,
             OVERCONFIDENT: claim is not None and claim.overconfident,
-            CONTRADICTED: name in self.against,
+            SENSORS_DISAGREE: name in self.against,
             WEAK: self._share(name) > HARDLY,
         }
-        sound = claim.verdict if claim is not None else BORNE_OUT if self.left_out else UNTESTED
+        sound = claim.result if claim is not None else CONFIRMED if self.left_out else NOT_TESTED
         return next((word for word, holds in applies.items() if holds), sound)
 
     def overconfident(self) -> list[str]:
@@ -308,12 +308,12 @@ def loud_sensors(estimate: BenchEstimateSection, record: BenchEstimated) -> Iter
 
 
 def bench_disagreements(estimation: BenchEstimation) -> list[str]:
-    """Where the extended filter does not allow for what the bank finds, and when it is the bank that is wrong."""
+    """Where the extended filter does not allow for what the grid filter finds, and when it is the grid filter that is wrong."""
     words = disagreements_in_words(estimation.filtered.compared)
     if words and estimation.problem.estimate.inputs:
         words.append(
-            "a bank judges parameters by how much the unknown loads move, too: where they move less than their increments say, "
-            "it is the bank that is wrong; make a load known, or correct the increments"
+            "a grid filter also weighs parameters by how much the unknown loads vary: if they vary less than their increments, "
+            "the grid filter is wrong; make a load known, or correct the increments"
         )
     return words
 
@@ -335,14 +335,14 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
         "violation": float(np.nanmax(result.record.violation)),
         "method": METHODS[estimate.method.update]
         + (", Q* as printed" if estimate.method.noise == "as_printed" else "")
-        + ("" if filtered.compared is None else ", a bank over parameters"),
+        + ("" if filtered.compared is None else ", a grid filter over parameters"),
         "truth": _truth(estimate),
         **result.numbers,
         **{
             f"{key}.{name}": value
             for name, claim in result.claims.items()
             for key, value in (
-                ("claim", claim.verdict),
+                ("claim", claim.result),
                 ("claim_ratio", claim.ratio),
                 ("claim_draws", float(claim.draws)),
                 ("claim_most", claim.band[1]),

@@ -16,7 +16,7 @@ from strainsight.experiment.bench.inverse.problem import BenchUnknowns, corrects
 from strainsight.experiment.bench.loads import loads_of
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.initial import static_equilibrium
-from strainsight.multibody.inverse.linear import LinearBench, in_steps, in_time, linear_bench
+from strainsight.multibody.inverse.linear import LinearBench, build_continuous_model, build_discrete_model, linear_bench
 from strainsight.placement.riccati import factor_after, steady_factor
 from strainsight.placement.scenario import Scenario
 
@@ -153,7 +153,7 @@ def scenario_of(
     force, `DISTURBED` at least; white (k,): variance of a reading by it for 1 m/s², which is taken as noise of its own.
     """
     acceleration = max(acceleration, DISTURBED)
-    F, Q = in_time(bench, acceleration)
+    F, Q = build_continuous_model(bench, acceleration)
     variance = np.broadcast_to(np.asarray(noise) ** 2 + acceleration**2 * np.asarray(white), len(H))
     return Scenario(F, Q, H, variance * bench.h, np.zeros(len(F)))
 
@@ -169,7 +169,7 @@ def expected_std(
     H (k, n*), noise and acceleration as of `scenario_of`, here as they are; inf where the gauges do not detect all inputs.
     Raises InfeasibleError and NumericalError as `steady_factor`.
     """
-    A, N, scale = in_steps(bench, acceleration)
+    A, N, scale = build_discrete_model(bench, acceleration)
     L = steady_factor(A, H * scale / _column(noise), N)
     unknown = slice(len(A) - len(bench.increment), len(A))
     if L is None:
@@ -212,7 +212,7 @@ def factors_along(
             eta, rate = L[: len(before.stiffness)], L[len(before.stiffness) : 2 * len(before.stiffness)]
             swung = eta - before.B / before.stiffness[:, None] @ c
             L = np.vstack([rest @ c + over @ swung, over @ rate, c])
-        A, N, scale = in_steps(bench, acceleration, drawn)
+        A, N, scale = build_discrete_model(bench, acceleration, drawn)
         H = readings[k] * scale / _column(noise)
         L = scale[:, None] * factor_after(A, H, N, L / scale[:, None], count)
         factors.append(L[2 * r :])

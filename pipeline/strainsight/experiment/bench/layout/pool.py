@@ -23,7 +23,7 @@ from strainsight.experiment.bench.sensors import frame_at, linear_tolerances, mo
 from strainsight.experiment.layout.gauge_list import strain_candidates
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.multibody.accelerations import at_rest, measured
+from strainsight.multibody.accelerations import at_rest, measure
 from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.multibody.inverse.parameters import static_response
 from strainsight.multibody.sensors import readings
@@ -208,7 +208,7 @@ def motion_pool(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[Linea
     kept = np.concatenate([np.zeros(0, dtype=int), *(start + np.arange(3) for start in starts)])
     none, H, response, white, peak = np.zeros(len(system.drives.names)), [], [], [], []
     for (q, u), linear in zip(poses, benches, strict=True):
-        read = measured(system, compiled, q, np.zeros_like(q), u, bench.theta, none)
+        read = measure(system, compiled, q, np.zeros_like(q), u, bench.theta, none)
         columns = (read.by_q @ linear.T, read.by_v @ linear.T, read.by_u[:, inputs], read.by_theta @ by_xi)
         H.append(np.hstack(columns)[kept])
         # at rest nothing accelerates

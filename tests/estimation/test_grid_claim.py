@@ -1,4 +1,4 @@
-"""The claimed σ and its parts: least squares on everything at once, the bank, the error of each source alone."""
+"""The claimed σ and its parts: least squares on everything at once, the grid filter, the error of each source alone."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.claim import bank_claim, covariance_recursion
+from strainsight.estimation.claim import covariance_recursion, predict_grid_std
 from strainsight.estimation.conditional import (
-    Nuisances,
+    ConsideredParameters,
     acceleration_change,
     acceleration_rows,
-    no_nuisances,
-    on_loads,
+    load_rows,
+    none_considered,
     theta_at,
 )
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.model import measure
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.loads.input_models import Oscillator
 from strainsight.rom.modal_step import simulate
 
@@ -98,12 +98,12 @@ def considering(states, y, whole, considered):
 
 @pytest.mark.parametrize("learned", [False, True])
 @pytest.mark.parametrize("parameters", [("k1", "k2"), ("k2",), ()])
-def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
+def test_grid_claim_matches_least_squares(parameters, learned):
     """One regression without any recursion; states that do not follow ν by the gains of a filter that considers it."""
     model = chain(parameters)
     k = len(parameters)
     P = start(model.size)
-    claim = bank_claim(model, nominal(), forces(), P, replace(constants(model), learned=learned))
+    claim = predict_grid_std(model, nominal(), forces(), P, replace(constants(model), learned=learned))
     states, y, source, whole = everything(model, parameters)
     end = states[-1]
     prior = np.r_[np.ones(y.shape[1] - k), np.diag(P)[5:]]
@@ -132,59 +132,59 @@ def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
 
 
 @pytest.mark.parametrize(("learned", "free"), [(False, False), *slowly((False, True), (True, False)), (True, True)])
-def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
+def test_grid_claim_matches_filter_on_exact_readings(learned, free):
     model = replace(chain(("k1", "k2")), free_loads=free)
     own = replace(constants(model), learned=learned)
     P, x = start(7), nominal()
     P[5:, 5:] = np.diag([0.01**2, 0.01**2])
-    run = filter_bank(BankRecord(model, believed(model), P, forces()[..., :1], readings(x), own)).run
-    claim = bank_claim(model, x, forces(), P, own)
+    run = filter_on_grid(GridRecord(model, believed(model), P, forces()[..., :1], readings(x), own)).run
+    claim = predict_grid_std(model, x, forces(), P, own)
     np.testing.assert_allclose(claim.std[1:, 0, 4:], run.std[1:, 0, 4:], rtol=2e-2)
     np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
 
 
 @pytest.mark.parametrize(("parameters", "free"), [(("k1", "k2"), True), ((), False)])
-def test_the_parts_are_the_whole(parameters, free):
+def test_budget_parts_sum_to_variance(parameters, free):
     model = replace(chain(parameters), free_loads=free)
-    claim = bank_claim(model, nominal(), forces(), start(model.size), constants(model))
+    claim = predict_grid_std(model, nominal(), forces(), start(model.size), constants(model))
     np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
 
 
-def test_without_parameters_and_tolerances_it_is_that_of_the_kalman_filter():
+def test_grid_claim_without_parameters_matches_kalman_filter():
     model = chain()
-    own = no_nuisances(model)
-    bank, filtered = (of(model, nominal(), forces(), start(), own) for of in (bank_claim, covariance_recursion))
-    np.testing.assert_allclose(bank.std, filtered.std, rtol=1e-9)
+    own = none_considered(model)
+    grid_run, filtered = (of(model, nominal(), forces(), start(), own) for of in (predict_grid_std, covariance_recursion))
+    np.testing.assert_allclose(grid_run.std, filtered.std, rtol=1e-9)
     for name, part in filtered.budget.items():
-        np.testing.assert_allclose(bank.budget[name], part, rtol=1e-7, atol=1e-15, err_msg=name)
+        np.testing.assert_allclose(grid_run.budget[name], part, rtol=1e-7, atol=1e-15, err_msg=name)
 
 
-def test_known_constants_and_samples_without_end_leave_nothing():
+def test_sigma_vanishes_for_infinite_samples():
     model = replace(chain(("k1",)), Q=np.zeros((6, 6)))
     P = np.zeros((6, 6))
     P[5, 5] = 0.2**2
     sets = replace(model, r=model.r * np.array([[1e-6, 1e-6], [1e-4, 1e-4], [1.0, 1e12]]))
-    std = bank_claim(sets, nominal(), forces(), P, no_nuisances(model)).std[-1, :, 5]
+    std = predict_grid_std(sets, nominal(), forces(), P, none_considered(model)).std[-1, :, 5]
     np.testing.assert_allclose(std[1] / std[0], 10, rtol=1e-4)
     one = replace(model, H=model.H[:1], r=model.r[:1])
-    alone = bank_claim(one, nominal(), forces(), P, no_nuisances(one)).std[-1, 0, 5]
+    alone = predict_grid_std(one, nominal(), forces(), P, none_considered(one)).std[-1, 0, 5]
     np.testing.assert_allclose(std[2], alone, rtol=1e-9)
 
 
 @pytest.mark.parametrize("quieter", [1e-3, 1e-6, 1e-9])
-def test_confounded_constants_stay_unknown_however_quiet_the_readings(quieter):
+def test_confounded_constants_keep_prior_sigma(quieter):
     """A scale of all springs of σ 1 % beside both springs, each known to 20 %: samples say what each is times the scale."""
     model = chain(("k1", "k2"))
     model = replace(model, Q=np.zeros((7, 7)), r=model.r * quieter**2)
     P = np.diag([0.0] * 5 + [0.2**2, 0.2**2])
-    scale = replace(no_nuisances(model), stiffness=STIFFER)
-    found = bank_claim(model, nominal(), forces(), P, scale)
+    scale = replace(none_considered(model), stiffness=STIFFER)
+    found = predict_grid_std(model, nominal(), forces(), P, scale)
     expected = (1 / STIFFER**2 + 2 / 0.2**2) ** -0.5
     np.testing.assert_allclose(found.std[-1, 0, 5:], expected, rtol=2e-4)
     np.testing.assert_allclose(sum(found.budget.values())[-1, 5:], expected**2, rtol=4e-4)
 
 
-def test_the_claim_of_many_gauges_is_that_of_the_filter_with_all_of_them():
+def test_claim_of_many_gauges_matches_filter():
     gauges = tuple(np.linspace(0.02, 1.9, 60))
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), gauges=gauges)
     std = covariance_recursion(model, np.zeros((61, 8)), np.zeros((60, 3, 1)), P0).std
@@ -215,7 +215,7 @@ def test_the_claim_along_a_motion_holds_for_accelerometers_and_input_models():
     np.testing.assert_allclose(std[:, 0, 10:], run.std[:, 0, 10:], rtol=1e-4)
 
 
-def test_the_parts_are_the_errors_of_each_source_alone():
+def test_budget_parts_match_errors_of_each_source():
     """Every sample, every step of the process and every state at the start by itself: squares of what the filter makes of it."""
     model, P = chain(), start()
     budget = covariance_recursion(model, nominal(), forces(), P).budget
@@ -244,7 +244,7 @@ def test_the_parts_are_the_errors_of_each_source_alone():
         np.testing.assert_allclose(budget[name], np.sum(error**2, axis=1), rtol=1e-7, atol=1e-18)
 
 
-def test_what_constants_add_is_the_slope_of_the_error():
+def test_constant_sensitivity_equals_error_slope():
     """Central differences of a filter that is fed with what a slightly different chain reads without noise."""
     model, size = chain(("k1", "k2")), 1e-3
     P, known, mean = start(model.size), forces()[..., :1], believed(model)
@@ -293,7 +293,7 @@ def full_state(x):
     return np.hstack([x[1:], np.full((len(x) - 1, 1), 2.0), np.zeros((len(x) - 1, 1))])
 
 
-def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_read(loaded):
+def test_accelerometer_gain_scales_load_response(loaded):
     _, model, mean, P, u, x = loaded
     gain, size, channels = 0.03, 1e-3, len(model.H)
     y = measure(model, full_state(x), u[:, :, 1].sum(axis=1)[:, None])[0]
@@ -309,15 +309,15 @@ def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_re
     rows[0][moving], rows[1][moving] = (own[0] for own in acceleration_rows(model, at_guess, model.H[moving, :4]))
     own = range(channels)
     D[own, own], E[own, own] = gain * rows[0], gain * rows[1]
-    nuisances = Nuisances(("gain",) * channels, D, E, np.zeros((channels, channels)))
-    found = covariance_recursion(model, x, u, P, nuisances).budget["gain"][:, 8:]
+    considered = ConsideredParameters(("gain",) * channels, D, E, np.zeros((channels, channels)))
+    found = covariance_recursion(model, x, u, P, considered).budget["gain"][:, 8:]
     step = gain * size * np.eye(channels)
     slopes = [(estimate(1 + own) - estimate(1 - own)) / (2 * size) for own in step]
     total = sum(slope[:, 8:] ** 2 for slope in slopes)
     np.testing.assert_allclose(found / total.max(axis=0), total / total.max(axis=0), atol=1e-4)
 
 
-def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(loaded):
+def test_load_position_sensitivity_equals_error_slope(loaded):
     beam, model, mean, P, u, x = loaded
     size, shape, channels, moving = 1e-4, beam.model.input_shape, len(model.H), model.accelerometers
     changes = 0.02 * np.stack([shape * [1, 0], shape * [0, 1], shape[:, ::-1], shape[::-1] * [1, -1]])
@@ -338,10 +338,10 @@ def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(loaded):
     direct = strain.copy()
     for own, change in zip(direct, changes, strict=True):
         own[moving] = model.H[moving, :4] @ acceleration_change(model, at_guess, change)[0]
-    D, E = on_loads(model, direct)
+    D, E = load_rows(model, direct)
     source = ("known", "unknown", "swapped", "mirrored")
-    nuisances = Nuisances(source, D, E, np.zeros((4, channels)), shape=changes)
-    found = covariance_recursion(model, x, u, P, nuisances).budget
+    considered = ConsideredParameters(source, D, E, np.zeros((4, channels)), shape=changes)
+    found = covariance_recursion(model, x, u, P, considered).budget
     for name, change, at_once in zip(source, changes, strain, strict=True):
         total = (
             (estimate(size * change, size * at_once) - estimate(-size * change, -size * at_once)) / (2 * size)

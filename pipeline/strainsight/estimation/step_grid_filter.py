@@ -1,9 +1,10 @@
-"""A bank of extended filters over constants of a step: Bayes up to quadrature over them, normal densities in all else.
+"""A parameter grid of extended filters over constants of a step: Bayes up to quadrature over them, normal densities in all else.
 
     p(ξ | y) ∝ p(ξ) Πₖ p(yₖ | y₁ … yₖ₋₁, ξ),     x̂ = Σ wᵢ x̂ᵢ,     P = Σ wᵢ (Pᵢ + (x̂ᵢ − x̂)(x̂ᵢ − x̂)ᵀ)
 
 At a fixed ξ an extended filter follows motion and loads, and its innovations give the likelihood of ξ. One extended filter over
-all of them linearises what ξ does to the motion, too. Where the step is linear at a fixed ξ this is the bank of `bank.py`.
+all of them linearises what ξ does to the motion, too. Where the step is linear at a fixed ξ this is the grid filter of
+`grid_filter.py`.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from typing import ClassVar
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice
-from strainsight.estimation.mixture import Standing, log_normal
+from strainsight.estimation.mixture import PosteriorWeights, log_normal
+from strainsight.estimation.parameter_grid import GridConstruction, ParameterGrid, build_first_grid, build_next_grid
 from strainsight.estimation.run import FilterRun
 
 MOST_POINTS = 1000
@@ -28,7 +29,7 @@ FARTHEST = 100.0
 
 
 @dataclass(frozen=True)
-class StepBank:
+class StepGridProblem:
     """What is known before: mean (n,) and covariance (n, n) of x at t = 0, constants ξ at `at` in it, `position` (q,) the states
     of which covariances are kept; begin: ξ (B, k) → x (B, n) and its covariance (B, n, n) given ξ, NaN where none is found;
     filters: x, covariance, samples (t, m) → a run of B filters on them."""
@@ -62,14 +63,14 @@ class PointHistories:
 
 
 @dataclass(frozen=True)
-class Followed(Standing[Lattice]):
+class WeightedHistories(PosteriorWeights[ParameterGrid]):
     """Points of a lattice with their histories, which reach beyond `step`."""
 
     histories: PointHistories
 
 
 @dataclass(frozen=True)
-class StepBankRun:
+class StepGridRun:
     """mean, std (T + 1, n) of x; joint (T + 1, q, q); nis (T,): that of the points, by their weights after the step; point (B, k)
     and weight (B,) of the posterior of ξ at the end; laid: how often a lattice was; without: points of the last one that have no
     weight because their filters diverged or had no start."""
@@ -80,33 +81,30 @@ class StepBankRun:
     nis: np.ndarray
     point: np.ndarray
     weight: np.ndarray
-    laid: int
+    grid_count: int
     without: int
 
 
 def filter_constants(
-    bank: StepBank, samples: np.ndarray, *, progress: Callable[[int], None] | None = None
-) -> StepBankRun:
-    """Posterior of ξ and of all states along samples (T, m), NaN where missing.
-
-    The lattice begins at the prior, and is laid anew about the posterior whenever that has narrowed or moved to its edge; its
-    filters begin at t = 0. progress: called with the steps done.
-    Raises InfeasibleError where a constant has no prior width; NumericalError where no point is left, where a lattice would need
-    more than MOST_POINTS points, or FARTHEST standard deviations of the prior.
-    """
-    _refuse_known(bank)
-    laying = Bank[Followed](
-        bank.prior, lambda lattice, step: _followed(bank, samples, lattice, step),
-        lambda point: _refuse_far(bank, point), MOST_POINTS,
+    problem: StepGridProblem, samples: np.ndarray, *, progress: Callable[[int], None] | None = None
+) -> StepGridRun:
+    """Posterior of ξ and of all states along samples (T, m), NaN where missing. The lattice begins at the prior, and is laid
+    anew about the posterior whenever that has narrowed or moved to its edge; its filters begin at t = 0. progress: called
+    with the steps done. Raises InfeasibleError where a constant has no prior width; NumericalError where no point is left,
+    where a lattice would need more than MOST_POINTS points, or FARTHEST standard deviations of the prior."""
+    _refuse_known(problem)
+    construction = GridConstruction[WeightedHistories](
+        problem.prior, lambda grid, step: _run_filters(problem, samples, grid, step),
+        lambda point: _refuse_far(problem, point), MOST_POINTS,
     )  # fmt: skip
-    now, laid, T, n = first_lattice(laying), 1, len(samples), len(bank.mean)
+    now, grid_count, T, n = build_first_grid(construction), 1, len(samples), len(problem.mean)
     mean, variance, nis = np.zeros((T + 1, n)), np.zeros((T + 1, n)), np.zeros(T)
-    joint = np.zeros((T + 1, len(bank.position), len(bank.position)))
-    mean[0], variance[0] = bank.mean, np.diagonal(bank.covariance)
-    joint[0] = bank.covariance[np.ix_(bank.position, bank.position)]
+    joint = np.zeros((T + 1, len(problem.position), len(problem.position)))
+    mean[0], variance[0] = problem.mean, np.diagonal(problem.covariance)
+    joint[0] = problem.covariance[np.ix_(problem.position, problem.position)]
 
-    def mix(span: slice, points: Followed, log_weight: np.ndarray) -> None:
-        moments = _mixed(bank, points, span, log_weight)
+    def mix(span: slice, points: WeightedHistories, log_weight: np.ndarray) -> None:
+        moments = _mix(problem, points, span, log_weight)
         mean[span], variance[span], joint[span], nis[span.start - 1 : span.stop - 1] = moments
 
     while now.step < T:
@@ -114,7 +112,7 @@ def filter_constants(
             progress(now.step)
         first = now.step
         if first == len(now.histories.fit):
-            now = _followed(bank, samples, now.cover, first)
+            now = _run_filters(problem, samples, now.cover, first)
         after = now.prior + np.cumsum(now.histories.fit, axis=0)[first:]
         alive = int(np.append(np.isfinite(after.max(axis=1)), False).argmin())
         if not alive:
@@ -124,40 +122,40 @@ def filter_constants(
         mix(slice(first + 1, first + used + 1), now, after[:used])
         now = replace(now, fit=now.histories.fit[: first + used].sum(axis=0), step=first + used)
         if used < len(after) or not good.all():
-            now, laid = next_lattice(laying, now), laid + 1
+            now, grid_count = build_next_grid(construction, now), grid_count + 1
             # the last of these steps, which the points before are no longer good for
             mix(slice(now.step, now.step + 1), now, now.log_weight[None])
     w = now.weights.mean[-1]
     std, without = np.sqrt(np.maximum(variance, 0.0)), int(np.count_nonzero(np.isneginf(now.log_weight)))
-    return StepBankRun(mean, std, joint, nis, now.cover.point, w, laid, without)
+    return StepGridRun(mean, std, joint, nis, now.cover.point, w, grid_count, without)
 
 
-def _followed(bank: StepBank, samples: np.ndarray, lattice: Lattice, step: int) -> Followed:
+def _run_filters(problem: StepGridProblem, samples: np.ndarray, grid: ParameterGrid, step: int) -> WeightedHistories:
     """The filters at the points of a lattice after `step` steps, from the start, and AHEAD times as many, for the next ones."""
-    point = lattice.point
-    x, P = bank.begin(point)
+    point = grid.point
+    x, P = problem.begin(point)
     started = np.isfinite(x.sum(axis=1))
-    prior = np.where(started, log_normal(point, *bank.prior), -np.inf)
+    prior = np.where(started, log_normal(point, *problem.prior), -np.inf)
     if not started.any():
         raise _none_left(0)
     instead = int(np.argmax(started))  # filtered in its place, without weight
-    run = bank.filters(
+    run = problem.filters(
         np.where(started[:, None], x, x[instead]),
         np.where(started[:, None, None], P, P[instead]),
         samples[: int(AHEAD * step) + 2],
     )
     assert run.fit is not None
     joint = np.broadcast_to(run.unknown_covariance, (*run.mean.shape[:2], *run.unknown_covariance.shape[2:]))
-    now = Followed(
-        lattice, prior, run.fit[:step].sum(axis=0), step, PointHistories(run.mean, run.std**2, joint, run.nis, run.fit)
+    now = WeightedHistories(
+        grid, prior, run.fit[:step].sum(axis=0), step, PointHistories(run.mean, run.std**2, joint, run.nis, run.fit)
     )
     if np.isneginf(now.log_weight).all():
         raise _none_left(step)
     return now
 
 
-def _mixed(
-    bank: StepBank, now: Followed, span: slice, log_weight: np.ndarray
+def _mix(
+    problem: StepGridProblem, now: WeightedHistories, span: slice, log_weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Mean and variance (L, n), joint covariance (L, q, q) and NIS (L,) at the instants of a span, points weighed by log_weight
     (L, B). What has diverged is NaN and weighs nothing."""
@@ -166,7 +164,7 @@ def _mixed(
     x, variance, joint = (np.nan_to_num(values[span]) for values in (of.mean, of.variance, of.joint))
     mean = np.einsum("tb,tbn->tn", w, x)
     off = x - mean[:, None]
-    among = off[..., bank.position]
+    among = off[..., problem.position]
     return (
         mean,
         np.einsum("tb,tbn->tn", w, variance + off**2),
@@ -175,29 +173,30 @@ def _mixed(
     )
 
 
-def _refuse_known(bank: StepBank) -> None:
+def _refuse_known(problem: StepGridProblem) -> None:
     """A lattice over a constant that is known, or a combination of some, has no width."""
-    covariance = bank.prior[1]
+    covariance = problem.prior[1]
     std = np.sqrt(np.diagonal(covariance))
     if not np.all(std > 0) or np.linalg.eigvalsh(covariance / np.outer(std, std)).min() < 1e-12:
         raise InfeasibleError(
-            "the first σ of the parameters is zero, or makes one of them a combination of others",
-            remedy="leave std out for what is known, and estimate one of those that are the same",
+            "the initial σ of the parameters is zero, or makes them linearly dependent",
+            remedy="remove std of known parameters, and estimate only one of several identical ones",
         )
 
 
-def _refuse_far(bank: StepBank, point: np.ndarray) -> None:
-    mean, covariance = bank.prior
+def _refuse_far(problem: StepGridProblem, point: np.ndarray) -> None:
+    mean, covariance = problem.prior
     if np.abs((point - mean) / np.sqrt(np.diagonal(covariance))).max() > FARTHEST:
         raise NumericalError(
-            f"the measurements ask for parameters more than {FARTHEST:g} of their first σ from the guess",
-            remedy="check which channel is which sensor, their units and signs, and the known loads; or state a larger std",
+            f"the measurements require parameters more than {FARTHEST:g} initial σ from the guess",
+            remedy="check the channel assignment, units and signs, and the known loads; or increase std",
         )
 
 
 def _none_left(step: int) -> NumericalError:
     when = f"by step {step}" if step else "at the start"
     return NumericalError(
-        f"the filters at all values of the parameters have diverged {when}",
-        remedy="choose a guess nearer to the truth, a smaller first σ or a smaller time step; or method.parameters: extended",
+        f"the filters at all parameter values diverged {when}",
+        remedy="choose a guess closer to the true value, a smaller initial σ or a smaller time step, or set "
+        "method.parameters: extended",
     )

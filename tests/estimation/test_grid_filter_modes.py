@@ -1,4 +1,4 @@
-"""A bank beside damping and frequencies that are not exact, and over more parameters than a lattice is for."""
+"""A grid filter beside damping and frequencies that are not exact, and over more parameters than a lattice is for."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.linalg import expm
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.columns import Columns, weakest
-from strainsight.estimation.conditional import linear_models, no_nuisances, tuned
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.conditional import linear_models, none_considered, tune_frequencies
+from strainsight.estimation.grid_filter import filter_on_grid
+from strainsight.estimation.grid_filter_smoother import smooth_on_grid
+from strainsight.estimation.record import GridRecord
 from strainsight.fem.affine import AffineOperator
 from strainsight.sensors.candidates import ACCELERATION
 
@@ -83,10 +83,10 @@ def case(request):
         w = np.exp(density - density.max())
         w /= w.sum()
         own = w @ point
-    nuisances = replace(
-        no_nuisances(model), **({"damping": DAMPING} if kind == "damping" else {"frequency": FREQUENCY})
+    considered = replace(
+        none_considered(model), **({"damping": DAMPING} if kind == "damping" else {"frequency": FREQUENCY})
     )
-    return kind, model, P, nuisances, y, w, point, motion
+    return kind, model, P, considered, y, w, point, motion
 
 
 def moments(w, values):
@@ -94,24 +94,24 @@ def moments(w, values):
     return mean, np.sqrt(np.tensordot(w, (values - mean) ** 2, axes=1))
 
 
-def test_parameters_beside_it_are_bayes(case):
-    kind, model, P, nuisances, y, w, point, _ = case
-    found = filter_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances))
+def test_parameters_with_damping_match_bayes(case):
+    kind, model, P, considered, y, w, point, _ = case
+    found = filter_on_grid(GridRecord(model, np.zeros(5), P, forces(STEPS), y, considered))
     mean, std = moments(w, point)
     off, wider = {"damping": (0.05, 0.01), "frequency": (0.1, 0.05)}[kind]
     assert abs(found.run.mean[-1, 0, 4] - mean[0]) < off * std[0]
     assert found.run.std[-1, 0, 4] == pytest.approx(std[0], rel=wider)
     if kind == "damping":
-        nu, left = found.nuisances
+        nu, left = found.nu_moments
         assert np.abs((nu - mean[1:]) / std[1:]).max() < 0.1
         np.testing.assert_allclose(np.sqrt(np.diagonal(left)), std[1:], rtol=0.05)
 
 
-def test_the_motion_that_is_learned_is_too(case):
-    kind, model, P, nuisances, y, w, _, motion = case
-    nuisances = replace(nuisances, learned=True)
-    found = filter_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances))
-    own = smooth_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances), found)
+def test_learned_motion_matches_bayes(case):
+    kind, model, P, considered, y, w, _, motion = case
+    considered = replace(considered, learned=True)
+    found = filter_on_grid(GridRecord(model, np.zeros(5), P, forces(STEPS), y, considered))
+    own = smooth_on_grid(GridRecord(model, np.zeros(5), P, forces(STEPS), y, considered), found)
     mean, std = moments(w, motion)
     off, wider = {"damping": (0.1, 0.05), "frequency": (0.2, 0.1)}[kind]
     assert np.sqrt(np.mean(((own.mean[1:, 0, :4] - mean) / std.max(axis=0)) ** 2)) < off
@@ -120,10 +120,10 @@ def test_the_motion_that_is_learned_is_too(case):
     assert np.abs((found.run.mean[-1, 0, :4] - mean[-1]) / std[-1]).max() < 1.5 * off
 
 
-def test_a_damping_that_is_as_it_is_meant_to_be_is_not_looked_for():
+def test_nominal_damping_is_not_relinearised():
     model, P, y, tolerances = damped(driven=True)
-    assert not filter_bank(
-        BankRecord(model, np.zeros(5), P, forces(40), y, replace(tolerances, damping=1e-3))
+    assert not filter_on_grid(
+        GridRecord(model, np.zeros(5), P, forces(40), y, replace(tolerances, damping=1e-3))
     ).about.any()
 
 
@@ -135,14 +135,14 @@ def damped(driven):
     if driven:
         model, P = driven_chain(noise=NOISE, parameters=("k1",)), np.diag([1e-16] * 4 + [0.1**2])
         model = replace(model, Q=np.zeros_like(model.Q))
-    return model, P, y, replace(no_nuisances(model), damping=DAMPING)
+    return model, P, y, replace(none_considered(model), damping=DAMPING)
 
 
 @pytest.mark.parametrize("driven", [True, False])
 def test_parameters_alone_are_those_of_a_whole_pass(driven):
-    model, P, y, nuisances = damped(driven)
-    whole = filter_bank(BankRecord(model, np.zeros(model.size), P, forces(40), y, nuisances))
-    alone = filter_bank(BankRecord(model, np.zeros(model.size), P, forces(40), y, nuisances), keep="parameters")
+    model, P, y, considered = damped(driven)
+    whole = filter_on_grid(GridRecord(model, np.zeros(model.size), P, forces(40), y, considered))
+    alone = filter_on_grid(GridRecord(model, np.zeros(model.size), P, forces(40), y, considered), keep="parameters")
     assert whole.about.any()
     for name in ("about", "point", "weight", "nu", "left"):
         np.testing.assert_allclose(getattr(alone, name), getattr(whole, name), rtol=1e-9, atol=1e-12)
@@ -156,9 +156,9 @@ def test_parameters_alone_are_those_of_a_whole_pass(driven):
 @pytest.mark.parametrize("about", [(0.0, 0.0), (1.2, -0.8)])
 def test_a_step_and_its_slopes_are_those_of_other_masses(about):
     model, about = driven_chain(parameters=("k1",)), np.array(about)
-    nuisances = replace(no_nuisances(model), frequency=FREQUENCY, about=about)
+    considered = replace(none_considered(model), frequency=FREQUENCY, about=about)
     p = np.array([0.1, -0.2])
-    own = linear_models(model, p[:, None], nuisances)
+    own = linear_models(model, p[:, None], considered)
 
     def step(nu):
         A, b = rates(p, np.broadcast_to(nu, (2, 2)))
@@ -179,8 +179,8 @@ def test_accelerometers_read_what_other_masses_do_at_once():
     """M⁻¹(f − C q̇ − K q) with M of the frequencies, and its slopes."""
     model = driven_chain(parameters=())
     model = replace(model, quantity=np.array([ACCELERATION, ACCELERATION]))
-    nuisances, nothing = replace(no_nuisances(model), frequency=FREQUENCY), np.zeros((1, 0))
-    own = linear_models(model, nothing, nuisances)
+    considered, nothing = replace(none_considered(model), frequency=FREQUENCY), np.zeros((1, 0))
+    own = linear_models(model, nothing, considered)
     for k, unit in enumerate(1e-4 * np.eye(2)):
         ends = [rates(np.zeros(()), sign * unit) for sign in (1, -1)]
         A, b = (ROWS @ (ahead - behind)[2:] / 2e-4 for ahead, behind in zip(*ends, strict=True))
@@ -188,17 +188,17 @@ def test_accelerometers_read_what_other_masses_do_at_once():
         np.testing.assert_allclose(own.E[k, :, 0], b, atol=1e-6 * np.abs(b).max())
 
 
-def test_at_every_parameter_there_are_the_frequencies_of_the_centre():
+def test_tuned_frequencies_equal_centre():
     model = driven_chain(parameters=("k1",))
-    nuisances = replace(no_nuisances(model), frequency=SPREAD * np.eye(2), centre=np.array([0.05]))
-    own, shift = tuned(model, nuisances, np.array([[0.05], [0.4]]))
+    considered = replace(none_considered(model), frequency=SPREAD * np.eye(2), centre=np.array([0.05]))
+    own, shift = tune_frequencies(model, considered, np.array([[0.05], [0.4]]))
     first, second = (REFERENCE[name] * STIFFNESS[name] for name in ("k1", "k2"))
     lam = [np.linalg.eigvalsh(np.exp(p) * first + second) for p in (0.05, 0.4)]
     np.testing.assert_allclose(shift, np.stack([np.zeros(2), 0.5 * np.log(lam[0] / lam[1]) / SPREAD]), atol=1e-9)
     np.testing.assert_allclose(lam[1] * own.model.frequency_factors[1] ** 2, lam[0], rtol=1e-12)
 
 
-def test_a_modulus_that_resonances_alone_tell_is_known_no_better_than_twice_the_frequencies():
+def test_modulus_sigma_is_twice_frequency_sigma():
     """Both springs by one factor E under a force of unknown size: ω goes with √E."""
     K = sum(value * STIFFNESS[name] for name, value in REFERENCE.items())
     model = driven_chain(noise=1e-5, parameters=("k1",))
@@ -206,13 +206,13 @@ def test_a_modulus_that_resonances_alone_tell_is_known_no_better_than_twice_the_
     unknowns = replace(model.unknowns, parameters=("E",), guess={"E": 1.0})
     model = replace(model, model=masses, unknowns=unknowns, fixed={}, Q=np.zeros_like(model.Q))
     size = np.array([[[0.0, 0.0], [2.0, 0.0]]])
-    exact = replace(no_nuisances(model), source=("gain",), D=np.zeros((1, 2, 4)), E=np.zeros((1, 2, 1)),
+    exact = replace(none_considered(model), source=("gain",), D=np.zeros((1, 2, 4)), E=np.zeros((1, 2, 1)),
                     offset=np.zeros((1, 2)), shape=size, load=np.array([0]))  # fmt: skip
     y = readings(np.zeros(()), np.zeros(2))[0]
 
-    def std(nuisances):
+    def std(considered):
         P = np.diag([1e-16] * 4 + [0.3**2])
-        return filter_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances)).run.std[-1, 0, 4]
+        return filter_on_grid(GridRecord(model, np.zeros(5), P, forces(STEPS), y, considered)).run.std[-1, 0, 4]
 
     assert std(exact) < 0.1 * SPREAD
     prior = (2 * SPREAD) ** -2 + 0.3**-2
@@ -226,7 +226,7 @@ def normal(k, seed=0):
 
 
 @pytest.mark.parametrize("k", [2, 4, 7])
-def test_of_a_normal_density_they_have_the_moments_wherever_they_stand(k):
+def test_columns_reproduce_normal_moments(k):
     mean, covariance = normal(k)
     prior = 1e4 * np.eye(k)
     f, A = weakest(covariance, prior)
@@ -249,7 +249,7 @@ def test_of_a_normal_density_they_have_the_moments_wherever_they_stand(k):
 
 
 @pytest.mark.parametrize("k", [2, 5])
-def test_the_weakest_direction_is_the_one_that_samples_leave_widest(k):
+def test_weakest_direction_has_largest_remaining_variance(k):
     _, covariance = normal(k, 2)
     _, prior = normal(k, 3)
     f, A = weakest(covariance, prior)
@@ -290,11 +290,11 @@ def likelihood():
 
 
 @pytest.mark.parametrize("std", [*slowly(0.05), 0.2])
-def test_parameters_that_samples_cannot_part_keep_what_was_known_of_them(likelihood, std):
+def test_indistinguishable_parameters_keep_prior(likelihood, std):
     """The likelihood of four springs in parallel is that of their sum: against 300 000 draws of the prior, weighed by it."""
     y, log_likelihood = likelihood
     model, P = five(std)
-    bank = filter_bank(BankRecord(model, np.zeros(10), P, forces(), y, no_nuisances(model)))
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(10), P, forces(), y, none_considered(model)))
     draws = np.random.default_rng(1).standard_normal((300_000, 5)) * np.sqrt(np.diag(P)[5:])
     first = np.log(np.mean(np.exp(draws[:, :4]), axis=1))
     there = (np.abs(first) < 0.6) & (np.abs(draws[:, 4]) < 0.25)
@@ -304,48 +304,48 @@ def test_parameters_that_samples_cannot_part_keep_what_was_known_of_them(likelih
     w /= w.sum()
     mean = w @ draws
     exact = np.sqrt(w @ (draws - mean) ** 2)
-    found, claimed = bank.posterior
+    found, claimed = grid_run.posterior
     np.testing.assert_allclose((found - mean) / exact, 0.0, atol=0.1)
     np.testing.assert_allclose(np.sqrt(np.diag(claimed)), exact, rtol=0.02)
     assert (np.sqrt(np.diag(claimed))[:4] > 0.8 * std).all()
 
 
 @pytest.mark.parametrize("learned", [True, *slowly(False)])
-def test_with_constants_they_find_what_a_lattice_finds(monkeypatch, learned):
+def test_columns_match_grid(monkeypatch, learned):
     model, P, known = gauged_chain(("k1", "k2")), gauged_start(7), both_forces()[:40, :, :1]
     own = replace(constants(model), learned=learned)
     _, y = draw_truth(model, np.zeros(7), P, known, [4])
     y[3, 0, 1] = y[9, 0] = np.nan
 
-    def bank():
-        return filter_bank(BankRecord(model, np.zeros(7), P, known, y[:, 0], own))
+    def grid_run():
+        return filter_on_grid(GridRecord(model, np.zeros(7), P, known, y[:, 0], own))
 
-    lattice = bank()
-    monkeypatch.setattr("strainsight.estimation.bank.FEW", 1)
-    columns = bank()
-    scale = lattice.run.std[1:]
-    np.testing.assert_allclose(columns.run.mean[1:] / scale, lattice.run.mean[1:] / scale, atol=0.1)
+    on_grid = grid_run()
+    monkeypatch.setattr("strainsight.estimation.grid_filter.FEW", 1)
+    columns = grid_run()
+    scale = on_grid.run.std[1:]
+    np.testing.assert_allclose(columns.run.mean[1:] / scale, on_grid.run.mean[1:] / scale, atol=0.1)
     np.testing.assert_allclose(columns.run.std[1:], scale, rtol=0.03)
-    np.testing.assert_allclose(columns.run.gauge_mean, lattice.run.gauge_mean, atol=0.1 * 2e-3)
-    np.testing.assert_allclose(columns.run.gauge_std, lattice.run.gauge_std, rtol=0.03)
-    np.testing.assert_allclose(columns.run.whitened, lattice.run.whitened, atol=0.1)
-    (nu, left), (expected, spread) = columns.nuisances, lattice.nuisances
+    np.testing.assert_allclose(columns.run.gauge_mean, on_grid.run.gauge_mean, atol=0.1 * 2e-3)
+    np.testing.assert_allclose(columns.run.gauge_std, on_grid.run.gauge_std, rtol=0.03)
+    np.testing.assert_allclose(columns.run.whitened, on_grid.run.whitened, atol=0.1)
+    (nu, left), (expected, spread) = columns.nu_moments, on_grid.nu_moments
     np.testing.assert_allclose(nu, expected, atol=0.1)
     np.testing.assert_allclose(np.sqrt(np.diag(left)), np.sqrt(np.diag(spread)), rtol=0.03)
 
 
-def test_the_smoother_begins_where_the_filter_ends(likelihood):
+def test_smoother_starts_at_filter_end(likelihood):
     (y, _), (model, P) = likelihood, five(0.1)
-    own = no_nuisances(model)
-    bank = filter_bank(BankRecord(model, np.zeros(10), P, forces(), y, own))
-    later = smooth_bank(BankRecord(model, np.zeros(10), P, forces(), y, own), bank)
-    std = bank.run.std[-1, 0]
-    np.testing.assert_allclose(later.mean[-1, 0] / std, bank.run.mean[-1, 0] / std, atol=0.05)
+    own = none_considered(model)
+    grid_run = filter_on_grid(GridRecord(model, np.zeros(10), P, forces(), y, own))
+    later = smooth_on_grid(GridRecord(model, np.zeros(10), P, forces(), y, own), grid_run)
+    std = grid_run.run.std[-1, 0]
+    np.testing.assert_allclose(later.mean[-1, 0] / std, grid_run.run.mean[-1, 0] / std, atol=0.05)
     np.testing.assert_allclose(later.std[-1, 0], std, rtol=0.03)
-    assert (later.std[1:, 0] < 1.05 * bank.run.std[1:, 0]).all()
+    assert (later.std[1:, 0] < 1.05 * grid_run.run.std[1:, 0]).all()
 
 
-def test_readings_of_another_model_are_refused_and_not_followed_without_end(likelihood):
+def test_readings_of_another_model_are_refused(likelihood):
     (y, _), (model, P) = likelihood, five(0.2)
     with pytest.raises(NumericalError):
-        filter_bank(BankRecord(model, np.zeros(10), P, forces(), 1e3 * y, no_nuisances(model)))
+        filter_on_grid(GridRecord(model, np.zeros(10), P, forces(), 1e3 * y, none_considered(model)))

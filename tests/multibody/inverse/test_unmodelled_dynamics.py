@@ -104,7 +104,7 @@ def test_responses_of_a_step_are_exponentials_of_larger_matrices(doublings):
     assert not step_responses(F, None, G, part, doublings)[1].any()
 
 
-def test_at_rest_nothing_is_left_out_whatever_the_loads():
+def test_no_unmodelled_dynamics_at_rest():
     b, h = bench(), 0.05
     model = b.model(h, 2, load=1.0, corrected=True, rest=False)
     x, _ = b.start(model)
@@ -116,7 +116,7 @@ def test_at_rest_nothing_is_left_out_whatever_the_loads():
 
 
 @pytest.mark.parametrize("method", ["second_order", "thesis"])
-def test_slopes_of_what_is_left_out_are_those_of_a_step_that_begins_elsewhere(method):
+def test_slopes_of_unmodelled_dynamics(method):
     b, h = bench(["preload"], modulus=True, preload=2e-4), 0.02
     model = b.model(h, 2, free=("E", "b.preload"), load=1e3, corrected=True, rest=False, method=method)
     x, _ = b.start(model)
@@ -141,7 +141,7 @@ def test_slopes_of_what_is_left_out_are_those_of_a_step_that_begins_elsewhere(me
         assert off < 0.1 * np.linalg.norm(d * (plain[: model.v.stop, at] - difference))
 
 
-def test_what_is_left_out_of_a_short_step_is_of_third_order():
+def test_unmodelled_dynamics_are_of_third_order():
     b, sizes = bench(), []
     for h in (2e-4, 1e-4):
         model = b.model(h, 2, load=1.0, corrected=True, rest=False)

@@ -1,4 +1,4 @@
-"""What a step leaves out: the exact flow of the bench linearised along it, with loads that move within it, less the step."""
+"""Unmodelled dynamics of a step: the exact linearised flow of the bench, with loads that vary within the step, minus the step."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from strainsight.multibody.step import Method, linear_step
 from strainsight.multibody.system import System
 
 ROUNDING = 1e-12
-"""Share of its variance that is left of a motion when the load's ends are known, below which it is rounding."""
+"""Relative variance of a motion with known load at both ends below which it is rounding."""
 WIDTH = 1e-4
-"""Of the differences by parameters, whose coordinates are logarithms, or µm of preload."""
+"""Step of the differences in the parameter coordinates: logarithms, or µm of preload."""
 CHECKED = 4
-"""Every how many steps the error that is left of `linearised` is estimated anew: half of what its cost would be in each."""
+"""Steps between two estimates of the remaining error of `linearise`, which would double the cost in each step."""
 KEPT, CLOSE = 8, 0.05
-"""How many steps a linearisation serves at most; twice as many as before where at its end it is off by less than CLOSE of σ of
-what no state tells, one where it is not."""
+"""Most steps that one linearisation serves. The number doubles while its final error is below CLOSE of σ of the unobservable
+part, and is one otherwise."""
 
 
 class Start(NamedTuple):
-    """Where a step begins, and what is known of its loads: q, v (n,), c (k,) of the unknown ones, u and u_end (width,) at
-    its start and end, the unknown ones of c at both; theta (nθ,)."""
+    """Start of a step: q, v (n,); c (k,): unknown loads; u and u_end (width,): loads at start and end, with c for the unknown
+    ones; theta (nθ,)."""
 
     q: np.ndarray
     v: np.ndarray
@@ -40,16 +40,14 @@ class Start(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """e = change + by_state ((q, v) − start) + by_load (c − start) + by_drawn δ + ε, what (q', v') lacks after the step.
-
-    change (2n,); by_state (2n, 2n); by_load, by_drawn (2n, k); noise (2n, 2n): covariance of ε, which δ does not tell.
-    """
+class StepError:
+    """Error of a step, e = change + by_state ((q, v) − start) + by_load (c − start) + by_noise δ + ε, missing in (q', v').
+    change (2n,); by_state (2n, 2n); by_load, by_noise (2n, k); noise (2n, 2n): covariance of ε, which is independent of δ."""
 
     change: np.ndarray
     by_state: np.ndarray
     by_load: np.ndarray
-    by_drawn: np.ndarray
+    by_noise: np.ndarray
     noise: np.ndarray
 
 
@@ -67,13 +65,13 @@ class Linearised:
     by_load: np.ndarray
     by_constant: np.ndarray
     by_ramp: np.ndarray
-    left: LeftOut
+    left: StepError
 
     def change(self, system: System, h: float, start: Start) -> np.ndarray:
-        """`LeftOut.change` (2n,) of a step of h from start."""
+        """`StepError.change` (2n,) of a step of h from start."""
         speed, constant, ramp = _driven(system, h, start, self.flow)
-        found = self.by_speed @ speed + self.by_load @ start.c + self.by_constant @ constant + self.by_ramp @ ramp
-        return _out(self.flow.T, found[:, None])[:, 0]
+        response = self.by_speed @ speed + self.by_load @ start.c + self.by_constant @ constant + self.by_ramp @ ramp
+        return _out(self.flow.T, response[:, None])[:, 0]
 
 
 class Plant(NamedTuple):
@@ -85,7 +83,7 @@ class Plant(NamedTuple):
     inputs: np.ndarray
 
 
-def linearised(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> Linearised:
+def linearise(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> Linearised:
     """Of the step of loads.h from `start`, linearised at `middle` (q, v), T its motions, M ÿ = f:
 
         f = f₀ − K y − C (ẏ − ẏ₀) + B (u(t) − u₀),   ċ = A c + w,   z = (y, ẏ),   (z, c)' = Φ (z, c) + …,   covariance Q
@@ -113,18 +111,18 @@ def linearised(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]
     through, first, last = linear_step(flow.mass, flow.damping, flow.stiffness, h, method)
     by_state = phi[z, z] - through
     by_load = phi[z, c] - first @ unknown - last @ (unknown @ loads.transition)
-    known = _by_ends(gathered[z, c], loads.drawn)
-    by_drawn = known - last @ unknown
+    known = _by_ends(gathered[z, c], loads.noise_covariance)
+    by_noise = known - last @ unknown
     noise = _semidefinite(gathered[z, z] - known @ gathered[c, z], np.diag(gathered)[z])
     bridge = _out(T, noise)
     by_start = _out(T, _back(by_state, flow.along))
-    left = LeftOut(np.zeros(2 * n), by_start, _out(T, by_load), _out(T, by_drawn), bridge @ bridge.T)
-    found = Linearised(flow, by_state[:, r:], by_load, constant - first - last, ramp / h - last, left)
-    return replace(found, left=replace(left, change=found.change(system, h, start)))
+    left = StepError(np.zeros(2 * n), by_start, _out(T, by_load), _out(T, by_noise), bridge @ bridge.T)
+    result = Linearised(flow, by_state[:, r:], by_load, constant - first - last, ramp / h - last, left)
+    return replace(result, left=replace(left, change=result.change(system, h, start)))
 
 
 def change_at(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """`LeftOut.change` (2n,) alone, of `linearised` with these arguments: a fifth of its cost."""
+    """`StepError.change` (2n,) alone, of `linearise` with these arguments: a fifth of its cost."""
     system, method, loads, _ = plant
     h = loads.h
     flow = _flow(plant, start, middle)
@@ -144,7 +142,7 @@ def change_at(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray])
 @dataclass(frozen=True, eq=False)
 class _Flow:
     """The bench linearised at one place: T (n, r) and D²T (n, r); mass, damping, stiffness (r, r), push B (r, all inputs), of
-    them unknown (r, k) by c; in states (ωy, ẏ, c), so that both halves of a motion count alike: F, the intensity Q of their
+    them unknown (r, k) by c; in states (ωy, ẏ, c), so that both halves of a motion have equal weight: F, the intensity Q of their
     noise, yields (r, r) = M⁻¹, units of the states; doublings of a part of the step that make the whole."""
 
     T: np.ndarray
@@ -219,14 +217,14 @@ def _semidefinite(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
     return np.asarray(scale[:, None] * F)
 
 
-def _by_ends(cross: np.ndarray, own: np.ndarray) -> np.ndarray:
+def _by_ends(cross: np.ndarray, squares: np.ndarray) -> np.ndarray:
     """Q_zc Q_c⁻¹ (2r, k), 0 of what no noise drives; own Q_c (k, k)."""
-    if not own.any():
+    if not squares.any():
         return np.zeros_like(cross)
-    size = np.sqrt(np.diag(own))
+    size = np.sqrt(np.diag(squares))
     driven = size > 0
     known = np.zeros_like(cross)
-    scaled = own[np.ix_(driven, driven)] / np.outer(size[driven], size[driven])
+    scaled = squares[np.ix_(driven, driven)] / np.outer(size[driven], size[driven])
     known[:, driven] = np.linalg.solve(scaled, (cross[:, driven] / size[driven]).T).T / size[driven]
     return known
 
@@ -240,7 +238,7 @@ class Begun:
 
     k: int
     x: np.ndarray
-    left: LeftOut | None
+    left: StepError | None
     by_xi: np.ndarray
     stale: np.ndarray
     at: Linearised | None = None
@@ -253,7 +251,7 @@ class Begun:
         return (None, None) if self.k != k else (None if self.left is None else self.left.noise, self.stale)
 
 
-def begun(
+def begin_step(
     plant: Plant,
     coordinates: ParameterCoordinates,
     x: np.ndarray,
@@ -264,12 +262,11 @@ def begun(
     rest: bool,
     before: Begun | None,
 ) -> Begun:
-    """Of step k from x, linearised half-way between its start and `ahead`, q' and v' of the step alone; xi (p,) of x.
-
-    rest: whether it begins in the equilibrium under its loads and parameters: then nothing is left out whatever they are, but of
-    the rates and of what is drawn. before: the step before, whose estimate of the error goes on, and its linearisation while it
-    serves: then only what moves the bench at the start is found anew. When it has served, what it is off by is part of the error.
-    """
+    """Of step k from x, linearised half-way between its start and `ahead`, q' and v' of the step alone; xi (p,) of x. rest:
+    whether it begins in the equilibrium under its loads and parameters: then nothing is left out whatever they are, but of
+    the rates and of what is drawn. before: the step before, whose estimate of the error goes on, and its linearisation while
+    it serves: then only what moves the bench at the start is found anew. When it has served, what it is off by is part of the
+    error."""
     system, _, loads, _ = plant
     n, p = 2 * system.size, len(xi)
     by_xi = np.zeros((n, p))
@@ -284,24 +281,24 @@ def begun(
         if before is not None and old is not None and k < before.since + before.serves:
             left = replace(old.left, change=old.change(system, loads.h, start))
             return replace(before, k=k, x=x.copy(), left=left)
-        at = linearised(plant, start, middle)
+        at = linearise(plant, start, middle)
         left = at.left
         for j in range(0 if rest else p):
             moved = xi.copy()
             moved[j] += WIDTH
             change = change_at(plant, start._replace(theta=coordinates.theta(moved)[0]), middle)
             by_xi[:, j] = (change - left.change) / WIDTH
-        serves, apart = 1, []
+        serves, differences = 1, []
         if old is not None and before is not None:
             d = left.change - old.change(system, loads.h, start)
             sigma = np.sqrt(np.diag(left.noise))
             serves = min(2 * before.serves, KEPT) if np.all(np.abs(d) <= CLOSE * sigma) else 1
             if before.serves > 1:
-                apart.append(d)
-        if apart or k % CHECKED == 0:
-            apart.append(left.change - change_at(plant, start, (start.q, start.v)))
-        if apart:
-            off = np.array(apart)
+                differences.append(d)
+        if differences or k % CHECKED == 0:
+            differences.append(left.change - change_at(plant, start, (start.q, start.v)))
+        if differences:
+            off = np.array(differences)
             new = off.T @ off
             stale = 0.5 * (stale + new) if stale.any() else new
     except (NumericalError, UserError):

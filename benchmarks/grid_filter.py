@@ -1,9 +1,9 @@
-"""Cost of the bank: `python -m benchmarks.bank [--quick]`.
+"""Cost of the grid filter: `python -m benchmarks.grid_filter [--quick]`.
 
 The cantilever of `filter.py`, 11 modes with four strain gauges and an unknown tip load, 23 states, and three unknown moduli,
 those of its thirds. 10 000 samples of the model itself, moduli from a prior of 5 %. Prints the time on one core and on two, how
 often the lattice was laid, its points at the end, and the real errors over σ; then the same with 26 constants that σ holds
-beside the states. The bank is of no use if it is slow: 60 s on two cores is the limit.
+beside the states. The grid filter is of no use if it is slow: 60 s on two cores is the limit.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 from benchmarks.filter import E0, HEIGHT, LENGTH, MODES, WIDTH, cantilever
 from tests.estimation.truth import draw_truth
 
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.conditional import Nuisances, no_nuisances
+from strainsight.estimation.conditional import ConsideredParameters, none_considered
+from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.record import BankRecord
+from strainsight.estimation.record import GridRecord
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import Unknowns
 from strainsight.runner.where import Where, opened
@@ -74,18 +74,18 @@ def main() -> None:
     states = model.parameter_states.start
     rng = np.random.default_rng(2)
     D = 0.01 * rng.standard_normal((CONSTANTS, 4, 1)) * model.H[:, :states]
-    constants = Nuisances(("gain",) * CONSTANTS, D, np.zeros((CONSTANTS, 4, 0)), np.zeros((CONSTANTS, 4)))
+    constants = ConsideredParameters(("gain",) * CONSTANTS, D, np.zeros((CONSTANTS, 4, 0)), np.zeros((CONSTANTS, 4)))
     print(f"{steps} samples, {states} states, 3 parameters")
-    for words, nuisances in (("nothing beside", no_nuisances(model)), (f"{CONSTANTS} constants beside", constants)):
+    for words, considered in (("nothing beside", none_considered(model)), (f"{CONSTANTS} constants beside", constants)):
         for threads in (1, 2):
             start = time.perf_counter()
             with opened(Where(jobs=threads)):
-                found = filter_bank(BankRecord(model, np.zeros(model.size), P, known, y[:, 0], nuisances))
+                found = filter_on_grid(GridRecord(model, np.zeros(model.size), P, known, y[:, 0], considered))
             took = time.perf_counter() - start
             error = found.run.mean[-1, 0, states:] - truth[-1, 0, states:]
             shares = ", ".join(f"{e:.2f}" for e in error / found.run.std[-1, 0, states:])
             print(
-                f"{words}, {threads} threads: {took:.1f} s, laid {found.laid} times, {len(found.weight)} points, "
+                f"{words}, {threads} threads: {took:.1f} s, laid {found.grid_count} times, {len(found.weight)} points, "
                 f"error/σ {shares}",
                 flush=True,
             )

@@ -11,10 +11,16 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
-from strainsight.estimation.claim import ClaimedStd, bank_claim, covariance_recursion
-from strainsight.estimation.conditional import Nuisances, acceleration_rows, linear_models, no_nuisances, theta_at
+from strainsight.estimation.claim import ClaimedStd, covariance_recursion, predict_grid_std
+from strainsight.estimation.conditional import (
+    ConsideredParameters,
+    acceleration_rows,
+    linear_models,
+    none_considered,
+    theta_at,
+)
 from strainsight.estimation.model import FilterModel, inputs_of, theta_of
-from strainsight.estimation.record import BankRecord, Settled, periodic_start
+from strainsight.estimation.record import GridRecord, Settled, periodic_start
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.problem import SILENT, Problem
@@ -77,7 +83,7 @@ class Tolerated:
     that reads it, its sign there, and gauge, a number for those that move as one; slope: name → (g, n) per reduced coordinate,
     those without a tolerance left out; beyond: the same names → (g, f) of what each error of a load, of σ, displaces beyond the
     coordinates [1/N]; mean (g, n): what they read on average beyond what they are meant to; zeros: what is off whatever the
-    motion is; loads: how they act; damping, frequency, stiffness, learned, discrepancy: of `Nuisances`.
+    motion is; loads: how they act; damping, frequency, stiffness, learned, discrepancy: of `ConsideredParameters`.
     """
 
     channels: np.ndarray
@@ -218,7 +224,9 @@ def on_average(tolerated: Tolerated, model: FilterModel, channels: np.ndarray) -
     return replace(model, H=H)
 
 
-def nuisances_of(tolerated: Tolerated, model: FilterModel, channels: np.ndarray, behind: bool = False) -> Nuisances:
+def build_considered(
+    tolerated: Tolerated, model: FilterModel, channels: np.ndarray, behind: bool = False
+) -> ConsideredParameters:
     """Of a filter with these channels (m,) of train.h5: direction and point of every load, gain of every known one; place and
     turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part. behind: with
     what misaligned loads displace beyond the coordinates behind the states of the smoother (`field_beyond`)."""
@@ -273,7 +281,7 @@ def nuisances_of(tolerated: Tolerated, model: FilterModel, channels: np.ndarray,
             if off.any():
                 add(zero.source, **{"drift" if zero.drifts else "offset": off})
     D, E, B, offset, drift = (stacked(columns[key], shape) for key, shape in shapes.items())
-    return Nuisances(
+    return ConsideredParameters(
         tuple(sources),
         D,
         np.concatenate([E, drift[..., None]], axis=2) if drift.any() else E,
@@ -318,7 +326,7 @@ def variances(problem: Problem, claim: ClaimedStd) -> tuple[np.ndarray, Shares]:
 def budget_of(
     problem: Problem,
     tolerances: Tolerated,
-    record: BankRecord,
+    record: GridRecord,
     channels: np.ndarray,
     run: FilterRun,
     smoothed: Smoothed,
@@ -340,12 +348,12 @@ def budget_of(
     missing = np.zeros((len(u), 1, len(channels)))
     missing[model.every - 1 :: model.every, 0] = np.isnan(record.samples)
     at = replace(at, r=at.r * np.where(missing > 0, SILENT, 1.0) if missing.any() else at.r)
-    by_bank = problem.method == "bank"
+    uses_grid = problem.method == "bank"
     start = np.diag(record.covariance)[model.motion]
-    motion = _motion(at, theta, u, x[:, model.motion], start, record.settled if by_bank else None)
-    if by_bank:
-        nuisances = nuisances_of(tolerances, at, channels)
-        claim = bank_claim(at, motion, u, record.covariance, nuisances, record.settled)
+    motion = _motion(at, theta, u, x[:, model.motion], start, record.settled if uses_grid else None)
+    if uses_grid:
+        considered = build_considered(tolerances, at, channels)
+        claim = predict_grid_std(at, motion, u, record.covariance, considered, record.settled)
     else:
         claim = covariance_recursion(at, motion, u, record.covariance)
     whole, shares = variances(problem, claim)
@@ -371,11 +379,11 @@ def _motion(
     be to the smoothed one.
 
     That one is none of the model where gauges or loads are not as meant: its start would set off what no test has seen, and
-    distinguish constants by it. u (T, HOLD, n_u); start (2n,): variance of [q, q̇] at t = 0. Least squares of the free motion Aᵏx₀
-    on what the smoothed motion has beside the forced one, coordinates over their RMS, with the start of the filter as prior.
+    distinguish constants by it. u (T, HOLD, n_u); start (2n,): variance of [q, q̇] at t = 0. Least squares of the free motion
+    Aᵏx₀ on what the smoothed motion has beside the forced one, coordinates over their RMS, with the start of the filter as prior.
     """
     if settled is not None:
-        one = linear_models(model, np.zeros((1, len(model.unknowns.parameters))), no_nuisances(model))
+        one = linear_models(model, np.zeros((1, len(model.unknowns.parameters))), none_considered(model))
         return simulate(model.model, theta, u, model.h, periodic_start(model, one, settled)[0][0])
     forced, A = simulate(model.model, theta, u, model.h), modal_step(model.model, theta, model.h).transition
     size, std = np.sqrt(np.mean(smoothed**2, axis=0)), np.sqrt(start)

@@ -1,4 +1,4 @@
-"""Filters side by side: the bank over constants of a step against Bayes by brute force, and compiled linear filters."""
+"""Filters side by side: the grid filter over constants of a step against Bayes by brute force, and compiled linear filters."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from strainsight.estimation.compiled import vectors
 from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.parallel_filters import Data, advance, filters_of
-from strainsight.estimation.step_bank import StepBank, filter_constants
+from strainsight.estimation.parallel_filters import Data, advance, build_filters
+from strainsight.estimation.step_grid_filter import StepGridProblem, filter_constants
 from strainsight.runner.where import Where, opened
 
 from .chain import finer
@@ -86,7 +86,7 @@ class Oscillator(StepToy):
         return xi, np.array(y)[:, None]
 
 
-def bank_of(mean, P, filters):
+def problem_of(mean, P, filters):
     """Constants known independently of the motion: given ξ, the rest is as before."""
 
     def begin(xi):
@@ -95,7 +95,7 @@ def bank_of(mean, P, filters):
         x[:, XI:] = xi
         return x, np.tile(own, (len(xi), 1, 1))
 
-    return StepBank(mean, P, slice(XI, XI + 1), np.array([U, XI]), begin, filters)
+    return StepGridProblem(mean, P, slice(XI, XI + 1), np.array([U, XI]), begin, filters)
 
 
 PRIOR = 0.3
@@ -131,12 +131,12 @@ def joint_density(model, mean, P, xi, y):
 
 
 @pytest.mark.parametrize("how", [{}, {"form": "square_root", "iterations": 10, "through_step": True}])
-def test_where_the_step_is_linear_at_fixed_constants_the_bank_is_bayes_by_brute_force(how):
+def test_step_grid_filter_matches_brute_force_bayes(how):
     model = replace(WEAKLY_SEEN, known=WEAKLY_SEEN.known[:40], sigma=0.02)
     mean, P = start(model.walk)
     _, y = model.drawn(mean, P, np.random.default_rng(4))
     with finer(0.5, 20.0):
-        found = filter_constants(bank_of(mean, P, runs_of(model, **how)), y)
+        found = filter_constants(problem_of(mean, P, runs_of(model, **how)), y)
     grid = found.mean[-1, XI] + found.std[-1, XI] * np.arange(-7, 7.01, 0.5)
     log = np.array([joint_density(model, mean, P, xi, y) for xi in grid]) - 0.5 * grid**2 / PRIOR**2
     w = np.exp(log - log.max())
@@ -148,13 +148,13 @@ def test_where_the_step_is_linear_at_fixed_constants_the_bank_is_bayes_by_brute_
 
 
 @pytest.mark.slow
-def test_its_sigma_holds_over_drawn_truths_where_the_extended_filter_is_overconfident():
+def test_grid_filter_is_calibrated_where_ekf_is_overconfident():
     """RMS of the error over RMS of σ, 100 truths of the model itself: 0.85 to 1.15; the extended filter's is 1.25."""
     model, (mean, P) = WEAKLY_SEEN, start(WEAKLY_SEEN.walk)
     draws = [model.drawn(mean, P, np.random.default_rng(7000 + seed)) for seed in range(100)]
-    banks = [filter_constants(bank_of(mean, P, runs_of(model)), y) for _, y in draws]
-    error = np.array([bank.mean[-1, XI] - xi for bank, (xi, _) in zip(banks, draws, strict=True)])
-    std = np.array([bank.std[-1, XI] for bank in banks])
+    grid_runs = [filter_constants(problem_of(mean, P, runs_of(model)), y) for _, y in draws]
+    error = np.array([grid_run.mean[-1, XI] - xi for grid_run, (xi, _) in zip(grid_runs, draws, strict=True)])
+    std = np.array([grid_run.std[-1, XI] for grid_run in grid_runs])
     assert 0.85 < np.sqrt(np.mean(error**2) / np.mean(std**2)) < 1.15
     extended = filter_runs(model, mean, P, np.stack([y for _, y in draws], axis=1))
     off = extended.mean[-1, :, XI] - np.array([xi for xi, _ in draws])
@@ -176,16 +176,16 @@ class Breaking(Oscillator):
         return np.where(x[:, XI:] < self.least, np.nan, ahead), A
 
 
-def test_points_whose_filters_diverge_or_have_no_start_weigh_nothing(measured):
+def test_diverged_points_have_zero_weight(measured):
     model, mean, P, y = measured
     breaking = Breaking(**{name: getattr(model, name) for name in ("known", "white", "walk", "sigma")})
-    bank = bank_of(mean, P, runs_of(breaking))
+    grid_run = problem_of(mean, P, runs_of(breaking))
 
     def begin(xi):
-        x, own = bank.begin(xi)
+        x, own = grid_run.begin(xi)
         return np.where(xi > 0.7, np.nan, x), own
 
-    found = filter_constants(replace(bank, begin=begin), y)
+    found = filter_constants(replace(grid_run, begin=begin), y)
     assert found.without > 0
     assert np.isfinite(found.mean).all()
     assert np.isfinite(found.std).all()
@@ -194,20 +194,20 @@ def test_points_whose_filters_diverge_or_have_no_start_weigh_nothing(measured):
     assert not found.weight[outside].any()
 
 
-def test_where_no_filter_is_left_it_is_refused_with_a_remedy(measured):
+def test_divergence_at_all_points_is_refused(measured):
     model, mean, P, y = measured
     breaking = Breaking(known=model.known)
     object.__setattr__(breaking, "least", np.inf)
-    with pytest.raises(NumericalError, match="at all values of the parameters have diverged") as error:
-        filter_constants(bank_of(mean, P, runs_of(breaking)), y)
+    with pytest.raises(NumericalError, match="at all parameter values diverged") as error:
+        filter_constants(problem_of(mean, P, runs_of(breaking)), y)
     assert "guess" in error.value.remedy
 
 
 def test_a_constant_without_prior_width_is_refused(measured):
     model, mean, P, y = measured
     P[XI, XI] = 0.0
-    with pytest.raises(InfeasibleError, match="first σ of the parameters is zero"):
-        filter_constants(bank_of(mean, P, runs_of(model)), y)
+    with pytest.raises(InfeasibleError, match="initial σ of the parameters is zero"):
+        filter_constants(problem_of(mean, P, runs_of(model)), y)
 
 
 A = np.array([[0.8, 0.1], [-0.1, 0.7]])
@@ -222,10 +222,10 @@ def passed(filters, samples, keep):
 
 
 @pytest.mark.parametrize("before", [0, 30, 200])
-def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_kept_before(before):
+def test_innovation_covariance_matches_riccati(before):
     """S = H P⁻Hᵀ + R, P⁻ by SciPy; a filter that had become steady in a part that was not kept had S = 0."""
     samples = np.random.default_rng(3).standard_normal((before + 300, 2))
-    filters = filters_of(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    filters = build_filters(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     passed(filters, samples[:before], keep=False)
     found = passed(filters, samples[before:], keep=True)
     P = solve_discrete_are(A.T, H.T, PROCESS, np.diag(R))
@@ -234,10 +234,10 @@ def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_ke
         np.testing.assert_allclose(found.S[0, 0], H @ P @ H.T + np.diag(R), rtol=1e-11)
 
 
-def test_what_decays_ends_at_zero_and_not_among_the_least_numbers_that_slow_a_processor():
+def test_decaying_states_are_flushed_to_zero():
     never = np.zeros((2, 2))
     models = plain_models(A, never, H)
-    filters = filters_of(models, np.ones((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    filters = build_filters(models, np.ones((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     known = np.zeros((3000, 0))
     data = Data(known, known, np.full((3000, 2), np.nan), np.tile(R, (3000, 1)), np.zeros(2))
     found = advance(models, filters, data, True)
@@ -251,10 +251,10 @@ def test_threads_change_no_bit(monkeypatch):
     model = chain(tuple(REFERENCE)[:1])
     own, rng = constants(model), np.random.default_rng(6)
     at = linear_models(model, np.linspace(-0.2, 0.2, 5)[:, None], own)
-    (B, m, n), d, known = at.H.shape, at.nuisances, both_forces()[:40, :, :1]
+    (B, m, n), d, known = at.H.shape, at.considered_count, both_forces()[:40, :, :1]
     samples, found = rng.standard_normal((40, m)), []
     for jobs in (1, 2, 3):
-        filters = filters_of(at, np.zeros((B, n)), np.eye(n), np.zeros((B, d, n)))
+        filters = build_filters(at, np.zeros((B, n)), np.eye(n), np.zeros((B, d, n)))
         with opened(Where(jobs=jobs)):
             data = Data(known.reshape(40, -1), known_ends(known, own), samples, np.ones((40, m)), np.zeros(m))
             found.append(advance(at, filters, data, True))
@@ -265,7 +265,7 @@ def test_threads_change_no_bit(monkeypatch):
 
 def test_loops_are_compiled_once_for_arrays_of_any_kind():
     samples = np.asfortranarray(np.random.default_rng(1).standard_normal((5, 2)))
-    filters = filters_of(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    filters = build_filters(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     known, noise = np.zeros((5, 0)), np.broadcast_to(R, (5, 2))
     data = Data(known, known, samples, noise, np.zeros(2))
     advance(plain_models(A, PROCESS, H), filters, data, True)
@@ -273,14 +273,14 @@ def test_loops_are_compiled_once_for_arrays_of_any_kind():
     assert len(take_steps.signatures) == 1
 
 
-def test_loops_that_are_kept_notice_a_change_of_every_file():
+def test_compiled_loops_detect_file_changes():
     stamp = take_steps._cache._cache_file._source_stamp
     for module in (compiled, vectors):
         file = Path(module.__file__).stat()
         assert (file.st_mtime, file.st_size) in stamp, module.__name__
 
 
-def test_a_step_of_modes_apart_is_that_of_full_matrices():
+def test_modal_step_matches_full_matrices():
     model = chain(tuple(REFERENCE)[:1])
     own = replace(constants(model), stiffness=0.01)
     apart = linear_models(model, np.array([[-0.2], [0.0], [0.1]]), own)
@@ -292,8 +292,8 @@ def test_a_step_of_modes_apart_is_that_of_full_matrices():
     R = np.tile(1e-13 * np.arange(1.0, m + 1), (50, 1))
     found = []
     for each in (apart, full):
-        filters = filters_of(
-            each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.nuisances, n)), consider=True
+        filters = build_filters(
+            each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.considered_count, n)), consider=True
         )
         data = Data(known.reshape(50, -1), known_ends(known, own), samples, R, np.zeros(m))
         found.append(advance(each, filters, data, True))

@@ -1,0 +1,407 @@
+"""Filters at the points of the parameter grid: their start, and their steps through the samples. An unknown load is modelled
+as a random walk, which no real load is. The likelihood of the configured walk depends on the size of the readings, and biases
+parameters on which that size depends. Therefore the walk is free enough to follow a line in the spectrum. What the gauge
+noise alone adds to the likelihood on average is subtracted: of the parameters by a filter of the loads alone
+(`advance_free_loads`), of ν by `noise_alone`. Source: Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import ClassVar, TypeVar
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+from strainsight.estimation.conditional import (
+    ConsideredParameters,
+    considers,
+    linear_models,
+    none_considered,
+    tune_frequencies,
+)
+from strainsight.estimation.mixture import C, PosteriorWeights, log_normal
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import (
+    KEPT,
+    Data,
+    Filters,
+    LinearModels,
+    Passage,
+    States,
+    advance,
+    build_filters,
+)
+from strainsight.estimation.parameter_grid import one_point
+from strainsight.estimation.record import GridRecord, start_filters
+from strainsight.estimation.reduced import LOST
+from strainsight.estimation.run import Keep
+
+SLIGHT = 1e-3
+"""Change of ln R for finite differences."""
+
+
+@dataclass(frozen=True)
+class FreeLoadFilters:
+    """Filters with free loads at the grid points, by which the points are weighted. alone: model of the loads alone, without
+    ν and channel offsets; louder, quieter: its filters with a noise SLIGHT larger and smaller than that of the gauges."""
+
+    models: LinearModels
+    filters: Filters
+    alone: LinearModels
+    louder: Filters
+    quieter: Filters
+
+
+def build_free_load_filters(record: GridRecord, load_models: LinearModels, point: np.ndarray) -> FreeLoadFilters:
+    """Filters at points (B, k) before the first step of a record; load_models: models with the configured loads."""
+    (free, alone), (mean, covariance) = record.free, record.start
+    offsets, loads = len(record.biased), np.zeros(len(mean), dtype=bool)
+    states, loads[free.input_states] = free.parameter_states.start, True
+    Q = np.pad(free.process[:states, :states], (0, offsets))
+    models = replace(load_models, Q=np.broadcast_to(Q, load_models.Q.shape))
+    alone = tune_frequencies(alone, record.considered, point)[0]
+    of_loads = linear_models(alone, point, none_considered(free), record.biased)
+    start = np.zeros((len(point), len(mean))), np.where(np.outer(loads, loads), covariance, 0.0)
+    return FreeLoadFilters(
+        models,
+        build_filters(models, *start_filters(free, models, mean, covariance, None)),
+        of_loads,
+        *(build_filters(of_loads, *start, np.zeros((len(point), 0, len(mean)))) for _ in range(2)),
+    )
+
+
+def advance_free_loads(free_load: FreeLoadFilters, data: Data, less: np.ndarray, keep: bool) -> Passage:
+    """Advance the filters, and return their passage with the fit by which the points are weighted. Arguments as in `advance`.
+    For noise v alone, with S the covariance of all readings of the loads alone, E ln p(v) = −½ ln|S| − ½ tr(R S⁻¹) up to a
+    constant. tr(R S⁻¹) is the slope of ln|S| in ln R, from zero readings at R e^{±δ}."""
+    passage = advance(free_load.models, free_load.filters, data, keep, states=False, less=less)
+    loads = np.zeros((len(data.known_end), free_load.alone.F.shape[-1]))
+    quiet = replace(data, known=0 * data.known, known_end=loads, samples=np.where(np.isnan(data.samples), np.nan, 0.0))
+
+    def alone(filters: Filters, factor: float) -> np.ndarray:
+        return advance(free_load.alone, filters, replace(quiet, noise=factor * data.noise), False).fit
+
+    louder, quieter = alone(free_load.louder, np.exp(SLIGHT)), alone(free_load.quieter, np.exp(-SLIGHT))
+    return replace(passage, fit=passage.fit - 0.5 * (louder + quieter) - (louder - quieter) / (2 * SLIGHT))
+
+
+SETTLED = 1e-9
+"""Relative change of a covariance per sample, in standard deviations, below which it is steady."""
+
+
+@dataclass(frozen=True)
+class _NoiseStep:
+    """One step of a filter on pure noise. P (n, n): predicted covariance as claimed; covariance Π (n, n): that by noise
+    alone; gain K (n, m); weight S⁻¹ (m, m) of the innovations, zero for missing samples; noise R (m,), zero for missing
+    samples."""
+
+    P: np.ndarray
+    covariance: np.ndarray
+    gain: np.ndarray
+    weight: np.ndarray
+    noise: np.ndarray
+
+
+def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray, every: int = 1) -> np.ndarray:
+    """β (T, d), whose sum is the mean of Σₜ εₜᵀ Sₜ⁻¹ eₜ over records of gauge noise alone.
+
+    ε are the slopes of the innovations e in ν (`parallel_filters.advance`). β = 0 if the innovations are as the filter
+    claims, hence independent of ε; quieter readings have other innovations. For noise alone, with Φ = A(1 − KH) from
+    prediction to prediction,
+
+        Π⁺ = ΦΠΦᵀ + AKRKᵀAᵀ = E x̂x̂ᵀ,   Y = ΦᵀY⁺Φ + HᵀS⁻¹H
+        β_k = ⟨KᵀAᵀY⁺ΦΠ − S⁻¹HΠ, D_k⟩ − ⟨Y⁺(ΦΠ(1 − KH)ᵀ + AKRKᵀ), A_k⟩
+
+    Π runs forward and Y backward in time, in place of E x̂V_kᵀ for each k. models: one model; covariance (n, n) of its states
+    at t = 0; noise (T, m): variances of the samples, infinite if missing; every: steps per sample. βₜ contains the effect of
+    the noise up to step t in this and later steps.
+    """
+    A, H, A_nu = models.A[0], models.H[0], models.A_nu[0]
+    steps = _run_forward(A, H, models.Q[0], covariance, noise, every)
+    Y, one, beta = (
+        [np.zeros_like(A)] * (len(steps) + 1),
+        np.eye(len(A)),
+        np.zeros((len(noise), models.considered_count)),
+    )
+    for t in reversed(range(len(steps))):
+        now, after, later = steps[t], Y[t + 1], t + every
+        if later < len(steps) and now is steps[later] and _is_steady(after, Y[later + 1], after):
+            Y[t], beta[t] = Y[later], beta[later]
+            continue
+        left = one - now.gain @ H
+        loop = A @ left
+        propagated = loop @ now.covariance
+        on_rows = (A @ now.gain).T @ after @ propagated - now.weight @ H @ now.covariance
+        on_motion = after @ (propagated @ left.T + A @ (now.gain * now.noise) @ now.gain.T)
+        beta[t] = np.tensordot(models.D, on_rows)
+        beta[t, : len(A_nu)] -= np.tensordot(A_nu, on_motion)
+        Y[t] = loop.T @ after @ loop + H.T @ now.weight @ H
+    return beta
+
+
+def _run_forward(
+    A: np.ndarray, H: np.ndarray, Q: np.ndarray, P: np.ndarray, noise: np.ndarray, every: int
+) -> list[_NoiseStep]:
+    """All steps of the filter from rest; a steady step repeats the one a sample before."""
+    steps: list[_NoiseStep] = []
+    one, by_noise = np.eye(len(A)), np.zeros_like(A)
+    for t, variance in enumerate(noise):
+        P, by_noise = A @ P @ A.T + Q, A @ by_noise @ A.T
+        measured = np.isfinite(variance)
+        R = np.where(measured, variance, 0.0)
+        before = steps[t - every] if t >= every else None
+        if (
+            before is not None
+            and np.array_equal(R, before.noise)
+            and _is_steady(P, before.P, P)
+            and _is_steady(by_noise, before.covariance, P)
+        ):
+            now = before
+        else:
+            weight, rows = np.zeros((len(H), len(H))), H[measured]
+            weight[np.ix_(measured, measured)] = np.linalg.inv(rows @ P @ rows.T + np.diag(R[measured]))
+            now = _NoiseStep(P, by_noise, P @ H.T @ weight, weight, R)
+        steps.append(now)
+        left, fed = one - now.gain @ H, (now.gain * now.noise) @ now.gain.T
+        P, by_noise = left @ now.P @ left.T + fed, left @ now.covariance @ left.T + fed
+    return steps
+
+
+def _is_steady(X: np.ndarray, before: np.ndarray, P: np.ndarray) -> bool:
+    """Whether X (n, n) changed by less than SETTLED of the standard deviations of P."""
+    std = np.sqrt(np.abs(np.diag(P)))
+    return bool(np.all(np.abs(X - before) <= SETTLED * np.outer(std, std)))
+
+
+MOVED = 0.05
+"""Change of ln c of a mode: a linear slope neglects half its square, a thousandth of the damping."""
+FARTHEST = 4.0
+"""Limit of ν in σ: beyond it the measurements are inconsistent with the model."""
+ABSURD, UNLIKELY = 3.0, 20.0
+"""Limits of the logarithm of a parameter over its guess, absolute and in prior σ: beyond both, the measurements are not of this
+part."""
+TURNS, NOTICED = 8, 0.1
+"""Most relinearisations in ν, and the change of the log-likelihood below which they stop."""
+
+
+@dataclass(frozen=True)
+class GridProblem:
+    """Records to be filtered one after the other, with a common mean and covariance at t = 0; keep and progress as in
+    `filter_records`.
+
+    Parameters and ν are common to all records; motion, loads and offsets start anew in each. use_free_loads: weight
+    parameters by free loads instead of the likelihood under the configured loads. along: whether states along the samples are
+    required, or only the posterior at the end. birge_ratio: RMS of the innovations over their claim; the log-likelihood of
+    the parameters is divided by its square, which multiplies their σ by the ratio.
+    """
+
+    records: tuple[GridRecord, ...]
+    keep: Keep = "all"
+    progress: Callable[[float], None] | None = None
+    use_free_loads: bool = False
+    along: bool = True
+    birge_ratio: float = 1.0
+
+    @property
+    def model(self) -> FilterModel:
+        """Model of the first record, with the unknowns and states of all records."""
+        return self.records[0].model
+
+    @property
+    def first(self) -> tuple[int, ...]:
+        """Steps before each record, and the total number."""
+        return tuple(int(count) for count in np.cumsum([0, *(record.steps for record in self.records)]))
+
+    @property
+    def prior(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (k,) and covariance (k, k) of the parameters at t = 0."""
+        return self.records[0].prior
+
+    @property
+    def centre(self) -> np.ndarray | None:
+        """Centre of the frequencies, as in `ConsideredParameters`."""
+        return self.records[0].considered.centre
+
+    @property
+    def has_free_loads(self) -> bool:
+        """Whether parameters are weighted with free unknown loads."""
+        return self.use_free_loads and self.model.has_free_loads
+
+    @property
+    def bilinear(self) -> bool:
+        """Whether readings are far from linear in ν: considered damping or frequencies, or any ν together with unknown loads."""
+        considered, unknowns = self.records[0].considered, self.model.unknowns
+        of_modes = considered.of_modes(self.model.model.size)
+        return bool(unknowns.parameters) and (of_modes > 0 or (self.has_free_loads and len(considered.D) > 0))
+
+    @cached_property
+    def noise_alone(self) -> tuple[np.ndarray, ...]:
+        """Correction (T, d) of each record by `noise_alone`, the same at all points so that they remain comparable."""
+        by_record = []
+        for i, record in enumerate(self.records):
+            _, _, free_load = _start_filters(self, one_point(self.prior[0]), i)
+            assert free_load is not None
+            noise = np.where(np.isnan(record.data.samples), np.inf, record.data.noise)
+            by_record.append(noise_alone(free_load.models, record.start[1], noise, record.model.every))
+        return tuple(by_record)
+
+    def map_considered(self, of: Callable[[ConsideredParameters], ConsideredParameters]) -> GridProblem:
+        """The same with transformed considered parameters in each record."""
+        return replace(self, records=tuple(replace(each, considered=of(each.considered)) for each in self.records))
+
+    def log_prior(self, point: np.ndarray) -> np.ndarray:
+        """Log-prior of points (B, k), up to a constant."""
+        return log_normal(point, *self.prior)
+
+
+@dataclass(frozen=True)
+class WeightedFilters(PosteriorWeights[C]):
+    """Linear filters at all points after some steps, the last of them in record number `record`; free_load: filters by which the
+    points are weighted, or None."""
+
+    SHARED: ClassVar[tuple[str, ...]] = (*PosteriorWeights.SHARED, "record")
+
+    models: LinearModels
+    filters: Filters
+    record: int
+    free_load: FreeLoadFilters | None = None
+
+    @property
+    def states(self) -> States:
+        """States with the configured loads; ν comes from the free-load filters if there are any, like the parameters."""
+        return (
+            self.filters.states
+            if self.free_load is None
+            else with_nu(self.filters.states, self.free_load.filters.states)
+        )
+
+
+F = TypeVar("F", States, Filters)
+
+
+def with_nu(filters: F, others: F) -> F:
+    """The filters with mean and covariance of ν taken from others."""
+    return replace(filters, nu=others.nu, left=others.left)
+
+
+@dataclass(frozen=True)
+class Passed:
+    """passage: with the configured loads; fit (B, L): weights of the points; states: with ν of the weighting filters."""
+
+    passage: Passage
+    fit: np.ndarray
+    states: States
+
+
+def filter_points(problem: GridProblem, cover: C, step: int) -> WeightedFilters[C]:
+    """Filters at the given points, from the start through `step` steps."""
+    models, filters, free_load = _start_filters(problem, cover, 0)
+    B = models.count
+    now = WeightedFilters(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters, 0, free_load)
+    while now.step < step:
+        now = enter_record(problem, now)
+        passage = advance_points(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
+        now = apply_passage(now, passage, passage.fit.shape[1])
+    return now
+
+
+def _start_filters(problem: GridProblem, cover: C, number: int) -> tuple[LinearModels, Filters, FreeLoadFilters | None]:
+    """Filters at the start of a record, with the prior of ν, and the free-load filters."""
+    record = problem.records[number]
+    models, free_load = linear_models(record.model, cover.point, record.considered, record.biased), None
+    if problem.has_free_loads:
+        free_load = build_free_load_filters(record, models, cover.point)
+        if not problem.along:  # nobody asks for loads as they are stated
+            return free_load.models, free_load.filters, free_load
+    filters = build_filters(
+        models, *record.begun(models), consider=problem.along and considers(record.model, record.considered)
+    )
+    return models, filters, free_load
+
+
+def enter_record(problem: GridProblem, now: WeightedFilters[C]) -> WeightedFilters[C]:
+    """Enter the next record at the end of one: states restart from the prior, and the estimate of ν is kept."""
+    if now.step < problem.first[now.record + 1]:
+        return now
+    models, filters, free_load = _start_filters(problem, now.cover, now.record + 1)
+    if free_load is not None and now.free_load is not None:
+        free_load = replace(free_load, filters=with_nu(free_load.filters, now.free_load.filters))
+    return replace(
+        now, models=models, filters=with_nu(filters, now.filters), record=now.record + 1, free_load=free_load
+    )
+
+
+def linearise_about_samples(problem: GridProblem, point: np.ndarray, nu: np.ndarray) -> GridProblem:
+    """The problem linearised about the most likely damping and frequencies, with unknown loads about all ν that act on motion
+    and rows.
+
+    Unchanged if ν moves by less than MOVED. point (k,), nu (d,): parameters, and the mean of ν there. Gauss-Newton to the
+    most likely ν at these parameters, with Laplace's normal density about it. Source: Tierney and Kadane, J. American
+    Statistical Association 81 (1986).
+    """
+    here, fit = one_point(point), np.inf
+    for _ in range(TURNS):
+        if not nu_has_moved(problem, nu):
+            break
+        problem = problem.map_considered(partial(replace, about=_linearisation_point(problem, nu)))
+        now = filter_points(problem, here, problem.first[-1])
+        if abs(now.fit[0] - fit) <= NOTICED:
+            break
+        nu, fit = now.states.nu[0, 0] + now.models.about, float(now.fit[0])
+    return problem
+
+
+def nu_has_moved(problem: GridProblem, nu: np.ndarray) -> bool:
+    """Whether the mean of ν (d,) is MOVED from the linearisation: in ln c for damping, in σ otherwise."""
+    considered, about = problem.records[0].considered, _linearisation_point(problem, nu)
+    off = np.abs(about - np.pad(considered.about, (0, len(about) - len(considered.about))))
+    modes = problem.model.model.size * (considered.damping > 0)
+    return bool(considered.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
+
+
+def _linearisation_point(problem: GridProblem, nu: np.ndarray) -> np.ndarray:
+    """Linearisation point of ν: damping and frequencies of each mode, with unknown loads all ν that act on motion and rows.
+    Additive ν are linear anyway."""
+    about = np.clip(nu, -FARTHEST, FARTHEST)
+    if not problem.has_free_loads:
+        return np.asarray(about[: problem.records[0].considered.of_modes(problem.model.model.size)])
+    # of several records, what adds to readings of one does nothing in the others
+    offset = np.any([(record.considered.offset != 0).any(axis=1) for record in problem.records], axis=0)
+    about[len(nu) - len(offset) :][offset] = 0.0
+    return np.asarray(about)
+
+
+def advance_points(problem: GridProblem, now: WeightedFilters[C], steps: int, keep: bool) -> Passed:
+    """Advance by the next steps, as far as the record goes."""
+    before = problem.first[now.record]
+    span = slice(now.step - before, now.step - before + steps)
+    data, power = problem.records[now.record].data.of(span), problem.birge_ratio**-2
+    if now.free_load is None:
+        passage = advance(now.models, now.filters, data, keep)
+        return Passed(passage, power * passage.fit, passage.states)
+    weighing = advance_free_loads(now.free_load, data, problem.noise_alone[now.record][span], keep)
+    if not problem.along:
+        return Passed(weighing, power * weighing.fit, weighing.states)
+    passage = advance(now.models, now.filters, data, keep)
+    return Passed(passage, power * weighing.fit, with_nu(passage.states, weighing.states))
+
+
+def apply_passage(now: WeightedFilters[C], passage: Passed, steps: int) -> WeightedFilters[C]:
+    """The state after the first steps of a passage."""
+    return replace(now, fit=now.fit + passage.fit[:, :steps].sum(axis=1), step=now.step + steps)
+
+
+def refuse_lost(problem: GridProblem, point: np.ndarray) -> None:
+    """Raise NumericalError if a parameter (k,) is implausible: off its guess by a factor of exp(LOST), or of exp(ABSURD) and by
+    UNLIKELY prior σ."""
+    centre, prior = problem.prior
+    off = np.abs(point - centre)
+    lost = (off > LOST) | ((off > ABSURD) & (off > UNLIKELY * np.sqrt(np.diag(prior))))
+    if lost.any():
+        worst = int(np.argmax(np.where(lost, off, 0.0)))
+        raise NumericalError(
+            f"the measurements require {np.exp(point[worst]):.3g} times the guess of {problem.model.unknowns.parameters[worst]}",
+            remedy="check the channel assignment, units and signs, and the loads",
+        )
