@@ -21,7 +21,7 @@ def imported(tmp_path, text, ignore=(), name="deck.bdf"):
 
 
 def refused(tmp_path, text, **more):
-    with pytest.raises(DeckError, match="not supported, and the model is not the same without") as caught:
+    with pytest.raises(DeckError, match="unsupported cards that affect the model") as caught:
         imported(tmp_path, text, **more)
     return caught.value
 

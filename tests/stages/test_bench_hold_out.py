@@ -152,8 +152,8 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_mod
     assert beyond in said
     assert "the measurements are inconsistent with the model: side, down are contradicted" in said
     assert np.isnan(found["/sensors/tip/bias_std"]).all()
-    assert "offsets at the end" in said
-    assert "withheld" in said[said.index("offsets at the end") :]
+    assert "final offsets" in said
+    assert "withheld" in said[said.index("final offsets") :]
 
 
 def test_there_is_nothing_to_accept_where_the_truth_is_simulated():

@@ -114,7 +114,7 @@ def test_a_channel_that_is_wrong_in_one_record_is_named_with_it_and_can_be_put_r
     records = "  records: [{name: low, file: short.csv}, {name: mid, file: wrong.csv}]\n"
     code, said, artefact = run(project, records)
     assert code == 3
-    assert "record 'mid': the measurements are inconsistent with the model: G2 fits with sign −1" in said
+    assert "record 'mid': the measurements are inconsistent with the model: G2 has the opposite sign" in said
     assert "estimate.records.1.channels.1.sign: -1" in said
     assert not artefact.summary["trusted"]
     assert artefact.summary["trusted.low"]

@@ -65,14 +65,14 @@ FILES = {
     "um/m read as strain": (
         [(G1, G1.replace("um/m", "strain"))],
         {"test.csv": table(RECORD, 300.0)},
-        "estimate.channels.0.unit: G1 reads up to 120 m/m, which is 12000 %",
-        "are the readings in um/m?",
+        "estimate.channels.0.unit: the strain of G1 reaches 120 m/m (12000 %)",
+        "which may be um/m",
     ),
     "a gauge in newtons": (
         [(G1, G1.replace("um/m", "N"))],
         {"test.csv": table(RECORD, 300.0)},
-        "estimate.channels.0.unit: the channel is in N, force, but it is to be a strain",
-        "which gauge or load the channel is",
+        "estimate.channels.0.unit: the channel has the unit N (force), expected strain",
+        "the assigned gauge or load",
     ),
     "a history that is short": (
         [history()],

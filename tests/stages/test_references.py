@@ -93,8 +93,8 @@ def test_the_same_history_however_it_is_written(table, text):
 @pytest.mark.parametrize(
     ("text", "line", "what", "remedy"),
     [
-        ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "drop repeated times"),
-        ("time,F\n0,1\n1,\n2,3\n", ":3", "no sample under 'F'", "no gaps"),
+        ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "delete repeated times"),
+        ("time,F\n0,1\n1,\n2,3\n", ":3", "missing value in column 'F'", "must not have gaps"),
         ("time;f\n0;1\n1;2\n", ":1", "no column 'F'", "did you mean f?"),
         *((f"time;F [{unit}]\n0;1\n1;2\n", "", f"'F' is in {unit}", f"did you mean {meant}") for unit, meant in MEANT.items()),
         ("time;F [volt]\n0;1\n1;2\n", "", "'F' is in volt", "known units: m/s2, "),

@@ -39,7 +39,7 @@ def test_a_run_in_which_nothing_can_be_read_is_named(run):
     assert unresolved_candidates(scaled(run[0], 1.01e-7)) == ""
     said = unresolved_candidates(scaled(run[0], 0.99e-7))
     assert "0.099 µm/m" in said
-    assert "an amplifier resolves 0.1 µm/m. Load the part harder" in said
+    assert "the amplifier resolution of 0.1 µm/m. Increase the loads" in said
 
 
 def test_noise_that_no_channel_has_is_named_with_its_key(run):

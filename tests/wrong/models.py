@@ -61,7 +61,7 @@ UNITS = {
     "kg of a point mass in t": (
         mm("2.1+5", "7.85-9", "CONM2,50,5,,5."),
         IN_MM,
-        "outweigh the elements, 31.4 kg, 159 times",
+        "159 times as heavy as the elements (31.4 kg)",
     ),
     "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "normal and box hold together nowhere"),
     "t/mm3 beside a mesh of gmsh": (msh(), of_gmsh(rho="7.85e-9"), "values of the config are in Pa and kg/m³"),
@@ -159,7 +159,7 @@ LOADS = {
     "a load on a node that nothing holds": (
         bar("GRID,99,,1.,1.,1."),
         {"load": "node: 99, direction: [0, 0, 1]"},
-        "acts on node 99, which belongs to no element",
+        "acts on node 99, which is not connected to any element",
     ),
     "a preload": (
         inp(more="*STEP, NLGEOM\n*STATIC\n*CLOAD\n5, 3, 1.\n*END STEP"),
