@@ -38,11 +38,11 @@ def test_a_step_of_implicit_euler_that_its_loads_outrun_is_refused_unless_allowe
     thesis = ["simulate.method=thesis", "forces.side.signal.frequency=20.0"]
     end = run(RIG, *thesis)
     assert end.code == 2
-    assert "follows loads up to" in end.text
+    assert "resolves loads up to" in end.text
     assert "estimate.allow_unfollowed: true" in end.text
     end = run(RIG, *thesis, "estimate.allow_unfollowed=true")
     assert end.code == 0
-    assert "σ does not allow for that" in end.text
+    assert "σ does not include this error" in end.text
     assert run(RIG, *thesis, "estimate.method.step_error=estimated").code == 0
 
 

@@ -75,7 +75,7 @@ def test_the_file_of_the_day_of_bonding_stands_for_the_layout(project):
 def test_the_file_that_every_placement_writes_anew_says_of_no_gauge_where_it_was_bonded(project):
     code, said = run(project, BEFORE, f"estimate.gauges_file={project / 'results' / 'test' / 'gauges.csv'}")
     assert code == 2
-    assert "gauges.csv of results is written anew with every layout" in " ".join(said.split())
+    assert "gauges.csv in the results folder is overwritten with every new layout" in " ".join(said.split())
 
 
 def test_a_layout_that_is_ranked_anew_is_refused_and_says_where_the_gauge_was(project, tmp_path):
@@ -183,12 +183,12 @@ def test_a_file_of_bonded_gauges_that_cannot_be_is_refused_with_its_line(tmp_pat
 @pytest.mark.parametrize(
     ("file", "settings", "says"),
     [
-        (f"{HEAD},kind\nA1,0.3,0,0.095,0,0,1,accelerometer\n", (), "A1 is of the kind 'accelerometer'"),
+        (f"{HEAD},kind\nA1,0.3,0,0.095,0,0,1,accelerometer\n", (), "A1 has the kind 'accelerometer'"),
         (f"{HEAD}\nA1,0.3,0,0.5,1,0,0\n", (), "bonded gauge A1 is 0.405 m from the surface"),
         (
             f"{HEAD}\nA1,0.3,0,0.095,1,0,0\n",
             ("gauges.fixed=[{name: A1, position: [0.4, 0, 0.095], direction: [1, 0, 0]}]",),
-            "two bonded gauges are called A1",
+            "two bonded gauges have the name A1",
         ),
         (
             f"{HEAD}\nA1,0.3,0,0.095,1,0,0\n",

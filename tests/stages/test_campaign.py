@@ -139,7 +139,7 @@ def test_records_of_different_parts_contradict_each_other(project):
     shortened(project, "half", "low", 101)
     code, said, _ = run(project, "  records: [{name: low, file: half.csv}, {name: mid, file: other.csv}]\n")
     assert code == 3
-    assert "estimate.records: the records contradict each other: each alone says E" in said
+    assert "estimate.records: the records are inconsistent with each other: each alone says E" in said
 
 
 def one_more(line):
@@ -150,7 +150,7 @@ def one_more(line):
     ("records", "also", "key", "remedy"),
     [
         (one_more("{name: more, file: low.csv}"), (), "estimate.records[3].file", "leave one of them out"),
-        (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "paths start from"),
+        (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "Paths are relative to the config file"),
         ("  file: low.csv\n" + RECORDS, (), "estimate.records", "one file, or a list of records"),
         (
             one_more("{name: more, file: more.csv, channels: [{channel: G1, gauge: G1, unit: m/m}]}"),

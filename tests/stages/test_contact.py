@@ -55,7 +55,7 @@ def test_the_import_says_what_leaves_the_underside_out_and_then_no_more():
     lines = dict(part.split(": ", 1) for part in said.split("exclude it from gauges: ")[1].split(" and "))
     assert not warned(*(f"{key}={value}" for key, value in lines.items()))
     (named,) = warned(SEAT)
-    assert named.endswith("leave it out with gauges.exclude: [seat]")
+    assert named.endswith("exclude it from gauges: gauges.exclude: [seat]")
     assert not warned("gauges.surface=SET1-11")
 
 

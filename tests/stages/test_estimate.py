@@ -271,7 +271,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
         (["estimate.channels.1.gauge=G1"], "estimate.channels", "one grid"),
         (["estimate.channels.0.unit=mV/V"], "estimate.channels.0", "bridge"),
         (["estimate.inputs={}"], "estimate.inputs", "tip"),
-        (["estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"], "estimate.channels", "cannot tell"),
+        (["estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"], "estimate.channels", "cannot determine"),
         (["estimate.virtual=[{position: [1, 1, 1], direction: [1, 0, 0]}]"], "estimate.virtual.0", "surface"),
     ],
 )

@@ -150,11 +150,11 @@ def test_sigma_is_held_against_repeats_the_draws_of_the_test_and_the_smoothed_er
         (("tip",), ("x",), ("E",), "", ""),
         ((), ("x",), (), "", ""),
         ((), (), ("E",), "", ""),
-        ((), ("x", "y"), ("E", "rho"), "E, rho rests on what process_noise states of x, y", ""),
-        (("tip",), ("x", "y"), ("E", "zeta"), "", "E is sought together with the damping factor zeta: its σ rests on"),
+        ((), ("x", "y"), ("E", "rho"), "the estimates of E, rho depend on the process_noise of x, y", ""),
+        (("tip",), ("x", "y"), ("E", "zeta"), "", "the damping factor zeta is also unknown, so σ of E depends on"),
         (("tip",), ("x",), ("zeta",), "", ""),
         (("tip",), (), ("E", "zeta"), "", ""),
-        ((), ("x",), ("E", "zeta"), "E, zeta rests on", ""),
+        ((), ("x",), ("E", "zeta"), "the estimates of E, zeta depend on", ""),
     ],
 )
 def test_parameters_rest_on_loads_where_none_is_known_or_beside_a_damping_factor(known, inputs, parameters, alone, together):

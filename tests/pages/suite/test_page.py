@@ -83,7 +83,7 @@ def test_what_does_not_hold_leads_the_page_and_its_headline(suite):
     assert said.startswith("1 not identified (run 2 ), 2 overconfident (runs 2 , 3 ), 1 consistent (run 1 )")
     assert "<h1>✕ 1 not identified, 2 overconfident of 4 runs – The beam of chapter 6.1</h1>" in text
     own = words(text[text.index('id="run-3"') :])
-    assert own.index("E: overconfident") < own.index("tell tip")
+    assert own.index("E: overconfident") < own.index("estimate tip")
     good = page(suite(runs=suite().runs[:1]))
     assert "<h1>The beam of chapter 6.1</h1>" in good
     assert "✕" not in first_screen(good)

@@ -238,8 +238,8 @@ def rests_on_loads_in_words(problem: Problem) -> str:
         return ""
     names, loads = ", ".join(unknowns.parameters), ", ".join(unknowns.inputs)
     return (
-        f"no load is known, so {names} depends on the process_noise of {loads}, and its σ is invalid for other loads. Measure "
-        "one load and set it as known"
+        f"no load is known, so the estimates of {names} depend on the process_noise of {loads}, and σ is invalid for other loads. "
+        "Measure one load and set it as known"
     )
 
 
@@ -250,8 +250,8 @@ def judged_as_stated_in_words(problem: Problem) -> str:
     if not problem.known or not unknowns.inputs or not others or damping not in unknowns.parameters:
         return ""
     return (
-        f"{', '.join(others)} is estimated together with the damping factor {damping}, so its σ depends on the process_noise of "
-        f"{', '.join(unknowns.inputs)}. Remove {damping} to make it independent of this noise model"
+        f"the damping factor {damping} is also unknown, so σ of {', '.join(others)} depends on the process_noise of "
+        f"{', '.join(unknowns.inputs)}. Remove {damping} to make σ independent of this noise model"
     )
 
 
