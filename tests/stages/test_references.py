@@ -29,7 +29,7 @@ MODULUS = {"property": "youngs_modulus", "region": 1, "guess": 210000.0, "range"
         ({"loads.tip.node": 99999}, "loads.tip", "node 99999, which is not there"),
         ({"loads.tip.node": None, "loads.tip.set": "tipp"}, "loads.tip", "node set 'tipp', which is not there"),
         ({"parameters.E.guess": {"from": "other"}, "parameters.E.region": 7}, "parameters.E.region", "no region 7"),
-        ({"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}}, "parameters.E.guess", "but the value of the deck is 2.1e\+11"),
+        ({"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}}, "parameters.E.guess", "of the deck is 2.1e"),
         ({"gauges": GAUGES | {"exclude": [{"near_set": {"set": "rim", "distance": 0.1}}]}}, "gauges.exclude.0", "'rim'"),
         ({"motion_sensors": {"laser": SENSOR}}, "motion_sensors.laser.surface", "the set 'lid' is not in the mesh"),
     ],
@@ -96,7 +96,10 @@ def test_the_same_history_however_it_is_written(table, text):
         ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "delete repeated times"),
         ("time,F\n0,1\n1,\n2,3\n", ":3", "missing value in column 'F'", "must not have gaps"),
         ("time;f\n0;1\n1;2\n", ":1", "no column 'F'", "did you mean f?"),
-        *((f"time;F [{unit}]\n0;1\n1;2\n", "", f"unknown unit {unit} of column 'F'", f"did you mean {meant}") for unit, meant in MEANT.items()),
+        *(
+            (f"time;F [{unit}]\n0;1\n1;2\n", "", f"unknown unit {unit} of column 'F'", f"did you mean {meant}")
+            for unit, meant in MEANT.items()
+        ),
         ("time;F [volt]\n0;1\n1;2\n", "", "unknown unit volt of column 'F'", "known units: m/s2, "),
     ],
 )

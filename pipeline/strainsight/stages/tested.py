@@ -94,7 +94,7 @@ def _findings_of(
         name=config.name,
         title=title_of(f"{config.name}, record {name}" if name else config.name, tuple(names)),
         unknowns=tuple(map(unknown_of, names)),
-        verdict=noise.text if record.trusted else f"the record is {judged}",
+        innovations=noise.text if record.trusted else f"the record is {judged}",
         consistent=record.trusted and noise.consistent,
         warnings=_warnings(record, summary, doubts, noise),
         notes=record.notes,
@@ -130,8 +130,10 @@ def _findings_of(
         record=name,
         page=pages.get(name, TEST_PAGE),
         inside=innovations_inside(record),
-        judged=judged,
-        beside=(("all records", TEST_PAGE), *(page for page in pages.items() if page[0] != name)) if name else (),
+        consistency=judged,
+        other_records=(("all records", TEST_PAGE), *(page for page in pages.items() if page[0] != name))
+        if name
+        else (),
     )
 
 
@@ -142,7 +144,7 @@ def _campaign_findings(
     apart = str(summary.get("apart", ""))
     texts = [str(summary.get("withheld", "")), apart]
     texts += [
-        f"record {name}: {report.verdict}" for name, report in findings.items() if not (report.consistent or apart)
+        f"record {name}: {report.innovations}" for name, report in findings.items() if not (report.consistent or apart)
     ]
     return CampaignFindings(
         title=title_of(config.name, tuple(map(str, config.place.estimate))),

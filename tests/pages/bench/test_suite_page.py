@@ -78,7 +78,7 @@ def over_seeds(*values, **more):
     ],
 )
 def test_a_claim_holds_where_every_number_does_in_nine_of_ten_seeds(found, verdict):
-    assert found.verdict == verdict
+    assert found.result == verdict
 
 
 @pytest.mark.parametrize(

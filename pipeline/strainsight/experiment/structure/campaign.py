@@ -28,7 +28,7 @@ from strainsight.experiment.structure.consistency import (
 from strainsight.experiment.structure.damage import damage_of_test
 from strainsight.experiment.structure.estimation import Common, Estimation, FilteredGauges, estimation_of_record
 from strainsight.experiment.structure.filtering import (
-    by_bank,
+    by_grid,
     compared,
     excluded,
     excluded_in_words,
@@ -273,7 +273,7 @@ def campaign_of(
         undetectable=hidden,
         tuning=tuning,
         together=together,
-        posterior={} if withheld else posteriors_of(problem, filters[0].start, results[0].bank),
+        posterior={} if withheld else posteriors_of(problem, filters[0].start, results[0].grid_run),
         damage=damage,
         surface=surface,
         units={
@@ -331,7 +331,7 @@ def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, resul
     start is settled and a grid filter with the same tolerances and an unknown start excludes the estimate, too.
     """
     ends, settled = last_values(record.model, result.smoothed), record.settled is not None
-    words = excluded(ends, by_bank(result.compared))
+    words = excluded(ends, by_grid(result.compared))
     if not words or tolerances_of(config.tolerances) == NONE:
         return excluded_in_words(words, settled, "estimate.start"), ""
     if settled:

@@ -68,7 +68,7 @@ def damage_of_test(
     assert config.estimate is not None
     settings = config.estimate.damage
     assert settings is not None
-    configured = _Walked(config, filters, [result.bank for result in results])
+    configured = _Walked(config, filters, [result.grid_run for result in results])
     sampled, changed, undecided = _walks(configured, None if withheld else filters_of)
     shown = SHOWN if undecided else SHOWN_DECIDED
     records = [
@@ -76,9 +76,9 @@ def damage_of_test(
             record.model,
             result.smoothed,
             skin.field.states(result.smoothed.mean),
-            None if withheld else histories(by, replace(result, bank=bank), settings.draws, config.seed),
+            None if withheld else histories(by, replace(result, grid_run=grid_run), settings.draws, config.seed),
         )
-        for record, result, by, bank in zip(filters, results, sampled.filters, sampled.banks, strict=True)
+        for record, result, by, grid_run in zip(filters, results, sampled.filters, sampled.grid_runs, strict=True)
     ]
     damage = damage_in_test(settings, damage_places(skin, virtual), records, progress, shown)
     return damage, damage_notes(settings, withheld, shown, walks_in_words(sampled.config, changed))
@@ -332,11 +332,11 @@ def damage_at(
 
 @dataclass(frozen=True)
 class _Walked:
-    """Filters with one choice of random-walk models; banks: None for other filter methods."""
+    """Filters with one choice of random-walk models; grid_runs: None for other filter methods."""
 
     config: PlacementConfig
     filters: Sequence[RecordFilter]
-    banks: Sequence[BankRun | None]
+    grid_runs: Sequence[BankRun | None]
 
 
 def _walks(
@@ -356,7 +356,7 @@ def _walks(
             return None
 
     def evidence(walked: _Walked) -> float:
-        return float(sum(bank.run.log_likelihood[0] for bank in walked.banks if bank is not None))
+        return float(sum(grid_run.run.log_likelihood[0] for grid_run in walked.grid_runs if grid_run is not None))
 
     return walks(configured, unknown, other, evidence)
 
@@ -367,8 +367,8 @@ def histories(record: RecordFilter, result: FilteredRecord, count: int, seed: in
     A drifting parameter is replaced by its mean over the record.
     """
     model, test, q = record.model, record.test, slice(0, record.model.model.size)
-    if result.bank is not None:
-        yield from bank_paths(record.bank_record, result.bank, count, seed, q, record.record)
+    if result.grid_run is not None:
+        yield from bank_paths(record.bank_record, result.grid_run, count, seed, q, record.record)
         return
     core, rng = driven_with_offsets(model, test.known, record.biased), np.random.default_rng(seed)
     part = max(1, AT_ONCE // ((len(test.known) + 1) * core.size))

@@ -109,7 +109,7 @@ def estimation_of_record(
         known=dict(zip(problem.known, instant_values(test.known).T, strict=False)),
         source=source,
         notes=_notes(common, record, judgement, no_budget),
-        posterior={} if withheld or record.records > 1 else posteriors_of(problem, record.start, result.bank),
+        posterior={} if withheld or record.records > 1 else posteriors_of(problem, record.start, result.grid_run),
         trusted=judgement.trusted,
         check=judgement.check,
         virtual=None if common.virtual is None else common.virtual.smoothed(model, run, smoothed),

@@ -48,10 +48,10 @@ def by_moments(
     )
 
 
-def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.ndarray, steps: int) -> FilterRun:
+def together(model: FilterModel, grid_runs: Sequence[BankRun | None], channels: np.ndarray, steps: int) -> FilterRun:
     """Combine grid filter runs, with NaN for failed runs and missing channels; channels (B, m), −1 for none."""
-    if len(banks) == 1 and banks[0] is not None:
-        return banks[0].run
+    if len(grid_runs) == 1 and grid_runs[0] is not None:
+        return grid_runs[0].run
     (runs, m), n, u, has = channels.shape, model.size, len(model.position), channels >= 0
     by_state = {name: np.full((steps + 1, runs, n), np.nan) for name in ("mean", "std")}
     by_channel = {
@@ -59,21 +59,25 @@ def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.n
     }
     unknown = np.full((steps + 1, runs, u, u), np.nan)
     fit, last = np.full(runs, -np.inf), np.full((runs, n, n), np.nan)
-    for b, bank in enumerate(banks):
-        if bank is None:
+    for b, grid_run in enumerate(grid_runs):
+        if grid_run is None:
             continue
         for name, values in by_state.items():
-            values[:, b] = getattr(bank.run, name)[:, 0]
+            values[:, b] = getattr(grid_run.run, name)[:, 0]
         for name, values in by_channel.items():
-            values[:, b, has[b]] = getattr(bank.run, name)[:, 0]
-        unknown[:, b], fit[b], last[b] = bank.run.unknown_covariance[:, 0], bank.run.log_likelihood[0], bank.run.last[0]
+            values[:, b, has[b]] = getattr(grid_run.run, name)[:, 0]
+        unknown[:, b], fit[b], last[b] = (
+            grid_run.run.unknown_covariance[:, 0],
+            grid_run.run.log_likelihood[0],
+            grid_run.run.last[0],
+        )
     return FilterRun(
         time=model.h * np.arange(steps + 1),
         **by_state,
         **by_channel,
         unknown_covariance=unknown,
         nis=np.nansum(by_channel["whitened"] ** 2, axis=2),
-        lost=np.where([bank is None for bank in banks], 1, -1),
+        lost=np.where([grid_run is None for grid_run in grid_runs], 1, -1),
         log_likelihood=fit,
         last=last,
     )
@@ -90,16 +94,16 @@ def histories(model: FilterModel, run: FilterRun, smoothed: Smoothed) -> dict[st
     }
 
 
-def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None) -> dict[str, Posterior]:
+def posteriors_of(problem: Problem, covariance: np.ndarray, grid_run: BankRun | None) -> dict[str, Posterior]:
     """Posterior of every parameter from the parameter grid filter, else empty; covariance (n*, n*) at t = 0."""
-    if bank is None or bank.step is None:
+    if grid_run is None or grid_run.step is None:
         return {}
     names, guess = problem.unknowns.parameters, problem.unknowns.guess
     first = problem.unknowns.size(problem.model) - len(names)
     posteriors = {}
     for i, name in enumerate(names):
         prior = 0.0, float(np.sqrt(covariance[first + i, first + i]))
-        of_log = marginal(bank.point[:, i], bank.weight, float(bank.step[i]), prior)
+        of_log = marginal(grid_run.point[:, i], grid_run.weight, float(grid_run.step[i]), prior)
         value, peak = guess[name] * np.exp(of_log.value), guess[name] * np.exp(of_log.peak)
         posteriors[name] = replace(of_log, value=value, peak=peak)
     return posteriors
@@ -182,7 +186,7 @@ def last_values(model: FilterModel, run: FilterRun | Smoothed) -> Values:
     return {name: (float(value), float(std)) for name, (value, std) in values.items()}
 
 
-def by_bank(comparison: Compared | None) -> dict[str, tuple[float, float]]:
+def by_grid(comparison: Compared | None) -> dict[str, tuple[float, float]]:
     """Results of the grid filter in a comparison; empty without one."""
     if comparison is None:
         return {}

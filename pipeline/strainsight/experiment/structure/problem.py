@@ -162,8 +162,8 @@ def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, fl
     if stated is not None:
         return stated, stated
     tolerant = tolerances_of(config.tolerances).damping > 1
-    by_bank = config.filter.method == "bank" and bool(unknowns.parameters)
-    return MODEL_ERROR, 0.0 if by_bank and tolerant else MODEL_ERROR
+    by_grid = config.filter.method == "bank" and bool(unknowns.parameters)
+    return MODEL_ERROR, 0.0 if by_grid and tolerant else MODEL_ERROR
 
 
 def model_error_intensity(model: ReducedModel, x: np.ndarray, u: np.ndarray, share: float) -> np.ndarray:
@@ -238,8 +238,8 @@ def rests_on_loads_in_words(problem: Problem) -> str:
         return ""
     names, loads = ", ".join(unknowns.parameters), ", ".join(unknowns.inputs)
     return (
-        f"no load is known, so the estimates of {names} depend on the process_noise of {loads}, and σ is invalid for other loads. "
-        "Measure one load and set it as known"
+        f"no load is known, so the estimates of {names} depend on the process_noise of {loads}, and σ is invalid for other "
+        "loads. Measure one load and set it as known"
     )
 
 

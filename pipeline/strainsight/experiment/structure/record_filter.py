@@ -96,13 +96,13 @@ class RecordFilter:
 
 @dataclass(frozen=True)
 class FilteredRecord:
-    """Results of one record; compared: None without a comparison of filters; bank: None for other filter methods. States are
+    """Results of one record; compared: None without a comparison of filters; grid_run: None for other filter methods. States are
     [x*, channel offsets]."""
 
     run: FilterRun
     smoothed: Smoothed
     compared: Compared | None
-    bank: BankRun | None
+    grid_run: BankRun | None
 
     def without_sigma(self) -> FilteredRecord:
         """Replace σ and covariance by NaN and drop the comparison of filters."""
@@ -159,15 +159,17 @@ def filter_together(
         core = driven_with_offsets(first.model, known, biased)
         run = by_moments(first.problem, first.model, np.zeros(core.size), start, known, values, "all", biased)
         return (FilteredRecord(run, smooth(core, run, covariance=True), None, None),)
-    banks = filter_banks(filters, lambda share: progress(FILTER * share))
+    grid_runs = filter_banks(filters, lambda share: progress(FILTER * share))
     records: list[FilteredRecord] = []
-    for each, bank in zip(filters, banks, strict=True):
+    for each, grid_run in zip(filters, grid_runs, strict=True):
 
         def smoothing(share: float, done: int = len(records)) -> None:
             progress(FILTER + (1 - FILTER) * (done + share) / len(filters))
 
-        kept = None if wanted is None else wanted(each, bank.run)
-        records.append(FilteredRecord(bank.run, smooth_bank(each.bank_record, bank, kept, smoothing), None, bank))
+        kept = None if wanted is None else wanted(each, grid_run.run)
+        records.append(
+            FilteredRecord(grid_run.run, smooth_bank(each.bank_record, grid_run, kept, smoothing), None, grid_run)
+        )
     return tuple(records)
 
 
@@ -193,8 +195,8 @@ def filter_banks(filters: Sequence[RecordFilter], progress: Progress = lambda sh
     order = np.argsort([each.record for each in filters])
     ratio = max(each.birge_ratio for each in filters)
     records = [filters[i].bank_record for i in order]
-    banks = filter_records(records, "mean", progress=progress, birge_ratio=ratio)
-    return tuple(banks[i] for i in np.argsort(order))
+    grid_runs = filter_records(records, "mean", progress=progress, birge_ratio=ratio)
+    return tuple(grid_runs[i] for i in np.argsort(order))
 
 
 def _require_memory(filters: Sequence[RecordFilter], some: bool) -> None:

@@ -29,10 +29,10 @@ from strainsight.loads.histories import instant_values
 
 @dataclass(frozen=True)
 class TrialRuns:
-    """run: B filter runs; banks: their grid filter results, empty for other filters, None for a failed run."""
+    """run: B filter runs; grid_runs: their grid filter results, empty for other filters, None for a failed run."""
 
     run: FilterRun
-    banks: tuple[BankRun | None, ...]
+    grid_runs: tuple[BankRun | None, ...]
 
 
 @dataclass(frozen=True)
@@ -109,30 +109,30 @@ class Trial:
         runs = samples.shape[1]
         sets, starts = np.broadcast_to(channels, (runs, channels.shape[-1])), np.broadcast_to(mean, (runs, model.size))
         keep = "parameters" if keep == "mean" and not model.unknowns.inputs else keep
-        banks: list[BankRun | None] = []
+        grid_runs: list[BankRun | None] = []
         failure: NumericalError | None = None
         for b in range(runs):
             has = sets[b] >= 0
             alone, nuisances = self._with_tolerances(_of_run(model, b).of_channels(has), sets[b][has])
             try:
                 known_to_it = P, self.known, samples[:, b, has], nuisances
-                banks.append(filter_bank(BankRecord(alone, starts[b], *known_to_it, settled=self.settled), keep))
+                grid_runs.append(filter_bank(BankRecord(alone, starts[b], *known_to_it, settled=self.settled), keep))
             except NumericalError as error:
                 failure = error
-                banks.append(None)
-        if failure is not None and refuse and all(bank is None for bank in banks):
+                grid_runs.append(None)
+        if failure is not None and refuse and all(grid_run is None for grid_run in grid_runs):
             raise failure
-        return TrialRuns(together(model, banks, sets, len(self.known)), tuple(banks))
+        return TrialRuns(together(model, grid_runs, sets, len(self.known)), tuple(grid_runs))
 
     def smoothed(self, model: FilterModel, measured: np.ndarray, filtered: TrialRuns) -> Smoothed:
         """Smooth all samples (T, k) of the layout's channels, from a start at zero."""
         if self.problem.method != "bank":
             return smooth(model, filtered.run)
-        bank = filtered.banks[0]
-        assert bank is not None  # a single failed run raises
+        grid_run = filtered.grid_runs[0]
+        assert grid_run is not None  # a single failed run raises
         model, nuisances = self._with_tolerances(model, self.chosen)
         samples = self.covariance, self.known, measured, nuisances
-        return smooth_bank(BankRecord(model, np.zeros(model.size), *samples, settled=self.settled), bank)
+        return smooth_bank(BankRecord(model, np.zeros(model.size), *samples, settled=self.settled), grid_run)
 
     def _with_tolerances(self, model: FilterModel, channels: np.ndarray) -> tuple[FilterModel, Nuisances]:
         model = on_average(self.tolerated, model, channels)

@@ -31,7 +31,7 @@ from strainsight.experiment.filters_compared import comparison_table, disagreeme
 from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.experiment.structure.filtering import (
-    by_bank,
+    by_grid,
     compared,
     excluded,
     excluded_in_words,
@@ -150,7 +150,7 @@ def validation_of(
         ),
         field=_field(trial, model, run),
         sweep=swept,
-        posterior=posteriors_of(problem, trial.covariance, filtered.banks[0] if filtered.banks else None),
+        posterior=posteriors_of(problem, trial.covariance, filtered.grid_runs[0] if filtered.grid_runs else None),
         compared=compared(problem, record) if compare else None,
         budget=budget_of_shares(budget),
     )
@@ -212,7 +212,7 @@ def _decision(config: PlacementConfig, validation: Validation) -> Decision:
     """Decide whether σ is withheld: for parameters outside their ranges, and if another filter excludes the estimate."""
     accuracy, trial = validation.validated, validation.trial
     ends = {name: (accuracy.smoothed[name][-1], accuracy.smoothed_std[name][-1]) for name in accuracy.smoothed}
-    exclusion = excluded(ends, by_bank(accuracy.compared)) if tolerances_of(config.tolerances) == NONE else ""
+    exclusion = excluded(ends, by_grid(accuracy.compared)) if tolerances_of(config.tolerances) == NONE else ""
     exceeded = out_of_ranges(
         config, trial.problem, {name: accuracy.estimate for name, accuracy in validation.accuracy.items()}
     )

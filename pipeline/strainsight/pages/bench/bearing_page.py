@@ -60,7 +60,7 @@ def bearing_page(
     name: str, facts: Mapping[str, str], cases: Sequence[LoadedBearing], curves: Sequence[BearingDisplaced]
 ) -> str:
     """HTML page; facts: name of a bearing → description."""
-    polar = [drawn for case in cases for drawn in ball_figures(case)]
+    polar = [drawing for case in cases for drawing in ball_figures(case)]
     bearings = table("bearings", ("bearing", "description"), [list(map(escape, pair)) for pair in facts.items()])
     sections = [
         section("Bearings", bearings),
@@ -93,10 +93,10 @@ def ball_figures(case: LoadedBearing) -> list[Drawing]:
 def _polar(case: LoadedBearing, key: str, what: str, values: FloatArray, unit: str) -> Drawing:
     order = np.argsort(case.state.station)
     around = np.append(case.state.station[order], case.state.station[order][0] + 2 * np.pi)
-    drawn, axes = figure(4.6)
+    canvas, axes = figure(4.6)
     place = axes.get_subplotspec()
     axes.remove()
-    axes = drawn.add_subplot(place, projection="polar")
+    axes = canvas.add_subplot(place, projection="polar")
     axes.patch.set_visible(False)
     for contact, colour in enumerate(COLOURS):
         column = np.append(values[order, contact], values[order[0], contact])
@@ -106,7 +106,7 @@ def _polar(case: LoadedBearing, key: str, what: str, values: FloatArray, unit: s
     axes.set_title(f"{what} [{unit}]")
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        drawn.legend(handles, labels, loc="outside lower center", ncols=2)
+        canvas.legend(handles, labels, loc="outside lower center", ncols=2)
     largest = np.nanmax(np.append(values, 0.0))
     z = len(case.state.station)
     caption = (
@@ -115,7 +115,7 @@ def _polar(case: LoadedBearing, key: str, what: str, values: FloatArray, unit: s
     )
     alt = f"Polar chart of the {what} of {z} balls, largest {number(float(largest), 4)} {unit}."
     return Drawing(
-        f"{key}-{case.bearing}-{case.case}", f"{case.bearing}, {case.case}: {what}", caption, alt, svg(drawn)
+        f"{key}-{case.bearing}-{case.case}", f"{case.bearing}, {case.case}: {what}", caption, alt, svg(canvas)
     )
 
 
@@ -125,7 +125,7 @@ def curve_figure(curve: BearingDisplaced) -> Drawing:
     a = curve.along
     unit = "mm" if a < 3 else "mrad"
     load = _cleared(curve.curve.load, np.abs(curve.curve.load).max())
-    drawn, forces, moments = figure(4.6, (1.0, 1.0))
+    canvas, forces, moments = figure(4.6, (1.0, 1.0))
     for axes, which, what in ((forces, range(3), "force [kN]"), (moments, range(3, 5), "moment [kN m]")):
         for i in which:
             axes.plot(1e3 * curve.curve.displacement, load[:, i] / 1e3, color=COLOURS[i % 3], label="xyzyz"[i])
@@ -140,7 +140,7 @@ def curve_figure(curve: BearingDisplaced) -> Drawing:
         f"At most {number(largest, 4)} {LOAD_UNITS[a]} along the displacement."
     )
     alt = f"Line chart of three forces and two moments over the displacement {name}."
-    return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, svg(drawn))
+    return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, svg(canvas))
 
 
 def _cleared(values: FloatArray, size: FloatArray | float) -> FloatArray:
@@ -177,7 +177,7 @@ def _around(name: str, then: BallsThen) -> Drawing:
     order = np.argsort(then.station)
     station = np.rad2deg(then.station[order])
     force, std = then.force[order] / 1e3, then.force_std[order] / 1e3
-    drawn, axes = figure(2.6)
+    canvas, axes = figure(2.6)
     for contact in range(INNER):
         axes.plot(station, force[:, contact], color=COLOURS[contact], label=CONTACTS[contact])
         band(axes, station, force[:, contact], std[:, contact], COLOURS[contact])
@@ -192,12 +192,12 @@ def _around(name: str, then: BallsThen) -> Drawing:
         f"the instant of the highest pressure: at most {_known(then.force[at], then.force_std[at], 'N')}"
     )
     title = f"{name}: ball forces"
-    return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", svg(drawn))
+    return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", svg(canvas))
 
 
 @styled()
 def _in_time(name: str, ring: RingEstimate) -> Drawing:
-    drawn, axes = figure(2.4)
+    canvas, axes = figure(2.4)
     axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
     band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
     axes.set_ylabel("highest pressure [MPa]")
@@ -209,7 +209,7 @@ def _in_time(name: str, ring: RingEstimate) -> Drawing:
         f"{_known(ring.pressure[at], ring.pressure_std[at], 'Pa')}"
     )
     title = f"{name}: estimated highest pressure"
-    return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", svg(drawn))
+    return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", svg(canvas))
 
 
 def _known(value: float, std: float, unit: str) -> str:

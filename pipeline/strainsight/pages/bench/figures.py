@@ -65,7 +65,7 @@ def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown
     labels = [line_label(label, len(lines)) for label, _ in lines]
     known = [(place, history) for place, (_, history) in enumerate(lines) if history.truth is not None]
     claimed, smoothed = alone and bool(np.isfinite(first.std).any()), first.smoothed if alone else None
-    drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
+    canvas, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
     _truths(axes, [history for _, history in known], factor)
     if claimed:
         mean, std = drawable(first.mean) / factor, drawable(first.std) / factor
@@ -88,7 +88,7 @@ def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown
     caption += "; below, absolute error relative to the largest true value" * bool(known)
     caption += ", with the claimed σ (dotted)" * (bool(known) and claimed)
     text = "; ".join(f"{label or name}: {_ending(history)}" for label, history in lines)
-    return Drawing(key, title, f"{caption}.", f"Line chart of the estimates of {name}. {text}.", svg(drawn))
+    return Drawing(key, title, f"{caption}.", f"Line chart of the estimates of {name}. {text}.", svg(canvas))
 
 
 @styled()
@@ -97,7 +97,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
     name = lines[0][1].name
     factor, unit = shown_unit(*(unknown for _, unknown in lines))
     labels = [line_label(label, len(lines)) for label, _ in lines]
-    drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
+    canvas, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
     text = []
     for place, (label, (run, unknown)) in enumerate(zip(labels, lines, strict=True)):
         measured, style = unknown.there, line_style(place)
@@ -120,7 +120,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
         f"{name} on this bench, and its ratio to the load on the measured bench if that load exceeds {number(LARGE)} of its "
         f"maximum: {'; '.join(text) or 'never'}."
     )
-    return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", svg(drawn))
+    return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", svg(canvas))
 
 
 @styled()
@@ -129,7 +129,7 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     assert unknown.errors is not None
     scale = 1.0 if unknown.truth is None else largest(unknown.truth)
     errors = np.abs(unknown.errors) / scale
-    drawn, axes = figure(3.0)
+    canvas, axes = figure(3.0)
     at = np.arange(1, len(errors) + 1)
     if unknown.stds is not None:
         axes.bar(at, unknown.stds / scale, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
@@ -146,7 +146,7 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     what = "at the end" if unknown.kind == "parameter" else "over the second half"
     caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {text}."
     return Drawing(
-        f"runs-{unknown.name}", f"{unknown.name}: repeats with other seeds and starts", caption, caption, svg(drawn)
+        f"runs-{unknown.name}", f"{unknown.name}: repeats with other seeds and starts", caption, caption, svg(canvas)
     )
 
 
@@ -240,7 +240,7 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
     columns = [(label, sensor, drawable(sensor.measured[:, component])) for label, sensor in lines]
     factor, unit = sensor_unit(largest(*(values for *_, values in columns)), first.units[component])
     labels = [line_label(label, len(lines)) for label, _ in lines]
-    drawn, axes, below = figure(4.4 + legend_height(labels), (1.5, 1.0))
+    canvas, axes, below = figure(4.4 + legend_height(labels), (1.5, 1.0))
     shown: list[FloatArray] = []
     for place, (label, (_, sensor, values)) in enumerate(zip(labels, columns, strict=True)):
         index = visible_instants(values[:, None], 240)
@@ -262,7 +262,7 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
     estimated = [(label, sensor) for label, sensor in lines if sensor.expected is not None]
     parts = ", ".join(f"{label or first.name} {ratio(mismatch(sensor, component))}" for label, sensor in estimated)
     alt = f"Line chart of {what}, measured and estimated; RMS of the difference divided by RMS of the reading: {parts}."
-    return Drawing(key, title, caption, alt, svg(drawn))
+    return Drawing(key, title, caption, alt, svg(canvas))
 
 
 def _unused(sensor: BenchSensor) -> str:
@@ -274,7 +274,7 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
     """Measured and estimated components of one sensor in panels, at most the eight largest."""
     size = np.nanmax(np.abs(drawable(sensor.measured)), axis=0, initial=0.0)
     indices = sorted(np.argsort(-size, kind="stable")[:PANELS].tolist())
-    drawn, *panels = figure(1.0 + 0.95 * len(indices), (1.0,) * len(indices))
+    canvas, *panels = figure(1.0 + 0.95 * len(indices), (1.0,) * len(indices))
     for axes, i in zip(panels, indices, strict=True):
         measured = drawable(sensor.measured[:, i])
         if sensor.expected is None and size[i] <= SILENT * size.max():
@@ -300,13 +300,13 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
         text = ", ".join(f"{sensor.components[i]} {ratio(mismatch(sensor, i))}" for i in indices)
         caption += f"; RMS of measured − estimated divided by RMS of measured: {text}"
     alt = f"Line charts of {len(indices)} components of {sensor.name} over time."
-    return Drawing(key, title, f"{caption}{_unused(sensor)}.", alt, svg(drawn))
+    return Drawing(key, title, f"{caption}{_unused(sensor)}.", alt, svg(canvas))
 
 
 @styled()
 def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Drawing:
     """NIS divided by the number of channels, and violation of the constraints after every correction; expected: NIS, if known."""
-    drawn, axes, below = figure(4.2, (1.4, 1.0))
+    canvas, axes, below = figure(4.2, (1.4, 1.0))
     index, known = visible_instants(estimate.nis[:, None], 240), np.isfinite(estimate.nis)
     dots(axes, estimate.time[1:][index], estimate.nis[index], "NIS / channels")
     mean = float(np.mean(estimate.nis[known])) if known.any() else np.nan
@@ -332,7 +332,7 @@ def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Draw
         f"Above, normalised innovation squared divided by the number of channels: mean {number(mean, 3)}{words}. Below, "
         f"violation of the constraints after every correction: at most {worst}."
     )
-    return Drawing("consistency", "Consistency of the innovations", caption, caption, svg(drawn))
+    return Drawing("consistency", "Consistency of the innovations", caption, caption, svg(canvas))
 
 
 def mismatch(sensor: BenchSensor, component: int) -> float:

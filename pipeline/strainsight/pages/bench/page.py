@@ -24,8 +24,8 @@ from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, fig
 from strainsight.pages.chart.panels import legend_above, plain_axis, plain_ticks, time_axis
 from strainsight.pages.page.markup import bullets, figures, measure, picture, plain, table
 from strainsight.pages.page.markup import figure as card
+from strainsight.pages.page.problems import headline
 from strainsight.pages.page.sections import advice_card, document, notes_card, panel, rests_on, section
-from strainsight.pages.page.verdicts import headline
 from strainsight.pages.placement.figures import trend_figure
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
@@ -95,7 +95,7 @@ def drive_figure(time: FloatArray, name: str, turns: bool, drive: DriveMotion) -
 def stress_figure(stress: BenchStress) -> Drawing:
     """Largest von Mises stress over time, with the allowable if configured."""
     largest = stress.largest / 1e6
-    drawn, axes = figure(2.4)
+    canvas, axes = figure(2.4)
     axes.plot(stress.time, largest, **line_style(0), label="largest")
     if stress.allowable is not None:
         axes.axhline(stress.allowable / 1e6, color=VERMILION, ls="--", lw=1.4, label="allowable")
@@ -107,7 +107,7 @@ def stress_figure(stress: BenchStress) -> Drawing:
     words = stress_words(stress, quantity, percent, f", in element {stress.element}")
     words += "; no allowable stress is configured" * (stress.allowable is None)
     caption = f"Largest von Mises stress on {stress.body} at {len(stress.time)} instants: {words}."
-    return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", svg(drawn))
+    return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", svg(canvas))
 
 
 @styled()
@@ -116,7 +116,7 @@ def random_figure(placed: BenchPlaced) -> Drawing:
     expected = placed.placed.std
     known = np.flatnonzero(expected > 0)
     names = [placed.inputs[i] for i in known]
-    drawn, axes = figure(1.3 + 0.4 * len(names))
+    canvas, axes = figure(1.3 + 0.4 * len(names))
     for y, i in enumerate(known):
         others = placed.random_std[:, i] / expected[i]
         others = others[np.isfinite(others)]
@@ -134,7 +134,7 @@ def random_figure(placed: BenchPlaced) -> Drawing:
     caption = (
         "Expected standard deviation of every load with random layouts of the same size, relative to the placed layout."
     )
-    return Drawing("random", "Comparison with random layouts", caption, caption, svg(drawn))
+    return Drawing("random", "Comparison with random layouts", caption, caption, svg(canvas))
 
 
 @styled()
@@ -147,7 +147,7 @@ def _stacked(
     height: float = 1.5,
 ) -> Drawing:
     """Panels from top to bottom, each with label, columns of an array and their names; height of one [inch]."""
-    drawn, *all_axes = figure(1.3 + height * len(panels), (1.0,) * len(panels))
+    canvas, *all_axes = figure(1.3 + height * len(panels), (1.0,) * len(panels))
     for axes, (label, columns, names) in zip(all_axes, panels, strict=True):
         for place, (column, name) in enumerate(zip(columns.T, names, strict=True)):
             line(axes, time, column, **line_style(place), label=name)
@@ -158,7 +158,7 @@ def _stacked(
     parts = ", ".join(
         f"{label} up to {number(float(np.nanmax(np.abs(values), initial=0.0)), 3)}" for label, values, _ in panels
     )
-    return Drawing(key, title, caption, f"Line charts: {parts}.", svg(drawn))
+    return Drawing(key, title, caption, f"Line charts: {parts}.", svg(canvas))
 
 
 STYLE = "bench/bench.css"

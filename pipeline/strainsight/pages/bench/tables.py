@@ -26,7 +26,7 @@ from strainsight.pages.page.markup import (
     share,
     table,
 )
-from strainsight.pages.page.verdicts import problem_text
+from strainsight.pages.page.problems import problem_text
 from strainsight.records.bench import Simulated
 from strainsight.runner.output import Scalar
 from strainsight.text import number

@@ -118,13 +118,13 @@ def figure(height: float = 3.4, ratios: tuple[float, ...] = (1.0,), shared: bool
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    drawn = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(drawn)
-    drawn.patch.set_visible(False)
-    panels = drawn.subplots(len(ratios), sharex=shared, squeeze=False, height_ratios=ratios)[:, 0]
+    canvas = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(canvas)
+    canvas.patch.set_visible(False)
+    panels = canvas.subplots(len(ratios), sharex=shared, squeeze=False, height_ratios=ratios)[:, 0]
     for axes in panels:
         axes.patch.set_visible(False)
-    return drawn, *panels
+    return canvas, *panels
 
 
 @cache
@@ -145,21 +145,21 @@ def styled(style: Mapping[str, Any] = STYLE) -> Iterator[None]:
         yield
 
 
-def svg(drawn: Figure) -> bytes:
+def svg(canvas: Figure) -> bytes:
     """Deterministic SVG of a figure, with coordinates to a hundredth of a point."""
 
     def hundredth(match: re.Match[str]) -> str:
         return f"{float(match[0]):.2f}".rstrip("0").rstrip(".")
 
     nothing: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    text = saved(drawn, format="svg", metadata=nothing).decode()
+    text = saved(canvas, format="svg", metadata=nothing).decode()
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.S)
     # only inside attributes, not in tick labels
     text = re.sub(r'"[^"<>]*"', lambda quoted: re.sub(r"-?\d+\.\d{3,}", hundredth, quoted[0]), text)
     text = re.sub(r"font: [^;\"']*?(\d+(?:\.\d+)?px)[^;\"]*", r"font: \1 system-ui, sans-serif", text)
     image = re.sub(r"\s*\n\s*", "\n", text).encode()
     if (figures := _RECORDED.get()) is not None:
-        figures[image] = drawn
+        figures[image] = canvas
     return image
 
 
@@ -177,10 +177,10 @@ def recorded_figures() -> Iterator[dict[bytes, Figure]]:
         _RECORDED.reset(token)
 
 
-def saved(drawn: Figure, **options: Any) -> bytes:
+def saved(canvas: Figure, **options: Any) -> bytes:
     """Figure as a file with options of `savefig`; missing glyphs are ignored, as the reader's fonts are used."""
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        drawn.savefig(buffer, **options)
+        canvas.savefig(buffer, **options)
     return buffer.getvalue()

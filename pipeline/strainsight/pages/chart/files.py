@@ -27,13 +27,13 @@ LONGEST = 80
 DPI = 200
 
 
-def figure_files(drawings: Iterable[Drawing], drawn: Mapping[bytes, Figure]) -> dict[str, bytes]:
-    """File name → content; drawn: SVG → figure, from `drawing.recorded_figures`."""
+def figure_files(drawings: Iterable[Drawing], figures: Mapping[bytes, Figure]) -> dict[str, bytes]:
+    """File name → content; figures: SVG → figure, from `drawing.recorded_figures`."""
     files: dict[str, bytes] = {}
     rows = []
     for drawing in drawings:
         name = file_name(drawing.key, {Path(other).stem.lower() for other in files})
-        figure = drawn[drawing.svg]
+        figure = figures[drawing.svg]
         # numbers first, because writing the PNG changes the figure
         files[f"{name}.csv"] = figure_csv(figure)
         files |= {f"{name}.svg": drawing.svg, f"{name}.png": _png(figure)}
@@ -64,22 +64,22 @@ def file_name(key: str, used: set[str]) -> str:
     return name
 
 
-def _png(drawn: Figure) -> bytes:
+def _png(canvas: Figure) -> bytes:
     """PNG on a white background."""
     with styled():
-        for axes in drawn.axes:
+        for axes in canvas.axes:
             axes.autoscale(False)
             for _, places in dots_of(axes):  # lines of zero length, which this renderer omits
                 axes.plot(*places.T, ".", color=MUTED, ms=4, alpha=0.8, zorder=1)
-        drawn.patch.set_visible(True)
-        return saved(drawn, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
+        canvas.patch.set_visible(True)
+        return saved(canvas, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
 
 
 Series = tuple[str, FloatArray, dict[str, FloatArray]]
 """One line, band or row of bars: legend, x (k,), and columns: suffix of the axis label → (k,)."""
 
 
-def figure_csv(drawn: Figure) -> bytes:
+def figure_csv(canvas: Figure) -> bytes:
     """CSV, UTF-8, with one column per series in the unit of its axis, and each different abscissa.
 
     Headings are "legend: axis label [unit]"; repeated names are numbered. Long records are thinned as drawn, with their peaks.
@@ -92,9 +92,9 @@ def figure_csv(drawn: Figure) -> bytes:
         head.append(f"{title} ({again + 1})" if again else title)
         columns.append(cells)
 
-    below = next((axes.get_xlabel() for axes in reversed(drawn.axes) if axes.get_xlabel()), "")
+    below = next((axes.get_xlabel() for axes in reversed(canvas.axes) if axes.get_xlabel()), "")
     shown: list[FloatArray] = []
-    for axes in drawn.axes:
+    for axes in canvas.axes:
         across, up = _label(axes.get_xlabel() or below), _label(axes.get_ylabel())
         for name, x, over in _series(axes):
             if len(x) and not any(np.array_equal(x, other, equal_nan=True) for other in shown):
@@ -140,9 +140,9 @@ def _series(axes: Any) -> Iterator[Series]:
 
 def dots_of(axes: Any) -> list[tuple[str, FloatArray]]:
     """Label and positions (k, 2) of everything drawn by `panels.dots`."""
-    drawn = [patch for patch in axes.patches if str(patch.get_label()).startswith(DOTS)]
+    patches = [patch for patch in axes.patches if str(patch.get_label()).startswith(DOTS)]
     # each dot is a line of zero length
-    return [(str(patch.get_label()).removeprefix(DOTS), patch.get_path().vertices[::2]) for patch in drawn]
+    return [(str(patch.get_label()).removeprefix(DOTS), patch.get_path().vertices[::2]) for patch in patches]
 
 
 def _name(artist: Any) -> str:

@@ -213,7 +213,7 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     )
     columns = [mean, mean - 2 * std, mean + 2 * std, *(values for values in (truth, smoothed) if values is not None)]
     index = visible_instants(np.column_stack(columns))
-    drawn, axes = figure()
+    canvas, axes = figure()
     if np.isfinite(std).any():
         band(axes, time[index], mean[index], std[index], BLUE, "±2σ")
     axes.plot(time[index], mean[index], color=BLUE, label="estimate")
@@ -230,7 +230,7 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     time_axis(axes)
     axes.set_ylabel(f"{short(history.name)} [{unit}]")
     legend_above(axes)
-    return svg(drawn)
+    return svg(canvas)
 
 
 def _history_alt(history: History) -> str:
@@ -246,7 +246,7 @@ def posterior_figure(name: str, unit: str, posterior: Posterior, truth: float | 
     """Prior and posterior density of a parameter, and its true value if known."""
     factor, shown = prefix(float(posterior.value.max()), unit)
     value = posterior.value / factor
-    drawn, axes = figure()
+    canvas, axes = figure()
     axes.fill_between(value, posterior.density, color=BLUE, alpha=0.25, lw=0, label="posterior")
     axes.plot(value, posterior.density, color=BLUE, lw=1.6, label="_")
     axes.plot(value, posterior.prior, color=ORANGE, lw=1.4, label="prior")
@@ -261,4 +261,4 @@ def posterior_figure(name: str, unit: str, posterior: Posterior, truth: float | 
         "several peaks mean several possible values."
     )
     alt = f"Prior and posterior density of {name}, largest at {top}."
-    return Drawing(f"posterior-{name}", f"{name}: posterior density", caption, alt, svg(drawn))
+    return Drawing(f"posterior-{name}", f"{name}: posterior density", caption, alt, svg(canvas))

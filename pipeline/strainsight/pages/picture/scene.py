@@ -134,7 +134,7 @@ def look(layout: PictureLayout) -> str:
     return digest.hexdigest()
 
 
-def drawn(layouts: Sequence[PictureLayout]) -> list[bytes]:
+def draw_layouts(layouts: Sequence[PictureLayout]) -> list[bytes]:
     """Child process: draw every layout of `render_all`."""
     return [draw(layout, WIDTH, HEIGHT) for layout in layouts]
 
@@ -345,4 +345,4 @@ def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tu
 
 
 if __name__ == "__main__":
-    answer(drawn)
+    answer(draw_layouts)

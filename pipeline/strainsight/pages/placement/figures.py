@@ -85,7 +85,7 @@ def trend_figure(trend: Trend) -> Drawing:
     shown = np.isfinite(trend.value)
     count, value = trend.count[shown], trend.value[shown]
     bend, keep, every, symbol = elbow(count, value), int(trend.count[-1]), int(trend.count[0]), trend.metric.symbol
-    drawn, axes = figure()
+    canvas, axes = figure()
     if len(trend.blocks) > 1:
         for (name, block), colour in zip(trend.blocks.items(), (GREEN, PURPLE, ORANGE, SKY), strict=False):
             axes.plot(trend.count, drawable(block), color=colour, lw=1.2, label=f"variance of {short(name)}")
@@ -117,7 +117,7 @@ def trend_figure(trend: Trend) -> Drawing:
         caption += f" Beyond the elbow at {bend} gauges, further gauges mostly average noise."
     ends = f"{number(trend.value[0])} with {every} gauges to {number(trend.final)} with {keep}"
     alt = f"Line chart of the metric from {ends}."
-    return Drawing("trend", "Metric over the number of gauges", caption, alt, svg(drawn))
+    return Drawing("trend", "Metric over the number of gauges", caption, alt, svg(canvas))
 
 
 @styled()
@@ -132,7 +132,7 @@ def signal_figure(signal: Reading) -> Drawing:
     index = np.arange(len(signal.time))[window]
     index = index[visible_instants(np.column_stack([curve[window] for curve in curves[:2]]))]
     time, (measured, estimated, std) = signal.time[index], (curve[index] for curve in curves)
-    drawn, axes, below = figure(4.1, (2.2, 1.0))
+    canvas, axes, below = figure(4.1, (2.2, 1.0))
     dots(axes, time, measured, "measured")
     if signal.truth is not None:
         truth = drawable(signal.truth)[index] / factor
@@ -149,7 +149,7 @@ def signal_figure(signal: Reading) -> Drawing:
         f"(RMS {number(residual, 3)} {unit} over the run) and ±2σ band of the estimate."
     )
     alt = f"Line chart of measured and estimated {what} at gauge {signal.label}, peak {peak} {unit}."
-    return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, svg(drawn))
+    return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, svg(canvas))
 
 
 POOLS = (ORANGE, PURPLE)
@@ -160,7 +160,7 @@ POOLS = (ORANGE, PURPLE)
 def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
     """Errors of random layouts as dots, one row per pool, and of the chosen layout as a line."""
     name, chosen = sets[0].name, sets[0].chosen_error
-    drawn, axes = figure(1.5 + 0.6 * len(sets))
+    canvas, axes = figure(1.5 + 0.6 * len(sets))
     for row, (entry, colour) in enumerate(zip(sets, POOLS, strict=False)):
         error = 100 * entry.finite
         # fixed offsets separate equal errors
@@ -193,14 +193,14 @@ def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
             medians.append(f"random from {entry.pool_label} median {percent(float(np.median(entry.finite)))}")
     caption += " With one noise sample a random layout can be more accurate by chance."
     alt = f"Dot plot of errors of {name}: chosen layout {percent(chosen)}; {'; '.join(medians)}"
-    return Drawing(f"random-errors-{name}", f"{name}: errors of random layouts", caption, alt, svg(drawn))
+    return Drawing(f"random-errors-{name}", f"{name}: errors of random layouts", caption, alt, svg(canvas))
 
 
 @styled()
 def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) -> Drawing:
     """Estimates over time with the chosen layout and with random layouts."""
     factor, unit = shown_unit(chosen)
-    drawn, axes = figure()
+    canvas, axes = figure()
     values, count, quarter = [], 0, len(chosen.time) // 4
     for entry, colour in zip(sets, POOLS, strict=False):
         for i, curve in enumerate(() if entry.history is None else entry.history / factor):
@@ -225,7 +225,7 @@ def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) 
     )
     alt = f"Line chart of estimates of {chosen.name} with {count} random layouts and the chosen layout."
     return Drawing(
-        f"random-histories-{chosen.name}", f"{chosen.name}: random layouts over time", caption, alt, svg(drawn)
+        f"random-histories-{chosen.name}", f"{chosen.name}: random layouts over time", caption, alt, svg(canvas)
     )
 
 
@@ -233,7 +233,7 @@ def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) 
 def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
     """Error and claimed σ over the gauge noise, one colour per unknown."""
     level = 100 * noise.level
-    drawn, axes = figure()
+    canvas, axes = figure()
     for name, colour in zip(names, map(str, np.resize(SERIES, len(names))), strict=True):
         axes.plot(level, 100 * noise.std[name], "-", color=colour, lw=1.4, label=f"claimed σ({short(name)})")
         axes.plot(level, 100 * noise.error[name], "o", color=colour, ms=7, label=f"real error of {short(name)}")
@@ -252,7 +252,7 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
         + ", ".join(f"{name} {percent(values[i])}" for name, values in noise.error.items())
         for i, level in enumerate(noise.level)
     )
-    return Drawing("noise", "Effect of gauge noise", caption, f"Chart of error over noise: {alt}.", svg(drawn))
+    return Drawing("noise", "Effect of gauge noise", caption, f"Chart of error over noise: {alt}.", svg(canvas))
 
 
 @styled()
@@ -263,7 +263,7 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
     order = np.argsort(np.abs(repeats.error))
     error, std = 100 * np.abs(repeats.error[order]), 100 * repeats.claimed_std[order]
     place = np.arange(1, len(error) + 1)
-    drawn, axes = figure()
+    canvas, axes = figure()
     wrong = claim is not None and claim.overconfident
     axes.bar(place, std, width=0.72, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
     axes.plot(place, error, "X" if wrong else "o", color=VERMILION if wrong else BLUE, ms=6, label="error")
@@ -284,4 +284,4 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
             f" RMS of error / claimed σ: {number(claim.ratio, 3)}; {low} to {high} if σ is calibrated: {claim.verdict}."
         )
     alt = f"Chart of {len(error)} repeated runs for {name}, {result}."
-    return Drawing(f"repeats-{name}", f"{name}: other seeds and starts", caption, alt, svg(drawn))
+    return Drawing(f"repeats-{name}", f"{name}: other seeds and starts", caption, alt, svg(canvas))

@@ -30,7 +30,7 @@ from strainsight.pages.page.markup import (
     table,
     tile,
 )
-from strainsight.pages.page.verdicts import HARDLY, faults, headline, leading, not_shown
+from strainsight.pages.page.problems import HARDLY, faults, headline, leading, not_shown
 from strainsight.pages.picture.geometry import shape
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.picture.scene import CLAMP, LINES, POOL

@@ -96,9 +96,9 @@ def space(layouts: Sequence[PictureLayout]) -> Space:
     gathered = _Gathered(shared.points)
 
     def solid(mesh: Any, colour: str, anchor: FloatArray) -> IntArray:
-        drawn = mesh.triangulate().compute_normals(cell_normals=False, split_vertices=True, feature_angle=CREASE)
-        first = gathered.add(drawn.points, drawn.point_data["Normals"], colour, gathered.nearest(anchor))
-        return np.asarray(drawn.faces.reshape(-1, 4)[:, 1:] + first, dtype=np.int64)
+        shaded = mesh.triangulate().compute_normals(cell_normals=False, split_vertices=True, feature_angle=CREASE)
+        first = gathered.add(shaded.points, shaded.point_data["Normals"], colour, gathered.nearest(anchor))
+        return np.asarray(shaded.faces.reshape(-1, 4)[:, 1:] + first, dtype=np.int64)
 
     def marked(gauge: Gauge, meshes: list[Any], colour: str) -> list[IntArray]:
         anchors = [arm.position for arm in gauge.arms] or [gauge.position] * len(meshes)

@@ -98,21 +98,21 @@ class Statement:
         return {key: [value for *other, value in self.found if tuple(other) == key] for key in names}
 
     @property
-    def verdict(self) -> str:
+    def result(self) -> str:
         """Result: confirmed if every number is within the bounds, for several seeds in at least 90 % of them; undecided if only
         NaN prevents this."""
-        verdicts = [self.holds_over(values) for values in self.seeds.values()]
-        if False in verdicts:
+        results = [self.holds_over(values) for values in self.seeds.values()]
+        if False in results:
             return CONTRADICTED
-        return UNDECIDED if None in verdicts or not verdicts else CONFIRMED
+        return UNDECIDED if None in results or not results else CONFIRMED
 
     def holds_over(self, values: Sequence[float]) -> bool | None:
         """Whether a number is within the bounds for at least 90 % of the seeds; None if only NaN prevents this."""
-        verdicts = [self.holds(value) for value in values]
+        results = [self.holds(value) for value in values]
         most = SEEDS_ASIDE * len(values)
-        if verdicts.count(False) > most:
+        if results.count(False) > most:
             return False
-        return None if verdicts.count(None) + verdicts.count(False) > most else True
+        return None if results.count(None) + results.count(False) > most else True
 
     def holds(self, value: float) -> bool | None:
         """Whether a number is within the bounds; None for NaN."""
@@ -136,22 +136,22 @@ class SourceComparison:
     why: str = ""
 
     @property
-    def verdict(self) -> str:
+    def result(self) -> str:
         """Result: holds if every computed side is confirmed; undecided if one is undecided and none is refuted."""
-        verdicts = [None if side is None else side.verdict for side in (self.as_printed, self.ours)]
-        measured = [verdict for verdict in verdicts if verdict is not None]
+        results = [None if side is None else side.result for side in (self.as_printed, self.ours)]
+        measured = [result for result in results if result is not None]
         if not measured:
             return UNMEASURED
         if UNDECIDED in measured and CONTRADICTED not in measured:
             return UNDECIDED
         if CONTRADICTED not in measured:
             return HOLDS
-        return {CONFIRMED: THEIRS_ONLY}.get(verdicts[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
+        return {CONFIRMED: THEIRS_ONLY}.get(results[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
 
 
-def unexplained(verdict: str, why: str) -> bool:
+def unexplained(result: str, why: str) -> bool:
     """Whether a required explanation is missing; confirmed results need none."""
-    return verdict not in (CONFIRMED, HOLDS) and not why
+    return result not in (CONFIRMED, HOLDS) and not why
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ def metric_words(metrics: Sequence[MetricWords]) -> str:
     return "; ".join(f"{metric.symbol}: {metric.meaning}" for metric in metrics)
 
 
-VERDICTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
+RESULTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
 """Possible results of a comparison."""
 GOOD = (CONFIRMED, HOLDS, THEIRS_ONLY, OURS_ONLY)
 STATEMENT_HEAD = ("statement", "computed", "target", "result")
@@ -209,18 +209,18 @@ def answer(suite: Suite) -> str:
     if not suite.statements:
         return f"<strong>{runs}</strong>."
     parts = []
-    for verdict, places in _by_verdict(suite.statements, (CONFIRMED, CONTRADICTED, UNDECIDED)):
-        listed = f"<strong>{verdict}</strong> (statement{'s' * (len(places) > 1)} {links('claim', places)})"
-        parts.append(f"{count(len(places))} {verdict if verdict == CONFIRMED else listed}")
+    for result, places in _by_verdict(suite.statements, (CONFIRMED, CONTRADICTED, UNDECIDED)):
+        listed = f"<strong>{result}</strong> (statement{'s' * (len(places) > 1)} {links('claim', places)})"
+        parts.append(f"{count(len(places))} {result if result == CONFIRMED else listed}")
     return f"{_many(suite.statements, 'statement')}: {', '.join(parts)}; from {runs}."
 
 
 def comparisons_answer(suite: Suite) -> str:
     """Number of comparisons by result."""
     parts = []
-    for verdict, places in _by_verdict(suite.comparisons, VERDICTS):
-        word = verdict if len(places) == 1 else verdict.replace("holds", "hold")
-        listed = f" ({links('comparison', places)})" if verdict != HOLDS else ""
+    for result, places in _by_verdict(suite.comparisons, RESULTS):
+        word = result if len(places) == 1 else result.replace("holds", "hold")
+        listed = f" ({links('comparison', places)})" if result != HOLDS else ""
         parts.append(f"{count(len(places))} {word}{listed}")
     return f"{_many(suite.comparisons, 'comparison')}: {', '.join(parts)}." if parts else ""
 
@@ -229,10 +229,10 @@ def _many(rows: Sequence[object], name: str) -> str:
     return f"<strong>{count(len(rows))} {name}{'s' * (len(rows) != 1)}</strong>"
 
 
-def _by_verdict(rows: Sequence[Statement | SourceComparison], verdicts: Sequence[str]) -> list[tuple[str, list[int]]]:
+def _by_verdict(rows: Sequence[Statement | SourceComparison], results: Sequence[str]) -> list[tuple[str, list[int]]]:
     """Occurring results in this order, with row numbers from 1."""
-    counted = [(verdict, [i for i, row in enumerate(rows, 1) if row.verdict == verdict]) for verdict in verdicts]
-    return [(verdict, places) for verdict, places in counted if places]
+    counted = [(result, [i for i, row in enumerate(rows, 1) if row.result == result]) for result in results]
+    return [(result, places) for result, places in counted if places]
 
 
 def statements_table(suite: Suite) -> str:
@@ -255,7 +255,7 @@ def comparisons_table(suite: Suite) -> str:
         f'<th scope="row">{escape(row.says)}</th><td data-label="{COMPARISON_HEAD[2]}">{escape(row.printed) or "–"}</td>'
         f'<td data-label="{COMPARISON_HEAD[3]}">{measured_side(row.as_printed)}</td>'
         f'<td data-label="{COMPARISON_HEAD[4]}">{measured_side(row.ours)}</td>'
-        f"<td>{_mark(row.verdict)}{reason(row.verdict, row.why)}</td></tr>"
+        f"<td>{_mark(row.result)}{reason(row.result, row.why)}</td></tr>"
         for i, row in enumerate(suite.comparisons, start=1)
     ]
     return _table("comparisons", "claims comparisons", COMPARISON_HEAD, rows, "Comparisons with the source")
@@ -269,9 +269,9 @@ def _table(name: str, kind: str, heads: Sequence[str], rows: Sequence[str], titl
     return sheet(name, text, f"<h2>{title}</h2>")
 
 
-def reason(verdict: str, why: str) -> str:
+def reason(result: str, why: str) -> str:
     """Explanation of a result; a mark if a required explanation is missing."""
-    if unexplained(verdict, why):
+    if unexplained(result, why):
         return '<p class="why"><strong class="bad">no explanation</strong>: add <code>why</code> in the suite</p>'
     return f'<p class="why">{escape(why)}</p>' if why else ""
 
@@ -344,17 +344,17 @@ def _runs(suite: Suite, statement: Statement) -> str:
     return _few([f'<a href="#run-{i + 1}">{escape(suite.runs[i].label)}</a>' for i in places])
 
 
-def _mark(verdict: str) -> str:
-    if verdict == UNMEASURED:
-        return f"– {verdict}"
-    return result_mark(verdict, verdict in GOOD, "✕" if verdict == CONTRADICTED else "–")
+def _mark(result: str) -> str:
+    if result == UNMEASURED:
+        return f"– {result}"
+    return result_mark(result, result in GOOD, "✕" if result == CONTRADICTED else "–")
 
 
 def _row(suite: Suite, index: int, statement: Statement) -> str:
     names = _few(list(dict.fromkeys(escape(name) for _, name, _ in statement.found)))
     compared = f" over {escape(statement.compared)}" if statement.compared else ""
     wrong = ""
-    if statement.verdict != CONFIRMED and len(statement.found) > 1:
+    if statement.result != CONFIRMED and len(statement.found) > 1:
         bad = [
             f"{escape(suite.runs[i].label)}: {escape(name)} "
             + (
@@ -366,7 +366,7 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
             if (held := [*map(statement.holds, values)]) and statement.holds_over(values) is not True
         ]
         wrong = f"<br><small>except {_few(bad, '; ')}</small>"
-    wrong += reason(statement.verdict, statement.why)
+    wrong += reason(statement.result, statement.why)
     seeds = most(statement)
     compared += f", median and 10 to 90 % of {count(seeds)} seeds," if seeds > 1 else ""
     safe = replace(statement, unit=escape(statement.unit))
@@ -375,5 +375,5 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
         f'<td data-label="computed">{measured(safe, plain)}<br>'
         f"<small>{names}{compared} in {_runs(suite, statement)}</small></td>"
         f'<td data-label="target">{target(safe, plain)}</td>'
-        f"<td>{_mark(statement.verdict)}{wrong}</td></tr>"
+        f"<td>{_mark(statement.result)}{wrong}</td></tr>"
     )

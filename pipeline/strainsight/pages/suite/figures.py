@@ -112,7 +112,7 @@ def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Seque
     groups = list(dict.fromkeys(run.group for run in runs))
     at = np.array([np.nan if run.at is None else run.at for run in runs])
     place, zero = _places(at)
-    drawn, *panels = figure(1.2 + 1.5 * len(numbers) + 0.1 * len(groups), (1.0,) * len(numbers))
+    canvas, *panels = figure(1.2 + 1.5 * len(numbers) + 0.1 * len(groups), (1.0,) * len(numbers))
     texts = []
     for axes, name in zip(panels, numbers, strict=True):
         values, label = _values(runs, name), name.replace("error.", "error of ", 1) if what else name
@@ -136,7 +136,7 @@ def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Seque
     if what:
         caption = f"Error of the {what} over {study.over}; dotted: standard deviation claimed by the filter."
     title = f"{study.name}: {what or 'numbers'} over {study.over}"
-    return Drawing(key, title, caption, f"Line chart over {study.over}. {'; '.join(texts)}.", svg(drawn))
+    return Drawing(key, title, caption, f"Line chart over {study.over}. {'; '.join(texts)}.", svg(canvas))
 
 
 def _values(runs: Sequence[SuiteRun], name: str) -> FloatArray:
@@ -215,7 +215,7 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     known = values[np.isfinite(values) & (values > 0)]
     end = 10 ** (np.log10(known.max(initial=10.0)) * 1.22 + 0.3)
     low = min(1.0, float(known.min(initial=1.0)))
-    drawn, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
+    canvas, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
     axes.set(xscale="log", xlim=(low, end))
     step = 0.84 / len(series)
     for j, entry in enumerate(series):
@@ -245,13 +245,13 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     rows = [", ".join(_rounded(value) for value in row if not np.isnan(value)) for row in values]
     text = "; ".join(f"{group} {row}" for group, row in zip(groups, rows, strict=True))
     alt = f"Bar chart of condition numbers at {len(series)} excitations: {text}."
-    return Drawing("pbh", "Condition of every set of unknowns", caption, alt, svg(drawn))
+    return Drawing("pbh", "Condition of every set of unknowns", caption, alt, svg(canvas))
 
 
 @styled()
 def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     """Error of every unknown of every run, with a bar of errors consistent with σ, and repeats as strokes."""
-    drawn, axes = figure(1.0 + 0.3 * len(rows))
+    canvas, axes = figure(1.0 + 0.3 * len(rows))
     sizes = [max(result.error or 0.0, 1e-6) for _, result in rows]
     sizes += [result.std for _, result in rows if _reach(result) and result.std]
     low = 100 * min(sizes) / 3
@@ -264,8 +264,8 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
             off = 100 * np.abs(repeats.error[np.isfinite(repeats.error)])
             axes.plot(np.maximum(off, low), np.full(len(off), y), "|", color=MUTED, ms=7, mew=1.0)
         axes.plot(
-            max(100 * result.error, low), y, "X" if result.verdicts else "o",
-            color=SERIES[1 if result.verdicts else 0], ms=7, mec="white", mew=0.6,
+            max(100 * result.error, low), y, "X" if result.problems else "o",
+            color=SERIES[1 if result.problems else 0], ms=7, mec="white", mew=0.6,
         )  # fmt: skip
     axes.fill_between([], [], [], color=SERIES[0], alpha=0.22, lw=0, label="consistent")
     for marker, colour, label in (("o", SERIES[0], "error"), ("|", MUTED, "repeats"), ("X", SERIES[1], WRONG)):
@@ -282,7 +282,7 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
         "repeats with other noise and starts. Crosses are overconfident or not identified."
     )
     text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, result in rows)
-    return Drawing("errors", "Errors of all runs", caption, f"Chart of errors and claimed σ: {text}.", svg(drawn))
+    return Drawing("errors", "Errors of all runs", caption, f"Chart of errors and claimed σ: {text}.", svg(canvas))
 
 
 @styled()
@@ -298,7 +298,7 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         else:
             shared.append(([index], run, trend))
     metrics = metrics_of(run for _, run, _ in lines)
-    drawn, axes = figure(3.1 + 0.18 * len(shared))
+    canvas, axes = figure(3.1 + 0.18 * len(shared))
     top = 1.0
     for place, (numbers, run, trend) in enumerate(shared):
         colour, stroke = COLOURS[place % len(COLOURS)], STROKES[place // len(COLOURS) % len(STROKES)]
@@ -323,7 +323,7 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         for numbers, _, trend in shared
     )
     alt = f"Line chart of the metric's growth: {ends}."
-    return Drawing("trends", "Metric over the number of gauges", caption, alt, svg(drawn))
+    return Drawing("trends", "Metric over the number of gauges", caption, alt, svg(canvas))
 
 
 def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:

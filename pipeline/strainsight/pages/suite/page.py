@@ -98,7 +98,7 @@ def _studies(suite: Suite, cards: Cards) -> list[str]:
     return parts
 
 
-def _benches(suite: Suite, places: Sequence[int], name: str, drawn: str = "") -> str:
+def _benches(suite: Suite, places: Sequence[int], name: str, cards: str = "") -> str:
     """Table, figures and sentences of the benches among the runs at these indices."""
     rows, items = [], ""
     for i, run in suite.benches:
@@ -108,7 +108,7 @@ def _benches(suite: Suite, places: Sequence[int], name: str, drawn: str = "") ->
             if text := " ".join(filter(None, (run_answer(run), _remarks(run)))):
                 items += f"<li><strong>{label}</strong>: {text}</li>"
     card = f'<div class="card">{benches_table(name, rows, explained=False)}</div>' if rows else ""
-    return f"{card}{drawn}{unfolding('Results of the runs', f'<ul>{items}</ul>') if items else ''}"
+    return f"{card}{cards}{unfolding('Results of the runs', f'<ul>{items}</ul>') if items else ''}"
 
 
 def _remarks(run: SuiteRun) -> str:

@@ -23,8 +23,8 @@ from strainsight.pages.page.markup import (
     table,
     unfolding,
 )
+from strainsight.pages.page.problems import faults, no_benefit, problem_text, why
 from strainsight.pages.page.sections import section
-from strainsight.pages.page.verdicts import faults, no_benefit, problem_text, why
 from strainsight.pages.placement.data import ObservabilityCase, Unknown
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.text import listed
@@ -130,14 +130,14 @@ class Result:
     """Result for one unknown of one run.
 
     error, std: relative, of the filtered parameter or the smoothed load (`smoothed`; else the filtered load), None without an
-    estimate; verdicts: problems.
+    estimate.
     """
 
     unknown: Unknown
     smoothed: bool
     error: float | None
     std: float | None
-    verdicts: tuple[str, ...]
+    problems: tuple[str, ...]
 
     @property
     def claim(self) -> Claim | None:
@@ -145,11 +145,11 @@ class Result:
         return next(iter(self.unknown.claims), None)
 
     @property
-    def verdict(self) -> str:
+    def status(self) -> str:
         """Problems or consistency as text, empty without an estimate."""
         if self.error is None:
             return ""
-        return ", ".join(self.verdicts) or (self.claim.verdict if self.claim else "no claim")
+        return ", ".join(self.problems) or (self.claim.verdict if self.claim else "no claim")
 
 
 def results_of(run: PlacementRun) -> tuple[Result, ...]:
@@ -174,8 +174,8 @@ def counts(report: Suite) -> dict[str, list[int]]:
 
 def without_benefit(report: Suite) -> list[int]:
     """Numbers from 1 of the runs in which random layouts estimate every unknown as accurately as the placed layout."""
-    verdicts = {i: {one.benefit and one.benefit.verdict for one in run.unknowns} for i, run in report.placements}
-    return [index for index, words in verdicts.items() if words == {"none"}]
+    benefits = {i: {one.benefit and one.benefit.verdict for one in run.unknowns} for i, run in report.placements}
+    return [index for index, words in benefits.items() if words == {"none"}]
 
 
 def _status(run: SuiteRun) -> tuple[str, ...]:
@@ -183,12 +183,12 @@ def _status(run: SuiteRun) -> tuple[str, ...]:
     if not run.is_estimated:
         return (NOT_ESTIMATED,)
     if isinstance(run, BenchPageRun):
-        wrong, held = run.all_faults, {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
+        wrong, claims = run.all_faults, {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
     else:
         results = results_of(run)
-        wrong = tuple(dict.fromkeys(verdict for result in results for verdict in result.verdicts))
-        held = {result.claim.verdict for result in results if result.claim is not None}
-    return wrong or (next((word for word in (TOO_CAUTIOUS, CONSISTENT) if word in held), UNKNOWN),)
+        wrong = tuple(dict.fromkeys(problem for result in results for problem in result.problems))
+        claims = {result.claim.verdict for result in results if result.claim is not None}
+    return wrong or (next((word for word in (TOO_CAUTIOUS, CONSISTENT) if word in claims), UNKNOWN),)
 
 
 METRIC = "metric"
@@ -261,7 +261,7 @@ def run_answer(run: PlacementRun) -> str:
             result.unknown.name,
             [
                 f"{why(fault, result.unknown)} {_lost(result) * (fault == DIVERGED)}".rstrip()
-                for fault in result.verdicts
+                for fault in result.problems
             ],
         )
         for result in results
@@ -315,15 +315,15 @@ def _cells(result: Result) -> list[str]:
 def _consistency(result: Result) -> str:
     if result.error is None:
         return "not estimated"
-    if not result.verdicts:
-        if result.verdict not in (TOO_CAUTIOUS, CONSISTENT):
-            return result.verdict
-        small = f" <small>{_claim_numbers(result)}</small>" * (result.verdict == TOO_CAUTIOUS)
-        return f'<strong class="good">✓ {result.verdict}</strong>{small}'
+    if not result.problems:
+        if result.status not in (TOO_CAUTIOUS, CONSISTENT):
+            return result.status
+        small = f" <small>{_claim_numbers(result)}</small>" * (result.status == TOO_CAUTIOUS)
+        return f'<strong class="good">✓ {result.status}</strong>{small}'
     lines = []
-    for verdict in result.verdicts:
-        text = _claim_numbers(result) if verdict == OVERCONFIDENT else _lost(result) if verdict == DIVERGED else ""
-        lines.append(result_mark(verdict, False) + (f" <small>{text}</small>" if text else ""))
+    for problem in result.problems:
+        text = _claim_numbers(result) if problem == OVERCONFIDENT else _lost(result) if problem == DIVERGED else ""
+        lines.append(result_mark(problem, False) + (f" <small>{text}</small>" if text else ""))
     return "<br>".join(lines)
 
 

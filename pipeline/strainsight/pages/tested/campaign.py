@@ -88,7 +88,7 @@ def _records(report: CampaignFindings) -> str:
             for value, std in ((peak, load.peak_std), (load.estimate, load.std)):
                 row += [measure(value, load.unit), _std(std, load.unit)]
         tone = "good" if record.consistent else "bad"
-        rows.append([*row, share(record.inside), f'<span class="{tone}">{escape(record.judged)}</span>'])
+        rows.append([*row, share(record.inside), f'<span class="{tone}">{escape(record.consistency)}</span>'])
     caption = (
         "Each record has a separate page. With a correct model and noise, 95 % of the innovations (measured − predicted) are "
         "within 2σ."

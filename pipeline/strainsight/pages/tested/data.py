@@ -109,19 +109,19 @@ class File:
 class Findings:
     """Contents of the page of a test.
 
-    verdict: sentence on the innovations; consistent: whether they are consistent; warnings: most serious first, beginning with
+    innovations: sentence on them; consistent: whether they are consistent; warnings: most serious first, beginning with
     the reason for a withheld σ; notes: operations on the measurements;
     histories: unknowns over time; readings: in the order of the config; residuals: their spectra; hold_out: gauges that the
     filter does not use; checked: every channel compared with the others; damage: hot spots and virtual gauges, None if not
     requested; moment: None without a surface; facts: results by stage; record: its name if the test has several;
-    beside: (name, page) of the others; page: of this record; inside: share of the innovations within 2σ;
-    judged: consistency of the record with the model and the others.
+    other_records: (name, page) of them; page: of this record; inside: share of the innovations within 2σ;
+    consistency: of the record with the model and the others.
     """
 
     name: str
     title: str
     unknowns: tuple[TestedUnknown, ...]
-    verdict: str
+    innovations: str
     consistent: bool
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
@@ -143,10 +143,10 @@ class Findings:
     facts: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     record: str = ""
-    beside: tuple[tuple[str, str], ...] = ()
+    other_records: tuple[tuple[str, str], ...] = ()
     page: str = ""
     inside: float = np.nan
-    judged: str = ""
+    consistency: str = ""
 
     @property
     def units(self) -> Mapping[str, str]:

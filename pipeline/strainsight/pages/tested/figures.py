@@ -109,7 +109,7 @@ def reading_figure(reading: Reading) -> Drawing:
     residual, noise = curves.measured - curves.estimated, reading.noise_std / factor
     close = window.stop - window.start < len(time)
     ratios = (1.0, 0.7, 1.2) if close else (1.2, 0.8)
-    drawn, *panels = figure(4.6 if close else 3.4, ratios, shared=False, width=SMALL)
+    canvas, *panels = figure(4.6 if close else 3.4, ratios, shared=False, width=SMALL)
     curves.overlay(panels[0], reading, slice(None), "reconstructed")
     _scatter(panels[1], time, residual)
     for edge in (-2 * noise, 2 * noise):
@@ -136,7 +136,7 @@ def reading_figure(reading: Reading) -> Drawing:
         caption += f" An estimated offset of {mean} ± {sigma} {unit} is subtracted."
     alt = f"Line chart of measured and reconstructed {curves.what} of {reading.label}, peak "
     alt += f"{number(largest(curves.estimated), 3)} {unit}, residual {left} {unit} RMS."
-    return Drawing(f"reading-{reading.label}", reading.label, caption, alt, svg(drawn))
+    return Drawing(f"reading-{reading.label}", reading.label, caption, alt, svg(canvas))
 
 
 def inside(channel: Reading) -> float:
@@ -158,7 +158,7 @@ def _cross(reading: Reading) -> Drawing:
     measured, predicted, what = curves.measured, curves.estimated, curves.what
     index = visible_instants(np.column_stack([measured, predicted, measured - predicted]), 240)
     limit = 1.05 * largest(measured, predicted) or 1.0
-    drawn, axes = figure(4.2)
+    canvas, axes = figure(4.2)
     dots(axes, predicted[index], measured[index], "samples")
     axes.plot([-limit, limit], [-limit, limit], color=INK, lw=1, ls=(0, (5, 3)), label="equal")
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
@@ -166,21 +166,21 @@ def _cross(reading: Reading) -> Drawing:
     legend_above(axes)
     caption = f"{label}, measured over predicted; both are equal on the dashed line."
     alt = f"Scatter plot of measured over predicted {what} of {label}, error {_error(reading)} of the measured RMS."
-    return Drawing(f"hold-out-{label}", f"{label}: measured over predicted", caption, alt, svg(drawn))
+    return Drawing(f"hold-out-{label}", f"{label}: measured over predicted", caption, alt, svg(canvas))
 
 
 @styled()
 def _overlay(reading: Reading) -> Drawing:
     """Measured and predicted values over time around the largest reading."""
     curves, label = curves_of(reading), reading.label
-    drawn, axes = figure(3.4)
+    canvas, axes = figure(3.4)
     curves.overlay(axes, reading, curves.window, "predicted")
     plain_axis(axes)
     time_axis(axes)
     legend_above(axes)
     caption = f"{label} around its largest reading: measured, and predicted from the other channels with ±2σ band."
     alt = f"Line chart of measured and predicted {curves.what} of {label}, error {_error(reading)} of the measured RMS."
-    return Drawing(f"hold-out-time-{label}", f"{label}: over time", caption, alt, svg(drawn))
+    return Drawing(f"hold-out-time-{label}", f"{label}: over time", caption, alt, svg(canvas))
 
 
 def _error(reading: Reading) -> str:
@@ -241,7 +241,7 @@ def load_figure(kind: str, history: History, colour: str) -> Drawing:
     mean, std, time = drawable(history.mean) / factor, drawable(history.std) / factor, history.time
     banded, window = bool(np.isfinite(std).any()), about(mean, mean)
     close = window.stop - window.start < len(time)
-    drawn, *panels = figure(4.4 if close else 3.2, (1.0, 1.2) if close else (1.0,), shared=False)
+    canvas, *panels = figure(4.4 if close else 3.2, (1.0, 1.2) if close else (1.0,), shared=False)
     for axes, part in zip(panels, (slice(None), window), strict=False):
         overlay(axes, time[part], mean[part], std[part], colour, curve)
         plain_axis(axes)
@@ -255,7 +255,7 @@ def load_figure(kind: str, history: History, colour: str) -> Drawing:
     caption += "; below, detail around the largest value." if close else "."
     caption += " σ is withheld." * (kind == "load" and not banded)
     alt = f"Line chart of the {title}, largest {quantity(value, history.unit)} at {number(when)} s."
-    return Drawing(f"{kind}-{history.name}", history.name, caption, alt, svg(drawn))
+    return Drawing(f"{kind}-{history.name}", history.name, caption, alt, svg(canvas))
 
 
 @styled()
@@ -281,7 +281,7 @@ def spectrum_figure(spectrum: Spectrum, colour: str = BLUE) -> Drawing:
         places = np.array([start + int(np.argmax(root[start : start + few])) for start in range(0, len(root), few)])
         frequency, root = frequency[places], root[places]
     root, noise = root / factor, (level or 0.0) / factor
-    drawn, axes = figure(3.4, width=WIDE) if level is None else figure(2.5, width=SMALL)
+    canvas, axes = figure(3.4, width=WIDE) if level is None else figure(2.5, width=SMALL)
     axes.plot(frequency, np.where(root > 0, root, np.nan), color=colour, lw=1.2, label=label)
     if level is not None:
         axes.axhline(noise, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label="configured noise")
@@ -295,4 +295,4 @@ def spectrum_figure(spectrum: Spectrum, colour: str = BLUE) -> Drawing:
     axes.set(xlabel="frequency [Hz]", ylabel=f"√density\n[{short(unit)}/√Hz]")
     axes.margins(x=0.01)
     legend_above(axes)
-    return Drawing(key, title, caption, alt, svg(drawn))
+    return Drawing(key, title, caption, alt, svg(canvas))

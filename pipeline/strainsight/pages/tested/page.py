@@ -72,9 +72,11 @@ def _estimate_text(unknown: TestedUnknown) -> str:
 def findings_screen(report: Findings) -> str:
     """Unknowns, consistency of the record, channels, and warnings. Every number is a `data` element."""
     good = report.consistent
-    words = mark(escape(_sentence(report.verdict)), good)
-    verdict = tile("record, model and noise", "consistent" if good else "inconsistent", after=words)
-    return sections.first_screen("".join(map(_tile, report.unknowns)) + verdict, _channels(report), _cautions(report))
+    words = mark(escape(_sentence(report.innovations)), good)
+    consistency = tile("record, model and noise", "consistent" if good else "inconsistent", after=words)
+    return sections.first_screen(
+        "".join(map(_tile, report.unknowns)) + consistency, _channels(report), _cautions(report)
+    )
 
 
 def _tile(unknown: TestedUnknown) -> str:
@@ -198,7 +200,7 @@ def page_of_test(
 
     drawings: from `figures_of_test`; pictures: PNG files of `views_of`, empty with the reason in `problem`.
     """
-    links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.beside)
+    links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.other_records)
     parts = (
         f'<p class="lead">Record {escape(report.record)}. Other records: {links}.</p>' * bool(links),
         findings_screen(report),

@@ -371,7 +371,7 @@ def show(plotter: Any, title: str, parent: int) -> None:
     plotter.show(title=title)
 
 
-def drawn(views: Sequence[View]) -> list[bytes]:
+def draw_views(views: Sequence[View]) -> list[bytes]:
     """Pictures of all views."""
     pictures = [BytesIO() for _ in views]
     for view, picture in zip(views, pictures, strict=True):
@@ -384,7 +384,7 @@ def drawn(views: Sequence[View]) -> list[bytes]:
 def main(asked: str = "") -> None:
     """Show the view from stdin in a window until it is closed, or draw it off-screen."""
     if asked == scene.OFF_SCREEN:
-        scene.answer(drawn)
+        scene.answer(draw_views)
         return
     parent = os.getppid()
     view: View = pickle.load(sys.stdin.buffer)

@@ -16,8 +16,8 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.filtering import (
     FilteredRuns,
-    by_bank,
     by_extended,
+    by_grid,
     predicted,
     ring_watch,
     rings_estimated,
@@ -291,8 +291,8 @@ def estimate_bench(
         using.progress(what, 0.3 + 0.7 * (until + (1 - until) * share))
 
     watch = ring_watch(bench, trial.model, problem.steps)
-    bank = estimate.method.parameters == "bank" and problem.unknowns.free
-    filtered = by_bank(trial, y, filtering) if bank else by_extended(trial, y, filtering, watch)
+    on_grid = estimate.method.parameters == "bank" and problem.unknowns.free
+    filtered = by_grid(trial, y, filtering) if on_grid else by_extended(trial, y, filtering, watch)
     mean = filtered.mean[:, 0]
     doubts = (*undistinguished(trial, mean), *unfollowed(trial, reality, mean, filtered.std[:, 0]))
     without = None

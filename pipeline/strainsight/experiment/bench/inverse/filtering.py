@@ -179,28 +179,28 @@ def _refuse_large(trial: BenchTrial, y: np.ndarray) -> None:
         )
 
 
-def by_bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRuns:
+def by_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRuns:
     """Run the parameter grid filter on each run of y (T, B, m), and the extended filter on the first run for comparison."""
     runs = y.shape[1]
 
     def progress_of(run: int) -> Progress:
         return lambda share: progress((run + share) / runs)
 
-    banks = [_bank(trial.of_runs(slice(run, run + 1)), y[:, run], progress_of(run)) for run in range(runs)]
+    grid_runs = [_run_grid(trial.of_runs(slice(run, run + 1)), y[:, run], progress_of(run)) for run in range(runs)]
     mean, std, joint, nis = (
-        np.stack([getattr(bank, key) for bank in banks], axis=1) for key in ("mean", "std", "joint", "nis")
+        np.stack([getattr(grid_run, key) for grid_run in grid_runs], axis=1) for key in ("mean", "std", "joint", "nis")
     )
     for k, states in enumerate(mean[1:], start=1):
         # a mean of admissible states violates the constraints in second order
         states[:] = trial.offsets.projected(trial.model)(states, k)
     nis, lost = per_channel(nis, y), np.full(runs, -1)
     notes: tuple[str, ...] = ()
-    if without := sum(bank.without for bank in banks):
-        tried = sum(len(bank.weight) for bank in banks)
+    if without := sum(grid_run.without for grid_run in grid_runs):
+        tried = sum(len(grid_run.weight) for grid_run in grid_runs)
         notes = (
             f"{without} of {tried} parameter grid points have no weight, because their filters diverged or found no start",
         )
-    return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, banks[0]), notes=notes)
+    return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, grid_runs[0]), notes=notes)
 
 
 def _filter(
@@ -232,18 +232,18 @@ def _filter(
     )
 
 
-def _bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> StepBankRun:
+def _run_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> StepBankRun:
     """Run the parameter grid filter on samples y (T, m) of one run."""
 
     def filters(x: np.ndarray, P: np.ndarray, samples: np.ndarray) -> FilterRun:
         return _filter(trial, np.repeat(samples[:, None], len(x), axis=1), (x, P), refuse=False)
 
     model = trial.model
-    bank = StepBank(trial.start[0], trial.covariance[0], model.xi, model.position, trial.begin, filters)
-    return filter_constants(bank, y, progress=lambda k: progress(k / len(y)))
+    grid_problem = StepBank(trial.start[0], trial.covariance[0], model.xi, model.position, trial.begin, filters)
+    return filter_constants(grid_problem, y, progress=lambda k: progress(k / len(y)))
 
 
-def _compared(trial: BenchTrial, y: np.ndarray, bank: StepBankRun) -> Compared:
+def _compared(trial: BenchTrial, y: np.ndarray, grid_run: StepBankRun) -> Compared:
     """Compare the final parameters of the first run; NaN if the extended filter diverged."""
     unknowns, at, model = trial.problem.unknowns, trial.model.xi, trial.model
     p, k = model.coordinates.size, len(unknowns.inputs)
@@ -252,7 +252,7 @@ def _compared(trial: BenchTrial, y: np.ndarray, bank: StepBankRun) -> Compared:
         moments = extended.mean[-1, 0, at], extended.last[0, at, at]
     except NumericalError:
         moments = np.full(p, np.nan), np.full((p, p), np.nan)
-    both = (bank.mean[-1, at], bank.joint[-1, k:, k:]), moments
+    both = (grid_run.mean[-1, at], grid_run.joint[-1, k:, k:]), moments
     value, std = np.full((2, len(both), p), np.nan)
     for i, (xi, P) in enumerate(both):
         if np.isfinite(xi).all():
