@@ -31,7 +31,7 @@ def shown(found: Opened) -> dict[tuple[str, ...], list[float]]:
     numbers: dict[tuple[str, ...], list[float]] = {}
     for place, value, text in found.page.evaluate(WHERE):
         assert rounded(Number(float(value), text, str(place))), (place, value, text)
-        place[-1] = re.sub(r"^best other rule(?:, beyond the limits)? \(.*\)$", "best other rule", place[-1])
+        place[-1] = re.sub(r"^best other rule(?:, limits violated)? \(.*\)$", "best other rule", place[-1])
         numbers.setdefault(tuple(place), []).append(float(value))
     return numbers
 
@@ -56,7 +56,7 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
             load = name in config["loads"]
             tile = f"{name}, {'load' if load else 'parameter'}"
             found[tile, "value"] = [std] if load else [told[f"estimate.{name}"], std]
-            found[tile, "error in the test"] = [told[f"error.{name}"]]
+            found[tile, "error in validation"] = [told[f"error.{name}"]]
             found[tile, "expected σ"] = [expected]
             if load:
                 found[tile, "true RMS"] = [np.sqrt(np.mean(truth**2))]
@@ -68,14 +68,14 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
                 found[tile, "verdict"] = [_decisive(validate, name, load)[0]]
             for i, value in enumerate(place[f"without/{name}"][()]):
                 found[f"G{i + 1}", f"expected σ({name})"] = [value * scale / size]
-            found["with all", f"expected σ({name})"] = [expected]
+            found["all gauges", f"expected σ({name})"] = [expected]
         for i, position in enumerate(place["selected/final/position"][()]):
             for axis, value in zip("xyz", position, strict=True):
                 found[f"G{i + 1}", f"{axis} [m]"] = [value]
-        bound = "distance from the best possible set"
+        bound = "gap to the optimal layout"
         found[bound, "value"] = [max(chosen["gap"], 0.0)]
         found[bound, "metric tr(W P)"] = [chosen["trace_final"]]
-        found[bound, "no set can go below"] = [chosen["lower_bound"]]
+        found[bound, "lower bound"] = [chosen["lower_bound"]]
         found[bound, "best other rule"] = [_best_other(place)]
     return {where: [float(value) for value in values] for where, values in found.items()}
 

@@ -133,7 +133,7 @@ def copied(table: Locator) -> list[list[str]]:
     page.bring_to_front()
     page.evaluate("navigator.clipboard.writeText('nothing')")
     tools(table).locator('button[data-do="copy"]').click()
-    tools(table).locator(".said", has_text="copied").wait_for()
+    tools(table).locator(".status", has_text="copied").wait_for()
     text = page.evaluate("navigator.clipboard.readText()")
     return [line.split("\t") for line in text.removesuffix("\n").split("\n")]
 

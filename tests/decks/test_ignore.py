@@ -21,7 +21,7 @@ def imported(tmp_path, text, ignore=(), name="deck.bdf"):
 
 
 def refused(tmp_path, text, **more):
-    with pytest.raises(DeckError, match="not supported, and the model is not the same without") as caught:
+    with pytest.raises(DeckError, match="unsupported cards that affect the model") as caught:
         imported(tmp_path, text, **more)
     return caught.value
 
@@ -176,7 +176,7 @@ def read(folder, text, ignore=()):
 @pytest.mark.parametrize("name", ASKED)
 def test_preloaded_modes_are_refused_unless_ignored(name, tmp_path):
     text, line, by = ASKED[name]
-    with pytest.raises(DeckError, match="Unsupported entities that affect the model") as caught:
+    with pytest.raises(DeckError, match="unsupported cards that affect the model") as caught:
         read(tmp_path, text)
     assert f"1 × PRELOAD by {by} (first at" in caught.value.what
     assert text.splitlines()[int(caught.value.where.rpartition(":")[2]) - 1].strip() == line

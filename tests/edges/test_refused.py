@@ -28,7 +28,7 @@ def folder(tmp_path_factory):
 PLACEMENTS = [
     # key, value in the message, changes
     ("gauges.noise_std", "1e-30 is", {"gauges.noise_std": {"value": 1e-30}}),
-    ("gauges.noise_std", "a noise of 0.009", {"gauges.noise_std": {"value": 9e-3}, "loads.tip.signal.amplitude": 1e-6}),
+    ("gauges.noise_std", "the noise of 0.009", {"gauges.noise_std": {"value": 9e-3}, "loads.tip.signal.amplitude": 1e-6}),
     ("gauges.noise_std.value", "1e+06 m/m are 1e+08 %", {"gauges.noise_std": {"value": 1e6}}),
     ("validate.initial_std.E", "1e+06 times the guess", {"validate.initial_std.E": 1e6}),
     ("parameters.E.process_noise_scale", "3.16e+06 %", {"parameters.E.process_noise_scale": 1e6}),
@@ -39,9 +39,9 @@ PLACEMENTS = [
     ),
     ("filter.drift", "parameters are constant in the grid filter", {"filter.drift": True}),
     ("process_noise.model_error", "at most 1e+06", {"process_noise.model_error": 1e30}),
-    (DAMPING, "nothing would move", {DAMPING: {"type": "rayleigh", "alpha": 1e30, "beta": 0.0}}),
+    (DAMPING, "the smallest damping ratio", {DAMPING: {"type": "rayleigh", "alpha": 1e30, "beta": 0.0}}),
     ("rom.modes", "200 modes requested of a model with 30 massive unknowns", {"rom.modes": 200}),
-    ("loads", "more than 1e+50", {"loads.tip.signal.amplitude": 1e300}),
+    ("loads", "above the limit of 1e+50", {"loads.tip.signal.amplitude": 1e300}),
     ("train.time_step", "1 steps", {"train.duration": 1e-3}),
     ("place.keep", "8 is larger", {"place.keep": 8, "screen.keep": 4}),
 ]
@@ -57,7 +57,7 @@ def test_a_placement_is_refused(folder, key, value, changes):
     [
         (1e-3, RHO, "train.duration", "periods of the last mode"),
         (1e30, RHO, "train.time_step", "periods of the first mode"),
-        (1e100, 1e93, "loads", "less than 1e-50"),
+        (1e100, 1e93, "loads", "below the limit of 1e-50"),
     ],
 )
 def test_a_material_that_the_run_cannot_show_is_refused(tmp_path, modulus, density, key, value):
@@ -66,12 +66,12 @@ def test_a_material_that_the_run_cannot_show_is_refused(tmp_path, modulus, densi
 
 
 BENCHES = [
-    ("place.noise", "1e-30: one increment", {"place.noise": 1e-30}),
-    ("place.noise", "1e-07: one increment of side", {"estimate.inputs.side.increment": 1e30}),
-    ("estimate.sensors.gauges.noise", "1e-30 is less than 1e-12", {"estimate.sensors.gauges.noise": 1e-30}),
-    ("estimate.sensors.gauges.noise", "one σ of an unknown moves it by", {"estimate.inputs.side.std": 1e30}),
-    ("estimate.inputs.down", "no sensor feels it", {"estimate.sensors.gauges.noise": 1e6}),
-    ("forces.side.signal", "more than 1e+50", {"forces.side.signal.amplitude": 1e200}),
+    ("place.noise", "times the noise of 1e-30", {"place.noise": 1e-30}),
+    ("place.noise", "one increment of side", {"estimate.inputs.side.increment": 1e30}),
+    ("estimate.sensors.gauges.noise", "1e-30 is below the smallest noise of 1e-12", {"estimate.sensors.gauges.noise": 1e-30}),
+    ("estimate.sensors.gauges.noise", "effect of one σ of an unknown", {"estimate.inputs.side.std": 1e30}),
+    ("estimate.inputs.down", "no sensor measures this unknown", {"estimate.sensors.gauges.noise": 1e6}),
+    ("forces.side.signal", "above the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
     ("bodies.beam", "500 modes requested of a body with", {"bodies.beam.modes": 500}),
 ]
 
@@ -95,7 +95,7 @@ def test_what_a_refusal_advises_is_accepted(tmp_path, key, value, others):
     own = {"screen.keep": "all", "place.keep": 1, **others}
     with pytest.raises(UserError) as found:
         finished(tmp_path / "refused", "screen", bricks(COUNTS), {**own, key: value})
-    advised = float(re.search(r"(?:take|use) at (?:least|most) ([-+.e\d]+\d)", str(found.value))[1])
+    advised = float(re.search(r"(?:take|use|[Ss]et) at (?:least|most) ([-+.e\d]+\d)", str(found.value))[1])
     accepted = {"value": advised} if isinstance(value, dict) else advised
     finished(tmp_path / "accepted", "screen", bricks(COUNTS), {**own, key: accepted})
 

@@ -261,7 +261,7 @@ def test_load_on_mass_follows_the_area():
     slope = load_slopes(model, config, [own])["area_factor"]
     tip = model.constraint.transform[3 * 10 + 2] @ spsolve(model.stiffness.at({}).tocsc(), slope[:, 0])
     assert tip == pytest.approx(-RHO * A * L**4 / (8 * E * I2), rel=2e-3)
-    with pytest.raises(UserError, match="multiply each other"):
+    with pytest.raises(UserError, match="depend on the product"):
         load_slopes(model, config, [own, Parameter("rho", "density", (1,), RHO)])
 
 

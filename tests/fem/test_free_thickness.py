@@ -194,7 +194,7 @@ def test_load_on_mass_follows_the_thickness_and_the_density_beside_it_is_refused
     node = np.arange(mesh.own_nodes)
     weight = np.sum(model.constraint.transform[3 * node + 2] @ slope)  # all motions are free
     assert weight == pytest.approx(-RHO * 0.3 * 0.1 * 1.05, rel=1e-9)
-    with pytest.raises(UserError, match="multiply each other"):
+    with pytest.raises(UserError, match="depend on the product"):
         load_slopes(model, config, [own, Parameter("rho", "density", (1,), RHO)])
 
 

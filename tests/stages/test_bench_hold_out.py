@@ -152,8 +152,8 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_mod
     assert beyond in said
     assert "the measurements are inconsistent with the model: side, down are contradicted" in said
     assert np.isnan(found["/sensors/tip/bias_std"]).all()
-    assert "offsets at the end" in said
-    assert "withheld" in said[said.index("offsets at the end") :]
+    assert "final offsets" in said
+    assert "withheld" in said[said.index("final offsets") :]
 
 
 def test_there_is_nothing_to_accept_where_the_truth_is_simulated():
@@ -174,7 +174,7 @@ def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason():
     two = json.dumps([{"position": place, "direction": [1, 0, 0]} for place in GAUGES[:2]])
     found, said = estimated(EACH, f"sensors.gauges.gauges={two}", sensors={"gauges": {"noise": 2e-8}})
     assert np.isnan(found["/sensors/gauges/predicted"]).all()
-    assert "without it estimate.inputs: the sensors cannot tell side and down together" in said
+    assert "without this channel, estimate.inputs: the sensors cannot determine side and down together" in said
     assert "hold_out.inside" not in found.summary
 
 

@@ -45,7 +45,7 @@ def statement(claim, all_runs=RUNS):
 )
 def test_claims_are_measured_in_the_numbers_of_the_runs(claim, verdict, values):
     result = statement(claim)
-    assert result.verdict == verdict
+    assert result.result == verdict
     np.testing.assert_allclose([value for _, _, value in result.found], values, rtol=1e-12)
 
 

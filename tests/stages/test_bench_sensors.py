@@ -31,18 +31,18 @@ def run(config, *changes):
 def test_two_loads_on_one_line_of_action_may_be_allowed():
     end = run(RIG, BOTH, "estimate.allow_unobservable=true")
     assert end.code == 0
-    assert "what is given of each rests on its first σ alone" in end.text
+    assert "their estimates rest on the initial σ" in end.text
 
 
 def test_a_step_of_implicit_euler_that_its_loads_outrun_is_refused_unless_allowed_or_made_up_for():
     thesis = ["simulate.method=thesis", "forces.side.signal.frequency=20.0"]
     end = run(RIG, *thesis)
     assert end.code == 2
-    assert "follows loads up to" in end.text
+    assert "resolves loads up to" in end.text
     assert "estimate.allow_unfollowed: true" in end.text
     end = run(RIG, *thesis, "estimate.allow_unfollowed=true")
     assert end.code == 0
-    assert "σ does not allow for that" in end.text
+    assert "σ does not include this error" in end.text
     assert run(RIG, *thesis, "estimate.method.step_error=estimated").code == 0
 
 

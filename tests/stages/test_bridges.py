@@ -200,7 +200,7 @@ def test_two_bridges_alone_recover_a_bending_and_a_twisting_load(tmp_path):
         error = found[f"/smoothed/{name}"] - true
         assert np.sqrt(np.mean(error**2)) < 0.015 * np.sqrt(np.mean(true**2)), name
 
-    for override, what in (("quarter", "reads the sum of its arms"), ("full", "is that of one arm")):
+    for override, what in (("quarter", "reads the sum of its arms"), ("full", "strain of one arm")):
         setting = f"--set=estimate.channels.0.bridge.arrangement={override}"
         code, said = command(tmp_path, "estimate", str(path), "--measurements", str(record), "--no-page", setting)
         assert code == 2
@@ -297,7 +297,7 @@ def test_a_bridge_that_was_placed_is_found_in_the_file_of_its_layout(beam, tmp_p
     cells = [line.split(",") for line in lines]
     turned = [[*own[:sign], {"1": "-1", "-1": "1"}[own[sign]], *own[sign + 1 :]] for own in cells[1:]]
     (tmp_path / "other.csv").write_text("\n".join(map(",".join, [cells[0], *turned])))
-    with pytest.raises(ConfigError, match=r"G1 (sits elsewhere now|is turned)"):
+    with pytest.raises(ConfigError, match=r"G1 (has moved|is rotated)"):
         bonded_gauges(case.config, training, found.gauges, tmp_path / "other.csv")
 
 

@@ -114,7 +114,7 @@ def test_a_channel_that_is_wrong_in_one_record_is_named_with_it_and_can_be_put_r
     records = "  records: [{name: low, file: short.csv}, {name: mid, file: wrong.csv}]\n"
     code, said, artefact = run(project, records)
     assert code == 3
-    assert "record 'mid': the measurements are inconsistent with the model: G2 fits with sign −1" in said
+    assert "record 'mid': the measurements are inconsistent with the model: G2 has the opposite sign" in said
     assert "estimate.records.1.channels.1.sign: -1" in said
     assert not artefact.summary["trusted"]
     assert artefact.summary["trusted.low"]
@@ -139,7 +139,7 @@ def test_records_of_different_parts_contradict_each_other(project):
     shortened(project, "half", "low", 101)
     code, said, _ = run(project, "  records: [{name: low, file: half.csv}, {name: mid, file: other.csv}]\n")
     assert code == 3
-    assert "estimate.records: the records contradict each other: each alone says E" in said
+    assert "estimate.records: the records are inconsistent with each other: each alone says E" in said
 
 
 def one_more(line):
@@ -150,7 +150,7 @@ def one_more(line):
     ("records", "also", "key", "remedy"),
     [
         (one_more("{name: more, file: low.csv}"), (), "estimate.records[3].file", "remove one of the two"),
-        (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "paths are relative"),
+        (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "Paths are relative to the config file"),
         ("  file: low.csv\n" + RECORDS, (), "estimate.records", "one file, or a list of records"),
         (
             one_more("{name: more, file: more.csv, channels: [{channel: G1, gauge: G1, unit: m/m}]}"),

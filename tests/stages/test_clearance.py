@@ -91,13 +91,13 @@ def test_a_default_that_leaves_no_choice_is_halved_with_a_word_and_a_stated_one_
     assert found.distance == 0.5 * found.wanted
     left = np.unique(training.candidates.position[training.candidates.first[~blocked]], axis=0)
     assert len(left) >= CHOICE
-    assert f"{1e3 * found.distance:.3g} mm is kept" in clearance_warning(found)
+    assert f"{1e3 * found.distance:.3g} mm is used" in clearance_warning(found)
     sparse = beam.case("screen.keep=all", "screen.minimum_spacing=0.3")
     found, blocked = clearance_of(Structure(sparse.config, {}, beam.mesh, beam.reduced, training))
     assert found.distance == 0
     assert not blocked.any()
-    assert "none is kept" in clearance_warning(found)
-    with pytest.raises(InfeasibleError, match=r"gauges\.clearance: none of \d+ candidates is 51"):
+    assert "no clearance is used" in clearance_warning(found)
+    with pytest.raises(InfeasibleError, match=r"gauges\.clearance: all \d+ candidates are nearer than 51"):
         beam("gauges.clearance=0.051")
 
 

@@ -51,11 +51,11 @@ def warned(*changes):
 @pytest.mark.slow
 def test_the_import_says_what_leaves_the_underside_out_and_then_no_more():
     (said,) = warned()
-    assert said.startswith("the flat face of 0.023 m² about (0, 0, 0) m is supported at 4 bores")
-    lines = dict(part.split(": ", 1) for part in said.split("leave it out with ")[1].split(" and "))
+    assert said.startswith("the flat face of 0.023 m² at (0, 0, 0) m is supported at 4 bores")
+    lines = dict(part.split(": ", 1) for part in said.split("exclude it from gauges: ")[1].split(" and "))
     assert not warned(*(f"{key}={value}" for key, value in lines.items()))
     (named,) = warned(SEAT)
-    assert named.endswith("leave it out with gauges.exclude: [seat]")
+    assert named.endswith("exclude it from gauges: gauges.exclude: [seat]")
     assert not warned("gauges.surface=SET1-11")
 
 
@@ -67,7 +67,7 @@ def test_each_gauge_on_that_face_says_what_holds_it(seat):
     below = pool.normal[:, 2] < -0.99
     below &= pool.position[:, 2] < 1e-9
     said = held_below(mesh, facets, pool)
-    want = "the face about (0, 0, 0) m is supported at 4 bores" if seat else ""
+    want = "the face at (0, 0, 0) m is supported at 4 bores" if seat else ""
     assert below.any()
     assert {text for text, own in zip(said, below == seat, strict=True) if own} == {want}
 
@@ -142,7 +142,7 @@ def test_the_face_that_a_part_stands_on_is_left_out(init, sets, name, options):
     assert [line.split("# ← ")[1].split(":")[0] for line in lines] == ["held by 1 bore"]
     done = CliRunner().invoke(app, ["import", "own.yaml"])
     assert done.exit_code == 0, done.output
-    assert "lies on something" not in done.output
+    assert "contact face" not in done.output
 
 
 def test_no_candidate_lies_there_and_without_the_line_some_do(init, tmp_path):

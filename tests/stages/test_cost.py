@@ -10,7 +10,7 @@ import pytest
 from strainsight.config.load import load_config
 from strainsight.experiment.structure.cost import (
     BULK_AND_THIN,
-    OF_A_PROCESS,
+    IMPORT_TIME,
     Size,
     cost_of,
     cost_of_place,
@@ -54,7 +54,7 @@ def test_seconds_and_memory_of_the_measured_bodies_are_within_a_factor_of_two(sh
     memory = [number(part) for part in peaks.split(",")]
     for stage, seconds, peak in zip(("modes", "rom"), (modes, rom), memory[1:], strict=False):
         said = cost_of(stage, CONFIG, size)
-        assert 0.5 <= (said.seconds + OF_A_PROCESS) / number(seconds) <= 2, (stage, said.seconds)
+        assert 0.5 <= (said.seconds + IMPORT_TIME) / number(seconds) <= 2, (stage, said.seconds)
         assert 0.5 <= said.memory / peak <= 2
 
 
@@ -63,7 +63,7 @@ def test_more_modes_take_longer_as_measured():
     for unknowns, (seconds, memory) in at.items():
         assert f"`spectrum` {seconds} s and {memory} GiB" in SCALING
         said = cost_of("spectrum", CONFIG, measured_size("plate", unknowns))
-        assert 0.5 <= (said.seconds + OF_A_PROCESS) / seconds <= 2
+        assert 0.5 <= (said.seconds + IMPORT_TIME) / seconds <= 2
         assert 0.5 <= said.memory / memory <= 2
 
 
@@ -110,7 +110,7 @@ def test_what_is_counted():
 def test_a_panel_whose_skin_alone_has_a_free_modulus_is_forecast_with_the_shapes_of_all_samples():
     """Skin and stringers of two regions, ten modes, one load: 34 coordinates and 129 s of processor for 100 candidates at 20
     instants (docs/measured.md), where one region has 11."""
-    assert states_of(config(), apart=True) == 2 * 33 + 1
+    assert states_of(config(), varying=True) == 2 * 33 + 1
     assert 1 / FACTOR <= of("screen.keep=100", regions=2).seconds / 129 <= FACTOR
     assert of("screen.keep=100").seconds < of("screen.keep=100", regions=2).seconds / FACTOR
 

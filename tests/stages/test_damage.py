@@ -95,8 +95,8 @@ def test_where_sigma_is_withheld_the_interval_is_too(tmp_path):
             assert np.isnan(found[f"/damage/{place}/{name}"]).all()
         assert (found[f"/damage/{place}/of_mean"] > 0).all()
     words = " ".join(said.split())
-    assert "damage of the smoothed history, interval withheld" in words
-    assert "σ is withheld, and the interval of damage with it" in words
+    assert "damage of the smoothed history (no interval)" in words
+    assert "σ is withheld, so damage has no interval" in words
     assert not any(name.startswith(("damage.low", "damage.high", "damage.V1")) for name in found.summary)
 
 

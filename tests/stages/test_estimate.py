@@ -174,7 +174,7 @@ def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_ar
         found[stated] = {path: own[path].copy() for path in own.paths()}, dict(own.summary), said
     (withheld, numbers, words), (given, all_numbers, other) = found["false"], found["true"]
     assert "σ is withheld: no load is known: E rests on what process_noise states of side" in " ".join(words.split())
-    assert "other filters are not compared where σ is withheld" in " ".join(words.split())
+    assert "σ is withheld, so filters are not compared" in " ".join(words.split())
     assert "/compared/ratio/E" in given
     assert not any(path.startswith("/compared") for path in withheld)
     assert "withheld" not in other
@@ -262,7 +262,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
         r"200 steps of (\d+) states: (\S+) GiB of memory are needed, 9.31e-05 GiB", said
     ).groups()
     assert float(needed) == pytest.approx(8 * 200 * (8 * int(states) + 12 * 4) / 2**30, rel=0.01)
-    assert "give a part of the record at a time" in said
+    assert "Estimate parts of the record" in said
 
 
 @pytest.mark.parametrize(
@@ -272,7 +272,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
         (["estimate.channels.1.gauge=G1"], "estimate.channels", "one grid"),
         (["estimate.channels.0.unit=mV/V"], "estimate.channels.0", "bridge"),
         (["estimate.inputs={}"], "estimate.inputs", "tip"),
-        (["estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"], "estimate.channels", "cannot tell"),
+        (["estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"], "estimate.channels", "cannot determine"),
         (["estimate.virtual=[{position: [1, 1, 1], direction: [1, 0, 0]}]"], "estimate.virtual.0", "surface"),
     ],
 )

@@ -103,7 +103,7 @@ def test_where_exact_readings_have_no_posterior_nothing_is_compared_which_is_rep
     monkeypatch.setattr(validation, "compared", compare_without_grid_filter)
     empty = validated(*EXACT, "validate.duration=0.02").validated.compared
     assert disagreements_in_words(empty) == [
-        "filters are not compared: without tolerances the readings leave no posterior of the parameters"
+        "filters are not compared: without tolerances no parameter values are consistent with the readings"
     ]
     assert ratios(empty) == {}
     for row in comparison_table(empty, dict.fromkeys(empty.estimate, "Pa")).rows:
@@ -222,7 +222,7 @@ def test_a_history_is_taken_from_before_the_start_where_the_record_has_it(beam):
     assert np.abs(beam({**ramp, "train.settle": 0.04}).training.coordinate[0]).max() > 0
     with pytest.raises(ConfigError, match=r"train\.settle: the record covers -0\.05 to 1 s, asked for -0\.06") as caught:
         beam({**ramp, "train.settle": 0.06})
-    assert "auto, none" in caught.value.remedy
+    assert "auto or none" in caught.value.remedy
     with pytest.raises(ConfigError, match=r"train\.settle: a sweep begins at t = 0"):
         beam({"loads.tip.signal": SWEEP, "train.settle": 0.05})
 

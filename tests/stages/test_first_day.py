@@ -65,19 +65,19 @@ FILES = {
     "um/m read as strain": (
         [(G1, G1.replace("um/m", "strain"))],
         {"test.csv": table(RECORD, 300.0)},
-        "estimate.channels.0.unit: G1 reads up to 120 m/m, which is 12000 %",
-        "are the readings in um/m?",
+        "estimate.channels.0.unit: the strain of G1 reaches 120 m/m (12000 %)",
+        "which may be um/m",
     ),
     "a gauge in newtons": (
         [(G1, G1.replace("um/m", "N"))],
         {"test.csv": table(RECORD, 300.0)},
-        "estimate.channels.0.unit: the channel is in N, force, but it is to be a strain",
-        "which gauge or load the channel is",
+        "estimate.channels.0.unit: the channel has the unit N (force), expected strain",
+        "the assigned gauge or load",
     ),
     "a history that is short": (
         [history()],
         {"f.csv": table("t [s],F [N]", 5.0, times=300)},
-        "loads.tip.signal.file: f.csv covers 0 to 0.299 s, train.duration asks for 0 to 0.4 s",
+        "loads.tip.signal.file: f.csv covers 0 to 0.299 s, but train.duration requires 0 to 0.4 s",
         "give train.duration at most 0.299 s",
     ),
 }
@@ -139,9 +139,9 @@ def test_where_gauges_were_bonded_is_known_after_the_layout(project):
     done = CliRunner().invoke(app, ["import", "test.yaml"])
     assert (done.exit_code, done.stderr) == (0, "")
     shutil.rmtree(project / "results")
-    refused(project, ["estimate", "test.yaml"], "estimate.file: file not found: ", "folder of the config")
+    refused(project, ["estimate", "test.yaml"], "estimate.file: file not found: ", "Paths are relative to the config file")
     shutil.copy(project / "test.csv", project / "later.csv")
-    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: file not found: ", "folder of the config")
+    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: file not found: ", "Paths are relative to the config file")
 
 
 def test_a_record_beside_the_config_is_named(project, monkeypatch):

@@ -54,7 +54,7 @@ def test_the_gauge_beside_a_load_on_one_node_is_named_and_the_others_are_not(bea
     np.testing.assert_array_equal(found.hot_spots.hot, listed.bonded)
     (at,) = np.flatnonzero(listed.bonded)
     (named,) = [text for text in found.advice if "hot spot" in text]
-    assert named.startswith(f"{listed.labels[at]} sits at a hot spot")
+    assert named.startswith(f"{listed.labels[at]} is at a hot spot")
     assert "refined" in named or "spread" in named
     assert "move it" not in named
 
@@ -144,7 +144,7 @@ NOTED = AtGauges(
     in_place=np.array([0.01, 0.081, 0.02, np.nan]),
     over_grid=np.array([0.02, 0.25, 0.03, np.nan]),
     room=np.array([np.inf, np.inf, 0.012, 0.06]),
-    lies_on=("", "", "", "the face about (0, 0, 0) m is supported at 4 bores"),
+    lies_on=("", "", "", "the face at (0, 0, 0) m is supported at 4 bores"),
     in_place_limit=IN_PLACE,
     over_grid_limit=OVER_GRID,
     room_limit=HAND,

@@ -91,8 +91,8 @@ def test_record_ends_where_known_loads_have_no_samples():
         found = common_part(given, 1, [moved], "moving")
         np.testing.assert_array_equal(found.values, values[2:5])
         np.testing.assert_array_equal(found.time, given.time[2:5])
-        assert found.notes == ("3 samples were cut off at the ends, where a known load has none",)
-    with pytest.raises(ConfigError, match=r"the first 0\.2 s are cut off"):
+        assert found.notes == ("3 samples were cut off at the ends because a known load has none there",)
+    with pytest.raises(ConfigError, match=r"no samples in the first 0\.2 s"):
         common_part(given, 1, [False], "rest")
     assert common_part(given, 2, [], "rest") is given
     far = replace(given, time=0.1 * np.arange(40), values=np.vstack([values[2:5], np.full((37, 2), np.nan)]))
@@ -150,11 +150,11 @@ def test_sigma_is_held_against_repeats_the_draws_of_the_test_and_the_smoothed_er
         (("tip",), ("x",), ("E",), "", ""),
         ((), ("x",), (), "", ""),
         ((), (), ("E",), "", ""),
-        ((), ("x", "y"), ("E", "rho"), "E, rho rests on what process_noise states of x, y", ""),
-        (("tip",), ("x", "y"), ("E", "zeta"), "", "E is sought together with the damping factor zeta: its σ rests on"),
+        ((), ("x", "y"), ("E", "rho"), "the estimates of E, rho depend on the process_noise of x, y", ""),
+        (("tip",), ("x", "y"), ("E", "zeta"), "", "the damping factor zeta is also unknown, so σ of E depends on"),
         (("tip",), ("x",), ("zeta",), "", ""),
         (("tip",), (), ("E", "zeta"), "", ""),
-        ((), ("x",), ("E", "zeta"), "E, zeta rests on", ""),
+        ((), ("x",), ("E", "zeta"), "the estimates of E, zeta depend on", ""),
     ],
 )
 def test_parameters_rest_on_loads_where_none_is_known_or_beside_a_damping_factor(known, inputs, parameters, alone, together):

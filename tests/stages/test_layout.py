@@ -70,7 +70,7 @@ def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_s
     assert 100 * (1 - np.sqrt(least)) <= deviation * (1 + 1e-6)
     single = 100 * (1 - np.sqrt(every.min(axis=0) / ours))
     assert single.max() > deviation
-    assert sentence.endswith("σ of one of them alone may be lower by more.")
+    assert sentence.endswith("A single σ may be reduced by more.")
 
 
 @pytest.mark.parametrize(

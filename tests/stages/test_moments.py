@@ -211,12 +211,12 @@ DENSITY = {"property": "density", "region": 1, "guess": 7850.0, "range": [7000.0
 @pytest.mark.parametrize(
     ("deck", "key", "value", "says"),
     [
-        (DECK, "loads.weight", WEIGHT, r"accelerates a free structure .* as a whole and strains nothing"),
+        (DECK, "loads.weight", WEIGHT, r"only rigid-body acceleration of the free structure .* and no strain"),
         (
             DECK.replace("ENDDATA", f"CONM2,77,{TIP},,5.0\nENDDATA"),
             "parameters.rho",
             DENSITY,
-            "the density of a part of a free structure is unknown",
+            "the density of only a part of a free structure is estimated",
         ),
     ],
 )

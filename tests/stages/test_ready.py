@@ -149,7 +149,7 @@ def test_a_given_gauge_is_called_by_its_number_in_the_table(beam):
     for gauge in (0, 102, "G1"):
         code, said = run("estimate", f"--set=estimate.channels.0.gauge={gauge}", "--set=estimate.file=results/beam/measured.csv")
         assert code == 2
-        assert f"no gauge '{gauge}'" in said
+        assert f"unknown gauge '{gauge}'" in said
 
 
 def shrunk(folder):
@@ -243,4 +243,4 @@ def test_modes_of_another_program_give_the_layout_of_the_whole_model(config, tmp
     job = job_of(tmp_path / "own.yaml", tmp_path / "results", *SHORT, *PLACED_EXACTLY)
     advised = " ".join(finished(job, stages)["place"][2]["/advice"].tolist())
     for key in ("load_angle", "load_position"):
-        assert f"σ holds no such error as tolerances.{key} states of tip: no motion of the model follows it" in advised
+        assert f"σ does not include tolerances.{key} of tip: this error causes no motion of the model" in advised

@@ -29,7 +29,7 @@ MODULUS = {"property": "youngs_modulus", "region": 1, "guess": 210000.0, "range"
         ({"loads.tip.node": 99999}, "loads.tip", "node 99999, which does not exist"),
         ({"loads.tip.node": None, "loads.tip.set": "tipp"}, "loads.tip", "node set 'tipp', which does not exist"),
         ({"parameters.E.guess": {"from": "other"}, "parameters.E.region": 7}, "parameters.E.region", "no region 7"),
-        ({"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}}, "parameters.E.guess", "210000 MPa are 2.1e"),
+        ({"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}}, "parameters.E.guess", "of the deck is 2.1e"),
         ({"gauges": GAUGES | {"exclude": [{"near_set": {"set": "rim", "distance": 0.1}}]}}, "gauges.exclude.0", "'rim'"),
         ({"motion_sensors": {"laser": SENSOR}}, "motion_sensors.laser.surface", "the set 'lid' does not exist in the mesh"),
     ],
@@ -42,13 +42,13 @@ def test_what_is_not_in_the_mesh_is_named_at_once(tmp_path, changes, key, what):
 
 def test_a_force_on_one_node_of_a_solid_or_a_shell_is_warned_of_and_one_on_a_tie_or_a_beam_is_not(tmp_path):
     solid = finished(tmp_path / "solid", "import", bricks((4, 2, 2), tip=False), {"loads.tip.node": 45})
-    assert any("loads.tip acts on node 45 of a solid alone" in text for text in solid["import"].warnings)
+    assert any("loads.tip is a concentrated force on node 45 of a solid" in text for text in solid["import"].warnings)
     tie = finished(tmp_path / "tie", "import", bricks((4, 2, 2)), {"loads.tip.node": TIP})
-    assert not any("acts on node" in text for text in tie["import"].warnings)
+    assert not any("a concentrated force on" in text for text in tie["import"].warnings)
     signal = {"type": "sine", "frequency": 1.0, "amplitude": 1.0}
     push = LoadSection(node=100, direction=(0.0, 0.0, 1.0), known=True, signal=signal)
     shells = plate(*strip())
-    assert "acts on node 100 of a shell alone" in on_one_node({"push": push}, shells)[0]
+    assert "a concentrated force on node 100 of a shell" in on_one_node({"push": push}, shells)[0]
     assert not on_one_node({"push": push}, replace(shells, beams=(straight(1).beams[0],)))
 
 
@@ -93,11 +93,14 @@ def test_the_same_history_however_it_is_written(table, text):
 @pytest.mark.parametrize(
     ("text", "line", "what", "remedy"),
     [
-        ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "drop repeated times"),
-        ("time,F\n0,1\n1,\n2,3\n", ":3", "no sample under 'F'", "no gaps"),
+        ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "delete repeated times"),
+        ("time,F\n0,1\n1,\n2,3\n", ":3", "missing value in column 'F'", "must not have gaps"),
         ("time;f\n0;1\n1;2\n", ":1", "column 'F' not found", "did you mean f?"),
-        *((f"time;F [{unit}]\n0;1\n1;2\n", "", f"'F' is in {unit}", f"did you mean {meant}") for unit, meant in MEANT.items()),
-        ("time;F [volt]\n0;1\n1;2\n", "", "'F' is in volt", "known units: m/s2, "),
+        *(
+            (f"time;F [{unit}]\n0;1\n1;2\n", "", f"unknown unit {unit} of column 'F'", f"did you mean {meant}")
+            for unit, meant in MEANT.items()
+        ),
+        ("time;F [volt]\n0;1\n1;2\n", "", "unknown unit volt of column 'F'", "known units: m/s2, "),
     ],
 )
 def test_what_is_wrong_is_reported_with_the_file(table, text, line, what, remedy):
@@ -121,7 +124,7 @@ def test_a_unit_in_round_brackets_that_is_almost_one_is_asked_about_and_other_wo
 def test_a_force_is_in_no_unit_of_a_moment_and_every_unit_of_a_load_is_one_of_a_quantity(table):
     path = table("time;F [N*m]\n0;1\n1;2\n")
     assert recorded(KEY, COLUMNS, path, ("moment",)).value.tolist() == [1.0, 2.0]
-    with pytest.raises(UserError, match="no unit of a load that is a force"):
+    with pytest.raises(UserError, match="which is not a unit of force"):
         recorded(KEY, COLUMNS, path, ("force",))
     assert {*UNITS.values(), "N"} == {*QUANTITY}
     assert {*QUANTITY.values()} == {*LOADS}
@@ -152,4 +155,4 @@ def test_the_table_of_an_import_has_what_was_found_with_numbers_and_nodes(tmp_pa
     assert found["fixed"] == ("9 components", "3 nodes")
     assert found["MPC 5"] == ("2 motions", "node 4 component 1 follows")
     assert found["point mass 30"] == ("0.833333 kg", "node 4, along x, y, z 0, 2.5, 0 kg")
-    assert found["ignored"] == ("EIGRL", "1 time, of no effect here")
+    assert found["ignored"] == ("EIGRL", "1 time, without effect")

@@ -115,11 +115,11 @@ def for_a_time(kind, y):
 WHOLE = ("sign", 0.5, 1e3, "offset", "drift", "dead", "clipped", "late", "swapped")
 FAST = ("sign", "spikes of two channels")
 TIMED = {
-    "spikes of two channels": "samples fit no motion: G1 at 1.02 s; G3 at 2.42 to 2.44 s",
+    "spikes of two channels": "spikes: G1 at 1.02 s; G3 at 2.42 to 2.44 s",
     "an interference in all channels": "at 1.56 s",
     "a shift of the zero": "G2 from 3.0",
     "stuck for a time": "G3 is stuck at 2.86e+04 µm/m from 3.02 to 4.40 s",
-    "loose for a time": "samples fit no motion: G4 at 3.0",
+    "loose for a time": "spikes: G4 at 3.0",
     "a factor between those that are tried": "",
     "a sign and a spike": "",
 }

@@ -93,7 +93,7 @@ def test_a_bonded_gauge_is_snapped_and_stays(mixed):
     assert train["/gauges/length"][0] == 0.006
     assert 0 in mixed["screen"]["/kept"]
     assert 0 in mixed["place"]["/selected/final/number"]
-    assert any("was there already" in sentence for sentence in mixed["place"]["/advice"])
+    assert any("is already bonded" in sentence for sentence in mixed["place"]["/advice"])
 
 
 def test_the_stored_scenarios_give_the_trace_of_the_layout(mixed):

@@ -155,13 +155,13 @@ def test_inertia_that_is_left_out_is_named_and_refused_where_it_is_much(tmp_path
 
     with pytest.warns(UserWarning, match="adds up to 2."):
         finished(tmp_path / "10", "train", bricks(COUNTS), STATIC | quick(10.0))
-    with pytest.raises(StrainsightError, match=r"inertia, which train\.model: static leaves out") as caught:
+    with pytest.raises(StrainsightError, match=r"inertia, neglected by train\.model: static") as caught:
         finished(tmp_path / "40", "train", bricks(COUNTS), STATIC | quick(40.0))
     assert caught.value.key == "train.model"
 
 
 def test_steps_that_do_not_show_the_swinging_are_named(tmp_path):
-    with pytest.warns(UserWarning, match=r"do not show how the structure swings.*train\.model: static"):
+    with pytest.warns(UserWarning, match=r"does not resolve the vibration.*train\.model: static"):
         finished(tmp_path, "train", bricks(COUNTS), STATIC | {"train": {"duration": DURATION, "time_step": STEP}})
 
 

@@ -36,9 +36,9 @@ def pair(at: tuple[float, float, float], cells: tuple[int, int, int] = (4, 1, 1)
 
 UNITS = {
     "mm and MPa read as m and Pa": (mm("2.1+5", "7.85-9"), {}, "Check mesh.length_unit"),
-    "Pa in a deck in mm and t": (mm("2.1+11", "7.85-9"), IN_MM, "the deck has 2.1e+17"),
+    "Pa in a deck in mm and t": (mm("2.1+11", "7.85-9"), IN_MM, "the value of the deck is 2.1e+17"),
     "kg/m3 in a deck in mm and t": (mm("2.1+5", "7850."), IN_MM, "density is 7.85e+15 kg/m³, outside"),
-    "MPa in a deck in m": (bar(**steel(E="2.1+5")), {}, "the deck has 2.1e+05"),
+    "MPa in a deck in m": (bar(**steel(E="2.1+5")), {}, "the value of the deck is 2.1e+05"),
     "g/cm3 in a deck in m": (bar(**steel(rho="7.85")), {}, "density is 7.85 kg/m³, outside"),
     "a weight per volume": (
         bar(**steel(rho="77000.")),
@@ -61,7 +61,7 @@ UNITS = {
     "kg of a point mass in t": (
         mm("2.1+5", "7.85-9", "CONM2,50,5,,5."),
         IN_MM,
-        "outweigh the elements, 31.4 kg, 159 times",
+        "159 times as heavy as the elements (31.4 kg)",
     ),
     "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "No facet meets all of normal and box"),
     "t/mm3 beside a mesh of gmsh": (msh(), of_gmsh(rho="7.85e-9"), "Values of the config are in Pa and kg/m³."),
@@ -141,7 +141,7 @@ CONNECTIONS = {
     "a relation that grounds": (
         bar("MPC,1,5,3,1.,3,3,-1.", case="SPC = 1\nMPC = 1"),
         {},
-        "resist a rigid motion of the whole, as a support would: MPC 1 (rotation about y",
+        "resist a rigid-body motion like a support: MPC 1 (rotation about y",
     ),
 }
 SUPPORTS = {
@@ -159,7 +159,7 @@ LOADS = {
     "a load on a node that nothing holds": (
         bar("GRID,99,,1.,1.,1."),
         {"load": "node: 99, direction: [0, 0, 1]"},
-        "acts on node 99, which belongs to no element",
+        "acts on node 99, which is not connected to any element",
     ),
     "a preload": (
         inp(more="*STEP, NLGEOM\n*STATIC\n*CLOAD\n5, 3, 1.\n*END STEP"),

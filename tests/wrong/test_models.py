@@ -14,7 +14,7 @@ from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight.experiment.structure.early import check_files
-from strainsight.experiment.structure.filtering import beyond_ranges, widen
+from strainsight.experiment.structure.filtering import out_of_ranges, widen
 from strainsight.experiment.structure.mesh import mesh_of
 from strainsight.experiment.structure.mesh_tables import ASSUMES
 from strainsight.records.record import read
@@ -137,12 +137,12 @@ def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
     assert imported(tmp_path, text, {})[0] == 0
     found = assumed(tmp_path)
     assert found["card CHEXA"] == ("8", "read")
-    assert found["card PARAM POST"] == ("1", "left out: it changes neither stiffness, mass nor supports")
+    assert found["card PARAM POST"] == ("1", "ignored: no effect on stiffness, mass or supports")
     assert "card PARAM COUPMASS" not in found  # it counts
-    assert found["card TOPVAR"] == ("1", "left out: what it does is not known here")
-    assert found["parts that share no node"] == ("2", "1 with ties, relations and springs")
-    assert found["nodes in one place that nothing joins"][0] == "0"
-    assert found["rigid-body check: motions left"] == ("0", "")
+    assert found["card TOPVAR"] == ("1", "ignored: effect unknown")
+    assert found["parts without common nodes"] == ("2", "1 including ties, relations and springs")
+    assert found["coincident nodes that are not connected"][0] == "0"
+    assert found["rigid-body check: free motions"] == ("0", "")
     count, detail = found["rigid-body check: springs and relations between nodes"]
     assert (count, detail.partition(";")[0]) == ("1", "1 resist one")
     assert found["mass of region 1 PSOLID 1"][0] == f"{2 * 0.4 * 0.1 * 0.1 * 7850:.6g} kg"
@@ -152,13 +152,13 @@ def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
 def test_an_enforced_displacement_that_is_held_is_not_said_to_be_left_out(tmp_path):
     assert imported(tmp_path, deck(*bricks(), "PSOLID,1,1", "SPC,1,5,3,.01"), {})[0] == 0
     _, detail = assumed(tmp_path)["card ENFORCED DISPLACEMENT of another value than zero"]
-    assert detail.startswith("not as the deck has it: the motion is clamped")
+    assert detail.startswith("the model differs from the deck: the motion is held at zero")
 
 
 def test_free_sides_of_shells_are_counted(tmp_path):
     assert imported(tmp_path, plate(turned=(3,)), ON_PLATE)[0] == 0
     found = assumed(tmp_path)
-    assert found["free sides of shells"] == ("12", "0 sides have more than two shells")
+    assert found["free edges of shells"] == ("12", "0 edges have more than two shells")
     assert found["mass of region 1 PSHELL 1"][0] == f"{0.4 * 0.2 * 0.002 * 7850:.6g} kg"
 
 
@@ -167,7 +167,7 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
     (tmp_path / "own.yaml").write_text(config(), encoding="utf-8")
     model = SimpleNamespace(damping=SimpleNamespace(parameter=None))
     problem = SimpleNamespace(unknowns=SimpleNamespace(parameters=("E",)), model=model)
-    beyond = beyond_ranges(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
+    beyond = out_of_ranges(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
     assert beyond == ({"E": f"E was estimated as {value:.4g} Pa, but rom built the model for 1e+11 to 3e+11"} if said else {})
     assert widen({"E": ""}) == "widen parameters.E.range"
 
@@ -276,8 +276,8 @@ def dead_and_clipped(values):
     [
         (mark_among_large, ["'G1' reads -32768 um/m in 3 of"]),
         (mark_between_smooth, ["'G1' reads -999 um/m in 3 of"]),
-        (marks_of_both_signs, ["it marks missing values"]),
-        (dead_and_clipped, ["G1 reads one value in all of its", "G2 is clipped"]),
+        (marks_of_both_signs, ["it stands for a missing values"]),
+        (dead_and_clipped, ["G1 is constant in all", "G2 is clipped"]),
     ],
 )
 def test_readings_that_cannot_be_right_are_named(project, mistake, words):
@@ -308,13 +308,13 @@ def test_strain_that_is_taken_for_um_per_m_is_below_all_amplifiers(project):
     head, values = rows(project)
     values[:, 1:] *= 1e-6
     rewrite(project, ",".join(name.partition(" [")[0] for name in head.split(",")), values)
-    assert "no amplifier shows less than 0.01 um/m" in said(project)
+    assert "below the amplifier resolution of 0.01 um/m" in said(project)
 
 
 def test_a_clock_that_is_too_slow_for_a_load_is_warned_of(project):
     head, values = rows(project)
     rewrite(project, head, values[::40])
-    assert "which folds back: record faster" in said(project)
+    assert "Increase the sampling rate" in said(project)
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [("0.010,", "0.009,", "occurs twice"), ("0.010,", "0.0004,", "decreases")])

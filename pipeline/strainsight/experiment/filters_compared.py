@@ -1,4 +1,4 @@
-"""What an approximate filter claims beside a grid filter on the same samples, in words: where its σ does not allow for that."""
+"""Comparison of approximate filters with the parameter grid filter on the same samples."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, classify_ra
 from strainsight.records.estimated import GRID_FILTER, Compared
 from strainsight.runner.output import Scalar, Table
 
-COMPARED = "filters compared; in brackets: the error that the grid filter expects over the claimed σ"
-WITHOUT_TOLERANCES = COMPARED.replace("compared;", "compared, σ without tolerances;")
+COMPARED = "comparison of filters (in brackets: error expected by the grid filter / claimed σ)"
+WITHOUT_TOLERANCES = COMPARED.replace("filters", "filters without tolerances")
 """Titles of the table."""
 
 
 def filters_compared(
     filters: tuple[str, ...], names: Sequence[str], ends: np.ndarray, value: np.ndarray, std: np.ndarray
 ) -> Compared:
-    """Parameters (k,) by filters (f,), the first of which is exact: ends (f, 2, k) mean and σ at the end in the coordinates that
-    they are Gaussian in, by which they are compared (`expected_ratio`); value, std (f, k) [SI]. NaN of one that diverges."""
+    """Compare parameters (k,) from filters (f,) with the first, exact filter by `expected_ratio`.
+
+    ends (f, 2, k): final mean and σ in Gaussian coordinates; value, std (f, k) [SI]. NaN for a filter that diverged.
+    """
     return Compared(
         filter=filters,
         estimate=dict(zip(names, value.T, strict=True)),
@@ -31,25 +33,25 @@ def filters_compared(
 
 
 def _posterior(filters: Compared) -> bool:
-    """Whether the grid filter has one, with which the others are compared."""
+    """Whether the grid filter has a finite posterior."""
     return all(np.isfinite(filters.estimate[name][filters.filter.index(GRID_FILTER)]) for name in filters.estimate)
 
 
 def disagreements_in_words(filters: Compared | None) -> list[str]:
-    """A sentence, without a full stop, for every claim that does not allow for what the grid filter finds."""
+    """Warning, without a full stop, for every overconfident or diverged filter."""
     if filters is None:
         return []
     if not _posterior(filters):
-        return ["filters are not compared: without tolerances the readings leave no posterior of the parameters"]
+        return ["filters are not compared: without tolerances no parameter values are consistent with the readings"]
     words = []
     for name, ratios_of in filters.ratio.items():
         for filter_, ratio in zip(filters.filter, map(float, ratios_of), strict=True):
-            verdict = classify_ratio(ratio) if filter_ != GRID_FILTER else ""
-            if verdict == OVERCONFIDENT:
+            result = classify_ratio(ratio) if filter_ != GRID_FILTER else ""
+            if result == OVERCONFIDENT:
                 expected = f"the grid filter expects an error of {ratio:.2g} times its σ"
-                words.append(f"the {filter_} filter is overconfident of {name}: {expected}")
-            elif verdict == DIVERGED:
-                words.append(f"the {filter_} filter diverges, of {name} it says nothing")
+                words.append(f"the {filter_} filter is overconfident about {name}: {expected}")
+            elif result == DIVERGED:
+                words.append(f"the {filter_} filter diverged and provides no estimate of {name}")
     return words
 
 
@@ -66,8 +68,7 @@ def ratios(filters: Compared | None) -> dict[str, Scalar]:
 
 
 def comparison_table(filters: Compared, units: Mapping[str, str], title: str = WITHOUT_TOLERANCES) -> Table:
-    """A row a parameter: value ± σ by every filter, and the verdict on the approximate ones where the grid filter has a
-    posterior."""
+    """Table of value ± σ of every parameter by every filter, with the check of the approximate filters."""
     rows, exact = [], _posterior(filters)
     for name, estimate in filters.estimate.items():
         std, ratio = filters.std[name], filters.ratio[name]
@@ -86,5 +87,5 @@ def comparison_table(filters: Compared, units: Mapping[str, str], title: str = W
 
 
 def _spread(std: float, estimate: float) -> str:
-    """σ as a share of the value, which a preload may not have."""
+    """σ relative to the value, absolute if the value is zero."""
     return f"± {100 * std / abs(estimate):.2g} %" if estimate else f"± {std:.2g}"

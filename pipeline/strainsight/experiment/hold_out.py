@@ -1,4 +1,4 @@
-"""Channels that a filter was not given, beside what the others say of them: how far they are off, and the verdict on that."""
+"""Hold-out test: compare each channel with its prediction from the other channels."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from strainsight.records.estimated import HoldOut
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import STRAIN, UNITS
 
-NOT_GIVEN = "the filter is not given it"
+NOT_GIVEN = "not used by the filter"
 
 
 def held_out(system: TestedSystem, progress: Callable[[str, float], None]) -> tuple[HoldOut, ...]:
-    """Predict the channels of every part in every record by all other channels; NaN of channels that stay in, and why they do."""
+    """Predict the channels of every part from all other channels, in every record; NaN, and the reason, for the rest."""
     every = [np.full((2, *values.shape), np.nan) for values in system.measured]
     left_in = np.where(system.available, "", NOT_GIVEN).astype(object)
     parts = [part for part in system.parts if system.available[part].any()]
@@ -34,9 +34,11 @@ def held_out(system: TestedSystem, progress: Callable[[str, float], None]) -> tu
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Of a channel that was left out: RMS of its readings, and of what the others say less these [unit of the channel]; share of
-    the samples within 2σ; the verdict on error over σ, None where there is no σ or the others cannot tell; left_in: why it was
-    not left out, empty where it was."""
+    """Hold-out result of one channel.
+
+    reading, error: RMS of readings and of prediction − reading [unit of the channel]; inside: share of samples within 2σ; claim:
+    check of error/σ, None without σ; left_in: why it was not left out, else empty.
+    """
 
     label: str
     reading: float
@@ -46,15 +48,15 @@ class LeftOut:
     left_in: str = ""
 
 
-def left_out(held: HoldOut | None, labels: Sequence[str], measured: np.ndarray) -> tuple[LeftOut, ...]:
-    """Every channel by its label, none where no channel was left out; measured (T, ..., m), NaN where nothing was. Neighbouring
-    samples are off alike: as many draws as the samples are worth (`autocorrelation_time`)."""
+def left_out(hold_out: HoldOut | None, labels: Sequence[str], measured: np.ndarray) -> tuple[LeftOut, ...]:
+    """Evaluate the hold-out test of every channel; measured (T, ..., m), NaN if missing. Correlated errors count as fewer samples
+    (`autocorrelation_time`)."""
     rows: list[LeftOut] = []
-    if held is None:
+    if hold_out is None:
         return ()
-    for i, (label, why) in enumerate(zip(labels, held.left_in, strict=True)):
-        read, std = measured[..., i], held.std[..., i]
-        error = held.predicted[..., i] - read
+    for i, (label, why) in enumerate(zip(labels, hold_out.left_in, strict=True)):
+        read, std = measured[..., i], hold_out.std[..., i]
+        error = hold_out.predicted[..., i] - read
         scaled = error / std
         claim = claim_in_time(error, std)
         inside = float(np.mean(np.abs(scaled[np.isfinite(scaled)]) < 2)) if claim is not None else np.nan
@@ -64,21 +66,21 @@ def left_out(held: HoldOut | None, labels: Sequence[str], measured: np.ndarray) 
 
 
 def hold_out_numbers(rows: Sequence[LeftOut]) -> dict[str, Scalar]:
-    """Share of all samples within 2σ; error over σ of every channel."""
+    """Summary numbers: share of samples within 2σ, and error/σ of every channel."""
     inside = [row.inside for row in rows if row.claim is not None]
     numbers: dict[str, Scalar] = {"hold_out.inside": float(np.mean(inside))} if inside else {}
     return numbers | {f"hold_out.ratio.{row.label}": row.claim.ratio for row in rows if row.claim is not None}
 
 
 def misfits_in_words(rows: Sequence[LeftOut], others: str) -> list[str]:
-    """The channels that the others contradict, the worst first: a wrong one misleads what is predicted of others, too."""
+    """Name the channels that disagree with the others, the worst first, as it also distorts the predictions of others."""
     off = [(row.claim.ratio, row.label) for row in rows if row.claim and row.claim.overconfident]
     channels = [f"{label} (error {ratio:.2g} σ)" for ratio, label in sorted(off, key=lambda one: -one[0])]
-    return [f"the other {others} contradict {', '.join(channels)}"] if channels else []
+    return [f"disagree with the other {others}: {', '.join(channels)}"] if channels else []
 
 
 def hold_out_table(rows: Sequence[LeftOut], units: Sequence[str], each: str) -> Table:
-    """What every channel read and what the others say of it."""
+    """Table of readings and hold-out errors of every channel."""
     lines = []
     for unit, row in zip(units, rows, strict=True):
         if row.left_in:
@@ -90,18 +92,18 @@ def hold_out_table(rows: Sequence[LeftOut], units: Sequence[str], each: str) -> 
             claim = f"{row.claim.ratio:.2g}", f"{100 * row.inside:.3g} %", row.claim.result
         lines.append((row.label, size_in_words(row.reading, unit), share, *claim))
     return Table(
-        f"every {each} by the others",
-        ("channel", "RMS reading", "RMS error", "error over σ", "within 2σ", "verdict"),
+        f"each {each} predicted from the others",
+        ("channel", "RMS reading", "RMS error", "error / σ", "within 2σ", "consistency"),
         tuple(lines),
     )
 
 
 def size_in_words(size: float, unit: str) -> str:
-    """Of a reading; of strain in µm/m."""
+    """Size of a reading with unit; strain in µm/m."""
     factor, shown = (1e6, "µm/m") if unit == UNITS[STRAIN] else (1.0, unit)
     return f"{factor * size:.4g} {shown}"
 
 
 def rms(values: np.ndarray) -> float:
-    """Of values (T,), NaN of none."""
+    """RMS of values (T,), NaN for none."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan

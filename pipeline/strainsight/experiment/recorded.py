@@ -1,4 +1,4 @@
-"""What both a structure and a bench read of a config: files of tests and load histories, damping, regions by name."""
+"""Read test files and load histories, damping and regions of a config, for structures and benches."""
 
 from __future__ import annotations
 
@@ -35,17 +35,16 @@ QUANTITY = {
     "m/s²": "acceleration",
     "rad²/s²": "angular velocity squared",
 }
-"""Unit of a load → what a file may hold of it."""
+"""Unit of a load → quantity in a file."""
 NO_UNIT = ("-", "–")
-NO_GAPS = "a load history has no gaps: give the value, or drop the line"
+NO_GAPS = "Load histories must not have gaps. Enter the value, or delete the line."
 
 
 def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = LOADS) -> FromSamples:
-    """The history that the text table at `path` holds in the columns that the config names; key: of the signal; of: the
-    quantities that it may be of.
+    """Read a load history from a text table; key: of the signal; of: allowed quantities.
 
-    Time in s, values in the SI unit of the load, or in the unit that stands behind the name of the column, as in "F [kN]".
-    Raises UserError with file:line for what is no table, a sample that is missing, and a time that does not increase.
+    Time in s, values in the SI unit of the load or in the unit after the column name, as in "F [kN]". Raises UserError with
+    file:line for an invalid table, a missing sample, and a time that does not increase.
     """
     column = config.value_column
     with blame(key):
@@ -58,7 +57,9 @@ def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = 
         values = recording.channels[column]
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:
-            raise UserError(f"no sample under {column!r}", where=recording.place(int(missing[0])), remedy=NO_GAPS)
+            raise UserError(
+                f"missing value in column {column!r}", where=recording.place(int(missing[0])), remedy=NO_GAPS
+            )
         check_marks(recording, column, recording.units[column] or "", NO_GAPS, negative=True)
         back = np.flatnonzero(np.diff(recording.time) <= 0)
         if back.size:
@@ -66,13 +67,13 @@ def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = 
             raise UserError(
                 f"the time does not increase from {recording.time[i]:.9g} s to {recording.time[i + 1]:.9g} s",
                 where=recording.place(i + 1),
-                remedy="sort the record and drop repeated times",
+                remedy="Sort the record and delete repeated times.",
             )
         return FromSamples(recording.time, values * _factor(column, recording, path, of))
 
 
 def _read(path: Path, time: str, column: str) -> Recording:
-    """The two columns: with decimal points or else commas, the time in s or else in the unit that the file states."""
+    """Read two columns with decimal points or commas, and the time in s or in the unit of the file."""
     first: UserError | None = None
     for form, unit in product((TextFormat(), TextFormat(decimal=",")), ("s", None)):
         try:
@@ -84,29 +85,27 @@ def _read(path: Path, time: str, column: str) -> Recording:
 
 
 def _factor(column: str, recording: Recording, path: Path, of: Sequence[str]) -> float:
-    """SI units in one of the unit that the file states, 1 where it states none. Raises ConfigError for one that is not known, or
-    of another quantity."""
+    """Conversion factor from the unit of the file to SI, 1 without a unit. Raises ConfigError for an unknown unit or another
+    quantity."""
     stated = recording.units[column] or _in_round_brackets(column)
     if stated is None or stated in NO_UNIT:
         return 1.0
     try:
         unit = required_unit(stated, of)
     except UserError as error:
-        raise ConfigError(
-            f"{column!r} is in {stated}, {path.name} says: no unit that is known", remedy=error.remedy
-        ) from None
+        raise ConfigError(f"unknown unit {stated} of column {column!r} in {path.name}", remedy=error.remedy) from None
     if unit.quantity not in of:
         of_load = set(of) <= set(LOADS)
-        what = ("a load" if len(of) > 1 else f"a load that is a {of[0]}") if of_load else " or ".join(of)
+        what = ("a load" if len(of) > 1 else of[0]) if of_load else " or ".join(of)
         raise ConfigError(
-            f"{column!r} is in {stated}, {path.name} says: no unit of {what}",
-            remedy=f"name the column of {'the load' if of_load else 'what the history is of'}",
+            f"column {column!r} in {path.name} has the unit {stated}, which is not a unit of {what}",
+            remedy=f"Choose the column of the {'load' if of_load else 'required quantity'}.",
         )
     return unit.factor
 
 
 def _in_round_brackets(column: str) -> str | None:
-    """What stands behind a name, as in "F (KN)", where it is almost a unit: a known one was taken off by the reader."""
+    """Unknown unit in round brackets after a name, as in "F (KN)"; known units are removed by the reader."""
     inside = column.rstrip().removesuffix(")").rpartition("(")[2].strip() if column.rstrip().endswith(")") else ""
     return inside if inside and meant_by(inside) else None
 
@@ -114,17 +113,19 @@ def _in_round_brackets(column: str) -> str | None:
 def signals_of(
     settings: RecordedFile, section: str, path: Path, wanted: Mapping[str, Channel], step: float | None = None
 ) -> Signals:
-    """The channels in the order of `wanted` (config key → settings), in SI units, on the clock of the file or one of `step` [s].
+    """Channels in the order of `wanted` (config key → settings), in SI units, at the sampling of the file or at `step` [s].
 
-    section of the config that `settings` are. Raises ConfigError for a channel that is used twice, and UserError for what the
-    file contradicts, with the key of the channel.
+    section: of `settings` in the config. Raises ConfigError for a channel that is used twice, and UserError, with the key of the
+    channel, if the file does not match the config.
     """
     text = settings.text
     names = [entry.channel for entry in wanted.values()]
     for i, name in enumerate(names):
         if name in names[:i]:
             raise ConfigError(
-                f"channel {name!r} of the file is used twice", key=f"{list(wanted)[i]}.channel", remedy="check both"
+                f"channel {name!r} of the file is used twice",
+                key=f"{list(wanted)[i]}.channel",
+                remedy="Check both entries.",
             )
     with blame(f"{section}.text"):
         form = TextFormat(
@@ -142,7 +143,7 @@ def signals_of(
                 format=settings.format,
                 form=form,
             )
-        except UserError as error:  # of a column that is not there
+        except UserError as error:  # a missing column
             if error.key is not None and error.key == settings.time.channel:
                 error.key = f"{section}.time.channel"
             elif error.key in keys:
@@ -161,11 +162,11 @@ def signals_of(
 
 def _calibration(entry: Channel) -> ChannelSettings:
     bridge = entry.bridge
-    alike = ("unit", "offset", "drift", "zero", "scale", "sign", "override", "missing")
+    common = ("unit", "offset", "drift", "zero", "scale", "sign", "override", "missing")
     return ChannelSettings(
         bridge=None if bridge is None else Bridge(bridge.arrangement, bridge.gauge_factor, bridge.poisson_ratio),
         delay=_delay(entry.delay),
-        **{name: getattr(entry, name) for name in alike},
+        **{name: getattr(entry, name) for name in common},
     )
 
 
@@ -176,7 +177,7 @@ def _delay(stated: DelayInSamples | DelayInSeconds | None) -> Delay:
 
 
 def delay_in_seconds(stated: DelayInSamples | DelayInSeconds | None, step: float) -> float:
-    """Of a channel that has a sample every `step` [s]; negative: early."""
+    """Delay [s] of a channel with sampling interval `step` [s], negative if early."""
     delay = _delay(stated)
     return delay.samples * step + delay.seconds
 
@@ -188,18 +189,18 @@ SIGNALS: dict[str, Callable[..., Signal]] = {
     "multisine": MultiSine,
     "ramp": Ramp,
 }
-"""Type of a signal in a config → the history, whose fields have the names of the config's, but for FREQUENCIES."""
+"""Signal type in a config → class, whose fields have the names of the config keys, except FREQUENCIES."""
 FREQUENCIES = {"start_frequency": "start", "end_frequency": "stop"}
-"""Of a sweep: key of the config → field."""
+"""Config key of a sweep → field."""
 
 
 def signal_of(name: str, config: Section, files: Mapping[str, Path], section: str = "loads") -> Signal:
-    """A load history, of the entry `name` of a section of the config."""
+    """Load history of the entry `name` of a config section."""
     return signal_at(f"{section}.{name}.signal", config, files)
 
 
 def signal_at(key: str, config: Section, files: Mapping[str, Path], of: Sequence[str] = LOADS) -> Signal:
-    """The history that stands at a key of the config; of: the quantities that a file may hold of it."""
+    """Load history at a config key; of: quantities allowed in a file."""
     if isinstance(config, RecordedSection):
         return recorded(key, config, files[f"{key}.file"], of)
     stated = dict(config)
@@ -208,14 +209,14 @@ def signal_at(key: str, config: Section, files: Mapping[str, Path], of: Sequence
 
 
 def damping_of(config: ModalDamping | RayleighDamping) -> Damping:
-    """The damping law."""
+    """Damping law of the config."""
     if config.type == "modal":
         return Damping("modal", ratio=config.ratio)
     return Damping("rayleigh", alpha=config.alpha, beta=config.beta)
 
 
 def named_regions(region: RegionKey | tuple[RegionKey, ...] | None) -> tuple[RegionKey, ...]:
-    """The regions that a config names, which may be one."""
+    """Regions of a config entry as a tuple."""
     if region is None:
         return ()
     return region if isinstance(region, tuple) else (region,)

@@ -1,4 +1,4 @@
-"""What an experiment needs: a system, a reduced structure or a bench with its filter, and resources beside its config."""
+"""Interfaces of experiments: a tested system with its filter, and the resources of a run."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from strainsight.sensors.installation import InstallationStd
 
 
 class TestedSystem(Protocol):
-    """A filter on the measurements of one record or several, all with the same m channels.
+    """A filter on the measurements of one or more records with the same m channels.
 
-    measured: of every record (T, ..., m); available (m,): channels that the filter has; parts: channels that can only be left out
-    together, as all grids of a gauge.
+    measured: (T, ..., m) of every record; available (m,): channels that the filter uses; parts: groups of channels that are left
+    out together, as all grids of a gauge.
     """
 
     @property
     def labels(self) -> Sequence[str]:
-        """Of the channels (m,)."""
+        """Labels of the channels (m,)."""
         ...
 
     @property
@@ -36,21 +36,21 @@ class TestedSystem(Protocol):
     def measured(self) -> Sequence[np.ndarray]: ...
 
     def by_others(self, part: np.ndarray) -> tuple[Sequence[tuple[np.ndarray, np.ndarray]], str]:
-        """What all other channels say that those of a part (k,) read, and σ of that, (T, ..., k) in every record; or none, and
-        why they cannot, in words."""
+        """Predict the channels of a part (k,) from all others: mean and σ (T, ..., k) of every record; or empty, and the
+        reason."""
         ...
 
 
 def installation_std(tolerances: Section | None) -> InstallationStd:
-    """σ of how gauges are installed, in SI units and rad, by the tolerances of a config; 0 of what it does not state."""
+    """σ of gauge installation from the tolerances of a config, in SI units and rad; unset tolerances are 0."""
     names = [field.name for field in fields(InstallationStd)]
     std = {name: float(value) for name, value in dict(tolerances or {}).items() if name in names}
     return InstallationStd(**std | {"angle": float(np.deg2rad(std.get("angle", 0.0)))})
 
 
 class Resources(Protocol):
-    """files: dotted key of the config ("mesh.file") → path; progress: progress("elimination", 0.4); notice: a sentence for
-    the user, at once; sweep: many calls of one function."""
+    """files: dotted config key ("mesh.file") → path; progress: called as progress("elimination", 0.4); notice: prints a sentence
+    at once; sweep: maps a function over many arguments."""
 
     @property
     def files(self) -> Mapping[str, Path]: ...
@@ -62,17 +62,17 @@ class Resources(Protocol):
     def sweep(self) -> Sweep: ...
 
 
-def silent(doing: str, share: float) -> None:
-    """Say nothing."""
+def silent(activity: str, share: float) -> None:
+    """Ignore progress."""
 
 
 def of_steps(
-    progress: Callable[[str, float], None], doing: str, steps: int, *, first: int = 0, share: float = 1.0
+    progress: Callable[[str, float], None], activity: str, steps: int, *, first: int = 0, share: float = 1.0
 ) -> Callable[[int], None]:
-    """Called with the number of a step, counted from `first`, reports every fiftieth; share of the whole that all steps are."""
+    """Return a callback that reports every fiftieth step; first: offset of the step number; share: of all steps in the whole."""
 
     def report(step: int) -> None:
         if step % 50 == 0:
-            progress(doing, share * (first + step) / steps)
+            progress(activity, share * (first + step) / steps)
 
     return report

@@ -1,1 +1,1 @@
-"""Records and arrays in, figures and a page out: decides nothing, and of the kernels knows only the words of verdicts."""
+"""Figures and HTML pages from records and arrays, without computing results."""

@@ -1,4 +1,4 @@
-"""Signals that pages show: an unknown and a channel in time, their largest size and RMS."""
+"""Signals for pages: histories of unknowns and channels, their largest value and RMS."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class History:
 
 @dataclass(frozen=True)
 class Reading:
-    """A channel over time: label ("G1", or "G1 45°" of a rosette); time (T,) [s]; measured without an estimated offset, NaN where
-    a sample is missing; estimated, or predicted by the other channels of one that was held out, and its std (T,) [unit].
+    """A channel over time.
 
-    gauge: which mark of the picture it belongs to, from 0; truth (T,) [unit] without noise, where it is known; noise_std
-    [unit] of a sample as stated; offset: the estimated one and its σ [unit], None where none was unknown.
+    label: "G1", or "G1 45°" of a rosette; time (T,) [s]; measured (T,): without the estimated offset, NaN if missing; estimated
+    (T,): or predicted from the other channels, std (T,) [unit]; gauge: its index in the picture; truth (T,): without noise, if
+    known; noise_std [unit]: of a sample; offset: estimated value and σ [unit], None if not estimated.
     """
 
     label: str
@@ -48,27 +48,27 @@ class Reading:
 
     @property
     def residual(self) -> FloatArray:
-        """Measured less estimated (T,) [unit]."""
+        """Measured − estimated (T,) [unit]."""
         return self.measured - self.estimated
 
     @property
     def missing(self) -> int:
-        """Number of samples without a value."""
+        """Number of missing samples."""
         return int(np.count_nonzero(np.isnan(self.measured)))
 
 
 def largest(*signals: FloatArray) -> float:
-    """Largest size of all that is finite, 0 where nothing is."""
+    """Largest finite absolute value, 0 without any."""
     return max((float(np.max(np.abs(signal[np.isfinite(signal)]), initial=0.0)) for signal in signals), default=0.0)
 
 
 def round_factor(value: float) -> float:
-    """The largest of 1, 2, 5 · 10^k that is not above a value > 0."""
+    """Largest of 1, 2, 5 · 10^k not above a value > 0."""
     power = 10.0 ** math.floor(math.log10(value) + 1e-9)
     return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= value * (1 + 1e-9))
 
 
 def rms(values: FloatArray) -> float:
-    """Root mean square of what is finite, NaN where nothing is."""
+    """Root mean square of the finite values, NaN without any."""
     finite = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(finite**2))) if len(finite) else float("nan")

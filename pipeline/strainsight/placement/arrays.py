@@ -238,5 +238,7 @@ def _check_inputs(
     if names and len(names) != n:
         raise ConfigError(f"{n} states have {len(names)} names", remedy="pass a name for each state, or none")
     if isinstance(criterion, str) and criterion not in {c.name for c in CRITERIA}:
-        raise ConfigError(f"unknown criterion '{criterion}'", remedy=f"choose one of {', '.join(c.name for c in CRITERIA)}")
+        raise ConfigError(
+            f"unknown criterion '{criterion}'", remedy=f"choose one of {', '.join(c.name for c in CRITERIA)}"
+        )
     return R, tuple(names) or tuple(f"x{i}" for i in range(n)), at

@@ -13,7 +13,7 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight.experiment.system import silent
-from strainsight.pages.chart.drawing import Drawing, kept
+from strainsight.pages.chart.drawing import Drawing, recorded_figures
 from strainsight.pages.chart.files import figure_files
 from strainsight.runner.artefact import Artefact, missing_in
 from strainsight.runner.slices import declared, prune
@@ -51,7 +51,7 @@ def figures_of(
         )
     data = config.model_dump(mode="json", by_alias=True)
     counted = {}
-    with kept() as figures:
+    with recorded_figures() as figures:
         drawings: list[Drawing] = []
         for page in ready:
             upstream = {name: Artefact(folder / f"{name}.h5") for name in page.upstream}

@@ -234,7 +234,7 @@ def numbers_of(suite: Suite) -> SuiteNumbers:
             ],
         ),
         statements=columns(
-            StatementRows, [vars(statement) | {"verdict": statement.verdict} for statement in statements]
+            StatementRows, [vars(statement) | {"verdict": statement.result} for statement in statements]
         ),
         numbers=columns(
             NumberRows,
@@ -251,7 +251,8 @@ def numbers_of(suite: Suite) -> SuiteNumbers:
 
 def _comparison_cells(row: SourceComparison) -> Mapping[str, str]:
     return {
-        **{key: getattr(row, key) for key in ("source", "says", "printed", "verdict", "why")},
+        **{key: getattr(row, key) for key in ("source", "says", "printed", "why")},
+        "verdict": row.result,
         "as_printed": side(row.as_printed),
         "ours": side(row.ours),
     }
@@ -281,7 +282,7 @@ def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
             "expected": unknown.expected_std,
             "repeats_rms": None if repeats is None else rms(repeats.error),
             "repeats_worst": None if repeats is None else repeats.worst,
-            "verdict": result.verdict,
+            "verdict": result.status,
         }
 
 
@@ -292,7 +293,7 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
         compared = tuple(tuple(_comparison_cells(row)[key] for key in SAID) for row in suite.comparisons)
         tables.append(Table("said and measured", ("source", "printed", "as printed, here", "ours", ""), compared))
     if suite.statements:
-        lines = tuple((one.text, target(one), measured(one), one.verdict) for one in suite.statements)
+        lines = tuple((one.text, target(one), measured(one), one.result) for one in suite.statements)
         tables.append(Table("statements", ("statement", "target", "measured", ""), lines))
     metrics = metrics_of(run for _, run in suite.placements)
     placement = ("run", "unknown", "gauges", metric_name(metrics), "gap", *OF_PLACEMENTS)
@@ -347,14 +348,14 @@ def run(context: Context[SimpleNamespace]) -> Output:
         drawings = suite_figures(suite)
         scenes, problem = waiting.result()
     page = suite_page(suite, drawings, scenes).encode()
-    verdicts = [statement.verdict for statement in suite.statements]
+    verdicts = [statement.result for statement in suite.statements]
     many, estimated, confirmed = len(suite.runs), sum(run.is_estimated for run in suite.runs), verdicts.count(CONFIRMED)
     wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in FAULTS)
     none = without_benefit(suite)
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
     message += f"; placement has no benefit in {len(none)}" * bool(none)
     message += f"; {confirmed} of {len(verdicts)} claims confirmed" if verdicts else ""
-    agreeing = sum(row.verdict == HOLDS for row in suite.comparisons)
+    agreeing = sum(row.result == HOLDS for row in suite.comparisons)
     message += f"; {agreeing} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""
     message += f"; report.html, {len(page) / 1024:.0f} KiB"
     return Output(

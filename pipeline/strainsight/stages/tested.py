@@ -94,7 +94,7 @@ def _findings_of(
         name=config.name,
         title=title_of(f"{config.name}, record {name}" if name else config.name, tuple(names)),
         unknowns=tuple(map(unknown_of, names)),
-        verdict=noise.text if record.trusted else f"the record is {result}",
+        innovations=noise.text if record.trusted else f"the record is {result}",
         consistent=record.trusted and noise.consistent,
         warnings=_warnings(record, summary, doubts, noise),
         notes=record.notes,
@@ -130,8 +130,10 @@ def _findings_of(
         record=name,
         page=pages.get(name, TEST_PAGE),
         inside=innovations_inside(record),
-        judged=result,
-        beside=(("all records", TEST_PAGE), *(page for page in pages.items() if page[0] != name)) if name else (),
+        consistency=result,
+        other_records=(("all records", TEST_PAGE), *(page for page in pages.items() if page[0] != name))
+        if name
+        else (),
     )
 
 
@@ -142,7 +144,7 @@ def _campaign_findings(
     disagreement = str(summary.get("apart", ""))
     texts = [str(summary.get("withheld", "")), disagreement]
     texts += [
-        f"record {name}: {report.verdict}"
+        f"record {name}: {report.innovations}"
         for name, report in findings.items()
         if not (report.consistent or disagreement)
     ]
@@ -166,7 +168,9 @@ def _hidden(summary: Mapping[str, object]) -> str:
     return f"the channels cannot distinguish {hidden}" if hidden else ""
 
 
-def _warnings(record: Estimated, summary: Mapping[str, object], doubts: list[str], noise: InnovationCheck) -> tuple[str, ...]:
+def _warnings(
+    record: Estimated, summary: Mapping[str, object], doubts: list[str], noise: InnovationCheck
+) -> tuple[str, ...]:
     """Notes, most important first: reasons for omitted σ, inconsistencies of the measurements, unobservable unknowns."""
     # a record that is inconsistent with the model has its own warning, and the noise is not to blame
     loud = noise.text if record.trusted and not noise.consistent else ""

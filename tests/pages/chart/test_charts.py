@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from strainsight.pages.chart.drawing import Drawing, figure, kept, styled, svg, visible_instants
+from strainsight.pages.chart.drawing import Drawing, figure, recorded_figures, styled, svg, visible_instants
 from strainsight.pages.chart.files import INDEX, figure_csv, figure_files, write_figures
 from strainsight.pages.chart.panels import dots
 from strainsight.pages.placement.figures import placement_figures
@@ -83,14 +83,14 @@ def test_lines_bands_dots_and_bars_come_out_as_they_went_in(panels):
 
 def test_every_figure_of_a_report_has_its_three_files_with_units(full):
     report = full(histories=(), gauge_signals=(), posteriors={}, random_sets=())
-    with kept() as drawn:
+    with recorded_figures() as drawn:
         drawings = placement_figures(report)
         files = figure_files(drawings, drawn)
     assert len(files) == 3 * len(drawings) + 1
     assert set(files) >= {"trend.svg", "trend.csv", "trend.png", INDEX}
     trend = columns(files["trend.csv"])
     shown = np.isfinite(report.trend.value)
-    np.testing.assert_allclose(np.array(trend["gauges left [–]"], float), report.trend.count[shown])
+    np.testing.assert_allclose(np.array(trend["remaining gauges [–]"], float), report.trend.count[shown])
     np.testing.assert_allclose(np.array(trend["tr(W P): metric tr(W P) [–]"], float), report.trend.value[shown], 1e-8)
     for name, content in files.items():
         if name.endswith(".csv") and name != INDEX:
@@ -102,7 +102,7 @@ def test_every_figure_of_a_report_has_its_three_files_with_units(full):
 
 
 def test_keys_of_any_name_become_plain_names_that_differ():
-    with styled(), kept() as drawn:
+    with styled(), recorded_figures() as drawn:
         images = []
         for i in range(5):
             own, axes = figure()

@@ -26,7 +26,7 @@ def rows(report):
 
 def test_peaks_stand_against_ranges_in_the_units_of_the_instruments(mixed):
     assert [row["training peak"] for row in rows(mixed())] == [
-        "91 of 3000 µm/m|3.0\u00a0%", "240 of 200 µm/m|✕ beyond its range", "91 of 3000 µm/m|3.0\u00a0%", "41.2 m/s²",
+        "91 of 3000 µm/m|3.0\u00a0%", "240 of 200 µm/m|✕ range exceeded", "91 of 3000 µm/m|3.0\u00a0%", "41.2 m/s²",
         "– of 50 m/s²", "0.43 of 2 mm|22\u00a0%",
     ]  # fmt: skip
     assert '<data value="0.00024" data-unit="strain">' in gauge_table(mixed())
@@ -80,7 +80,7 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
     text = criteria_table(report.trend, report.metrics, report.criteria, report.units)
     rows = cells(text)
     assert [row[0] for row in rows] == [
-        "|chosen set| (elimination, exchange)", "certified lower bound", "log-determinant", "effective independence",
+        "|chosen layout| (elimination, exchange)", "certified lower bound", "log-determinant", "effective independence",
         "random, median of 10",
     ]  # fmt: skip
     chosen = report.criteria[0]
@@ -96,7 +96,7 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
 
 def test_cases_are_rows_and_excitations_are_columns(full):
     text = cases_table(full().cases)
-    assert head(text) == ["unknown together", "training run", "35 Hz", "what is lost"]
+    assert head(text) == ["unknowns", "training run", "35 Hz", "not observable"]
     assert cells(text) == [
         ["tip", 8.0, 16.0, ""],
         ["E, rho", 91.0, 182.0, ""],

@@ -63,8 +63,8 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
     assert "209.9\u00a0GPa" in first
     assert "0.052\u00a0%" in first
     said = words(first)
-    assert "4 gauges, chosen from 30 candidates tell tip to within ± 16 % of its RMS (claimed σ)." in said
-    for phrase in ("not identified (the measurements hardly narrow it)", "Temperature.", "1 warning : read it"):
+    assert "4 gauges chosen from 30 candidates estimate tip to within ± 16 % of the RMS (claimed σ)." in said
+    for phrase in ("not identified (the measurements hardly reduce its uncertainty)", "Temperature.", "1 warning . Read it"):
         assert phrase in said
     assert "G1 and G2 are 200 mm apart." in page(report).split('id="warnings"')[1]
 
@@ -72,28 +72,28 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
 def observed(full, **changes):
     """What the first screen says is not observable."""
     text = first_screen(page(full(**changes)))
-    return words(text.split("<h2>What can be known</h2>")[1].split("</ul>")[0]) if "What can be known" in text else None
+    return words(text.split("<h2>Observability</h2>")[1].split("</ul>")[0]) if "Observability" in text else None
 
 
 def test_what_cannot_be_distinguished_is_reported_by_its_smallest_sets(full):
     cases = full().cases
-    assert observed(full) == "All unknowns are observable. E, rho and tip can hardly be estimated together."
+    assert observed(full) == "All unknowns are observable. E, rho and tip: jointly weakly observable."
     pair = tuple(replace(case, unknowns=("tip", "rho"), lost="tip and rho") for case in cases[1::3])
     # With the pair goes the set of three that it is part of.
     assert observed(full, cases=cases + pair) == (
-        "All unknowns are observable. rho and tip can hardly be estimated together."
+        "All unknowns are observable. rho and tip: jointly weakly observable."
     )
     once = tuple(replace(case, lost="") if case.excitation == "35 Hz" else case for case in cases)
-    assert "E, rho and tip can hardly be estimated together in training run." in observed(full, cases=once)
+    assert "E, rho and tip: jointly weakly observable at training run." in observed(full, cases=once)
 
 
 def test_what_was_asked_for_and_is_lost_is_reported_loudly(full):
     asked = tuple(replace(case, unknowns=("E", "tip")) if case.lost else case for case in full().cases)
-    assert observed(full, cases=asked) == "E and tip can hardly be estimated together."
+    assert observed(full, cases=asked) == "E and tip: jointly weakly observable."
     never = tuple(replace(case, condition=np.inf) for case in asked)
-    assert observed(full, cases=never) == "E and tip cannot be estimated together."
+    assert observed(full, cases=never) == "E and tip: jointly not observable."
     load, modulus = full().unknowns
-    assert observed(full, unknowns=(load, replace(modulus, std=np.inf))).startswith("E: not with these gauges.")
+    assert observed(full, unknowns=(load, replace(modulus, std=np.inf))).startswith("Not observable with these gauges: E.")
     assert '<strong class="bad">' in first_screen(page(full(cases=asked)))
     assert observed(full, cases=(), unknowns=(load, modulus)) == "All unknowns are observable."
     assert observed(full, cases=(), unknowns=(load, replace(modulus, expected_std=None))) is None
@@ -104,17 +104,17 @@ def test_what_does_not_hold_leads_the_page_and_its_headline(full):
     text = page(full())
     said = words(text.split('id="in-short">')[1].split("</p>")[0]).replace("\u00a0", " ")
     assert said.startswith(
-        "E: overconfident (RMS error of the repeats 6.6 times the claimed σ; at most 1.49 if calibrated), not identified "
-        "(the measurements hardly narrow it); it is 0.052 % off. 4 gauges,"
+        "E: overconfident (RMS error of the repeats 6.6 times the claimed σ, at most 1.49 if calibrated), not identified "
+        "(the measurements hardly reduce its uncertainty); its error is 0.052 % . 4 gauges chosen"
     )
     assert "E to within" not in said
-    assert said.index("overconfident") < said.index("tell tip to within")
+    assert said.index("overconfident") < said.index("estimate tip to within")
     assert "<h1>✕ E overconfident and not identified – Cantilever: load and stiffness</h1>" in text
     load, modulus = full().unknowns
     good = page(full(unknowns=(load, replace(modulus, claims=modulus.claims[1:], repeats=None))))
     assert "<h1>Cantilever: load and stiffness</h1>" in good
     assert "✕" not in first_screen(good)
-    assert "tell tip to within" in words(good)
+    assert "estimate tip to within" in words(good)
 
 
 def test_a_placement_without_benefit_leads_what_the_gauges_tell(full):
@@ -125,12 +125,12 @@ def test_a_placement_without_benefit_leads_what_the_gauges_tell(full):
         return words(first_screen(page(full(unknowns=(replace(load, benefit=one), replace(modulus, benefit=other))))))
 
     both = said(none, none)
-    phrase = "Placement brings no benefit here: 6 of 10 (tip) and 6 of 10 (E) random layouts of the same size do"
+    phrase = "No benefit of the placement: 6 of 10 (tip) and 6 of 10 (E) random layouts of the same size are at least"
     assert phrase in both
-    assert both.index("no benefit") < both.index("tell tip to within")
-    assert "Placement brings no benefit here for E: 6 of 10 random" in said(shown, none)
-    assert "no benefit" not in said(shown, some)
-    assert "That the placement helps E is not shown: 3 of 10 random layouts" in said(shown, some)
+    assert both.index("No benefit") < both.index("estimate tip to within")
+    assert "No benefit of the placement for E: 6 of 10 random" in said(shown, none)
+    assert "No benefit" not in said(shown, some)
+    assert "A benefit of the placement for E is not significant: 3 of 10 random layouts" in said(shown, some)
 
 
 def test_a_remark_of_the_config_is_on_the_page_line_by_line_and_only_there_where_it_has_one(full):
@@ -155,7 +155,7 @@ def test_a_placement_without_validation_bound_or_picture_has_a_page(bare):
     Outline(text)
     assert "no off-screen OpenGL" in text
     assert "not certified" in text
-    for missing in ("What they tell", "Beside random sets", "How sure one can be", "Warnings", "nan", "None"):
+    for missing in ("Estimates", "Comparison with random", "Noise and repeats", "Warnings", "nan", "None"):
         assert missing not in text.split("</style>")[1]
 
 

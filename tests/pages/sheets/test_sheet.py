@@ -62,7 +62,7 @@ def test_it_stands_alone_on_a4_and_has_no_date():
     assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("297mm", "210mm", "0 0 297 210")
     text = sheet_svg(sheet())
     assert not re.search(r"href|url\(|<script|<image|<style|20\d\d-", text)
-    assert "lengths in mm; angles counter-clockwise, from outside" in words
+    assert "lengths in mm; angles counter-clockwise, viewed from outside" in words
     assert {"G1", "strain gauge", "deck plate.bdf", "run plate, layout 0123456789ab"} <= set(words)
 
 
@@ -114,4 +114,4 @@ def test_names_are_text_and_a_page_takes_so_many_sheets():
     page = sheets_section([large] * 5)
     assert page.count("<figure") == 2
     assert "5 drawing sheets" in page
-    assert "3 more are in the files alone" in page
+    assert "3 more are in files only" in page

@@ -144,7 +144,7 @@ def test_a_peak_on_less_than_a_hundredth_of_the_surface_lies_beyond_the_scale(si
     assert (own.least, own.largest) == (values.min(), values.max())
     window = _colours(View("", layout, quantity="strain", unit="µm/m", on=FACETS), Panel("", values), 0)
     assert window["clim"] == (own.scale.low, own.scale.high)
-    assert f"beyond its ends {values[-1]:.3g}" in window["scalar_bar_args"]["title"]
+    assert f"extremes {values[-1]:.3g}" in window["scalar_bar_args"]["title"]
     page = space_section([("", layout)], [ShownState("F alone", contour=own)])
     low, high = re.search(r'class="ends"><span>(.*?)</span>.*<span>(.*?)</span></p>', page).groups()
     assert ("≤" in low, "≥" in high) == (sign < 0, sign > 0)

@@ -83,7 +83,7 @@ def test_what_does_not_hold_leads_the_page_and_its_headline(suite):
     assert said.startswith("1 not identified (run 2 ), 2 overconfident (runs 2 , 3 ), 1 consistent (run 1 )")
     assert "<h1>✕ 1 not identified, 2 overconfident of 4 runs – The beam of chapter 6.1</h1>" in text
     own = words(text[text.index('id="run-3"') :])
-    assert own.index("E: overconfident") < own.index("tell tip")
+    assert own.index("E: overconfident") < own.index("estimate tip")
     good = page(suite(runs=suite().runs[:1]))
     assert "<h1>The beam of chapter 6.1</h1>" in good
     assert "✕" not in first_screen(good)
@@ -176,7 +176,7 @@ def row(theirs, ours):
     ],
 )
 def test_the_verdict(theirs, ours, verdict):
-    assert row(theirs, ours).verdict == verdict
+    assert row(theirs, ours).result == verdict
 
 
 def test_the_answer_counts_rows_and_links_those_that_do_not_simply_hold():
@@ -217,7 +217,7 @@ def test_the_claim_that_decides_is_the_verdict(suite):
     ):
         own = replace(run, unknowns=(replace(run.unknowns[0], claims=claims),))
         (result,) = results_of(own)
-        assert (result.verdict, result.verdicts) == (verdict, wrong)
+        assert (result.status, result.problems) == (verdict, wrong)
         assert result.unknown.repeats.worst == pytest.approx(0.0007)
 
 
@@ -230,7 +230,7 @@ def test_repeats_that_diverged_are_left_out_of_the_numbers(suite):
     run = suite().runs[0]
     (result,) = results_of(repeated(run, np.full(20, np.nan)))
     repeats = result.unknown.repeats
-    assert (repeats.worst, repeats.lost, result.verdict) == (np.inf, 20, "diverged")
+    assert (repeats.worst, repeats.lost, result.status) == (np.inf, 20, "diverged")
 
 
 def test_one_lost_repeat_makes_the_worst_infinite_and_leaves_the_rms_of_the_others(suite):
@@ -238,7 +238,7 @@ def test_one_lost_repeat_makes_the_worst_infinite_and_leaves_the_rms_of_the_othe
     (result,) = results_of(repeated(run, np.append(np.full(19, 0.0007), np.inf)))
     repeats = result.unknown.repeats
     assert (rms(repeats.error), repeats.worst, repeats.lost) == (pytest.approx(0.0007), np.inf, 1)
-    assert result.verdicts == ("diverged",)
+    assert result.problems == ("diverged",)
 
 
 def test_runs_with_the_same_excitation_are_one_series(suite):

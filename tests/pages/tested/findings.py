@@ -82,7 +82,7 @@ def findings(**changes):
         name="beam",
         title="beam: what the test says of side and E",
         unknowns=(unknown_load(), TestedUnknown("E", "Pa", "parameter", 2.1e11, 1.2e9)),
-        verdict="the innovations are as large as the configured noise",
+        innovations="the innovations are as large as the configured noise",
         consistent=True,
         warnings=(),
         notes=("G1: 1 of 4001 samples are missing",),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.pages.chart.drawing import kept
+from strainsight.pages.chart.drawing import recorded_figures
 from strainsight.pages.chart.files import figure_csv
 from strainsight.pages.picture.geometry import at_points
 from strainsight.pages.tested.figures import figures_of_test, load_figure, reading_figure, spectrum_figure
@@ -63,7 +63,7 @@ def test_withheld_sigma_comes_first_with_its_reason_and_no_number_stands_for_it(
     assert answer
     assert answer[1].startswith(f'<strong class="bad">{own.warnings[0]}.')
     assert answer[1].count("σ withheld") == 2
-    assert text.count(">does not fit<") == 1
+    assert text.count(">inconsistent<") == 1
 
 
 def test_a_channel_is_compared_with_its_noise():
@@ -84,7 +84,7 @@ def test_missing_samples_are_counted_and_never_drawn_across():
     assert shown(text, "G1")[-1] == 2100
     assert shown(text, "G2") == [SAMPLES]  # and dashes for what cannot be known of it
     assert "2100 of 4000 samples are missing" in text
-    assert "None of G2: too few samples follow one another" in text
+    assert "No spectrum of G2: too few consecutive samples" in text
     assert missing().readings[1].missing == SAMPLES
 
 
@@ -110,7 +110,7 @@ def test_names_of_a_config_are_text_on_the_page_and_nothing_else():
 
 def numbers(draw):
     """The table of what a figure draws: head → column."""
-    with kept() as figures:
+    with recorded_figures() as figures:
         drawing = draw()
     rows = [line.split(",") for line in figure_csv(figures[drawing.svg]).decode().splitlines()]
     return {name: [float(row[i]) for row in rows[1:] if row[i]] for i, name in enumerate(rows[0])}
@@ -141,9 +141,9 @@ def test_a_load_is_drawn_with_its_band_in_its_unit():
 def test_the_noise_as_stated_is_a_line_at_the_root_of_its_density():
     own = spectrum("G1", level=4e-18)
     drawn = numbers(lambda: spectrum_figure(own, "#0072b2"))
-    (level,) = drawn["noise as stated: √density [nm/m/√Hz]"]
+    (level,) = drawn["configured noise: √density [nm/m/√Hz]"]
     assert level == pytest.approx(2.0)
-    assert max(drawn["left over: √density [nm/m/√Hz]"]) == pytest.approx(1e9 * np.sqrt(own.density.max()))
+    assert max(drawn["residual: √density [nm/m/√Hz]"]) == pytest.approx(1e9 * np.sqrt(own.density.max()))
 
 
 def test_values_of_facets_become_those_of_their_points_and_keep_a_constant():

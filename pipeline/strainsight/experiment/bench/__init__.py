@@ -1,1 +1,1 @@
-"""What a bench is made of: bodies, joints, forces, sensors, loads, its start."""
+"""Bench model: bodies, joints, forces, sensors, loads, initial state."""

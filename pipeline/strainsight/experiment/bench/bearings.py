@@ -1,4 +1,4 @@
-"""Bearings alone, as bearing engineers look at them: under loads, and along one displacement (thesis 1.18-1.25)."""
+"""Single bearings: equilibrium under load cases, and load-displacement curves (thesis 1.18-1.25)."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from strainsight.records.record import record_from
 
 ALONG = ("x", "y", "z", "tilt_y", "tilt_z")
 USUAL_REACH, USUAL_POINTS = 1e-4, 41
-"""[m] of the curves where the config asks for none: at the pitch circle, whether it slides or tilts."""
+"""Default range [m], at the pitch circle, and number of points of the curves."""
 
 
-def bearings_of(stated: Mapping[str, BearingSection]) -> dict[str, Bearing]:
-    """All bearings of a config, by name; angles there are in degrees."""
+def bearings_of(sections: Mapping[str, BearingSection]) -> dict[str, Bearing]:
+    """Bearings of a config, by name; converts degrees."""
     bearings = {}
-    for name, entry in stated.items():
+    for name, entry in sections.items():
         values = dict(entry) | {key: np.deg2rad(getattr(entry, key)) for key in ("contact_angle", "first_ball")}
         del values["pressure_limit"]
         with blame(f"bearings.{name}"):
@@ -32,7 +32,7 @@ def bearings_of(stated: Mapping[str, BearingSection]) -> dict[str, Bearing]:
 
 
 def overloaded(config: BenchConfig, pressure: Mapping[str, float]) -> list[str]:
-    """What to say of forces of bearings, by name, whose highest contact pressure [Pa] is beyond the limit of the bearing."""
+    """Warnings about bearing forces, by name, with a contact pressure [Pa] above the limit."""
     warnings = []
     for name, highest in pressure.items():
         force = config.forces[name]
@@ -42,18 +42,18 @@ def overloaded(config: BenchConfig, pressure: Mapping[str, float]) -> list[str]:
 
 
 def beyond_limit(what: str, pressure: float, bearing: BearingSection) -> list[str]:
-    """A sentence where the pressure [Pa] is beyond what the bearing bears."""
+    """Warning if the pressure [Pa] exceeds the limit of the bearing."""
     if pressure <= bearing.pressure_limit:
         return []
     return [
-        f"the contact pressure of {what} reaches {pressure / 1e6:.4g} MPa, beyond {bearing.pressure_limit / 1e6:.4g} MPa: "
-        "raceway and balls are pressed in for good, which no elastic contact shows; correct size, preload or loads, or state "
+        f"the contact pressure of {what} is {pressure / 1e6:.4g} MPa, above the limit of {bearing.pressure_limit / 1e6:.4g} MPa, "
+        "so plastic deformation is likely and the elastic contact model is not valid. Correct size, preload or loads, or set "
         "pressure_limit"
     ]
 
 
 def load_cases(bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase]) -> dict[str, dict[str, BearingCase]]:
-    """Bearing → load case → its equilibrium, for the bearings that each case is of."""
+    """Bearing → load case → equilibrium, for the bearings of each case."""
     return {
         name: {case: _load_case(name, bearing, case, entry) for case, entry in cases.items() if entry.includes(name)}
         for name, bearing in bearings.items()
@@ -74,10 +74,10 @@ def _load_case(name: str, bearing: Bearing, case: str, entry: LoadCase) -> Beari
 
 
 def displacement_curves(bearings: Mapping[str, Bearing], curves: Sequence[CurveSection]) -> list[BearingDisplaced]:
-    """The curves of every bearing; usual ones along and across its axis, and tilted, where the config asks for none."""
+    """Load-displacement curves of every bearing; by default axial, radial and tilting."""
     each = []
     for name, bearing in bearings.items():
-        for key, along, reach, points in _asked(name, bearing, curves):
+        for key, along, reach, points in _curves(name, bearing, curves):
             over = np.linspace(-reach, reach, points)
             q = np.zeros((points, 5))
             q[:, along] = over
@@ -87,8 +87,8 @@ def displacement_curves(bearings: Mapping[str, Bearing], curves: Sequence[CurveS
     return each
 
 
-def _asked(name: str, bearing: Bearing, curves: Sequence[CurveSection]) -> list[tuple[str, int, float, int]]:
-    """Key of the config, number of the displacement, reach [m or rad] and points of every curve of a bearing."""
+def _curves(name: str, bearing: Bearing, curves: Sequence[CurveSection]) -> list[tuple[str, int, float, int]]:
+    """Config key, displacement index, range [m or rad] and number of points of every curve of a bearing."""
     if not curves:
         half = bearing.pitch_diameter / 2
         usual = ((along, USUAL_REACH if along < 3 else USUAL_REACH / half) for along in (0, 1, 3))

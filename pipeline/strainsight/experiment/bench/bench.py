@@ -1,4 +1,4 @@
-"""The bench of a config as bodies, frames, joints, forces and sensors of the kernel, and the state it starts from."""
+"""Build the multibody system of a bench config, and its initial state."""
 
 from __future__ import annotations
 
@@ -38,14 +38,17 @@ from strainsight.records.bench import BenchPlaced, ReducedBody
 from strainsight.sensors.surface import unit_vector
 
 Between = stated.Joint | stated.Law
-"""What stands between two frames."""
-Made = TypeVar("Made", Joint, Force)
+"""Connection between two frames."""
+Connection = TypeVar("Connection", Joint, Force)
 
 
 @dataclass(frozen=True)
 class Bench:
-    """config; reduced and meshes of its flexible bodies; placed: layouts, where sensors take one; system; frames and bearings by
-    name; poses of the bodies at the start; theta (nθ,) values of the system's parameters, a bearing's called BEARING.PROPERTY."""
+    """Multibody model of a config.
+
+    reduced, meshes: of flexible bodies; placed: layouts, None if no sensor uses one; frames, bearings: by name; poses: of the
+    bodies at the start; theta (nθ,): values of the system parameters, those of a bearing named BEARING.PROPERTY.
+    """
 
     config: BenchConfig
     reduced: Mapping[str, ReducedBody]
@@ -59,22 +62,22 @@ class Bench:
 
     @property
     def coordinates(self) -> dict[str, np.ndarray]:
-        """Body → its first coordinate and the one after its last (2,)."""
+        """Body → range of its coordinates (2,): first, and last plus one."""
         return {name: np.array([part.start, part.stop]) for name, part in self.system.of.items()}
 
     @property
     def rings(self) -> dict[str, tuple[Element, Bearing]]:
-        """Force of a bearing → its element in the system, and the bearing."""
+        """Bearing force → its element in the system, and the bearing."""
         elements, forces = {element.force.name: element for element in self.system.elements}, self.config.forces
         bearings = {name: force.bearing for name, force in forces.items() if isinstance(force, stated.BearingForce)}
         return {name: (elements[name], self.bearings[bearing]) for name, bearing in bearings.items()}
 
     def at(self, theta: np.ndarray) -> Bench:
-        """With these values of the parameters (nθ,)."""
+        """Replace the parameters (nθ,)."""
         return replace(self, theta=theta)
 
     def simulated(self, **settings: object) -> Bench:
-        """With other settings of `simulate`."""
+        """Replace settings of `simulate`."""
         simulate = self.config.simulate.model_copy(update=settings)
         return replace(self, config=self.config.model_copy(update={"simulate": simulate}))
 
@@ -86,20 +89,20 @@ def bench_of(
     placed: BenchPlaced | None = None,
     free: Mapping[str, Sequence[str]] | None = None,
 ) -> Bench:
-    """The whole bench; free: bearing → its properties that are parameters of the system, others as of `Bench`."""
+    """Build the bench; free: bearing → properties that are parameters of the system; others: see `Bench`."""
     bodies: list[Body] = []
     poses: dict[str, Pose] = {}
     for name, entry in config.bodies.items():
         with blame(f"bodies.{name}"):
             bodies.append(_body(name, entry, reduced))
-        held = entry.type == "flexible" and reduced[name].clamped
-        if held and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
+        supported = entry.type == "flexible" and reduced[name].clamped
+        if supported and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
             raise ConfigError(
-                f"'{name}' is held on the ground by the supports of its deck",
+                f"'{name}' is fixed to the ground by the supports of its deck",
                 key=f"bodies.{name}",
-                remedy="leave pose, velocity and spin out, or take the supports out of the deck",
+                remedy="Remove pose, velocity and spin, or remove the supports from the deck.",
             )
-        if not held:
+        if not supported:
             poses[name] = Pose(
                 np.array(entry.pose.origin), axes_of(entry.pose), np.array(entry.velocity), np.array(entry.spin)
             )
@@ -117,14 +120,14 @@ def bench_of(
 
 
 def axes_of(pose: stated_bodies.PoseSection) -> np.ndarray:
-    """Right-handed orthonormal axes (3, 3), columns x, y, z, from the x axis and the part of the y axis across it."""
+    """Right-handed orthonormal axes (3, 3), columns x, y, z, from the x axis and the perpendicular part of the y axis."""
     x, y = unit_vector(pose.x_axis, "the x axis"), np.asarray(pose.y_axis, dtype=float)
     y = unit_vector((y - (x @ y) * x).tolist(), "the y axis")
     return np.column_stack([x, y, np.cross(x, y)])
 
 
 def _body(name: str, entry: stated_bodies.Body, reduced: Mapping[str, ReducedBody]) -> Body:
-    """The inertia of a rigid body is about the centre of mass in the config, in the kernel about the origin."""
+    """Build a body; converts the inertia of a rigid body from the centre of mass to the origin."""
     if entry.type == "flexible":
         body = reduced[name]
         return FlexibleBody(name, body.clamped, body.stiffness, body.mass, body.damping, body.inertia)
@@ -141,7 +144,7 @@ def _frame(
         return Frame(name, None, np.array(entry.pose.origin), axes)
     if entry.body not in reduced:
         return Frame(name, entry.body, np.array(entry.pose.origin), axes)
-    assert entry.node is not None  # the config asks for one on a flexible body
+    assert entry.node is not None  # required by the config on a flexible body
     with blame(f"frames.{name}.node"):
         mesh = meshes[entry.body]
         origin = mesh.position[mesh.node_index(entry.node)]
@@ -149,8 +152,10 @@ def _frame(
     return Frame(name, entry.body, origin, axes, rows[:3], rows[3:])
 
 
-def _between(kinds: Mapping[str, Callable[..., Made]], name: str, entry: Between, frames: Mapping[str, Frame]) -> Made:
-    """A joint or a force law between two frames, by what its section says beside its kind, its frames and its history."""
+def _between(
+    kinds: Mapping[str, Callable[..., Connection]], name: str, entry: Between, frames: Mapping[str, Frame]
+) -> Connection:
+    """Build a joint or force law between two frames from its config section."""
     keys = {key: value for key, value in dict(entry).items() if key not in ("type", "frames", "drive", "signal")}
     return kinds[entry.type](name, *(frames[frame] for frame in entry.frames), **keys)
 
@@ -191,35 +196,35 @@ def _force(
 
 
 SLIP = 0.01
-"""Share of a velocity that the joints may take away."""
+"""Largest share of a velocity that the joints may remove."""
 TURNED = 0.02
-"""[rad] that the joints may turn a body."""
+"""Largest rotation of a body by the joints [rad]."""
 
 
 def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
+    """Initial state: poses and velocities projected onto the constraints, or the static equilibrium from there."""
     settings = bench.config.simulate
-    stated, rate = state(bench.system, bench.poses)
+    configured, rate = state(bench.system, bench.poses)
     with blame("joints"):
-        q = project_position(bench.system, stated, u)
+        q = project_position(bench.system, configured, u)
     _refuse_opposite(bench, q, u)
     for name in bench.poses:
         part = bench.system.of[name]
-        moved = float(np.linalg.norm((q - stated)[part][:3]))
-        turned = float(np.linalg.norm((q - stated)[part][3:12])) / np.sqrt(2)
+        moved = float(np.linalg.norm((q - configured)[part][:3]))
+        turned = float(np.linalg.norm((q - configured)[part][3:12])) / np.sqrt(2)
         if moved > settings.snap_tolerance or turned > TURNED:
             raise ConfigError(
-                f"the joints move '{name}' by {moved:.4g} m and {turned:.3g} rad from its pose, beyond "
-                f"{settings.snap_tolerance:g} m or {TURNED:g} rad",
+                f"the joints move '{name}' by {moved:.4g} m and {turned:.3g} rad from its pose; the limits are "
+                f"{settings.snap_tolerance:g} m and {TURNED:g} rad",
                 key=f"bodies.{name}.pose",
-                remedy="correct the pose or the frames of its joints, or raise simulate.snap_tolerance",
+                remedy="Correct the pose or the frames of its joints, or increase simulate.snap_tolerance.",
             )
     _refuse_forceless(bench, q, u)
     if settings.start == "equilibrium":
         try:
             q, _ = static_equilibrium(bench.system, q, u, bench.theta)
         except (InfeasibleError, NumericalError) as error:
-            remedy = f"{error.remedy}; or set simulate.start: as_given"
+            remedy = f"{(error.remedy or 'Change the poses').rstrip('.')}; or set simulate.start: as_given"
             raise type(error)(error.what, key="simulate.start", remedy=remedy) from error
         if not settings.allow_unstable:
             modes = coupled_modes(bench.system, q, np.zeros_like(q), u, bench.theta)
@@ -228,55 +233,54 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 raise ConfigError(
                     unstable_in_words(rate_of_growth, body),
                     key="simulate.start",
-                    remedy="start from a pose that is nearer to a stable one, or set simulate.start: as_given or "
-                    "simulate.allow_unstable: true",
+                    remedy="Start from a pose near a stable equilibrium, or set simulate.start: as_given or "
+                    "simulate.allow_unstable: true.",
                 )
         return q, project_velocity(bench.system, q, np.zeros_like(q), u)
     v = project_velocity(bench.system, q, rate, u)
     if bench.system.drives.names and not rate.any():
-        return q, v  # the drives say how it moves
+        return q, v  # driven motion
     d = bench.system.metric
     for name in bench.poses:
         part = bench.system.of[name]
         change, whole = (float(np.linalg.norm((d * x)[part])) for x in (v - rate, rate))
         if change > SLIP * max(whole, float(np.linalg.norm(d * rate)) * SLIP):
             raise ConfigError(
-                f"the joints do not let '{name}' move as its velocity and spin say: {100 * change / max(whole, change):.3g} % of "
-                "it is left out",
+                f"velocity and spin of '{name}' are inconsistent with its joints, which remove "
+                f"{100 * change / max(whole, change):.3g} % of them",
                 key=f"bodies.{name}.velocity",
-                remedy="give velocities that the joints allow: a body that turns about a pivot moves its origin too",
+                remedy="Set velocities that the joints allow; if a body rotates about a pivot, its origin moves, too.",
             )
     return q, v
 
 
 def unstable_in_words(rate: float, body: str) -> str:
-    """Of an equilibrium that a body leaves at a rate [1/s]."""
-    return f"the equilibrium is unstable: '{body}' falls out of it, {math.e:.1f}-fold in {1 / rate:.3g} s"
+    """Describe an unstable equilibrium with a growth rate [1/s]."""
+    return f"the equilibrium is unstable: '{body}' moves away from it by a factor of {math.e:.1f} in {1 / rate:.3g} s"
 
 
 def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
-    """Constraints hold axes parallel; that they point the same way only the pose can say. Nor do they tell a driven angle from
-    the one half a turn on."""
+    """Raises ConfigError for opposite axes or a driven angle off by half a turn, which constraints cannot distinguish."""
     for name, slope in driven_slopes(bench.system, q, u):
         if slope > 0:
             raise ConfigError(
-                "the second frame stands nearer to half a turn on from the driven angle than to it",
+                "the angle between the frames differs from the driven angle by about half a turn",
                 key=f"joints.{name}",
-                remedy="turn one of the frames or the body by half a turn, or add pi to the angle",
+                remedy="Rotate one of the frames or the body by half a turn, or add pi to the angle.",
             )
     for joint in bench.system.joints:
         together = readings(bench.system, [RelationSensor(joint.name, joint.aligned)]).read(q, np.zeros_like(q))[0]
         for relation, value in zip(joint.aligned, together, strict=True):
             if value < 0:
                 raise ConfigError(
-                    f"{relation.name} point opposite ways",
+                    f"{relation.name} point in opposite directions",
                     key=f"joints.{joint.name}",
-                    remedy="turn one of the frames by half a turn",
+                    remedy="Rotate one of the frames by half a turn.",
                 )
 
 
 def _refuse_forceless(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
-    """A force that cannot be had where the bench starts."""
+    """Raises ConfigError for a force that is not defined at the start."""
     rho = relation_rows(bench.system.products, q, np.zeros_like(q))[0]
     for element in bench.system.elements:
         try:
@@ -289,20 +293,19 @@ def _refuse_forceless(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
 
 
 LOCKED = 0.02
-"""Share of what the start has of the independence of its constraints, below which they are near a dead centre."""
+"""Independence of the constraints, relative to the start, below which the bench is near a dead centre."""
 
 
 def explained(error: NumericalError, bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError:
-    """Drives that lead where the joints do not let them, friction that is too sharp for its step, or the error as it is.
+    """Explain an error by drives that the joints block, or by steep friction; else return it unchanged.
 
-    q (n,) the start; u (T + 1, nu) at 0, h, 2h, …
+    q (n,): start; u (T + 1, nu): at 0, h, 2h, …
     """
     return _out_of_reach(bench, q, u, h) or _sharp(error, bench) or error
 
 
 def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError | None:
-    """φ(q, p(t)) = 0 from instant to instant, each from the last: does a configuration allow what the drives ask for, and is it
-    further from one where the constraints depend on each other, a dead centre, than LOCKED of the start?"""
+    """Solve φ(q, p(t)) = 0 along the driven motion; returns an error if there is no solution or a dead centre is near."""
     drives = bench.system.drives
     if not drives.names:
         return None
@@ -312,21 +315,21 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
             q = project_position(bench.system, q, inputs)
             share = _independence(bench, q, inputs)
             first = share if k == 0 else first
-            why = "stand at a dead centre" if share < LOCKED * first else ""
+            why = "are at a dead centre" if share < LOCKED * first else ""
         except InfeasibleError:
-            why = "do not let the drives go on"
+            why = "block the drives"
         if why:
-            asked = ", ".join(f"{name} {inputs[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
+            driven = ", ".join(f"{name} {inputs[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
             return ConfigError(
-                f"at t = {k * h:g} s the joints {why}, at {asked} [m or rad]",
+                f"at t = {k * h:g} s the joints {why}, with {driven} [m or rad]",
                 key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
-                remedy="let it go less far, or move its frames",
+                remedy="Reduce the driven motion, or move the frames of the joint.",
             )
     return None
 
 
 def _independence(bench: Bench, q: np.ndarray, u: np.ndarray) -> float:
-    """Smallest singular value of the gradients of all constraints, each of length 1 in the metric."""
+    """Smallest singular value of the constraint gradients, normalised in the metric."""
     B = constraints_at(bench.system, q, u)[1] / bench.system.metric
     return float(np.linalg.svd(B / np.linalg.norm(B, axis=1)[:, None], compute_uv=False)[-1])
 
@@ -340,6 +343,6 @@ def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
     return NumericalError(
         error.what,
         key=f"forces.{name}",
-        remedy=f"its friction may be too sharp for the step: raise its speed of {sharp[name]:g}, or take a smaller "
-        "simulate.time_step",
+        remedy=f"The friction law may be too steep for the time step: increase its speed of {sharp[name]:g}, or reduce "
+        "simulate.time_step.",
     )

@@ -1,4 +1,4 @@
-"""The loads of a bench in time, and what its driven joints do."""
+"""Load histories of a bench, and motion of its driven joints."""
 
 from __future__ import annotations
 
@@ -16,34 +16,35 @@ from strainsight.loads.histories import FromSamples, evaluate, gap, motion, swin
 from strainsight.multibody.laws import SHORTEST
 
 LARGEST = 1e50
-"""[N, N m, m, rad] Its fourth power is still a number."""
+"""Largest load or displacement [N, N m, m, rad], with a finite fourth power."""
 SWING = 0.05
-"""Share of the range of a drive's samples by which the spline may leave them."""
+"""Largest overshoot of the spline, relative to the range of a drive's samples."""
 GAP = 10.0
-"""Median times between samples that may pass without one."""
+"""Longest gap between samples, relative to the median interval."""
 MOTIONS = {
     (True, "position"): ("angle",),
     (True, "rate"): ("angular velocity",),
     (False, "position"): ("displacement",),
     (False, "rate"): ("velocity",),
 }
-"""Quantities that the file of a drive may hold, by whether it turns and what it is the history of."""
+"""Quantities allowed in the file of a drive, by whether it rotates and its kind of history."""
 
 
 def load_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
-    """Unit of each of these loads."""
+    """Units of loads by name."""
     units = {"force": "N", "actuator": "N", "moment": "N m", "torque": "N m", "gravity": "rad"}
     return {name: units[config.forces[name].type] for name in names}
 
 
 def loads_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
-    """Time (k,) [s] → u (k, width): inputs [N, N m] in the order of the system, then p and ṗ of its driven joints."""
+    """Return a function: time (k,) [s] → u (k, width), inputs [N, N m] in the order of the system, then p and ṗ of driven
+    joints."""
     config, signals, keys = bench.config, {}, {}
     for name in bench.system.inputs:
         entry = config.forces[name]
         assert isinstance(entry, Load | GravitySection)
         history = entry.turns if isinstance(entry, GravitySection) else entry
-        assert history is not None  # gravity that does not turn is no input
+        assert history is not None  # constant gravity is not an input
         turns = isinstance(entry, GravitySection)
         key = keys[name] = f"forces.{name}.{'turns.' * turns}signal"
         with blame(key):
@@ -67,7 +68,7 @@ def loads_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], 
 
 
 def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
-    """Time (k,) [s] → p, ṗ, p̈ of every driven joint (nd, 3, k) [m or rad]."""
+    """Return a function: time (k,) [s] → p, ṗ, p̈ of every driven joint (nd, 3, k) [m or rad]."""
     config, motions = bench.config, {}
     for name in bench.system.drives.names:
         entry = config.joints[name]
@@ -86,8 +87,8 @@ def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray],
                 if isinstance(config.joints[name], DrivenDistance) and not row[0].min(initial=np.inf) > SHORTEST:
                     first = time[np.argmin(row[0])]
                     raise ConfigError(
-                        f"the length is {row[0].min():.4g} m at t = {first:.4g} s",
-                        remedy="keep it above zero, where it has a direction",
+                        f"the driven length is {row[0].min():.4g} m at t = {first:.4g} s, where it has no direction",
+                        remedy="Keep the length above zero.",
                     )
         return moved
 
@@ -95,7 +96,7 @@ def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray],
 
 
 def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]:
-    """Of drives from files: where the spline through the samples swings, or has none to follow."""
+    """Warnings about splines of drives from files that overshoot or bridge a gap."""
     doubts = []
     for name, entry in config.joints.items():
         if not isinstance(entry, Driven) or entry.drive.signal.type != "csv":
@@ -107,16 +108,16 @@ def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]
         share, at = swing(signal)
         if share > SWING:
             doubts.append(
-                f"the spline through the samples of {name} goes {100 * share:.2g} % of their range beyond them at {at:.4g} s: a "
-                "jump, or too few samples; smooth it, or record more often"
+                f"the spline of {name} overshoots the samples by {100 * share:.2g} % of their range at {at:.4g} s, because of a "
+                "jump or too few samples. Smooth the signal, or increase the sampling rate"
             )
         times, begin, end = gap(signal)
         if times > GAP:
-            doubts.append(f"{name} has no sample from {begin:.4g} to {end:.4g} s, where a spline says how it moves")
+            doubts.append(f"{name} has no samples from {begin:.4g} to {end:.4g} s; a spline bridges this gap")
     return doubts
 
 
 def _refuse_huge(values: np.ndarray, unit: str) -> None:
     largest = float(np.abs(values).max(initial=0.0))
     if not largest <= LARGEST:
-        raise ConfigError(f"{largest:.2g} {unit}, more than {LARGEST:g}", remedy="check its unit")
+        raise ConfigError(f"the value {largest:.2g} {unit} exceeds the limit of {LARGEST:g}", remedy="Check the unit.")

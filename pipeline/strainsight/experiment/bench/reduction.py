@@ -1,4 +1,4 @@
-"""Flexible bodies of a bench: their reduction (thesis 1.8-1.17), and strain and stress of their surface in motion."""
+"""Reduction of flexible bodies of a bench (thesis 1.8-1.17), and strain and stress of their surface in time."""
 
 from __future__ import annotations
 
@@ -39,13 +39,12 @@ from strainsight.rom.model import Damping
 from strainsight.runner.output import Output, Scalar, Table
 
 USUAL_MODES = 10
-HELD = 2.0
-"""Modes with held interfaces are kept up to so many times the cut-off: frequencies of the body below it are then right to
-0.5 % (test_craig_bampton.py)."""
+FIXED_INTERFACE = 2.0
+"""Fixed-interface modes are kept up to this factor times the cut-off, for an error of 0.5 % (test_craig_bampton.py)."""
 
 
 def reduce_output(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> Output:
-    """The reduced bodies, and their natural frequencies for a look."""
+    """Output of the reduction: reduced bodies and their natural frequencies."""
     reduced: dict[str, ReducedBody] = {}
     summary: dict[str, Scalar] = {}
     text, tables = [], []
@@ -55,18 +54,18 @@ def reduce_output(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resour
             body, unknowns, frequency = _reduction(name, entry, config.frames, meshes[name])
         reduced[name], first, size = body, float(frequency[0]), len(body.mass)
         summary |= {f"unknowns.{name}": unknowns, f"coordinates.{name}": size, f"first_frequency.{name}": first}
-        text.append(f"{name} {unknowns} unknowns → {size}, first mode {first:.4g} Hz, cut {body.cut:.4g} Hz")
+        text.append(f"{name} {unknowns} unknowns → {size}, first mode {first:.4g} Hz, cut-off {body.cut:.4g} Hz")
         text += [
-            f"{name} is good for {key} from {low:.4g} to {high:.4g} Pa"
+            f"{name} is valid for {key} from {low:.4g} to {high:.4g} Pa"
             for key, (low, high) in body.reach.items()
             if np.isfinite(high)
         ]
         rows = tuple((str(k), f"{f:.4g}") for k, f in enumerate(frequency[:12], start=1))
-        tables.append(Table(f"natural frequencies of {name}, its interfaces free", ("mode", "Hz"), rows))
+        tables.append(Table(f"natural frequencies of {name} with free interfaces", ("mode", "Hz"), rows))
     return Output(
         datasets=written(ReducedBodies(bodies=reduced)),
         summary=summary,
-        message="; ".join(text) or "no flexible body",
+        message="; ".join(text) or "no flexible bodies",
         tables=tuple(tables),
     )
 
@@ -74,20 +73,20 @@ def reduce_output(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resour
 def _reduction(
     name: str, entry: FlexibleBodySection, frames: Mapping[str, FrameSection], mesh: Mesh
 ) -> tuple[ReducedBody, int, np.ndarray]:
-    """Assemble, constrain, reduce after Craig and Bampton, with the inertia of the body in its floating frame; number of unknowns
-    of the finite-element model; frequencies [Hz] of the modes that deform the body, its interfaces free."""
+    """Craig-Bampton reduction in the floating frame; also returns the number of finite-element unknowns and the elastic
+    frequencies [Hz] with free interfaces."""
     model = build_model(mesh, moduli_of(name, entry.moduli, mesh), supported=False)
     loose = rigid_motions(model).shape[1]
     if loose not in (0, 6):
         raise ConfigError(
-            f"the supports leave {loose} of the six rigid motions",
+            f"the supports leave {loose} of the six rigid-body motions free",
             key=f"bodies.{name}.mesh.supports",
-            remedy="hold the body altogether, or not at all and let joints carry it",
+            remedy="Support the body completely, or remove all supports and connect it by joints.",
         )
     nodes = _interface(name, frames, model)
     reference = {key: modulus.value for key, modulus in entry.moduli.items()}
     modes = None if entry.cutoff is not None else USUAL_MODES if entry.modes is None else entry.modes
-    cutoff = None if entry.cutoff is None else HELD * entry.cutoff
+    cutoff = None if entry.cutoff is None else FIXED_INTERFACE * entry.cutoff
     body = craig_bampton(model, nodes, modes=modes, cutoff=cutoff, reference=reference)
     good = reach(model, body, nodes, reference)
     damping = body_damping(body, damping_of(entry.damping), reference, loose)
@@ -112,7 +111,7 @@ def _reduction(
 
 
 def moduli_of(name: str, moduli: Mapping[str, Modulus], mesh: Mesh) -> tuple[Parameter, ...]:
-    """The Young's moduli of a body that stay free, each with the ids of its regions."""
+    """Parametric Young's moduli of a body, with the ids of their regions."""
     parameters = []
     for key, modulus in moduli.items():
         with blame(f"bodies.{name}.moduli.{key}.region"):
@@ -122,7 +121,7 @@ def moduli_of(name: str, moduli: Mapping[str, Modulus], mesh: Mesh) -> tuple[Par
 
 
 def _interface(name: str, frames: Mapping[str, FrameSection], model: FiniteElementModel) -> list[int]:
-    """Interface nodes: those of the body's frames, ascending, because the order of frames in a config is none."""
+    """Interface nodes of the body's frames, ascending."""
     nodes = set()
     for key, frame in frames.items():
         if frame.body == name and frame.node is not None:
@@ -131,18 +130,18 @@ def _interface(name: str, frames: Mapping[str, FrameSection], model: FiniteEleme
             nodes.add(frame.node)
     if not nodes:
         raise ConfigError(
-            f"no frame is on '{name}'", key=f"bodies.{name}", remedy="give a frame at the node that carries it"
+            f"'{name}' has no frame", key=f"bodies.{name}", remedy="Define a frame at the node that supports it."
         )
     return sorted(nodes)
 
 
 def body_damping(body: CraigBampton, law: Damping, reference: Mapping[str, float], loose: int) -> AffineOperator:
-    """C = αM̃ + βK(θ), or  M Φ diag(2ζω) Φᵀ M  of the body's own modes at the reference, the first `loose` rigid and undamped:
+    """C = αM̃ + βK(θ), or  M Φ diag(2ζω) Φᵀ M  with the modes at the reference, the first `loose` rigid and undamped:
 
-    M̃ = M Φ_e Φ_eᵀ M,  Φ_e the modes that deform the body: a law of the structure brakes no rigid motion
+    M̃ = M Φ_e Φ_eᵀ M,  Φ_e elastic modes: structural damping does not act on rigid-body motion
     """
     lam, Phi = eigh(body.stiffness.at(reference), body.mass)
-    # counted: a share of the largest eigenvalue would take slow modes beside stiff residual vectors for rigid ones
+    # by count, because a relative threshold would also catch slow elastic modes
     lam[:loose] = 0.0
     omega = np.sqrt(lam)
     MPhi = body.mass @ Phi
@@ -158,7 +157,7 @@ PICTURES = 50
 
 @dataclass(frozen=True)
 class BodyMotion:
-    """time (T,) [s]; q (T, coordinates of the body); moduli (T,) [Pa]: those that were estimated."""
+    """time (T,) [s]; q (T, coordinates of the body); moduli (T,) [Pa]: estimated ones."""
 
     time: np.ndarray
     q: np.ndarray
@@ -166,7 +165,7 @@ class BodyMotion:
 
 
 def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: BodyMotion, using: Resources) -> Output:
-    """The surface at some instants: displacement and strain in body axes, stress with the moduli of those instants."""
+    """Surface fields at some instants: displacement and strain in body axes, stress with the moduli of these instants."""
     settings = config.field
     assert settings is not None
     time, q, modes = motion.time, motion.q, len(reduced.mass)
@@ -174,9 +173,9 @@ def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: 
     if not np.isfinite(q[at]).all():
         lost = time[at][~np.isfinite(q[at]).all(axis=1)][0]
         raise InfeasibleError(
-            f"the estimate diverged, at {lost:g} s at the latest: there is no field from there on",
+            f"the estimate diverged before {lost:g} s, so there is no field after that",
             key="field.of",
-            remedy="correct the estimate, or set field.of: simulate",
+            remedy="Correct the estimate, or set field.of: simulate.",
         )
     parameters = moduli_of(settings.body, config.flexible[settings.body].moduli, mesh)
     theta = {p.name: motion.moduli.get(p.name, np.full(len(time), p.reference))[at] for p in parameters}
@@ -186,7 +185,7 @@ def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: 
     used, blocks, order = facet_cells(facets)
     data: dict[str, list[np.ndarray]] = {key: [] for key in ("strain", "stress", "von_mises", "principal")}
     for i, k in enumerate(at):
-        using.progress("pictures", i / len(at))
+        using.progress("frames", i / len(at))
         now = {key: float(values[i]) for key, values in theta.items()}
         state = surface_state(surface, now, q[k, q.shape[1] - modes :])
         for key, values in data.items():
@@ -213,13 +212,13 @@ def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: 
             "time": instant,
             "element": element,
         },
-        message=f"{settings.body}: {len(at)} pictures of {len(order)} facets, at most {largest / 1e6:.4g} MPa von Mises at "
+        message=f"{settings.body}: {len(at)} frames of {len(order)} facets, largest von Mises stress {largest / 1e6:.4g} MPa at "
         f"t = {instant:.4g} s in element {element}",
     )
 
 
 def instants(count: int, settings: SurfaceField) -> np.ndarray:
-    """Steps of the pictures, of so many."""
+    """Indices of the frames among `count` steps."""
     if settings.every is not None:
         return np.arange(0, count, settings.every)
     wanted = PICTURES if settings.instants is None else settings.instants
@@ -227,13 +226,13 @@ def instants(count: int, settings: SurfaceField) -> np.ndarray:
 
 
 def points(x: np.ndarray, shapes: np.ndarray, q: np.ndarray, modes: int) -> dict[str, np.ndarray]:
-    """Φη in body axes, and of a body that moves p − x = r + R(x + Φη) − x in global ones: pictures × points × xyz.
+    """Displacement Φη in body axes, and motion p − x = r + R(x + Φη) − x in global axes: frames × points × xyz.
 
-    x (n, 3) [m]; shapes Φ (n, 3, modes); q (pictures, coordinates of the body).
+    x (n, 3) [m]; shapes Φ (n, 3, modes); q (frames, coordinates of the body).
     """
     u = np.einsum("nck,tk->tnc", shapes, q[:, q.shape[1] - modes :])
     moved = {"displacement": u.astype(np.float32)}
     if q.shape[1] > modes:
-        R = q[:, 3:RIGID].reshape(-1, 3, 3)  # its columns, one a row
+        R = q[:, 3:RIGID].reshape(-1, 3, 3)  # transposed
         moved["motion"] = (q[:, None, :3] + np.einsum("tnc,tcd->tnd", x + u, R) - x).astype(np.float32)
     return moved

@@ -1,4 +1,4 @@
-"""The sensors of a bench, compiled for its system, and its gauges as they may be installed."""
+"""Sensors of a bench, compiled for its system, and installation errors of its gauges."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ from strainsight.sensors.rows import channel_rows
 
 @dataclass(frozen=True)
 class BondedGauges:
-    """Gauges of a strain sensor on the nearest places of its body's surface: mesh and facets of that, basis (3 nodes, r); moved
-    (gauges,) [m]: how far each was moved there."""
+    """Gauges of a strain sensor at the nearest points of a body's surface; basis (3 nodes, r); moved (gauges,) [m]: distance to
+    the surface."""
 
     body: str
     mesh: Mesh
@@ -65,8 +65,8 @@ class BondedGauges:
 
 @dataclass(frozen=True)
 class Sensors:
-    """readings: all compiled, strains first; channels: sensor → its rows there; zeroed (k,): channels that are zeroed at the
-    start; bonded: the gauges of every strain sensor."""
+    """Compiled sensors, strains first; channels: sensor → rows; zeroed (k,): channels zeroed at the start; bonded: gauges of
+    every strain sensor."""
 
     readings: CompiledSensors
     channels: Mapping[str, slice]
@@ -74,12 +74,12 @@ class Sensors:
     bonded: Mapping[str, BondedGauges]
 
     def count(self, name: str) -> int:
-        """Channels of a sensor."""
+        """Number of channels of a sensor."""
         return self.channels[name].stop - self.channels[name].start
 
 
 def sensors_of(bench: Bench) -> Sensors:
-    """All sensors of the config that see the state."""
+    """Compile all sensors that measure the state."""
     strains, others, bonded_gauges = [], [], {}
     for name, entry in bench.config.sensors.items():
         if isinstance(entry, StrainSensorSection):
@@ -89,13 +89,13 @@ def sensors_of(bench: Bench) -> Sensors:
                 strains.append(StrainRows(name, on.body, rows))
         elif not isinstance(entry, ReactionSensor):
             others.append(motion_sensor(name, entry, bench.frames))
-    # in the order of their rows
+    # order of rows
     others.sort(key=lambda sensor: isinstance(sensor, Accelerometer))
     return _compiled(bench, [*strains, *others], bonded_gauges)
 
 
 def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
-    """Those of these names."""
+    """Select sensors by name."""
     some = [sensor for sensor in sensors.readings.sensors if sensor.name in names]
     return _compiled(bench, some, {name: on for name, on in sensors.bonded.items() if name in names})
 
@@ -128,7 +128,7 @@ def _bonded(bench: Bench, name: str, entry: StrainSensorSection) -> BondedGauges
 
 
 def instants_of(bench: Bench, q: np.ndarray, v: np.ndarray, u: np.ndarray, second: np.ndarray) -> list[Instant]:
-    """Of every state in q, v (T, n) under u (T, width), p̈ of the drives second (T, nd)."""
+    """Instants of states q, v (T, n) under u (T, width); second (T, nd): p̈ of the drives."""
     states = zip(q, v, u, strict=True)
     return [instant(bench.system, *now, bench.theta, p) for now, p in zip(states, second, strict=True)]
 
@@ -136,7 +136,7 @@ def instants_of(bench: Bench, q: np.ndarray, v: np.ndarray, u: np.ndarray, secon
 def read_in_time(
     bench: Bench, sensors: CompiledSensors, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
 ) -> np.ndarray:
-    """What all sensors read (T, channels) in a run; instants: not read without accelerometers."""
+    """Readings (T, channels) of all sensors in a run; instants: only used by accelerometers."""
     if not sensors.accelerometers:
         return np.array([sensors.read(*now)[0] for now in zip(q, v, strict=True)])
     felt = (Felt(now.acceleration, gravity_at(bench.system, at)) for now, at in zip(instants, u, strict=True))
@@ -144,7 +144,7 @@ def read_in_time(
 
 
 def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -> Sensor:
-    """A sensor of relative or absolute motion."""
+    """Build a sensor of relative or absolute motion."""
     if isinstance(entry, RelativeSensor):
         i, j = (frames[frame] for frame in entry.frames)
         return RelationSensor(name, bearing_displacements(i, j))
@@ -158,19 +158,19 @@ def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -
 
 
 def frame_at(bench: Bench, frame: Frame, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Place and axes of a frame (12,), and their slopes by q (12, n)."""
+    """Position and axes of a frame (12,), and their derivatives with respect to q (12, n)."""
     sensors = [position_sensor(frame.name, frame), *(axis_sensor(frame.name, frame, k) for k in range(3))]
     y, by_q, _ = readings(bench.system, sensors).read(q, np.zeros_like(q))
     return y, by_q
 
 
 def channel_labels(sensors: Sensors) -> tuple[str, ...]:
-    """Sensor and component of every channel, as numbers of a summary name them."""
+    """Sensor and component of every channel, as in summary numbers."""
     return tuple(f"{name}.{i}" for name in sensors.channels for i in range(1, 1 + sensors.count(name)))
 
 
 def channel_units(config: BenchConfig, sensors: Sensors) -> tuple[str, ...]:
-    """Unit of every channel."""
+    """Units of all channels."""
     units: list[str] = []
     for name in sensors.channels:
         of_one = units_of(config.sensors[name])
@@ -179,24 +179,24 @@ def channel_units(config: BenchConfig, sensors: Sensors) -> tuple[str, ...]:
 
 
 def unit_of(entry: StatedSensor) -> str:
-    """Unit of a sensor's readings."""
+    """Unit, or units, of a sensor's readings."""
     return " or ".join(dict.fromkeys(units_of(entry)))
 
 
 def dataset_units(config: BenchConfig, loads: Iterable[str]) -> dict[str, str]:
-    """What records of a bench ask the unit of: its sensors, and these loads."""
+    """Units of datasets of sensors and of these loads."""
     units = {f"sensor {name}": unit_of(entry) for name, entry in config.sensors.items()}
     return units | {f"input {name}": unit for name, unit in load_units(config, loads).items()}
 
 
-DRAWN = 5
-"""Last word of the seed by which a seed's gauges are installed."""
+INSTALLATION_STREAM = 5
+"""Last word of the seed for sampled installation errors."""
 
 
 @dataclass(frozen=True)
 class Toleranced:
-    """A strain sensor of the filter: where its gauges are; slope (channels, k, r): σ times what each of k errors adds to its
-    rows; zeroed."""
+    """A strain sensor of the filter with its gauges; slope (channels, k, r): σ times the change of its rows by each of k
+    errors."""
 
     name: str
     on: BondedGauges
@@ -205,19 +205,19 @@ class Toleranced:
 
 
 def tolerances_of_gauges(config: BenchConfig) -> InstallationStd:
-    """By `estimate.tolerances`."""
+    """σ of gauge installation from `estimate.tolerances`."""
     return installation_std(None if config.estimate is None else config.estimate.tolerances)
 
 
 def linear_tolerances(config: BenchConfig) -> dict[str, float]:
-    """Error of installation → its σ, of those that `estimate.tolerances` leaves open, to first order."""
+    """First-order installation error → σ, for tolerances above zero."""
     std = tolerances_of_gauges(config).by_name
     return {name: value for name, value in std.items() if value > 0 and name not in SECOND}
 
 
 def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
-    """Of every strain sensor of the filter its `linear_tolerances`: place and turn of a gauge, all grids of which move as one,
-    gain and transverse sensitivity of each grid."""
+    """Installation errors of every strain sensor of the filter: position and angle per gauge, gain and transverse sensitivity per
+    grid."""
     sigma, position = linear_tolerances(bench.config), tolerances_of_gauges(bench.config).position
     errors = []
     for name, on in used.bonded.items() if sigma else ():
@@ -237,8 +237,7 @@ def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
 def rows_of(
     bench: Bench, used: Sensors, sensors: tuple[Toleranced, ...], zero: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """D (m, k, n), o (m, k): what the k errors of all sensors add to every channel, in σ of them, (D q + o) ν; zero (n,): q where
-    zeroed sensors were zeroed."""
+    """D (m, k, n), o (m, k): the k errors of all sensors add (D q + o) ν to every channel, ν in σ; zero (n,): q at zeroing."""
     m, n = len(used.zeroed), bench.system.size
     D, o = [np.zeros((m, 0, n))], [np.zeros((m, 0))]
     for sensor in sensors:
@@ -250,20 +249,20 @@ def rows_of(
 
 
 def misread(bench: Bench, used: Sensors, errors: tuple[Toleranced, ...], q: np.ndarray, runs: int) -> np.ndarray:
-    """What gauges as they are installed read beside what they are taken for (T, runs, m), drawn anew for every run; q
-    (T + 1, 1 or runs, n): the true motion. Exact in the errors, to which the filter is linear."""
+    """Sample installation errors per run and return the reading errors (T, runs, m), nonlinear in the errors; q (T + 1, 1 or
+    runs, n): true motion."""
     std = tolerances_of_gauges(bench.config)
     added = np.zeros((len(q) - 1, runs, len(used.zeroed)))
     for run in range(runs):
-        draw = np.random.default_rng((bench.config.seed, run, DRAWN))
+        draw = np.random.default_rng((bench.config.seed, run, INSTALLATION_STREAM))
         for error in errors:
             on, count = error.on, len(error.on.gauges)
             free = replace(on.gauges, bonded=np.zeros(count, dtype=bool))
             eta = q[:, min(run, q.shape[1] - 1), bench.system.modal(on.body)]
-            as_drawn, plain = (drawn_installation(free, sigma, draw) for sigma in (std, InstallationStd()))
+            sampled, nominal = (drawn_installation(free, sigma, draw) for sigma in (std, InstallationStd()))
             rows, meant = (
                 installed_rows(on.mesh.position, free, on.basis, installation, facets=on.facets)[0]
-                for installation in (as_drawn, plain)
+                for installation in (sampled, nominal)
             )
             added[:, run, used.channels[error.name]] += (eta - eta[0] * error.zeroed)[1:] @ (rows - meant).T
     return added

@@ -1,4 +1,4 @@
-"""A bench in time and at rest: its start, its run or equilibrium, sensors, bearings, coupled modes (thesis 1.5-1.7)."""
+"""Simulation and static equilibrium of a bench: sensors, bearings, coupled modes (thesis 1.5-1.7)."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ from strainsight.runner.output import Output, Scalar, Table, warnings_table
 
 
 def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
-    """Displacement and load of every bearing in time, and its balls at the instant of the highest pressure."""
+    """Displacement and load of every bearing in time, and ball loads at the instant of the highest pressure."""
     rings = {}
     for name, (element, bearing) in bench.rings.items():
         displacements = readings(bench.system, [RelationSensor(name, element.force.relations[:5])])
@@ -64,9 +64,9 @@ def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
         ellipse = max(float(ball.semi_axes.max()) for ball in balls)
         if ellipse > bearing.ball_diameter / 2:
             raise ConfigError(
-                f"a contact ellipse reaches {1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s, beyond the ball",
+                f"the contact ellipse is larger than the ball ({1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s)",
                 key=f"forces.{name}",
-                remedy="no such bearing carries these loads: check their size and the preload",
+                remedy="Check the size of the loads and the preload.",
             )
         rings[name] = RingMotion(
             displacement=q,
@@ -78,7 +78,7 @@ def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
 
 
 def reactions_in_time(bench: Bench, name: str, run: Trajectory, instants: Sequence[Instant]) -> np.ndarray:
-    """Force and moment (T, 6) of a joint on its second frame, in the axes of the first, about the second's origin."""
+    """Force and moment (T, 6) of a joint on its second frame, about its origin, in the axes of the first frame."""
     joint = next(joint for joint in bench.system.joints if joint.name == name)
     i, j = (bench.frames[frame] for frame in bench.config.joints[name].frames)
     states = zip(run.q, run.u, instants, strict=True)
@@ -86,13 +86,13 @@ def reactions_in_time(bench: Bench, name: str, run: Trajectory, instants: Sequen
 
 
 SPUN = 1.0
-"""[rad] a step up to which a driven angle is followed."""
+"""Largest driven rotation per step [rad]."""
 TILT = 0.1
-"""[rad] up to which the displacements of a force law that takes angles to be small are what they are called."""
+"""Largest tilt [rad] for force laws that assume small angles."""
 
 
 def _simulated(bench: Bench, using: Resources) -> tuple[Simulated, Sensors, int]:
-    """Bring the bench to its start, step through the loads, read the sensors; the most parts that a step was divided into."""
+    """Simulate the bench and read the sensors; also returns the largest number of parts of a step."""
     settings, system, theta = bench.config.simulate, bench.system, bench.theta
     h, steps = settings.time_step, round(settings.duration / settings.time_step)
     loads, progress = loads_of(bench, using.files), of_steps(using.progress, "simulation", steps)
@@ -143,14 +143,14 @@ def _simulated(bench: Bench, using: Resources) -> tuple[Simulated, Sensors, int]
 
 
 TURN = {"second_order": 0.1, "thesis": 0.01}
-"""[rad] a step above which it shows in what turns freely."""
+"""Rotation per step [rad] with a visible effect on free rotation."""
 
 MISSED = 0.05
-"""Share of a load that the step may get wrong before a warning says so."""
+"""Unresolved share of a load from which a warning is given."""
 
 
 def simulate_output(bench: Bench, using: Resources) -> Output:
-    """The bench in time, and up to which frequency it may be believed."""
+    """Output of a simulation, with the frequency band that the time step resolves."""
     config, settings, system = bench.config, bench.config.simulate, bench.system
     (record, sensors, most), h = _simulated(bench, using), settings.time_step
     turn = max(turns_in_a_step(bench, record.v, h).values(), default=0.0)
@@ -166,26 +166,26 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
         "parts": most,
         **{f"pressure.{name}": highest for name, highest in pressure.items()},
     }
-    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints held to {worst:.1e}"
+    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints satisfied to {worst:.1e}"
     if settings.tolerance is not None:
-        text += f", in up to {most} parts each: the motion is right to {settings.tolerance:g} of the coordinates"
+        text += f", each in up to {most} parts with a relative tolerance of {settings.tolerance:g}"
     doubts = []
     if len(record.frequency) and record.frequency[0] > 0:
         summary["first_frequency"] = float(record.frequency[0])
         if settings.tolerance is None:
             band = summary["band"] = resolved_frequency(record.frequency, h, settings.method)
-            text += f"; follows loads up to {band:.3g} Hz to {100 * SHARE:g} %"
+            text += f"; resolves loads up to {band:.3g} Hz to {100 * SHARE:g} %"
             for name, load in record.inputs.items():
                 share = float(load_error(load[:, None], record.frequency, h, settings.method)[0])
                 summary[f"missed.{name}"] = share
                 if share > MISSED:
                     doubts.append(
-                        f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {band:.3g} Hz; take a smaller "
-                        "simulate.time_step, or leave out what is so quick"
+                        f"the time step does not resolve {100 * share:.2g} % of {name}, above {band:.3g} Hz. Reduce "
+                        "simulate.time_step, or filter the load"
                     )
     doubts += [*doubtful_drives(config, using.files), *overloaded(config, pressure)]
     if system.size > system.constrained and settings.tolerance is None and turn > TURN[settings.method]:
-        doubts.append(f"a body turns by {turn:.3g} rad a step: {_turning(turn, settings)}")
+        doubts.append(f"a body rotates by {turn:.3g} rad per step: {_turning(turn, settings)}")
     moved = tuple(
         (name, str(i), f"{1e3 * distance:.3g} mm")
         for name, on in sensors.bonded.items()
@@ -197,8 +197,8 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
         balls = f"{int((force > 0).any(axis=1).sum())} of {len(force)}"
         rings.append((name, f"{pressure[name] / 1e6:.5g} MPa", f"{ring.worst.time:.4g} s", balls))
     tables = (
-        Table("gauges, moved to the surface by", ("sensor", "gauge", "moved"), moved),
-        Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rings)),
+        Table("distance of the gauges to the surface", ("sensor", "gauge", "distance"), moved),
+        Table("highest pressure of the bearings", ("bearing", "pressure", "time", "loaded balls"), tuple(rings)),
         *warnings_table(doubts),
     )
     return Output(
@@ -213,20 +213,19 @@ def _turning(turn: float, settings: Simulate) -> str:
     h = settings.time_step
     if settings.method == "thesis":
         loss = 1 - (1 + turn**2 / h) ** -0.5  # of dω/dt = −ω³h/2 over one second
-        what = f"implicit Euler brakes what turns freely, by {100 * loss:.2g} % in the first second"
+        what = f"implicit Euler slows a free rotation by {100 * loss:.2g} % in the first second"
     else:
         lag, gain = 100 * LAG * turn**2, 100 * GAIN * turn**4 / h
-        what = f"what turns freely lags by {lag:.2g} % of its angle and gains {gain:.2g} % of its spin in a second"
-    return f"{what}; take a smaller simulate.time_step"
+        what = f"a free rotation lags by {lag:.2g} % of its angle and gains {gain:.2g} % of its speed in a second"
+    return f"{what}. Reduce simulate.time_step"
 
 
 def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
-    """Where a force law takes the angle between axes to be small, or a drive turns about an axis of both frames, these must stay
-    nearly parallel, and not opposite."""
+    """Raises ConfigError if axes are not nearly parallel that a small-angle force law or a driven rotation requires parallel."""
     system = bench.system
-    held = [(f"forces.{part.name}", part.aligned) for part in (element.force for element in system.elements)]
-    held += [(f"joints.{part.name}", part.aligned) for part in system.joints if part.name in system.drives.names]
-    for key, aligned in ((key, aligned) for key, aligned in held if aligned):
+    checked = [(f"forces.{part.name}", part.aligned) for part in (element.force for element in system.elements)]
+    checked += [(f"joints.{part.name}", part.aligned) for part in system.joints if part.name in system.drives.names]
+    for key, aligned in ((key, aligned) for key, aligned in checked if aligned):
         together = readings(system, [RelationSensor(key, aligned)])
         cosines = np.array([together.read(q, v)[0] for q, v in zip(run.q, run.v, strict=True)])
         for relation, cosine in zip(aligned, cosines.T, strict=True):
@@ -234,17 +233,16 @@ def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
             if cosine[worst] < np.cos(TILT):
                 angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
                 raise ConfigError(
-                    f"{relation.name} are {angle:.3g} rad apart at t = {run.time[worst]:g} s, beyond {TILT:g} rad",
+                    f"{relation.name} differ by {angle:.3g} rad at t = {run.time[worst]:g} s; the limit is {TILT:g} rad",
                     key=key,
-                    remedy="turn the frames so that their axes are parallel at rest, and hold them so by a joint; this "
-                    f"{'force' if key.startswith('forces') else 'drive'} holds for small tilts",
+                    remedy="Align the axes of the frames at rest, and keep them parallel by a joint: this "
+                    f"{'force law' if key.startswith('forces') else 'drive'} is valid for small tilts.",
                 )
 
 
 def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
-    """An angle that moves by more than SPUN a step: of a drive, where it ends a step no longer tells from half a turn on; of
-    gravity, the loads between the steps are not those of a turn. u (T + 1, width) at its instants; section of the config that
-    has the step."""
+    """Raises ConfigError if a driven angle or the direction of gravity rotates by more than SPUN per step; u (T + 1, width);
+    section: of the time step in the config."""
     drives = bench.system.drives
     turned = [
         (f"joints.{drives.names[k]}.drive", drives.at + int(k)) for k in np.unique(drives.which[drives.power == 0])
@@ -261,27 +259,27 @@ def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
     for key, column in turned:
         moved = np.abs(np.diff(u[:, column]))
         if moved.max(initial=0.0) > SPUN:
-            smooth = "; the spline through its samples swings about a jump: smooth it" if key in recorded else ""
+            smooth = ", or smooth a jump in the recorded signal" if key in recorded else ""
             raise ConfigError(
-                f"it turns by {moved.max():.3g} rad in a step, beyond {SPUN:g} rad",
+                f"the angle changes by {moved.max():.3g} rad in a step; the limit is {SPUN:g} rad",
                 key=key,
-                remedy=f"take a smaller {section}.time_step{smooth}",
+                remedy=f"Reduce {section}.time_step{smooth}.",
             )
 
 
 def turns_in_a_step(bench: Bench, v: np.ndarray, h: float) -> dict[str, float]:
-    """Body → the largest angle that it turns in a step h [s] of a run v (T + 1, n) [rad]: ‖Ṙ‖/√2 is |ω|."""
+    """Body → largest rotation in a step h [s] of a run v (T + 1, n) [rad], with |ω| = ‖Ṙ‖/√2."""
     spins = {name: v[:, bench.system.of[name]][:, 3:12] for name in bench.poses}
     return {name: float(h * np.nanmax(np.linalg.norm(spin, axis=1)) / np.sqrt(2)) for name, spin in spins.items()}
 
 
-DRAWN = 20
+MOST_MODES = 20
 """Most modes in the grid."""
 
 
 @dataclass(frozen=True)
 class BenchAtRest:
-    """The bench with its state at rest q, v (n,) under u, and how fast it would be left (0: stable) by which body."""
+    """Bench in the state q, v (n,) at rest under u; growth: rate of an instability (0: stable), of this body."""
 
     bench: Bench
     q: np.ndarray
@@ -293,8 +291,8 @@ class BenchAtRest:
 
 
 def rest_of(bench: Bench, using: Resources, balanced: bool) -> BenchAtRest:
-    """balanced: in the equilibrium under the loads at t = 0, its drives held, whatever `simulate.start` says; unstable ones,
-    too."""
+    """Bring the bench to rest; balanced: in the equilibrium under the loads at t = 0 with fixed drives, regardless of
+    `simulate.start`. Unstable equilibria are allowed."""
     u = loads_of(bench, using.files)(np.zeros(1))[0]
     changed: dict[str, object] = {"allow_unstable": True}
     if balanced:
@@ -307,7 +305,7 @@ def rest_of(bench: Bench, using: Resources, balanced: bool) -> BenchAtRest:
 
 
 def at_rest(rest: BenchAtRest) -> AtRest:
-    """The equilibrium in numbers: frames, sensors, reactions of every joint, drives, bearings."""
+    """Frames, sensor readings, joint reactions, drives and bearings in the equilibrium."""
     bench, q, config = rest.bench, rest.q, rest.bench.config
     still = Trajectory(np.zeros(1), q[None], 0 * q[None], rest.u[None], np.zeros((0, bench.system.constrained)))
     instants = instants_of(bench, still.q, still.v, still.u, np.zeros((1, len(bench.system.drives.names))))
@@ -333,7 +331,7 @@ def at_rest(rest: BenchAtRest) -> AtRest:
 
 
 def coupled(rest: BenchAtRest) -> Coupled:
-    """Modes with the motion of every frame in them, and the state space from the loads to the sensors, but for reactions."""
+    """Coupled modes with the motion of every frame, and the state space from loads to sensors (without reactions)."""
     bench, modes = rest.bench, rest.modes
     sensors = sensors_of(bench)
     none = np.zeros(len(bench.system.drives.names))
@@ -368,7 +366,7 @@ def coupled(rest: BenchAtRest) -> Coupled:
 
 
 def _frame_in_modes(bench: Bench, frame: Frame, q: np.ndarray, Phi: np.ndarray) -> FrameInModes:
-    """δp, and δθ = ½ Σ a_k × δa_k."""
+    """Displacement δp and rotation δθ = ½ Σ a_k × δa_k of a frame in every mode."""
     y, by_q = frame_at(bench, frame, q)
     moved = by_q @ Phi
     axes, turned = y[3:].reshape(3, 3), moved[3:].reshape(3, 3, -1)
@@ -377,8 +375,8 @@ def _frame_in_modes(bench: Bench, frame: Frame, q: np.ndarray, Phi: np.ndarray) 
 
 
 def modes_in_space(rest: BenchAtRest) -> VtkHdf:
-    """Surfaces of flexible bodies and lines from the centre of a rigid body to its frames, where they rest; `mode` in steps."""
-    bench, count = rest.bench, min(DRAWN, len(rest.modes.squares))
+    """Grid of flexible surfaces, and lines from rigid centres to frames, at rest, with mode shapes as steps."""
+    bench, count = rest.bench, min(MOST_MODES, len(rest.modes.squares))
     points, shapes, blocks, total = [], [], [], 0
     for body in bench.system.bodies:
         if isinstance(body, RigidBody):
@@ -400,7 +398,7 @@ def modes_in_space(rest: BenchAtRest) -> VtkHdf:
             moved = basis @ phi
             if part.stop - part.start > eta.stop - eta.start:
                 R = rest.q[part][3:12].reshape(3, 3).T
-                turned = rest.modes.shapes[part][3:12, :count].reshape(3, 3, count)  # δR by columns
+                turned = rest.modes.shapes[part][3:12, :count].reshape(3, 3, count)  # columns of δR
                 moved = np.einsum("ij,njc->nic", R, moved) + np.einsum("jic,nj->nic", turned, x)
                 moved += rest.modes.shapes[part][:3, :count]
                 x = rest.q[part][:3] + x @ R.T

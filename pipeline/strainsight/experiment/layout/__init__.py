@@ -1,1 +1,1 @@
-"""From a pool of gauges and a linear problem to a layout with its proof: the same for a structure and for a bench."""
+"""Placement from a pool of gauges and a linear problem, common to structures and benches."""

@@ -1,4 +1,4 @@
-"""The layout beside those by other rules, all scored by the same covariances."""
+"""Comparison of the layout with layouts by other rules, all scored by the same covariances."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from strainsight.placement.score import Scores, scores
 from strainsight.runner.output import Table
 
 RANDOM_SETS = 10
-"""Random sets of the pool, scored beside the other rules."""
+"""Number of random layouts in the comparison."""
 CRITERION_SCENARIOS = 3
-"""Scenarios of a load case that layouts by other criteria are made with; all of them score every layout."""
+"""Scenarios per load case for layouts by other criteria; all scenarios are used to score them."""
 RULES = {
     "final": "this layout",
     "greedy": "elimination alone",
@@ -29,22 +29,21 @@ RULES = {
     "qr_pivoting": "QR pivoting",
     "d_optimal": "D-optimal",
 }
-"""Rules in words; random sets are shown by their median."""
+"""Titles of the rules; random layouts are shown by their median."""
 
 
 @dataclass(frozen=True)
 class RuleComparison:
-    """rule → the set of pool rows that it chooses, none where it finds none, and its scores; ours first, and in the scores the
-    criterion that it was chosen by."""
+    """rule → chosen pool rows (empty if it fails), and scores; this layout first, and its criterion first in the scores."""
 
     sets: dict[str, np.ndarray]
     scores: dict[str, Scores]
 
 
 def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleComparison:
-    """Sets of as many pool rows as the layout `final`: by other criteria, by rules that look at readings only, at random.
+    """Layouts of the size of `final` by other criteria, by rules based on readings only, and at random.
 
-    greedy: what the elimination keeps. Only the random sets are held to the limits of the layout.
+    greedy: result of the elimination. Only the random layouts satisfy the limits.
     """
     keep, pools, readings, unknowns = len(final), task.pools, task.readings, task.unknowns
     criterion, fixed, cases = task.settings.criterion, task.limits.fixed, task.cases
@@ -54,7 +53,7 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleCompari
         "final": final,
         "greedy": greedy,
         **{
-            name: _kept(task.under([task.searched[i] for i in some], name, "mean", some), keep, fixed)
+            name: _eliminated(task.under([task.searched[i] for i in some], name, "mean", some), keep, fixed)
             for name in task.metrics
             if name != criterion
         },
@@ -62,8 +61,8 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleCompari
         "qr_pivoting": qr_pivoting(whitened, keep),
         "d_optimal": d_optimal(readings.rows, readings.variance, readings.prior, keep),
     }
-    drawn = random_sets(len(readings.rows), keep, RANDOM_SETS, task.seed, task.limits.allows)
-    sets |= {f"random_{i}": gauges for i, gauges in enumerate(drawn, start=1)}
+    random = random_sets(len(readings.rows), keep, RANDOM_SETS, task.seed, task.limits.allows)
+    sets |= {f"random_{i}": gauges for i, gauges in enumerate(random, start=1)}
     by = {name: task.under(pools, name) for name in dict.fromkeys((criterion, *task.metrics))}
     scale, share = (unknowns.scale, None) if cases is None else (cases.scale[cases.of], cases.shares())
     chosen = {name: np.zeros(0, dtype=int) if gauges is None else gauges for name, gauges in sets.items()}
@@ -77,21 +76,21 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleCompari
 
 
 def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarray | None) -> Table:
-    """This layout beside those by other rules, by every criterion; of the random sets, the one of median metric.
+    """Table of layouts by rule and criterion, with the random layout of median metric.
 
-    names of the unknowns; scale (u,) that their σ is shown relative to, None: in its unit.
+    names: of the unknowns; scale (u,): of relative σ, None for σ in its unit.
     """
     criteria = [criterion_of(name) for name in others.scores["final"].cost]
     chosen = criteria[0].name
     shown = {RULES[rule]: others.scores[rule] for rule in others.sets if rule in RULES}
     random = [s for rule, s in others.scores.items() if rule.startswith("random_")]
-    drawn = sorted(random, key=lambda s: (np.isnan(s.cost[chosen]), s.cost[chosen]))
-    if drawn:
-        shown[f"random, median of {len(drawn)}"] = drawn[(len(drawn) - 1) // 2]
+    ordered = sorted(random, key=lambda s: (np.isnan(s.cost[chosen]), s.cost[chosen]))
+    if ordered:
+        shown[f"random, median of {len(ordered)}"] = ordered[(len(ordered) - 1) // 2]
     best = others.scores["final"].cost[chosen]
 
     def number(value: float) -> str:
-        return f"{value:.3g}" if np.isfinite(value) else "lost" if np.isinf(value) else "–"
+        return f"{value:.3g}" if np.isfinite(value) else "unobservable" if np.isinf(value) else "–"
 
     rows = tuple(
         (
@@ -107,17 +106,17 @@ def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarr
         for rule, s in shown.items()
     )
     columns = (
-        "layout by",
+        "rule",
         criteria[0].symbol,
-        "times this",
+        "relative",
         *(c.symbol for c in criteria[1:]),
         *(f"steady-state σ({n})" for n in names),
     )
-    return Table("criteria, of the covariance that ranks layouts: its σ is no claim", columns, rows)
+    return Table("criteria of the steady-state covariance (ranks layouts, not the expected σ)", columns, rows)
 
 
 def _some(of: np.ndarray) -> list[int]:
-    """`CRITERION_SCENARIOS` of the scenarios of every load case, spread evenly; of (scenarios,): the case of each."""
+    """Indices of `CRITERION_SCENARIOS` evenly spread scenarios per load case; of (scenarios,): case of each scenario."""
     numbers: list[int] = []
     for case in np.unique(of):
         scenarios = np.flatnonzero(of == case)
@@ -125,8 +124,8 @@ def _some(of: np.ndarray) -> list[int]:
     return numbers
 
 
-def _kept(pools: Sequence[Pool], keep: int, fixed: frozenset[int]) -> np.ndarray | None:
-    """What an elimination by the metric of these pools keeps; None where it cannot go so far."""
+def _eliminated(pools: Sequence[Pool], keep: int, fixed: frozenset[int]) -> np.ndarray | None:
+    """Result of an elimination by the metric of these pools, None if it fails."""
     try:
         return eliminate_from(pools, limits_of(len(pools[0].rows), keep, fixed=fixed)).selected
     except (InfeasibleError, NumericalError):

@@ -1,4 +1,4 @@
-"""The gauges of a layout for people: their names, a list, a table, a line for each channel."""
+"""Names, list and tables of the gauges of a layout."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from strainsight.sensors.zones import Box, Cylinder, NearEdges, NearSet, NormalC
 
 
 def layout_labels(names: Sequence[str], gauges: np.ndarray) -> tuple[str, ...]:
-    """The name that the config gives a gauge, else G1, G2, … in the order of the layout, without those that it gives.
+    """Configured names, else G1, G2, … in the order of the layout, without duplicates.
 
-    names: of every candidate, empty where it has none; gauges (k,): numbers of those of the layout.
+    names: of every candidate, may be empty; gauges (k,): numbers of the layout.
     """
     taken = {name for name in names if name}
     free = (label for label in (f"G{i}" for i in count(1)) if label not in taken)
@@ -44,12 +44,11 @@ def layout_labels(names: Sequence[str], gauges: np.ndarray) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class GaugeList:
-    """The gauges of a layout, k of them in its order.
+    """The k gauges of a layout with m channels.
 
-    labels as of `layout_labels`; channels: theirs, m of them; family: "gauges", or the name among the motion sensors, of each
-    gauge; peaks (m,): largest training reading of every channel; strained (m,): that of any of its grids; limit (m,): what a grid
-    can measure, infinite where not stated; notes: what is to be looked at of each where it is bonded, empty where there is
-    nothing, and without any where that was not asked.
+    labels: see `layout_labels`; family: "gauges", or the name of the motion sensors, of each gauge; peaks (m,): largest training
+    reading of every channel; strained (m,): of any of its grids; limit (m,): measuring range, infinite if not set; notes: on the
+    installation of each gauge, may be empty.
     """
 
     labels: tuple[str, ...]
@@ -62,23 +61,23 @@ class GaugeList:
 
     @cached_property
     def kind(self) -> tuple[str, ...]:
-        """Of every gauge, in words."""
+        """Kind of every gauge, in words."""
         c, (first, count) = self.channels, np.unique(self.channels.gauge, return_index=True, return_counts=True)[1:]
         return tuple(_kind(int(c.quantity[i]), n, bool(c.bridged[i])) for i, n in zip(first, count, strict=True))
 
     @property
     def unit(self) -> tuple[str, ...]:
-        """Of the readings of every gauge."""
+        """Unit of the readings of every gauge."""
         return tuple(UNITS[int(quantity)] for quantity in self.channels.quantity[self.channels.first])
 
     @property
     def bonded(self) -> np.ndarray:
-        """Which gauges (k,) are in place already."""
+        """Whether each gauge (k,) is already bonded."""
         return self.channels.bonded[self.channels.first]
 
     @property
     def position(self) -> np.ndarray:
-        """Of every gauge (k, 3) [m]."""
+        """Position of every gauge (k, 3) [m]."""
         return self.channels.position[self.channels.first]
 
     @property
@@ -88,12 +87,12 @@ class GaugeList:
 
     @property
     def most(self) -> np.ndarray:
-        """Largest training reading of any grid of every gauge (k,), of a bridge of any arm."""
+        """Largest training reading of any grid or bridge arm of every gauge (k,)."""
         return np.asarray(np.maximum.reduceat(self.strained, self.channels.first))
 
     @property
     def range(self) -> np.ndarray:
-        """What a grid of every gauge (k,) can measure, NaN where that is not stated."""
+        """Measuring range of every gauge (k,), NaN if not set."""
         stated = np.minimum.reduceat(self.limit, self.channels.first)
         return np.where(np.isfinite(stated), stated, np.nan)
 
@@ -103,31 +102,31 @@ class GaugeList:
 
     @cached_property
     def grids(self) -> Candidates:
-        """A line of the list each: all channels, of a bridge its arms, gauge by gauge."""
+        """All grids of the list, gauge by gauge; the arms of a bridge are separate."""
         return self.channels.grids.take(self._order)
 
     @property
     def channel(self) -> np.ndarray:
-        """That of every line (g,)."""
+        """Channel of every line (g,)."""
         return self.channels.channel_of_grid[self._order]
 
     @cached_property
     def gauge(self) -> np.ndarray:
-        """The number in the layout of the gauge of every line (g,)."""
+        """Index in the layout of the gauge of every line (g,)."""
         return self.channels.gauge[self.channel]
 
     @cached_property
     def signs(self) -> tuple[str, ...]:
-        """Of every line in words, empty of what is no arm of a bridge."""
+        """Sign of every line in words, empty unless it is a bridge arm."""
         arm, sign = self.channels.bridged[self.channel], self.channels.sign_of_grid[self._order]
         return tuple(f"{s:g}" * bool(of_bridge) for s, of_bridge in zip(sign, arm, strict=True))
 
     def lines_of(self, gauge: int) -> np.ndarray:
-        """Numbers of the lines of a gauge, by its number in the layout."""
+        """Line indices of a gauge, by its index in the layout."""
         return np.flatnonzero(self.gauge == gauge)
 
     def places(self) -> list[tuple[str, np.ndarray]]:
-        """Name and lines of everything that is bonded: a gauge with its grids, of a bridge each arm by itself."""
+        """Name and lines of every bonding place: a gauge with its grids, or a single bridge arm."""
         places = []
         for i, label in enumerate(self.labels):
             lines = self.lines_of(i)
@@ -147,10 +146,10 @@ def gauge_list(
     limit: np.ndarray,
     strained: np.ndarray | None = None,
 ) -> GaugeList:
-    """Gauges (k,) by their numbers, as a layout lists them.
+    """Build the list of gauges (k,).
 
-    names: of every candidate gauge, empty where it has none; families: names of the arrays of the candidates; peak, strained,
-    limit (m,) of every channel as in `GaugeList`, strained None: `peak`.
+    names: of every candidate gauge, may be empty; families: names of the candidate arrays; peak, strained, limit (m,): of every
+    channel, see `GaugeList`; strained None: `peak`.
     """
     used = pool.channels(gauges)
     channels = pool.take(used)
@@ -165,7 +164,7 @@ def gauge_list(
 
 
 def channel_labels(listed: GaugeList) -> tuple[str, ...]:
-    """A label for every channel: that of its gauge, with the angle or axis where it has several."""
+    """Label of every channel: gauge label, with angle or axis if it has several channels."""
     labels: list[str] = []
     for i, label in enumerate(listed.labels):
         angles = listed.channels.angle[listed.channels.gauge == i]
@@ -187,7 +186,7 @@ def _kind(quantity: int, channels: int, bridge: bool) -> str:
 
 
 def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: bool) -> Table:
-    """Where every gauge goes, and what each unknown would be known to without it; the further arms of a bridge below it."""
+    """Table of gauge positions and of σ of each unknown without the gauge; bridge arms have separate lines."""
     grids, kinds = listed.grids, listed.bonded.any() or set(listed.kind) != {"strain gauge"}
     on_surface, rows = bool(grids.facet.any()), []
     for i, label in enumerate(listed.labels):
@@ -221,13 +220,13 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
 
 
 def marked_places(listed: GaugeList) -> tuple[Candidates, tuple[str, ...]]:
-    """The first grid of every gauge, of a bridge every arm, and a label for each."""
+    """First grid of every gauge or bridge arm, and its label."""
     places = listed.places()
     return listed.grids.take(np.array([lines[0] for _, lines in places])), tuple(label for label, _ in places)
 
 
 def line_edges(grids: Candidates, mesh: Mesh) -> EdgeDimensions:
-    """Of every grid the nearest edges of its face; none of what lies on no facet."""
+    """Dimensions from every grid to the nearest edges of its face, empty for grids not on facets."""
     if not grids.facet.any():
         return no_edges(len(grids))
     on = facet_keys(grids.element, grids.facet)
@@ -235,13 +234,13 @@ def line_edges(grids: Candidates, mesh: Mesh) -> EdgeDimensions:
 
 
 def measured_columns(frame: PositionAxes) -> list[str]:
-    """Heads of what `measured_cells` gives."""
+    """Column headings of `measured_cells`."""
     u = frame.unit
     return [f"x_{u}", f"y_{u}", f"z_{u}", f"edge_{u}", "edge_deg", f"edge2_{u}", "edge2_deg"]
 
 
 def measured_cells(grids: Candidates, edges: EdgeDimensions, frame: PositionAxes) -> list[list[str]]:
-    """Of every grid its place in the frame, and distance and angle to both edges; empty where there is none."""
+    """Position in the frame, distance and angle to both edges of every grid; empty without an edge."""
     pairs = np.stack([frame.length(edges.distance), edges.angle], axis=2).reshape(len(grids), -1)
     return [
         [cell(x) for x in (*frame.place(position), *of)] for position, of in zip(grids.position, pairs, strict=True)
@@ -249,17 +248,17 @@ def measured_cells(grids: Candidates, edges: EdgeDimensions, frame: PositionAxes
 
 
 def cell(value: float) -> str:
-    """Nine digits, what is rounding of zero as 0; empty for what is not there."""
+    """Format with nine digits, rounding errors as 0, NaN as empty."""
     return "" if np.isnan(value) else f"{round(value, 9) + 0.0:.9g}"
 
 
 def deck_frame(unit: str) -> PositionAxes:
-    """The deck's own coordinates, in its unit."""
+    """Coordinates of the deck, in its unit."""
     return PositionAxes(unit, length_factor(unit), np.zeros(3), np.eye(3))
 
 
 def frame_of(unit: str, datum: Datum) -> PositionAxes:
-    """Right-handed axes at the origin of the datum: x along its x, z along x × y, y = z × x."""
+    """Right-handed axes of a datum: x along its x, z along x × y, y = z × x."""
     x = np.array(datum.x) / np.linalg.norm(datum.x)
     z = np.cross(x, datum.y)
     z /= np.linalg.norm(z)
@@ -267,7 +266,7 @@ def frame_of(unit: str, datum: Datum) -> PositionAxes:
 
 
 class Sites(TypedDict):
-    """Where sensors may go: a surface, and zones to include and to exclude."""
+    """Surface, and zones to include and exclude, for sensors."""
 
     surface: str
     include: list[Zone]
@@ -275,7 +274,7 @@ class Sites(TypedDict):
 
 
 def sites_of(config: SensorSites) -> Sites:
-    """The sites of a config, as functions of candidates take them."""
+    """Convert the sensor sites of a config."""
     include, exclude = ([zone_of(entry) for entry in zones] for zones in (config.include, config.exclude))
     return Sites(surface=config.surface, include=include, exclude=exclude)
 
@@ -291,8 +290,11 @@ def strain_candidates(
     rosette: bool = False,
     length: float = 0.0,
 ) -> Candidates:
-    """Strain gauges on the facets that the sites of `key` admit, along an axis or the principal directions of a moment (r, r)
-    of the coordinates of the basis (3 nodes, r); moment: of rows (3 f, r) of gauges at 0°, 45° and 90° on the f facets."""
+    """Candidate strain gauges on admissible facets, along an axis or the principal directions.
+
+    basis (3 nodes, r); moment: returns the second moment (r, r) of the coordinates for rows (3 f, r) of 0°/45°/90° gauges on the
+    f facets; key: of the sites in the config.
+    """
     axis, turn = direction.axis if isinstance(direction, AxisDirection) else None, None
     zoned = partial(candidates, mesh, facets, axis, **sites_of(sites), key=key)
     if axis is None:
@@ -302,7 +304,7 @@ def strain_candidates(
 
 
 def zone_of(entry: stated.Zone) -> Zone:
-    """A zone of a config."""
+    """Convert a zone of the config."""
     match entry:
         case stated.BoxZone(box=(low, high)):
             return Box(low, high)

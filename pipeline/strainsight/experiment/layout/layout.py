@@ -1,4 +1,4 @@
-"""From the elimination's set to the layout: exchanges or failures; then a proof, and a bound on what any could reach."""
+"""Improve the result of the elimination by exchanges or for robustness, then prove or bound its optimality."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ from strainsight.placement.score import score
 
 @dataclass(frozen=True)
 class OptimisedLayout:
-    """gauges (k,) pool rows, ascending; cost: their aggregate of the metric; exchange, certificate and proof where they were
-    asked for; beyond: how many candidates that are not in the pool could be in a layout that costs less, None where the pool has
-    all or nothing tells."""
+    """gauges (k,): pool rows, ascending; cost: aggregated metric; exchange, certificate, proof: None if not configured; beyond:
+    number of candidates outside the pool that could be in a better layout, None if unknown or if the pool has all candidates."""
 
     gauges: np.ndarray
     cost: float
@@ -35,7 +34,7 @@ class OptimisedLayout:
 
     @property
     def proven(self) -> bool:
-        """Whether a proof was asked for and found that no layout costs less, of the pool or with what is not in it."""
+        """Whether the layout is proven optimal over all candidates."""
         return self.proof is not None and self.proof.proven and not self.beyond
 
 
@@ -47,12 +46,12 @@ def layout_of(
     aggregate: Aggregate,
     progress: Callable[[str, float], None],
 ) -> OptimisedLayout:
-    """The set of least metric, or of least loss after one failure, as settings (`place` of a config) ask for.
+    """Minimise the metric, or the loss after one failure, as set by `place` of the config.
 
-    Raises InfeasibleError where a robust layout is asked for of so few gauges that every failure loses an unknown.
+    Raises InfeasibleError for a robust layout with so few gauges that any failure makes an unknown unobservable.
     """
     progress("exchange", 0.5)
-    # Under a budget the elimination leaves money over.
+    # with a budget, the elimination may not use all of it
     greedy = fill(pools, greedy, limits, aggregate)
     swapped = None
     if settings.optimise == "worst_failure":
@@ -67,15 +66,13 @@ def layout_of(
 def proved(
     task: Task, layout: OptimisedLayout, pools: Sequence[Pool], progress: Callable[[str, float], None]
 ) -> OptimisedLayout:
-    """The best layout as far as `place.prove` lets it be sought, and the bound on all others, over all candidates where the pool
-    has a part of them.
+    """Search by branch and bound within `place.prove`, and compute the bound over all candidates.
 
-    pools: scenarios of the task by its criterion. The bound begins at the relaxed optimum of scenarios that cost less, where the
-    task is searched by such.
+    pools: scenarios of the task by its criterion. With a cheaper search model the bound starts at its relaxed optimum.
     """
     limits, settings, aggregate, whole = task.limits, task.settings, task.aggregate, task.whole
     gauges, cost, proof = layout.gauges, layout.cost, None
-    if settings.prove > 0:  # never beside worst_failure: the config refuses that
+    if settings.prove > 0:  # not with worst_failure, refused by the config
         progress("proof", 0.6)
         proof = branch_and_bound(pools, limits, aggregate, start=gauges, time_limit=settings.prove)
         gauges = proof.gauges

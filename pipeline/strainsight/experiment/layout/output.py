@@ -1,4 +1,4 @@
-"""What a placement writes and prints: the record that a structure and a bench share, the pool as points, summary, files."""
+"""Output of a placement on a structure or a bench: record, pool as points, summary, tables and files."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ from strainsight.text import csv_bytes
 
 R = TypeVar("R", bound=PlacedLayout)
 CLUSTER = 0.05
-"""Gauges of one cluster are nearer to each other than this share of the extent of all candidates."""
+"""Largest distance within a cluster, relative to the extent of all candidates."""
 
 
 def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
-    """The record of a placement, of a structure or a bench; more: what only its kind has."""
+    """Record of a placement; more: fields specific to structure or bench."""
     task, result, certificate = placement.task, placement.elimination, placement.layout.certificate
     pool, exists, criterion = task.pool, task.pool.channels >= 0, task.criterion
     solved = [solution.scenario for solution in result.pools]
@@ -99,8 +99,7 @@ def layout_output(
     attributes: Mapping[str, Mapping[str, Any]],
     tables: tuple[Table, ...] = (),
 ) -> Output:
-    """Datasets of the record and the pool, numbers, tables and files; mesh that the gauges are on, and the unit of length of its
-    deck; numbers, attributes, tables: those of the case beside."""
+    """Output of a placement; mesh: of the gauges; length_unit: of its deck; numbers, attributes, tables: additional ones."""
     task, listed, std, names = placement.task, placement.listed, placement.expected.std, placement.task.unknowns.names
     criterion, certificate = task.criterion, placement.layout.certificate
     grid, grid_attributes = _pool_grid(placement)
@@ -154,7 +153,7 @@ def _selection(placement: Placement, gauges: np.ndarray, load: np.ndarray | None
 def _rules(others: RuleComparison, names: tuple[str, ...]) -> Rules:
     scores, sets = list(others.scores.values()), list(others.sets.values())
     criteria = tuple(scores[0].cost)
-    # Under a budget the elimination may end with fewer than are in the layout.
+    # with a budget, the elimination may keep fewer gauges than the layout has
     width = max(len(gauges) for gauges in sets)
     return Rules(
         rule=tuple(others.sets),
@@ -166,7 +165,7 @@ def _rules(others: RuleComparison, names: tuple[str, ...]) -> Rules:
 
 
 def _pool_grid(placement: Placement) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
-    """The pool as points: rank in the final set (0: not in it), step at which a gauge was removed (0: never), direction."""
+    """Point grid of the pool: rank in the layout (0: not in it), step of removal (0: never), direction."""
     pool, candidates, removed = placement.task.pool, placement.task.candidates, placement.elimination.removed
     gauge, which = pool.flat
     first = candidates.first[gauge]
@@ -180,7 +179,7 @@ def _pool_grid(placement: Placement) -> tuple[dict[str, Dataset], dict[str, dict
 
 
 def _clusters(placement: Placement) -> int:
-    """Groups of gauges, each within CLUSTER of the extent of the candidates from another of its group."""
+    """Number of clusters of gauges by the distance CLUSTER."""
     candidates = placement.task.candidates
     position = candidates.position[candidates.first[placement.gauges]]
     near = CLUSTER * float(np.ptp(candidates.position, axis=0).max())
@@ -220,9 +219,8 @@ def _summary(placement: Placement) -> dict[str, Scalar]:
 
 
 def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, frame: PositionAxes) -> bytes:
-    """A line a channel, of a bridge an arm with its sign, lengths in m, the largest training reading in the unit of the channel,
-    σ of every unknown without the gauge relative to its scale; then places and distances to the edges in the deck's unit, and
-    what is to be looked at where it is bonded, where there is something."""
+    """CSV with one line per channel or bridge arm: position etc. in m, largest training reading, relative σ of every unknown
+    without the gauge; then position and edge distances in the deck's unit, and notes."""
     bridged, noted, grids = any(listed.signs), any(listed.notes), listed.grids
     axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
     head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]

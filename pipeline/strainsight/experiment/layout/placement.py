@@ -1,4 +1,4 @@
-"""The placement of gauges: elimination, exchanges, proof and bound, failures, other rules, and what to do with the layout."""
+"""Placement of gauges: elimination, exchanges, proof and bound, failures, comparison with other rules, advice."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from strainsight.placement.failure import loss_if_one_fails
 from strainsight.placement.score import score
 
 ROUNDS = 3
-"""Most times that a pool is widened by what the bound over all candidates leaves open."""
+"""Most rounds of extending the pool by candidates that the bound does not exclude."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """The result of a placement, of a structure or of a bench.
+    """Result of a placement on a structure or a bench.
 
-    task; elimination of its pool; layout: the best set; final (k,) pool rows and gauges (k,) numbers of the gauges of the
-    layout, the most missed first; listed: the same for people; expected: what a filter on it claims; loss (k,): the metric
-    when each fails, inf where an unknown is lost, NaN where not solved; others: layouts by other rules; advice in sentences.
+    final (k,): pool rows, gauges (k,): numbers of the layout, the most important first; listed: the same as a list; expected: σ
+    of a filter on it; loss (k,): metric if each fails, inf if an unknown becomes unobservable, NaN if not solved; others:
+    layouts by other rules; advice: sentences.
     """
 
     task: Task
@@ -48,29 +48,29 @@ class Placement:
 
 
 class Subject(ABC):
-    """What gauges are placed on, a structure or a bench; gauges (k,) by their numbers."""
+    """Structure or bench on which gauges are placed; gauges (k,): numbers."""
 
     @abstractmethod
     def tasks(self) -> Sequence[Task]:
-        """The same task for errors of installation of no coherence, then of others."""
+        """Task without installation errors, then optionally with installation errors as noise."""
 
     @abstractmethod
     def expectation(self, gauges: np.ndarray) -> Expectation:
-        """σ that a filter on the gauges comes to claim."""
+        """Expected σ of a filter on the gauges."""
 
     @abstractmethod
     def listed(self, gauges: np.ndarray) -> GaugeList:
-        """The gauges for people."""
+        """List of the gauges."""
 
-    def alike(self, gauges: np.ndarray) -> Sequence[tuple[int, ...]]:
-        """Groups of them that are redundant."""
+    def redundant(self, gauges: np.ndarray) -> Sequence[tuple[int, ...]]:
+        """Groups of redundant gauges."""
         return ()
 
 
 def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement:
-    """The layout of least expected σ among those of the tasks of the subject.
+    """Find the layout of smallest expected σ among the tasks of the subject.
 
-    Raises InfeasibleError where no layout within the limits detects every unknown.
+    Raises InfeasibleError if no layout within the limits detects every unknown.
     """
 
     @cache
@@ -81,32 +81,32 @@ def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement
         return expectation_of(tuple(task.pool.gauges_of(layout.gauges).tolist()))
 
     tasks = subject.tasks()
-    drafts = [_drafted(task, progress) for task in tasks]
+    drafts = [_draft(task, progress) for task in tasks]
     chosen = 0
     if len(tasks) > 1:
         both = [expected_of(task, layout) for task, (_, layout) in zip(tasks, drafts, strict=True)]
         chosen = least_expected(both, tasks[0].over)
     task, (result, layout) = tasks[chosen], drafts[chosen]
     if task.whole is not None and task.settings.optimise == "metric":
-        task, result, layout = _widened(task, result, layout, progress)
+        task, result, layout = _extend_pool(task, result, layout, progress)
     layout = proved(task, layout, result.pools, progress)
-    expected, final = _most_missed_first(task, expected_of(task, layout), layout.gauges)
+    expected, final = _most_important_first(task, expected_of(task, layout), layout.gauges)
     gauges = task.pool.gauges_of(final)
     listed = subject.listed(gauges)
     progress("failures and other rules", 0.8)
     if task.single is None or len(final) == len(gauges):
         loss = loss_if_one_fails(task.under(task.pools), final, task.aggregate)
-    else:  # of a mirrored pair one gauge fails, not both
+    else:  # one gauge of a mirrored pair fails, not both
         loss = loss_if_one_fails(task.under(task.single(gauges)), np.arange(len(gauges)), task.aggregate)
-    words = advice(task, result, layout, listed, expected, loss, subject.alike(gauges))
+    words = advice(task, result, layout, listed, expected, loss, subject.redundant(gauges))
     if chosen:
         words = (moved_in_words(expected_of(tasks[0], drafts[0][1]), expected, task.over), *words)
     others = comparison(task, final, result.selected)
     return Placement(task, result, layout, final, gauges, listed, expected, loss, others, words)
 
 
-def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimination, OptimisedLayout]:
-    """Elimination and exchanges."""
+def _draft(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimination, OptimisedLayout]:
+    """Run elimination and exchanges."""
     progress("elimination", 0.3)
     with blame("place.keep"):
         result = eliminate_from(task.under(task.searched), task.limits, task.aggregate, names=task.unknowns.states)
@@ -118,12 +118,13 @@ def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimin
     return (replace(result, cost=cost, pools=pools), replace(layout, cost=score(pools, layout.gauges, task.aggregate)))
 
 
-def _widened(
+def _extend_pool(
     task: Task, result: Elimination, layout: OptimisedLayout, progress: Callable[[str, float], None]
 ) -> tuple[Task, Elimination, OptimisedLayout]:
-    """The same with a pool to which every candidate was added that a better layout could have, the likeliest first and at most as
-    many again in a round: exchanges lead on from the layout until none is left out, and the elimination of what is then the pool
-    is one more start; of the layouts the best."""
+    """Extend the pool by candidates that could improve the layout, in rounds that at most double it, and return the best layout.
+
+    Exchanges continue from the layout; a new elimination of the extended pool is a second start.
+    """
     start, cost, before, rounds = layout.gauges, layout.cost, task, ROUNDS if layout.exchange else 1
     for _ in range(rounds):
         whole = task.whole
@@ -139,22 +140,23 @@ def _widened(
         if layout.exchange:
             start = exchange(task.under(task.searched), start, task.aggregate, limits=task.limits).gauges
             cost = score(task.under(task.pools), start, task.aggregate)
-        if task.whole is None:  # the pool is every candidate
+        if task.whole is None:  # the pool has all candidates
             break
     if task is before:
         return task, result, layout
-    result, draft = _drafted(task, progress)
-    led_on = exchange(task.under(task.searched), start, task.aggregate, limits=task.limits) if draft.exchange else None
-    gauges = start if led_on is None else led_on.gauges
+    result, draft = _draft(task, progress)
+    continued = (
+        exchange(task.under(task.searched), start, task.aggregate, limits=task.limits) if draft.exchange else None
+    )
+    gauges = start if continued is None else continued.gauges
     cost = score(result.pools, gauges, task.aggregate)
-    return task, result, OptimisedLayout(gauges, cost, led_on) if cost < draft.cost * (1 - TIE) else draft
+    return task, result, OptimisedLayout(gauges, cost, continued) if cost < draft.cost * (1 - TIE) else draft
 
 
-def _most_missed_first(task: Task, expected: Expectation, rows: np.ndarray) -> tuple[Expectation, np.ndarray]:
-    """What the layout is expected to know, and its pool rows, both in the order in which its gauges are missed; the lower row
-    first of those missed alike."""
+def _most_important_first(task: Task, expected: Expectation, rows: np.ndarray) -> tuple[Expectation, np.ndarray]:
+    """Sort expectation and pool rows by the increase of σ without each gauge, ties by row."""
     gauges, importance = task.pool.gauges_of(rows), expected.importance(task.over)
-    missed = [importance[np.isin(gauges, task.pool.gauges[row])].sum() for row in rows]
-    final = rows[tied_order(-np.array(missed))]
+    increase = [importance[np.isin(gauges, task.pool.gauges[row])].sum() for row in rows]
+    final = rows[tied_order(-np.array(increase))]
     order = np.array([int(np.flatnonzero(gauges == gauge)[0]) for gauge in task.pool.gauges_of(final)])
     return replace(expected, without={name: values[order] for name, values in expected.without.items()}), final

@@ -1,5 +1,4 @@
-"""The task of a placement: a linear problem with its load cases, the pool of its gauges, and what a layout may be and has to
-make small."""
+"""Task of a placement: linear problem with load cases, pool of gauges, limits and criterion."""
 
 from __future__ import annotations
 
@@ -25,8 +24,8 @@ from strainsight.text import listed
 
 @dataclass(frozen=True)
 class LoadCases:
-    """names (c,); weight (c,) > 0 [-]; of (scenarios,): the case of each, by number; acts (c, u) bool: whether an unknown acts in
-    a case, a parameter always does; scale (c, u) [unit]: one of x* in the unit of each unknown, an amplitude or a guess."""
+    """c load cases: weight (c,) > 0 [-]; of (scenarios,): case index of each; acts (c, u) bool: whether an unknown acts in a case
+    (parameters always do); scale (c, u) [unit]: amplitude or guess of each unknown."""
 
     names: tuple[str, ...]
     weight: np.ndarray
@@ -35,14 +34,13 @@ class LoadCases:
     scale: np.ndarray
 
     def factors(self, of: np.ndarray, aggregate: Aggregate) -> np.ndarray:
-        """What the metric of every scenario is multiplied by, so that its plain aggregate over scenarios is the weighed one:
+        """Factors on the metric of every scenario that turn the plain aggregate into the weighted one:
 
             mean    Σ_c w_c mean_s∈c f_s / Σ_c w_c,     factor  S w_c / (S_c Σ w)
             worst   max_c w_c max_s∈c f_s / max_c w_c,  factor  w_c / max w
 
-        of (S,): the case of each scenario, S_c of them of case c. Two cases that are alike give the cost of one, whatever their
-        weights. Metrics are homogeneous, c(αM) = α c(M), and a factor of the weights W is a metric itself: elimination, exchange,
-        lower bound and proof hold as they are.
+        of (S,): case of each scenario, S_c of them in case c. As metrics are homogeneous, c(αM) = α c(M), elimination, exchange,
+        lower bound and proof remain valid.
         """
         weight = self.weight[of]
         if aggregate == "worst":
@@ -52,21 +50,21 @@ class LoadCases:
         return np.asarray(len(of) * share / np.bincount(of)[of])
 
     def shares(self) -> np.ndarray:
-        """What a scenario counts in the mean of an unknown over the cases in which it acts (scenarios, u), of sum 1 a column."""
+        """Weights (scenarios, u) of the mean of an unknown over the cases in which it acts; columns sum to 1."""
         weight = (self.weight / np.bincount(self.of, minlength=len(self.weight)))[self.of, None] * self.acts[self.of]
         return np.asarray(weight / weight.sum(axis=0))
 
     def amplitude(self) -> np.ndarray:
-        """Root of the weighed mean square of `scale` over the cases in which an unknown acts (u,) [unit]."""
+        """Weighted RMS of `scale` over the cases in which an unknown acts (u,) [unit]."""
         return np.asarray(np.sqrt(np.sum(self.shares() * self.scale[self.of] ** 2, axis=0)))
 
 
 @dataclass(frozen=True)
 class PoolRows:
-    """Pool rows, each a gauge or a mirrored pair of them.
+    """Pool rows, each a gauge or a mirrored pair.
 
-    gauges (p, 1 or 2): numbers of the gauges of every row, −1 where it has one only; channels (p, c): their channels, rows of
-    the candidates, −1 where it has fewer; alone: gauges that were left out because they have no mirror image.
+    gauges (p, 1 or 2): gauge numbers, padded with −1; channels (p, c): candidate channels, padded with −1; alone: number of
+    gauges omitted because they have no mirror image.
     """
 
     gauges: np.ndarray
@@ -75,37 +73,37 @@ class PoolRows:
 
     @property
     def first(self) -> np.ndarray:
-        """The first channel of every row (p,)."""
+        """First channel of every row (p,)."""
         return self.channels[:, 0]
 
     @property
     def flat(self) -> tuple[np.ndarray, np.ndarray]:
-        """Every gauge of the pool, and the pool row it belongs to."""
+        """All gauges of the pool, and their pool rows."""
         which, column = np.nonzero(self.gauges >= 0)
         return self.gauges[which, column], which
 
     def gauges_of(self, rows: np.ndarray) -> np.ndarray:
-        """Numbers of the gauges of some pool rows, in their order."""
+        """Gauge numbers of some pool rows, in order."""
         gauges = self.gauges[rows].ravel()
         return gauges[gauges >= 0]
 
     def summed(self, values: np.ndarray) -> np.ndarray:
-        """For every row the sum over its gauges (p,); values: of every gauge of `flat`."""
+        """Sum values, one per gauge of `flat`, over the gauges of every row (p,)."""
         return np.bincount(self.flat[1], weights=values, minlength=len(self.gauges))
 
 
 def layout_limits(
     place: LayoutSettings, pool: PoolRows, mesh: Mesh, candidates: Candidates, price: np.ndarray, key: str = FIXED
 ) -> Limits:
-    """What a layout may be, as `place` says: its size, bonded gauges, spacing, zones, budget.
+    """Limits of a layout from `place`: size, bonded gauges, spacing, zones, budget.
 
-    price (p,) of every pool row; key: config key of the bonded gauges.
+    price (p,): of every pool row; key: config key of the bonded gauges.
     """
     gauge, which = pool.flat
     first = candidates.first[gauge]
     part = candidates.take(first)
     places, zones = part.grids, []
-    apart = (part.facet > 0) | (part.quantity == STRAIN)
+    spaced = (part.facet > 0) | (part.quantity == STRAIN)
     facets = exterior_facets(mesh) if mesh.has_surface and place.at_most else None
     for i, limit in enumerate(place.at_most):
         name = f"place.at_most.{i}"
@@ -119,33 +117,33 @@ def layout_limits(
         size=(pool.gauges >= 0).sum(axis=1),
         price=price if place.budget is not None else None,
         budget=place.budget,
-        near=_near(places.position, part.channel_of_grid, which, place.minimum_spacing, apart),
+        near=_near(places.position, part.channel_of_grid, which, place.minimum_spacing, spaced),
         zones=zones,
         key=key,
     )
 
 
 def _near(
-    position: np.ndarray, owner: np.ndarray, which: np.ndarray, spacing: float, apart: np.ndarray
+    position: np.ndarray, owner: np.ndarray, which: np.ndarray, spacing: float, spaced: np.ndarray
 ) -> np.ndarray | None:
-    """Pairs of pool rows (q, 2) with gauges nearer to each other than the spacing [m].
+    """Pairs of pool rows (q, 2) with gauges nearer than the spacing [m].
 
-    position (g, 3) of grids; owner (g,): the gauge of each, whose arms may be as near to one another as they are; which: the
-    pool row of every gauge; apart: of every gauge whether it keeps a spacing, as sensors that are not on the surface do not.
+    position (g, 3): of grids; owner (g,): gauge of each; which: pool row of every gauge; spaced: whether the spacing applies to a
+    gauge, as it does not for sensors off the surface.
     """
     if spacing <= 0:
         return None
     pairs = owner[cKDTree(position).query_pairs(spacing * (1 - 1e-9), output_type="ndarray")]
-    pairs = pairs[apart[pairs].all(axis=1)]
+    pairs = pairs[spaced[pairs].all(axis=1)]
     return np.unique(np.sort(which[pairs[pairs[:, 0] != pairs[:, 1]]], axis=1), axis=0)
 
 
 @dataclass(frozen=True)
 class UnknownStates:
-    """The unknowns among the states x* of a linear problem.
+    """Unknowns among the states x* of a linear problem.
 
-    names (u,); states: names of the last states of x*, theirs among them; at (u,): their indices in x*; scale (u,) [unit]: one
-    of x* in the unit of each; size (u,): what a criterion other than the trace counts each in, in x*.
+    names (u,); states: names of the last states of x*; at (u,): indices in x*; scale (u,) [unit]: of x*; size (u,): scaling of
+    each for criteria other than the trace.
     """
 
     names: tuple[str, ...]
@@ -157,8 +155,8 @@ class UnknownStates:
 
 @dataclass(frozen=True)
 class PoolReadings:
-    """What rules know that look at readings only: rows (pool, c, n) per coordinate, the more important coordinates first;
-    variance (pool, c) of their noise; prior (n, n) covariance of the coordinates."""
+    """Input of rules based on readings only: rows (pool, c, n) per coordinate, important coordinates first; variance (pool, c) of
+    the noise; prior (n, n) covariance of the coordinates."""
 
     rows: np.ndarray
     variance: np.ndarray
@@ -167,9 +165,8 @@ class PoolReadings:
 
 @dataclass(frozen=True)
 class Whole:
-    """All candidates, where the pool is only a part of them: pools, every scenario solved with all, still without a metric;
-    limits of a layout of them; rows (p,): numbers of those in the pool, ascending; task_with: the same task with others as its
-    pool."""
+    """All candidates, if the pool is a subset: pools: scenarios solved with all, without a metric; limits: of a layout; rows
+    (p,): those in the pool, ascending; task_with: creates the task with another pool."""
 
     pools: tuple[Pool, ...]
     limits: Limits
@@ -179,13 +176,13 @@ class Whole:
 
 @dataclass(frozen=True)
 class Task:
-    """unknowns; pools: every scenario solved with all gauges of the pool, still without a metric; candidates, and which of them
-    are the pool, with price (p,) of its rows; limits, settings: `place` of a config; readings; seed of random sets; aggregate
-    over the scenarios; weights of the trace; relative: whether σ is claimed relative to `scale`, or in its unit; coherence τ [s]
-    of the white noise that stands for errors of installation in the pools, 0: they are taken as exact; cases: the load cases that
-    the scenarios are of, None where there is one without a name; whole: all candidates, by which the trace is then weighed, None
-    where the pool has all; single: the pools with each gauge (k,) of a layout as a row of its own, None
-    where every pool row is one gauge."""
+    """Task of a placement.
+
+    pools: scenarios solved with all gauges of the pool, without a metric; price (p,): of the pool rows; settings: `place` of the
+    config; seed: of random layouts; aggregate: over scenarios; weights: of the trace; relative: whether σ is relative to `scale`;
+    coherence τ [s]: of the noise that replaces installation errors, 0 without; cases: None without load cases; whole: all
+    candidates, None if the pool has all; single: creates pools with one row per gauge (k,), None if rows are single gauges.
+    """
 
     unknowns: UnknownStates
     pools: tuple[Pool, ...]
@@ -206,26 +203,26 @@ class Task:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """What each of x* = [q, q̇, unknowns with what their models add] is."""
+        """Names of the states x* = [q, q̇, unknowns and states of their models]."""
         last = self.unknowns.states
         numbers = range(1, (len(self.pools[0].P) - len(last)) // 2 + 1)
         return (*(f"q{i}" for i in numbers), *(f"dq{i}/dt" for i in numbers), *last)
 
     @property
     def over(self) -> tuple[str, ...]:
-        """The unknowns that the criterion covers."""
+        """Unknowns in the criterion."""
         return self.settings.metric_over or self.unknowns.names
 
     @cached_property
     def searched(self) -> tuple[Pool, ...]:
-        """What elimination and exchanges go by: the pools, of large models in their slow motions."""
+        """Pools for elimination and exchanges; large models are reduced to their slow motions."""
         unknowns = self.unknowns
         return slow_pools(self.pools, (len(self.pools[0].P) - len(unknowns.states)) // 2, unknowns.at)
 
     @cached_property
     def metrics(self) -> dict[str, tuple[Metric, ...]]:
-        """Every criterion of these unknowns by its name, one a load case: the trace weighed as `weights` asks for, of the
-        scenarios of that case; the others in units of `size`. Unknowns that are silent in a case have no weight there."""
+        """Metrics by criterion and load case: the trace with `weights`, the others scaled by `size`; inactive unknowns have no
+        weight."""
         by_case = [self._metrics_of(case) for case in range(1 if self.cases is None else len(self.cases.names))]
         return {c.name: tuple(metrics[c.name] for metrics in by_case) for c in CRITERIA}
 
@@ -248,10 +245,9 @@ class Task:
         aggregate: Aggregate | None = None,
         at: Sequence[int] | None = None,
     ) -> list[Pool]:
-        """Scenarios by a criterion, that of the layout where none is named, each by the unknowns and the weight of its load case.
+        """Set the metric of scenarios: a criterion (default: of the layout), with unknowns and weight of the load case.
 
-        pools: one for each scenario, or for those numbered `at`. The weight is a factor of the metric, which has the aggregate
-        weighed and every bound of it valid as it is (`LoadCases.factors`).
+        pools: one per scenario, or for the scenarios `at`. Weights are factors of the metric (`LoadCases.factors`).
         """
         metrics, cases = self.metrics[criterion or self.settings.criterion], self.cases
         if cases is None:
@@ -265,28 +261,28 @@ class Task:
 
     @property
     def criterion(self) -> Criterion:
-        """What the layout is chosen by."""
+        """Criterion of the layout."""
         return criterion_of(self.settings.criterion)
 
     @property
     def weighed(self) -> tuple[str, ...]:
-        """The unknowns that the criterion weighs, in the order of x*."""
+        """Unknowns in the criterion, in the order of x*."""
         order = np.argsort(self.unknowns.at, kind="stable")
         return tuple(self.unknowns.names[i] for i in order if self.unknowns.names[i] in self.over)
 
     @property
     def sigma(self) -> str:
-        """What the root of the metric is: the σ of one unknown, or the criterion's mean of several."""
+        """Name of the root of the metric: σ of one unknown, or the criterion's mean."""
         return root_of(self.criterion, self.over) + (" (installation as noise)" if self.coherence else "")
 
     def cost_of(self, rows: np.ndarray) -> tuple[float, float] | None:
-        """What a layout (k,) of pool rows costs and may cost; None without a budget."""
+        """Price of a layout (k,) of pool rows and its budget, None without a budget."""
         budget = self.settings.budget
         return None if budget is None else (float(self.price[rows].sum()), budget)
 
 
 def root_of(criterion: Criterion, over: Sequence[str]) -> str:
-    """The name of the root of a criterion: the σ of one unknown, or the criterion's mean of several."""
+    """Name of the root of a criterion: σ of one unknown, or the criterion's mean of several."""
     if len(over) == 1:
-        return f"the steady-state σ of {over[0]}"
+        return f"σ({over[0]})"
     return f"{criterion.sigma} of {listed(over)}"

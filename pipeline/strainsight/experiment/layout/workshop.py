@@ -1,4 +1,4 @@
-"""What a workshop and its programs get of a layout: places, dimensions, channel lists, element sets."""
+"""Files for gauge installation and measurement programs: positions, dimensions, channel lists, element sets."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from strainsight.text import csv_bytes
 
 @dataclass(frozen=True)
 class Workshop:
-    """A layout line by line, the edges that every line is measured from, and the axes that places are given in."""
+    """Gauges of a layout, the reference edges of every line, and the coordinate axes."""
 
     listed: GaugeList
     edges: EdgeDimensions
@@ -37,7 +37,7 @@ class Workshop:
 
 @dataclass(frozen=True)
 class Foil:
-    """What a gauge is bonded by: length along its grid and width of its carrier [m]; type, None: assumed for its grid."""
+    """Carrier of a gauge: length and width [m]; type: None if assumed from the grid length."""
 
     length: float
     width: float
@@ -45,7 +45,7 @@ class Foil:
 
 
 def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
-    """Of the grid of this line. What is bonded already may be of another type than the config names."""
+    """Carrier at a line; bonded gauges may have another type than the config."""
     listed, length = shop.listed, shop.listed.grids.length[line]
     gauge = listed.gauge[line]
     bonded_on = listed.unit[gauge] == "strain" and not listed.bonded[gauge]
@@ -55,12 +55,12 @@ def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
 
 
 def workshop_of(listed: GaugeList, mesh: Mesh, frame: PositionAxes) -> Workshop:
-    """The layout on this mesh, as measured in a frame."""
+    """Layout with dimensions in a frame."""
     return Workshop(listed, line_edges(listed.grids, mesh), frame)
 
 
 def workshop_csv(shop: Workshop) -> bytes:
-    """workshop.csv: a line a channel, of a bridge an arm; places, directions and normals in the frame, its unit in the heads."""
+    """workshop.csv: one line per channel or bridge arm, with position, direction and normal in the frame."""
     listed, frame, grids = shop.listed, shop.frame, shop.listed.grids
     bridged = any(listed.signs)
     axes = [f"{vector}_{axis}" for vector in ("direction", "normal") for axis in "xyz"]
@@ -78,22 +78,21 @@ def workshop_csv(shop: Workshop) -> bytes:
 
 
 def workshop_unv(shop: Workshop) -> bytes:
-    """workshop.unv: as gauges.unv, in the frame and its unit."""
+    """workshop.unv: gauges.unv in the frame and its unit."""
     frame, (grids, labels) = shop.frame, marked_places(shop.listed)
     moved = frame.place(grids.position), frame.turn(grids.direction), frame.turn(grids.normal)
     return uff_text(*moved, labels, unit=frame.unit, metres=frame.metres).encode()
 
 
 UNIT = {"strain": "um/m"}
-"""Unit of an instrument, where it is another than that of the readings."""
+"""Unit of the instrument if it differs from that of the readings."""
 BRIDGES = {1: "quarter", 2: "half", 4: "full"}
 HALVES = {True: "half, arms 1 and 2", False: "half, arms 1 and 3"}
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A channel: name; kind of its gauge; unit; bridge, gauge factor and resistance in words, "" of what is no strain or not
-    known; arms."""
+    """One channel; bridge, factor, resistance: in words, empty if unknown or not a strain gauge; arms: number of bridge arms."""
 
     name: str
     kind: str
@@ -105,9 +104,9 @@ class _Row:
 
 
 def catman_table(listed: GaugeList, report: Report) -> bytes:
-    """A row a channel, cells apart by tabs: number, name, sensor, bridge, gauge factor, resistance, µm/m a mV/V, unit.
+    """Tab-separated, one row per channel: number, name, sensor, bridge, gauge factor, resistance, µm/m per mV/V, unit.
 
-    ε [µm/m] = 4000/GF · r [mV/V]     of one gauge, and of a bridge the signed sum ε_B of its arms
+    ε [µm/m] = 4000/GF · r [mV/V]     for one gauge, and for the signed sum ε_B of bridge arms
     """
     head = ["Channel", "Name", "Sensor", "Bridge", "Gauge factor", "Resistance [ohm]", "um/m per mV/V", "Unit"]
     rows: list[list[str]] = []
@@ -118,8 +117,8 @@ def catman_table(listed: GaugeList, report: Report) -> bytes:
 
 
 def labview_table(listed: GaugeList, report: Report) -> bytes:
-    """A row a channel, cells apart by tabs, in the words of NI-DAQmx: a single gauge is a strain channel, "Quarter Bridge I"; a
-    bridge, whose ε_B is the sum of its arms and no strain that NI knows, a Bridge (V/V) channel, with the slope of its scale.
+    """Tab-separated, one row per channel in NI-DAQmx terms: single gauges as "Quarter Bridge I" strain channels, bridges as
+    Bridge (V/V) channels with a linear scale:
 
         ε_B [m/m] = 4/GF · r [V/V]
     """
@@ -159,16 +158,15 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> bytes:
 
 ALL = "GAUGES"
 FIRST_SET = 9001
-"""Number of the Nastran set of all gauges; those of single gauges follow."""
+"""Number of the Nastran set of all gauges; sets of single gauges follow."""
 WIDTH = 72
 A_LINE = 16
-"""Numbers that a data line of Abaqus may hold."""
+"""Most numbers in a data line of Abaqus."""
 LONGEST = 80
 
 
 def elements_of(shop: Workshop) -> dict[str, list[int]]:
-    """Label of every gauge → ids of the elements below it, of a bridge below all its arms, ascending; none of what lies on no
-    facet."""
+    """Gauge label → ids of the elements below its grids or arms, ascending; gauges not on facets are omitted."""
     below, grids = {}, shop.listed.grids
     for i, label in enumerate(shop.listed.labels):
         lines = shop.listed.lines_of(i)
@@ -178,10 +176,10 @@ def elements_of(shop: Workshop) -> dict[str, list[int]]:
 
 
 def nastran_sets(elements: Mapping[str, Sequence[int]], run: str) -> bytes:
-    """SET cards of the case control section: one of all, then one a gauge, each below a comment with its name."""
+    """SET cards for the case control section: all gauges, then each gauge, with a comment."""
     lines = [
-        f"$ Run {_ascii(run)}: elements below its gauges.",
-        "$ For the case control section: INCLUDE this file there.",
+        f"$ Run {_ascii(run)}: elements below the gauges.",
+        "$ INCLUDE this file in the case control section.",
     ]
     for number, (name, ids) in enumerate(_with_all(elements), start=FIRST_SET):
         lines += [f"$ {_ascii(name)}", *_wrapped(f"SET {number} = ", ids)]
@@ -189,14 +187,14 @@ def nastran_sets(elements: Mapping[str, Sequence[int]], run: str) -> bytes:
 
 
 def abaqus_sets(elements: Mapping[str, Sequence[int]], run: str) -> bytes:
-    """*ELSET of all gauges, then one a gauge, GAUGE_ and its name; in a deck of parts they belong below the part."""
+    """*ELSET of all gauges, then GAUGE_name for each gauge; in a deck with parts they belong to the part."""
     lines = [
-        f"** Elements below the gauges of the run {_ascii(run)}. Model data: *INCLUDE this file behind the elements."
+        f"** Run {_ascii(run)}: elements below the gauges. *INCLUDE this file in the model data after the elements."
     ]
-    taken: set[str] = set()
+    used: set[str] = set()
     for name, ids in _with_all(elements):
-        set_name = name if name == ALL else _set_name(f"GAUGE_{name}", taken)
-        taken.add(set_name.upper())
+        set_name = name if name == ALL else _set_name(f"GAUGE_{name}", used)
+        used.add(set_name.upper())
         lines.append(f"*ELSET, ELSET={set_name}")
         lines += [", ".join(map(str, ids[i : i + A_LINE])) for i in range(0, len(ids), A_LINE)]
     return ("\n".join(lines) + "\n").encode("ascii")
@@ -208,7 +206,7 @@ def _with_all(elements: Mapping[str, Sequence[int]]) -> list[tuple[str, list[int
 
 
 def _wrapped(head: str, ids: Sequence[int]) -> list[str]:
-    """Lines of at most 72 characters, each but the last ending with a comma."""
+    """Wrap to lines of at most 72 characters that end with a comma, except the last."""
     lines = [head]
     for i, number in enumerate(ids):
         word = f"{number}{',' if i + 1 < len(ids) else ''}"
@@ -218,11 +216,11 @@ def _wrapped(head: str, ids: Sequence[int]) -> list[str]:
     return lines
 
 
-def _set_name(name: str, taken: set[str]) -> str:
-    """Letters, digits, _ and -, which begin with a letter; apart from others, as case does not count."""
+def _set_name(name: str, used: set[str]) -> str:
+    """Valid set name (letters, digits, _ and -), unique ignoring case."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", "_", name)[:LONGEST]
     free, count = plain, 2
-    while free.upper() in taken:
+    while free.upper() in used:
         free, count = f"{plain}-{count}", count + 1
     return free
 

@@ -1,1 +1,1 @@
-"""What a run is about, in the terms of the kernels: settings, the estimation problem, the truth, the trials on it."""
+"""Experiments on a structure: estimation problem, simulated truth, validation, test."""

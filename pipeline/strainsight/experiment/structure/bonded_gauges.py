@@ -1,4 +1,4 @@
-"""Which gauge a channel of a test means: by its name, which has to stand for the place where it was bonded."""
+"""Bonded gauges from files, and assignment of test channels to gauges by name and bonded position."""
 
 from __future__ import annotations
 
@@ -29,9 +29,11 @@ STRAIN_KINDS = ("strain gauge", "rosette", "bridge")
 
 @dataclass(frozen=True)
 class BondedPlace:
-    """One gauge of g grids, those of a bridge its arms: position [m] and direction (g, 3); length [m] of each, None where the
-    file has none; sign (g,) ±1 of an arm, all 1 of what is no bridge; normal (3,) outward, zero where the file has none; kind in
-    words; line of the file where it begins; bridge: whether it is one."""
+    """One gauge of g grids (the arms of a bridge).
+
+    position [m], direction (g, 3); length [m] of each, None if absent; sign (g,): ±1 of a bridge arm, else 1; normal (3,):
+    outward, zero if absent; kind: in words; line: first line in the file; bridge: whether it is a bridge.
+    """
 
     position: np.ndarray
     direction: np.ndarray
@@ -44,35 +46,37 @@ class BondedPlace:
 
     @property
     def angles(self) -> tuple[float, ...]:
-        """Of every grid from the first one [deg], right-handed about the normal: tan α = (d₁ × d)·n / (d₁·d)."""
+        """Angle of every grid from the first [deg], right-handed about the normal: tan α = (d₁ × d)·n / (d₁·d)."""
         first = self.direction[0]
         across = np.cross(first, self.direction) @ self.normal
         return tuple(np.rad2deg(np.arctan2(across, self.direction @ first)).tolist())
 
 
 def read_bonded(path: Path) -> dict[str, BondedPlace]:
-    """Gauges by name, in the order of the file: a line a channel, of a bridge an arm, those of one gauge one behind the other.
+    """Gauges by name in the order of the file: one line a channel (a bridge arm), lines of one gauge consecutive.
 
-    Columns gauge, position_x … z, direction_x … z in metres; kind, normal_x … z and grid_length where they are there, and sign,
-    1 or −1, of the arms of a bridge; others are passed over. Raises DeckError for a column that is missing, what is no number, a
-    direction without length, a gauge that is there twice, a rosette without a normal, and arms that are no bridge.
+    Columns gauge, position_x … z, direction_x … z in metres; optional kind, normal_x … z, grid_length, and sign (1 or −1) of
+    bridge arms; others are ignored. Raises DeckError for a missing column, an invalid number, a zero direction, a duplicate
+    gauge, a rosette without a normal, and an invalid bridge.
     """
     rows: dict[str, list[tuple[int, dict[str, str]]]] = {}
     last = ""
     for line, cells in csv_columns(path, NEEDED):
         name = cells["gauge"]
         if not name:
-            raise DeckError("a line without the name of a gauge", where=f"{path}:{line}", remedy="name it")
+            raise DeckError("the gauge name is missing", where=f"{path}:{line}", remedy="Fill in the column gauge.")
         if name in rows and name != last:
             raise DeckError(
-                f"gauge {name} is there twice",
+                f"gauge name {name} is used twice",
                 where=f"{path}:{line}",
-                remedy="give each its own name; grids of a rosette stand one behind the other",
+                remedy="Give each gauge a unique name, and write the grids of a rosette in consecutive lines.",
             )
         last = name
         rows.setdefault(name, []).append((line, cells))
     if not rows:
-        raise DeckError("no gauge in the file", where=str(path), remedy=f"one line a gauge: {','.join(NEEDED)}")
+        raise DeckError(
+            "the file contains no gauges", where=str(path), remedy=f"Write one line per gauge: {','.join(NEEDED)}"
+        )
     return {name: _place(path, name, lines) for name, lines in rows.items()}
 
 
@@ -85,18 +89,20 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
     where = f"{path}:{first}"
     length = np.linalg.norm(vectors["direction"], axis=1)
     if not length.all():
-        raise DeckError(f"gauge {name} has a direction of length zero", where=where, remedy="give direction_x, …")
+        raise DeckError(f"the direction of gauge {name} has zero length", where=where, remedy="Correct direction_x, …")
     direction = vectors["direction"] / length[:, None]
     sign = _signs(path, name, lines)
     if sign is None and np.ptp(vectors["position"], axis=0).any():
-        raise DeckError(f"the grids of {name} are in several places", where=where, remedy="give all the same position")
+        raise DeckError(
+            f"the grids of {name} have different positions", where=where, remedy="Give all grids the same position."
+        )
     has_normal = all(cells.get(column) for column in NORMAL)
     normal = np.array([_number(path, first, cells, column) for column in NORMAL]) if has_normal else np.zeros(3)
     if sign is None and len(lines) > 1 and not normal.any():
         raise DeckError(
-            f"rosette {name} has no normal, which says in which sense its grids turn",
+            f"rosette {name} has no surface normal, so the sense of its grid angles is undefined",
             where=where,
-            remedy=f"add the columns {', '.join(NORMAL)}: the outward normal of the surface",
+            remedy=f"Add the columns {', '.join(NORMAL)} with the outward normal of the surface.",
         )
     return BondedPlace(
         position=vectors["position"],
@@ -113,18 +119,18 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
 
 
 def _signs(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> np.ndarray | None:
-    """Of the arms of a bridge; None of what is none: its lines have no signs."""
+    """Signs of the arms of a bridge, None for other gauges."""
     cells = [entry.get("sign", "") for _, entry in lines]
     where = f"{path}:{lines[0][0]}"
     if not any(cells):
         if lines[0][1].get("kind") == STRAIN_KINDS[2]:
             raise DeckError(
-                f"the arms of the bridge {name} have no sign", where=where, remedy="add the column sign: 1 or -1"
+                f"the arms of bridge {name} have no sign", where=where, remedy="Add the column sign with 1 or -1."
             )
         return None
     sign = [_number(path, line, entry, "sign") for line, entry in lines]
     if problem := bridge_problem(sign):
-        raise DeckError(f"the bridge {name} has {problem[0]}", where=where, remedy=problem[1])
+        raise DeckError(f"bridge {name} has {problem[0]}", where=where, remedy=problem[1])
     return np.array(sign, dtype=int)
 
 
@@ -135,24 +141,24 @@ def _number(path: Path, line: int, cells: dict[str, str], column: str) -> float:
         value = np.nan
     if not np.isfinite(value):
         raise DeckError(
-            f"{cells[column]!r} under {column} is no number", where=f"{path}:{line}", remedy="give one, in metres"
+            f"{cells[column]!r} in column {column} is not a number",
+            where=f"{path}:{line}",
+            remedy="Enter a number, in metres.",
         )
     return value
 
 
 KEY = "estimate.gauges_file"
 ROUNDED = 1e-6
-"""Of a position and of a direction: what a file with nine digits may be off by, where nothing is tolerated."""
+"""Relative rounding error of positions and directions in a file with nine digits."""
 
 
 def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarray, file: Path | None) -> dict[str, int]:
-    """Numbers of the gauges that the channels of `estimate` are of, by name.
+    """Numbers of the gauges that the channels of `estimate` refer to, by name.
 
-    layout (k,): numbers of the gauges of the layout; file: that of `estimate.gauges_file`, None where it names none. Names of the
-    config stand for their places. G1, G2, … are those of the layout as it is now: they have to be where the file says that they
-    were bonded, within one σ of place and of direction (`tolerances`).
-
-    Raises ConfigError for a gauge that is not there or sits elsewhere now, and where it is not said where it was bonded.
+    layout (k,): numbers of the gauges of the layout; file: `estimate.gauges_file`, None if not set. G1, G2, … refer to the
+    current layout: their positions and directions have to agree with the file within one σ (`tolerances`). Raises ConfigError
+    for an unknown or moved gauge, and if its bonded position is unknown.
     """
     assert config.estimate is not None
     named = {name: i for i, name in enumerate(training.name) if name}
@@ -171,10 +177,10 @@ def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarra
 def placed_channels(
     settings: Estimate, named: Sequence[str], labels: Sequence[str], places: Mapping[str, BondedPlace] | None
 ) -> Iterator[tuple[str, str]]:
-    """Key and name of every channel whose gauge is called by its place in the layout, of `labels`, and not by a name of the
-    config, of `named`; places: those of `estimate.gauges_file`, None where it cannot be read yet or none is named.
+    """Key and name of every channel whose gauge has a layout label (`labels`), not a name of the config (`named`).
 
-    Raises ConfigError for a gauge that is neither, and where it is not said where it was bonded.
+    places: those of `estimate.gauges_file`, None if not set or not yet readable. Raises ConfigError for an unknown gauge, and if
+        its bonded position is unknown.
     """
     for i, entry in enumerate(settings.channels):
         name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
@@ -184,74 +190,74 @@ def placed_channels(
             if places is not None and name in places:
                 was = _xyz(places[name].position[0])
                 raise ConfigError(
-                    f"the layout has no gauge '{name}' now: it was bonded at {was} m", key=key, remedy=_KEPT
+                    f"gauge '{name}' is not in the current layout; it was bonded at {was} m", key=key, remedy=_KEPT
                 )
             existing = list(dict.fromkeys((*labels, *named)))
-            listed = f"there are {', '.join(existing[:12])}{' …' * (len(existing) > 12)}"
+            listed = f"Gauges: {', '.join(existing[:12])}{' …' * (len(existing) > 12)}"
             remedy = did_you_mean(name, existing)
-            raise ConfigError(f"no gauge '{name}'", key=key, remedy=" ".join(filter(None, (remedy, listed))))
+            raise ConfigError(f"unknown gauge '{name}'", key=key, remedy=" ".join(filter(None, (remedy, listed))))
         if places is None and settings.gauges_file is None and not settings.as_placed:
             raise ConfigError(
-                f"{name} is the name of a place in the layout as it is now, and nothing says where it was bonded",
+                f"{name} is a label of the current layout, and the position where it was bonded is unknown",
                 key=KEY,
-                remedy="keep gauges.csv of the results beside the config when gauges are bonded, and name it: "
-                "estimate.gauges_file: gauges.csv; or set estimate.as_placed: true where the layout is sure to be the same",
+                remedy="Copy gauges.csv from the results folder to the config folder when the gauges are bonded, and set "
+                "estimate.gauges_file: gauges.csv. If the layout is unchanged, set estimate.as_placed: true.",
             )
         if places is not None and name not in places:
-            remedy, listed = did_you_mean(name, places), f"it has {', '.join(places)}"
-            raise ConfigError(
-                f"{KEY} does not say where {name} was bonded", key=key, remedy=" ".join(filter(None, (remedy, listed)))
-            )
+            remedy, listed = did_you_mean(name, places), f"The file contains {', '.join(places)}"
+            raise ConfigError(f"{name} is missing in {KEY}", key=key, remedy=" ".join(filter(None, (remedy, listed))))
         yield key, name
 
 
 def _check_kept(file: Path) -> None:
-    """Raises ConfigError for the gauges.csv of results, which `place` replaces with every layout."""
+    """Raises ConfigError for gauges.csv in the results folder, which `place` overwrites with every layout."""
     if file.name == "gauges.csv" and (file.parent / "place.h5").is_file():
         raise ConfigError(
-            f"{file.name} of results is written anew with every layout: it does not say where gauges were bonded",
+            f"{file.name} in the results folder is overwritten with every new layout and does not record bonded positions",
             key=KEY,
-            remedy="copy the one by which they were bonded beside the config, and name the copy; former ones stay in the results "
-            "as gauges-….csv",
+            remedy="Copy the file used for bonding to the config folder and set the key to the copy. Earlier versions remain in "
+            "the results folder as gauges-….csv.",
         )
 
 
-_KEPT = "bonded gauges stay in every layout, under their names, with gauges.fixed_file: that file"
+_KEPT = "Set gauges.fixed_file to that file: bonded gauges then keep their positions and names in every layout."
 
 
 def _check_place(
     config: PlacementConfig, key: str, name: str, candidates: Candidates, number: int, was: BondedPlace
 ) -> None:
-    """Raises ConfigError where the gauge is not where it was bonded."""
+    """Raises ConfigError if the gauge is not where it was bonded."""
     channels = candidates.take(candidates.channels(np.array([number])))
     order = np.argsort(-channels.sign_of_grid, kind="stable")  # the arms of a bridge as those of the file below
     now, sign = channels.grids.take(order), channels.sign_of_grid[order]
     if len(now) != len(was.direction):
         what = "arms" if channels.arms is not None or was.bridge else "channels"
         raise ConfigError(
-            f"{name} had {len(was.direction)} {what} where it was bonded, and has {len(now)} now", key=key, remedy=_KEPT
+            f"{name} was bonded with {len(was.direction)} {what} and has {len(now)} in the layout",
+            key=key,
+            remedy=_KEPT,
         )
     of_file = np.argsort(-was.sign, kind="stable")
     position, direction = was.position[of_file], was.direction[of_file]
     if was.bridge and was.sign[of_file].tolist() != sign.tolist():
-        raise ConfigError(f"the arms of {name} had other signs where it was bonded", key=key, remedy=_KEPT)
+        raise ConfigError(f"the arms of {name} were bonded with other signs", key=key, remedy=_KEPT)
     allowed, off = tolerances_of(config.tolerances), np.linalg.norm(now.position - position, axis=1)
     worst = int(np.argmax(off))
     moved = float(off[worst])
     if moved > max(allowed.position, ROUNDED * float(np.abs(was.position[0]).max())):
         raise ConfigError(
-            f"{name} sits elsewhere now: it was bonded at {_xyz(position[worst])} m, and the layout has it at "
-            f"{_xyz(now.position[worst])} m, {1e3 * moved:.3g} mm from there",
+            f"{name} has moved: it was bonded at {_xyz(position[worst])} m; in the layout it is at "
+            f"{_xyz(now.position[worst])} m, a distance of {1e3 * moved:.3g} mm",
             key=key,
             remedy=_KEPT,
         )
     along = np.sum(now.direction * direction, axis=1)
     if channels.quantity[0] == STRAIN:
-        along = np.abs(along)  # a gauge that is turned by half a turn reads the same
+        along = np.abs(along)  # a gauge rotated by 180° reads the same
     turned = float(np.rad2deg(np.arccos(np.clip(along.min(), -1.0, 1.0))))
     if turned > max(allowed.angle, float(np.rad2deg(np.sqrt(2 * ROUNDED)))):
         raise ConfigError(
-            f"{name} is turned by {turned:.3g}° from where it was bonded, along {_xyz(direction[int(np.argmin(along))])}",
+            f"{name} is rotated by {turned:.3g}° from its bonded direction {_xyz(direction[int(np.argmin(along))])}",
             key=key,
             remedy=_KEPT,
         )
@@ -265,7 +271,7 @@ COLUMNS = ("gauge", "x", "y", "z", "dx", "dy", "dz")
 
 
 def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -> GivenGauges:
-    """Strain rows ε = R u [1/L on translations, 1/rad on rotations] and the table gauge,x,y,z,dx,dy,dz [L], L [m].
+    """Read the strain operator ε = R u [1/L on translations, 1/rad on rotations] and the table gauge,x,y,z,dx,dy,dz [L], L [m].
 
     components (r,) 0-5 of the rows of the matrices. Raises DeckError for files that cannot be read or do not fit together.
     """
@@ -275,19 +281,19 @@ def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -
         raise DeckError(
             f"the matrix has {R.shape[0]} rows, {table.name} has {len(number)} gauges",
             where=str(rows),
-            remedy="one row a gauge, in the order of the table",
+            remedy="Write one row per gauge, in the order of the table.",
         )
     return GivenGauges(given_pool(number, position * length, direction), R)
 
 
 def _rows(path: Path, components: np.ndarray, length: float) -> sparse.csr_array:
-    """The strain rows (m, r) in SI: R_SI = R s/L,  s = 1 for translations, L for rotations. Errors as `read_given`."""
+    """Strain operator (m, r) in SI: R_SI = R s/L,  s = 1 for translations, L for rotations. Errors as `read_given`."""
     R = read_matrix(path)
     if R.shape[1] != len(components):
         raise DeckError(
-            f"the matrix has {R.shape[1]} columns, the stiffness {len(components)} rows",
+            f"the matrix has {R.shape[1]} columns, the stiffness matrix {len(components)} rows",
             where=str(path),
-            remedy="one column for every line of mesh.matrices.numbering",
+            remedy="Write one column for every line of mesh.matrices.numbering.",
         )
     return sparse.csr_array(R @ sparse.diags_array(row_scale(components, length) / length))
 
@@ -303,23 +309,27 @@ def given_table(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             d = [float(cell or "0") for cell in cells[4:]]
         except ValueError:
             raise DeckError(
-                f"{','.join(cells)[:60]!r} holds something that is no number",
+                f"{','.join(cells)[:60]!r} contains an invalid number",
                 where=f"{path}:{line}",
-                remedy="give a whole number, a position and a direction, which may be left blank",
+                remedy="Enter an integer, a position, and optionally a direction.",
             ) from None
         if not (np.isfinite([*x, *d]).all() and abs(gauge) < 2**62):
             raise DeckError(
-                f"gauge {gauge} has a number that is not finite", where=f"{path}:{line}", remedy="correct it"
+                f"gauge {gauge} has a value that is not finite", where=f"{path}:{line}", remedy="Correct the value."
             )
         number.append(gauge)
         position.append(x)
         direction.append(d)
     if not number:
-        raise DeckError("no gauge in the table", where=str(path), remedy=f"one line a gauge: {','.join(COLUMNS)}")
+        raise DeckError(
+            "the table contains no gauges", where=str(path), remedy=f"Write one line per gauge: {','.join(COLUMNS)}"
+        )
     ids, first = np.unique(number, return_index=True)
     if len(ids) < len(number):
         again = next(i for i in range(len(number)) if i not in set(first.tolist()))
         raise DeckError(
-            f"gauge {number[again]} is there twice", where=f"{path}:{again + 2}", remedy="give each its own number"
+            f"gauge number {number[again]} is used twice",
+            where=f"{path}:{again + 2}",
+            remedy="Give each gauge a unique number.",
         )
     return np.array(number, dtype=np.int64), np.array(position), np.array(direction)

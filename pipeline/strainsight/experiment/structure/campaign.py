@@ -1,4 +1,4 @@
-"""The filter on the measurements of a test: one record, or several that share their parameters and what is bonded."""
+"""Estimate from a test of one record, or of several records with common parameters and gauges."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from strainsight.experiment.structure.consistency import (
 from strainsight.experiment.structure.damage import damage_of_test
 from strainsight.experiment.structure.estimation import Common, Estimation, FilteredGauges, estimation_of_record
 from strainsight.experiment.structure.filtering import (
-    beyond_ranges,
+    by_grid,
     compared,
     excluded,
     excluded_in_words,
-    grid_filter_values,
     last_values,
+    out_of_ranges,
     posteriors_of,
     widen,
 )
@@ -71,23 +71,21 @@ from strainsight.records.training import Screened, Training
 from strainsight.sensors.candidates import UNITS, units_in_words
 
 CHECKED, FILTERED, LATER, HELD = 0.4, 0.6, 0.7, 0.95
-"""Shares of a short record where channels are checked, where filter and smoother begin and end, and where every gauge has been
-left out."""
+"""Progress with a short record at the channel check, at begin and end of filtering, and at the end of the hold-out test."""
 CHECK, REST = 0.15, 0.45
-"""What the checks of channels before a filter and smoother take, and fields and files after it, over these."""
+"""Time of the channel check, and of fields and files, relative to one pass of filter and smoother."""
 
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """The estimate from the records of a test.
+    """Estimate from all records of a test.
 
-    unknowns; records: estimate by the name of each, empty of a test that is one file; decision: whether σ is given; undetectable:
-    what the channels cannot tell, in words; tuning: factors on the noises of one record, None where they are as stated; together:
-    the records beside each other, None of one; posterior: of every parameter; damage: of all; surface: its grid, None where
-    neither that nor pictures in time are asked for; units of unknowns, and of "the channel" of a dataset; channel_units: of every
-    channel; labels of the virtual gauges.
+    records: estimate by record name (empty name if the test is one file); decision: whether σ is reported; undetectable: unknowns
+    that the channels cannot determine, in words; tuning: factors on the noises of one record, None if not tuned; together: joint
+    estimate, None for one record; posterior: by parameter; damage: of all records; surface: its grid, None if neither damage nor
+    fields in time are configured; units: of unknowns and of "the channel" of a dataset; labels: of the virtual gauges.
     """
 
     unknowns: Unknowns
@@ -109,7 +107,7 @@ class Campaign:
 
     @property
     def only(self) -> Estimation | None:
-        """The one record; None where there are several."""
+        """The only record, None if there are several."""
         return self.first if len(self.records) == 1 else None
 
 
@@ -122,16 +120,18 @@ def campaign_of(
     gauges: np.ndarray,
     using: Resources,
 ) -> Campaign:
-    """Read the files, check that they can tell the unknowns, filter and smooth; then what no gauge measured.
+    """Read the files, check observability, filter and smooth, then reconstruct fields and damage.
 
-    gauges (k,): numbers of those of the layout. Raises ConfigError where no file is named, InfeasibleError
-    where the channels cannot tell the unknowns and that is not allowed, and ContradictionError where no filter can follow a
-    record and one fault of a channel explains why, and where records that agree with the model contradict each other.
+    gauges (k,): numbers of the gauges of the layout. Raises ConfigError if no file is specified, InfeasibleError if the unknowns
+    are not observable and this is not allowed, and ContradictionError if every filter diverges on a faulty record or records are
+    inconsistent with each other.
     """
     settings = config.estimate
     records = () if settings is None else records_of(settings)
     if settings is None or not records:
-        raise ConfigError("no measurements of a test", key="estimate.file", remedy="name the file of the test")
+        raise ConfigError(
+            "measurement file not specified", key="estimate.file", remedy="Set estimate.file to the measured data."
+        )
     progress, began = using.progress, time.perf_counter()
 
     # measured records
@@ -150,7 +150,7 @@ def campaign_of(
 
     hidden = undetectable_by(channels, settings.allow_unobservable)
 
-    # their filters
+    # filters
     progress("model", 0.2)
     tolerances = tolerated(structure, channels)
     filters, tuning = record_filters(config, problem, tolerances, tests)
@@ -162,13 +162,13 @@ def campaign_of(
         return wanted_of(config, record, virtual, run)
 
     passes = 1 if settings.hold_out is None else 1 + len(np.unique(problem.channels.gauge[channels]))
-    # damage asks for the other walk of every unknown load, too
+    # damage also tries the other random-walk model of every unknown load
     passes += len(problem.unknowns.inputs) if settings.damage is not None else 0
     if (seconds := forecast_of(filters, wanted)) is not None:
         using.notice(forecast_in_words(filters, passes * seconds))
         progress = paced(progress, time.perf_counter() - began, seconds, passes, settings.hold_out is not None)
 
-    # whether they are consistent with the model, and with each other
+    # consistency with the model and with each other
     turning = turning_of(structure, channels)
     judgements, check_records = [], []
     for i, record in enumerate(filters):
@@ -185,10 +185,10 @@ def campaign_of(
         raise ContradictionError(
             apart,
             key="estimate.records",
-            remedy="leave out what is of another part or of gauges that were bonded anew, or correct its known loads and units",
+            remedy="Remove records of another part or of re-bonded gauges, or correct the known loads and units.",
         )
     uncertain_loads = "" if settings.loads_as_stated else rests_on_loads_in_words(problem)
-    uncertain_loads += ", or set estimate.loads_as_stated where the loads are as stated" * bool(uncertain_loads)
+    uncertain_loads += ", or set estimate.loads_as_stated if the loads are exact" * bool(uncertain_loads)
 
     def of_records(texts: Sequence[str]) -> str:
         named = zip(records, texts, strict=True)
@@ -201,7 +201,7 @@ def campaign_of(
         (uncertain_loads,),
     )
 
-    # filter and smoother, and what else withholds σ
+    # filter and smoother, and further reasons to withhold σ
     progress("filter", FILTERED)
     results = _filtered(
         config,
@@ -212,18 +212,18 @@ def campaign_of(
         lambda share: progress("filter and smoother", FILTERED + (LATER - FILTERED) * share),
     )
     exclusion, note = _excluded_by_comparison(config, filters[0], results[0])
-    beyond: dict[str, str] = {}
+    out_of_range: dict[str, str] = {}
     for record, result in zip(filters, results, strict=True):
         ends = last_values(record.model, result.smoothed)
-        beyond |= beyond_ranges(config, problem, {name: value for name, (value, _) in ends.items()})
-    remedy = f"{widen(beyond)} if that can be, or look for a load, unit, support or gauge that is not as stated"
-    decision = replace(decision, reasons=(uncertain_loads, exclusion), out_of_range=beyond, remedy=remedy)
+        out_of_range |= out_of_ranges(config, problem, {name: value for name, (value, _) in ends.items()})
+    remedy = f"{widen(out_of_range)} if such values are plausible, or check loads, units, supports and gauges"
+    decision = replace(decision, reasons=(uncertain_loads, exclusion), out_of_range=out_of_range, remedy=remedy)
     withheld = decision.withheld
 
-    # what no gauge measured
+    # fields and damage
     hold_outs: Sequence[HoldOut | None] = [None] * len(filters)
     if settings.hold_out is not None:
-        # what contradicts the model is looked for there: the claim is what is tested
+        # the hold-out test checks σ, so it runs even if σ is inconsistent
         system = FilteredGauges(filters, undetectable_by, bool(decision.unfounded))
         hold_outs = held_out(system, lambda doing, share: progress(doing, LATER + (HELD - LATER) * share))
     progress("field", HELD if settings.hold_out else LATER)
@@ -247,7 +247,7 @@ def campaign_of(
             lambda share: progress("damage", 0.7 + 0.3 * share),
         )
 
-    # the estimate of each
+    # estimate of each record
     not_held = not_held_in_words(structure)
     exact = "" if withheld else exact_frequencies_in_words(config)
     notes = (*bare, note, *_notes(hidden, tuning), *damage_notes)
@@ -294,9 +294,9 @@ def _filtered(
     wanted: Wants,
     progress: Callable[[float], None],
 ) -> tuple[FilteredRecord, ...]:
-    """Filter and smoother, with other filters beside them where that is asked for or takes little."""
+    """Run filter and smoother, and a comparison with other filters if configured or cheap."""
     if not decision.accept:
-        # σ is withheld, and no grid follows parameters that are as wrong as this at the σ that is claimed
+        # σ is withheld; without scaled σ the parameter grid cannot follow inconsistent measurements
         ratios = [one.birge_ratio for one in judgements]
         filters = [replace(record, birge_ratio=ratio) for record, ratio in zip(filters, ratios, strict=True)]
     first, compare = filters[0], config.filter.compare
@@ -311,28 +311,27 @@ def _filtered(
         if decision.inconsistent:
             why = error.what if isinstance(error, NumericalError) else error
             raise ContradictionError(
-                f"no filter can follow this record, {why}: {decision.inconsistent}",
+                f"every filter diverges on this record ({why}): {decision.inconsistent}",
                 key="estimate",
-                remedy="correct what is named, and estimate again",
+                remedy="Correct the cause and run the estimate again.",
             ) from error
         if len(filters) == 1:
             raise
         raise ContradictionError(
-            f"no filter can follow all records together, though each agrees with the model: {error}",
+            f"the joint estimate of all records diverges although each record is consistent with the model: {error}",
             key="estimate.records",
-            remedy="estimate each with estimate.file, and compare what they say of the parameters",
+            remedy="Estimate each record separately (estimate.file) and compare the parameters.",
         ) from error
 
 
 def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, result: FilteredRecord) -> tuple[str, str]:
-    """Why there is no σ, and a note, each empty where there is nothing to report.
+    """Return why the filter comparison withholds σ, and a note; each may be empty.
 
-    The grid filter beside the estimate has no tolerances, and an unknown start. Where tolerances are stated, the estimate
-    counts against it, unless the start is settled and a grid filter with the same tolerances and an unknown start excludes the
-    estimate, too.
+    The compared parameter grid filter has no tolerances and an unknown start. With tolerances its result withholds σ only if the
+    start is settled and a grid filter with the same tolerances and an unknown start excludes the estimate, too.
     """
     ends, settled = last_values(record.model, result.smoothed), record.settled is not None
-    words = excluded(ends, grid_filter_values(result.compared))
+    words = excluded(ends, by_grid(result.compared))
     if not words or tolerances_of(config.tolerances) == NONE:
         return excluded_in_words(words, settled, "estimate.start"), ""
     if settled:
@@ -340,7 +339,10 @@ def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, resul
         otherwise = excluded(ends, {name: moving[name] for name in record.model.unknowns.parameters})
         if otherwise:
             return excluded_in_words(otherwise, True, "estimate.start"), ""
-    return "", f"the comparison takes tolerances for exact, which this record excludes: {words}, with and without them"
+    return (
+        "",
+        f"the filter comparison ignores tolerances, which this record excludes: {words}, with and without tolerances",
+    )
 
 
 def _notes(hidden: str, tuning: Tuning | None) -> tuple[str, ...]:
@@ -348,15 +350,14 @@ def _notes(hidden: str, tuning: Tuning | None) -> tuple[str, ...]:
     undecided = () if tuning is None else tuning.undecided
     factors, untuned = ", ".join(f"{part} {value:.3g}" for part, value in tuned.items()), ", ".join(undecided)
     return (
-        f"the channels cannot tell {hidden}: what is estimated of it comes from the initial values" if hidden else "",
-        f"noises were scaled by the measurements: {factors}" if factors else "",
-        f"the measurements say nothing about the noise of {untuned}" if untuned else "",
+        f"the channels cannot determine {hidden}: its estimate rests on the initial values" if hidden else "",
+        f"noise levels were tuned to the measurements, factors: {factors}" if factors else "",
+        f"the measurements do not determine the noise of {untuned}" if untuned else "",
     )
 
 
 def paced(progress: Progress, spent: float, seconds: float, passes: int, hold_out: bool) -> Progress:
-    """Progress by the clock, where the plain shares are those of a short record: by the time spent before the channels are
-    checked, and `seconds` of filter and smoother, of which there are `passes`."""
+    """Rescale progress by time: `spent` before the channel check, then `passes` of filter and smoother of `seconds` each."""
     parts = [spent, CHECK * seconds, seconds, (passes - 1) * seconds + REST * seconds]
     plain = [0.0, CHECKED, FILTERED, LATER, 1.0]
     if hold_out:

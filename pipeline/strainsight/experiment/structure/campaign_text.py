@@ -1,4 +1,4 @@
-"""The estimate of a test for people, from one record or several: numbers by name, one line, tables, all time signals as CSV."""
+"""Summary numbers, message, tables and CSV time signals of the estimate of a test."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from strainsight.text import csv_bytes
 
 
 def campaign_output(campaign: Campaign) -> Output:
-    """Datasets of every record, and of all together; the surface in time as a grid; numbers, message, tables, signals as CSV."""
+    """Datasets of every record and of the joint estimate, the surface grid, and the texts of the estimate."""
     grid, attributes = ({}, {}) if campaign.surface is None else vtkhdf_datasets(campaign.surface)
     datasets, files, together = dict(grid), {}, campaign.together
     for name, record in campaign.records.items():
@@ -60,7 +60,7 @@ def campaign_output(campaign: Campaign) -> Output:
 
 
 def _numbers(campaign: Campaign) -> dict[str, Scalar]:
-    """Every number by its name; of one record of several with that behind it."""
+    """Summary numbers by name; with several records the record name is appended."""
     first, together = campaign.first.estimated, campaign.together
     every = [record.estimated for record in campaign.records.values()]
     whole = campaign.first.innovation_check
@@ -87,7 +87,7 @@ def _numbers(campaign: Campaign) -> dict[str, Scalar]:
         numbers |= hold_out_numbers(without_each(first))
     else:
         numbers |= {"records": len(every), "gain": together.gain}
-        # whether records that agree with the model one by one contradict each other, and that is accepted
+        # accepted disagreement of records that agree with the model one by one
         numbers |= {"apart": together.words} if campaign.first.judgement.apart else {}
         for name, values in together.alone.items():
             numbers |= {f"alone.{name}.{of}": float(value) for of, value in zip(campaign.records, values, strict=True)}
@@ -103,7 +103,7 @@ def _numbers(campaign: Campaign) -> dict[str, Scalar]:
 
 
 def _load_numbers(campaign: Campaign, records: Sequence[Estimated]) -> dict[str, Scalar]:
-    """RMS of every load over records, and of its σ where that is given."""
+    """RMS of every load over the records, and of its σ unless withheld."""
     numbers: dict[str, Scalar] = {}
     for name in campaign.unknowns.inputs:
         numbers[f"estimate.{name}"] = rms(np.concatenate([one.smoothed[name] for one in records]))
@@ -123,13 +123,13 @@ def _message(campaign: Campaign) -> str:
         sigma = "" if campaign.decision.withheld else f" ± {numbers[f'std.{name}']:.2g}"
         parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {campaign.units[name]}{what}")
     if "hold_out.inside" in numbers:
-        parts.append(f"gauges by the others: {100 * numbers['hold_out.inside']:.3g} % within 2σ")
+        parts.append(f"gauges predicted from the others: {100 * numbers['hold_out.inside']:.3g} % within 2σ")
     for of, record in campaign.records.items():
         misfits = misfits_in_words(without_each(record.estimated), "gauges")
         parts += [text if only else f"{of}: {text}" for text in misfits]
     loud = [of for of, one in campaign.records.items() if one.judgement.trusted and not one.innovation_check.consistent]
     if loud:
-        parts.append(f"the noise does not fit the innovations{'' if only else ' of ' + ', '.join(loud)}")
+        parts.append(f"the configured noise does not match the innovations{'' if only else ' of ' + ', '.join(loud)}")
     parts += damage_in_words(campaign.damage)
     parts += posterior_doubts(campaign.posterior, campaign.units)
     parts += disagreements_in_words(first.compared)
@@ -137,8 +137,7 @@ def _message(campaign: Campaign) -> str:
 
 
 def _tables(campaign: Campaign) -> tuple[Table, ...]:
-    """The unknowns as smoothed, or the records and the parameters by all of them and by each alone; then what there is of each
-    record, what was done to the measurements, and the verdict on them."""
+    """Tables of unknowns, or of records and parameters, then those of each record, corrections and warnings."""
     first, only, notes = campaign.first.estimated, campaign.only, list[tuple[str, ...]]()
     tables = [_unknowns_table(campaign) if only else _records_table(campaign)]
     tables += [_parameter_table(campaign)] if not only and campaign.unknowns.parameters else []
@@ -150,7 +149,7 @@ def _tables(campaign: Campaign) -> tuple[Table, ...]:
         each = [hold_out_table(left_out_each, campaign.channel_units, "gauge")] if left_out_each else []
         for table in (*each, channel_table(record.estimated, campaign.channel_units)):
             tables.append(table if only else replace(table, title=f"{table.title}: {of}"))
-        # what is advised of the noise holds for a record that agrees with the model, or that nobody can explain
+        # advice on the noise applies to consistent records, and to those without an explanation
         notes += [(of, note) for note in filter(None, (*record.estimated.notes, record.innovations_in_words))]
     texts = [text for _, text in notes]
     rows = [("all" if texts.count(text) == len(campaign.records) else of, text) for of, text in notes]
@@ -175,7 +174,7 @@ def _unknowns_table(campaign: Campaign) -> Table:
 
 
 def _records_table(campaign: Campaign) -> Table:
-    """A row a record: how long it is, peak and RMS of every load with σ, how large its innovations are, and the verdict."""
+    """One row a record: duration, peak and RMS of every load with σ, innovations within 2σ, and consistency."""
     rows, loads = [], campaign.unknowns.inputs
     for of, record in campaign.records.items():
         time, cells = record.estimated.time, []
@@ -184,14 +183,16 @@ def _records_table(campaign: Campaign) -> Table:
             top = int(np.argmax(np.abs(value)))
             cells += [_with_sigma(float(value[top]), float(std[top])), _with_sigma(rms(value), rms(std))]
         inside = f"{100 * innovations_inside(record.estimated):.3g} %"
-        judged = summarise_record(record.judgement.trusted, record.judgement.apart, record.innovation_check.consistent)
-        rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, inside, judged))
+        consistency = summarise_record(
+            record.judgement.trusted, record.judgement.apart, record.innovation_check.consistent
+        )
+        rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, inside, consistency))
     heads = [f"{name} {what} [{campaign.units[name]}]" for name in loads for what in ("peak", "RMS")]
-    return Table("records", ("record", "duration", *heads, "innovations within 2σ", "verdict"), tuple(rows))
+    return Table("records", ("record", "duration", *heads, "innovations within 2σ", "consistency"), tuple(rows))
 
 
 def innovations_inside(estimated: Estimated) -> float:
-    """Share of the innovations of a record within 2σ, NaN of none."""
+    """Share of the innovations of a record within 2σ, NaN without any."""
     known = estimated.whitened[np.isfinite(estimated.whitened)]
     return float(np.mean(np.abs(known) < 2)) if len(known) else np.nan
 
@@ -206,9 +207,9 @@ def _parameter_table(campaign: Campaign) -> Table:
         shown = campaign.decision.cell if campaign.decision.withheld else sigma
         rows.append((name, f"{value:.5g} {campaign.units[name]}", shown, *each))
     some = 0 < len(_agreeing(campaign)) < len(campaign.records)
-    by = "by those that agree" if some else "by all records"
+    by = "from consistent records" if some else "from all records"
     columns = ("parameter", by, "claimed σ", *(f"{of} alone" for of in campaign.records))
-    return Table("parameters that all records share", columns, tuple(rows))
+    return Table("parameters shared by all records", columns, tuple(rows))
 
 
 def _with_sigma(value: float, std: float) -> str:
@@ -216,12 +217,12 @@ def _with_sigma(value: float, std: float) -> str:
 
 
 def _agreeing(campaign: Campaign) -> list[Estimation]:
-    """The records whose parameters were estimated together."""
+    """Records whose parameters were estimated jointly."""
     return [record for record in campaign.records.values() if campaign.decision.accept or record.judgement.trusted]
 
 
 def _shared(campaign: Campaign, parameter: str) -> float:
-    """A parameter by the records that agree with the model; where none of several does the most likely one of all."""
+    """Parameter from the consistent records; if none of several is consistent, the most likely value of all."""
     if campaign.together is not None and not _agreeing(campaign):
         return campaign.together.shared[parameter]
     record = next(iter(_agreeing(campaign)), campaign.first)
@@ -229,20 +230,20 @@ def _shared(campaign: Campaign, parameter: str) -> float:
 
 
 def without_each(estimated: Estimated) -> tuple[LeftOut, ...]:
-    """Every gauge by the others, empty where that was not asked for."""
+    """Hold-out results of every gauge, empty if not configured."""
     return left_out(estimated.hold_out, estimated.gauge.label, estimated.gauge.measured)
 
 
 def channel_table(estimated: Estimated, units: Sequence[str]) -> Table:
-    """Every channel beside its prediction by the others, or by the samples before; units of the channels."""
+    """Compare every channel with its prediction from the others or from earlier samples; units of the channels."""
     check, time, rows = estimated.check, estimated.gauge.time, []
     for i, (name, unit) in enumerate(zip(estimated.gauge.label, units, strict=True)):
         sizes = (size_in_words(size, unit) for size in (check.measured[i], check.predicted[i]))
-        cause = (check.fault[i] or "nothing",) if check.by_others else ()
+        cause = (check.fault[i] or "none",) if check.by_others else ()
         rows.append((name, *sizes, f"{check.residual[i]:.3g}", f"{check.correlation[i]:.3g}", *cause))
     columns = ["channel", "RMS measured", "RMS predicted", "residual / σ", "correlation"]
-    columns += ["what explains the record best"] if check.by_others else []
-    by = "by all other channels" if check.by_others else "one step ahead, by all channels"
+    columns += ["most likely fault"] if check.by_others else []
+    by = "from all other channels" if check.by_others else "one step ahead from all channels"
     whole = check.end - check.begin >= 0.99 * float(time[-1] - time[0])
     part = "" if whole else f", from {check.begin:.4g} to {check.end:.4g} s"
     return Table(f"channels, predicted {by}{part}", tuple(columns), tuple(rows))
@@ -265,7 +266,7 @@ def _csv(estimated: Estimated, units: Mapping[str, str], labels: Sequence[str]) 
 
 
 def damage_numbers(damaged: Damaged | None, labels: Sequence[str]) -> dict[str, Scalar]:
-    """Damage, interval, equivalent range [Pa] and life [h] of the worst point and of every virtual gauge."""
+    """Damage, its interval, equivalent range [Pa] and life [h] of the worst point and of every virtual gauge."""
     if damaged is None:
         return {}
     numbers: dict[str, Scalar] = {}
@@ -285,7 +286,7 @@ def damage_numbers(damaged: Damaged | None, labels: Sequence[str]) -> dict[str, 
 
 
 def damage_in_words(damaged: Damaged | None) -> list[str]:
-    """The worst point of the surface."""
+    """Damage of the worst point of the surface."""
     if damaged is None or damaged.surface is None or damaged.hot_spot is None or not len(damaged.hot_spot):
         return []
     at, i = damaged.surface, int(damaged.hot_spot[0])
@@ -293,7 +294,7 @@ def damage_in_words(damaged: Damaged | None) -> list[str]:
 
 
 def damage_tables(damaged: Damaged | None, labels: Sequence[str]) -> tuple[Table, ...]:
-    """Hot spots of the surface, then the virtual gauges."""
+    """Table of the hot spots of the surface and the virtual gauges."""
     if damaged is None:
         return ()
     withheld = all(np.isnan(at.damage).all() for _, at, _ in _places(damaged, labels))
@@ -304,7 +305,7 @@ def damage_tables(damaged: Damaged | None, labels: Sequence[str]) -> tuple[Table
     if damaged.virtual is not None:
         rows += [(label, *_row(damaged, damaged.virtual, i)) for i, label in enumerate(labels)]
     columns = ("place", "x, y, z [m]", "damage", "95 %", "equivalent range", "life")
-    title = "damage of the smoothed history, interval withheld" if withheld else "damage: hot spots and virtual gauges"
+    title = "damage of the smoothed history (no interval)" if withheld else "damage: hot spots and virtual gauges"
     return (Table(title, columns, tuple(rows)),)
 
 
@@ -319,10 +320,10 @@ def _places(damaged: Damaged, labels: Sequence[str]) -> list[tuple[str, DamageAt
 
 def _row(damaged: Damaged, at: DamageAt, i: int) -> tuple[str, ...]:
     where = ", ".join(f"{value:.4g}" for value in at.position[i])
-    drawn = not np.isnan(at.damage[i])
-    level, range_ = (at.damage[i], at.range[i]) if drawn else (at.of_mean[i], at.range_of_mean[i])
+    sampled = not np.isnan(at.damage[i])
+    level, range_ = (at.damage[i], at.range[i]) if sampled else (at.of_mean[i], at.range_of_mean[i])
     life = f"{damaged.hours / level:.3g} h" if level > 0 else "no damage"
-    if drawn and at.high[i] > 0:
+    if sampled and at.high[i] > 0:
         longest = f"{damaged.hours / at.low[i]:.2g}" if at.low[i] > 0 else "∞"
         life += f" ({damaged.hours / at.high[i]:.2g} to {longest})"
     return where, _damage(at, i), _interval(at, i) or "withheld", f"{range_ / 1e6:.4g} MPa", life

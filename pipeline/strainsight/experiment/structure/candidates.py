@@ -42,13 +42,16 @@ from strainsight.sensors.zones import admissible, inside
 
 FILE = "gauges.fixed_file"
 NUMBERS_AT_A_TIME = 2**22
-"""Readings that are held in memory at a time, of all instants and some channels."""
+"""Largest number of readings in memory at a time."""
 
 
 @dataclass(frozen=True)
 class OnSurface(StrainGauges):
-    """All channels that the config allows, bonded gauges first; names of these, empty where they have none; moved (bonded,) [m]:
-    how far each of them was moved to the surface; empty: keys of zones that take no facet."""
+    """All channels that the config allows, bonded gauges first.
+
+    names: of bonded gauges, empty if unnamed; moved (bonded,) [m]: distance each was moved to the surface; empty: keys of zones
+    that contain no facet.
+    """
 
     names: tuple[str, ...] = ()
     moved: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -58,16 +61,17 @@ class OnSurface(StrainGauges):
 def candidates_on_surface(
     mesh: Mesh, config: PlacementConfig, files: Mapping[str, Path], basis: np.ndarray, moment: np.ndarray
 ) -> OnSurface:
-    """Every sensor of the config on the exterior facets.
+    """Candidate sensors of the config on the exterior facets.
 
-    files: that of `gauges.fixed_file`; basis (3 nodes, n) displacement per reduced coordinate; moment (n, n): mean of q qᵀ in
-    training, for principal directions.
+    files: `gauges.fixed_file`; basis (3 nodes, n): displacement per reduced coordinate; moment (n, n): mean of q qᵀ in training,
+    for principal directions.
     """
     if not mesh.has_surface:
         raise ConfigError(
-            "the mesh has no solids, shells or sides of beams, and so no surface",
+            "the mesh has no surface, because it has no solids, shells or beams with a cross-section",
             key="gauges.surface",
-            remedy="give beams without pin flags in place of rods, or mesh.matrices and gauges.given: strain rows of the gauges",
+            remedy="Use beams without pin flags instead of rods, or import matrices (mesh.matrices) and strain operators "
+            "(gauges.given).",
         )
     facets, parts, distance = exterior_facets(mesh), [], np.zeros(0)
     fixed = fixed_gauges(config.gauges, files.get("gauges.fixed_file"))
@@ -99,7 +103,7 @@ def candidates_on_surface(
 
 
 def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[str, ...]:
-    """Keys of excluded zones without a facet in them: a box in millimetres, more often than not."""
+    """Keys of excluded zones that contain no facet, usually because of a wrong unit of length."""
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
     empty = []
     for key, sensors in families(config).items():
@@ -111,9 +115,9 @@ def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[s
 
 
 def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, moment: np.ndarray) -> StrainGauges:
-    """Gauges, rosettes or bridges on the facets that the config admits."""
+    """Gauges, rosettes or bridges on the admissible facets."""
     length = gauges.grid_length
-    assert gauges.direction is not None  # the config asks for one where gauges are not given
+    assert gauges.direction is not None  # required by the config unless gauges are imported
     with blame("gauges.surface"):
         pool = strain_candidates(
             mesh, facets, gauges, gauges.direction, basis, lambda rows: moment, "gauges", gauges.rosette, length
@@ -125,29 +129,29 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
             pool = strain.candidates
             if not len(pool):
                 raise InfeasibleError(
-                    f"no place has one opposite for the arms of a {gauges.bridge} bridge: behind none of {strain.alone} is a "
-                    "facet that takes a gauge along its direction",
+                    f"no place for a {gauges.bridge} bridge: none of {strain.alone} places has an opposite facet that allows a "
+                    "gauge in the same direction",
                     key="gauges.bridge",
-                    remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or "
-                    "remove it",
+                    remedy="Include both sides (gauges.surface, gauges.include, gauges.exclude), choose another direction, or "
+                    "remove gauges.bridge.",
                 )
     if length == 0:
         return strain
     well = fits(mesh.position, pool, facets)
     if not well.any():
         raise ConfigError(
-            f"a grid of {length:g} m runs over a sharp edge at every one of {len(pool)} places",
+            f"a grid of {length:g} m crosses a sharp edge at all {len(pool)} places",
             key="gauges.grid_length",
-            remedy="a shorter grid",
+            remedy="Reduce the grid length.",
         )
     kept = pool.take(np.flatnonzero(well))
     return replace(strain, candidates=kept, left_out=pool.gauges - kept.gauges)
 
 
 def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
-    """All of them, those of the config itself first; file: that of `gauges.fixed_file`.
+    """Bonded gauges of the config, then those of the file `gauges.fixed_file`.
 
-    Raises ConfigError for a name that is there twice, and for a line of the file that is no strain gauge.
+    Raises ConfigError for a duplicate name, and for a line of the file that is not a strain gauge.
     """
     entries = [_stated(gauges, i, entry) for i, entry in enumerate(gauges.fixed)]
     if file is not None:
@@ -157,9 +161,9 @@ def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
     for i, entry in enumerate(entries):
         if entry.name and entry.name in names[:i]:
             raise ConfigError(
-                f"two bonded gauges are called {entry.name}",
+                f"two bonded gauges have the name {entry.name}",
                 key=entry.key.partition(".arms")[0],
-                remedy="rename one of them",
+                remedy="Rename one of them.",
             )
     return entries
 
@@ -176,8 +180,7 @@ def _stated(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> BondedE
 
 
 def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, called: str) -> BondedEntry:
-    """A bridge of arms with their signs, one of them 1 at least, the first of which becomes its place; called: what messages call
-    it."""
+    """Bridge of arms with signs; the first arm with sign 1 defines its position; called: name in messages."""
     named = [(replace(arm, name=f"{called}, arm {k + 1},"), sign) for k, (arm, sign) in enumerate(arms)]
     (first, _), *others = sorted(named, key=lambda arm: -arm[1])
     return replace(first, name=name, arms=others)
@@ -186,9 +189,9 @@ def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, called: str) -
 def _entry(gauges: Gauges, file: Path, name: str, place: BondedPlace) -> BondedEntry:
     if place.kind not in STRAIN_KINDS:
         raise ConfigError(
-            f"{name} is of the kind '{place.kind}' ({file.name}:{place.line}), and only strain gauges can be bonded beforehand",
+            f"{name} has the kind '{place.kind}' ({file.name}:{place.line}); only strain gauges can be fixed",
             key=FILE,
-            remedy="remove its line",
+            remedy="Remove this line.",
         )
     grids = [
         BondedEntry(position, direction, _length(gauges, length), key=FILE)
@@ -207,12 +210,11 @@ def _length(gauges: Gauges, stated: float | None) -> float:
 
 @dataclass(frozen=True)
 class CandidateChannels:
-    """All candidates, one row a channel, those of one gauge one behind the other.
+    """All candidates, one row a channel, channels of one gauge consecutive.
 
-    rows (m, n): strain, or displacement of the point, per reduced coordinate, at the references, and change, what θ adds to them
-    where a thickness of shells is free; quantity (m,): 0 strain, 1 acceleration,
-    2 displacement; noise_std (m,) of one sample at the training time step [unit of the quantity]; gauge (m,): number of the
-    gauge; bridged (m,): which are bridges of several arms.
+    rows (m, n): strain or displacement per reduced coordinate at the reference parameters; change: what θ adds if a shell
+    thickness is estimated; quantity (m,): 0 strain, 1 acceleration, 2 displacement; noise_std (m,): of one sample at the training
+    time step [unit of the quantity]; gauge (m,): number of the gauge; bridged (m,): whether it is a bridge of several arms.
     """
 
     rows: np.ndarray
@@ -223,33 +225,33 @@ class CandidateChannels:
     bridged: np.ndarray
 
     def sensed(self, channels: np.ndarray) -> Sensed:
-        """What some channels (k,) read."""
+        """Measurement operator of some channels (k,)."""
         return Sensed(self.rows[channels], self.quantity[channels], self.change.of_terms(lambda X: X[channels]))
 
     @property
     def gauges(self) -> int:
-        """How many gauges there are."""
+        """Number of gauges."""
         return int(self.gauge[-1]) + 1
 
     def of(self, gauges: np.ndarray) -> np.ndarray:
-        """Channels (..., c) of gauges (...), −1 where a gauge has fewer than the c of the largest."""
+        """Channels (..., c) of gauges (...), padded with −1."""
         return channels_of_gauges(self.gauge, gauges)
 
 
 def of_channels(values: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """Values (..., n) of channels (...), of all of which there are values (m, n); zero where there is none, −1."""
+    """Rows (..., n) of values (m, n) at channels (...), zero where the channel is −1."""
     return np.where((channels >= 0)[..., None], values[channels], 0.0)
 
 
 def training_units(quantity: np.ndarray) -> dict[str, str]:
-    """Of what is written of channels of these quantities (m,), a row of which is strain or displacement per coordinate."""
+    """Units of datasets of channels of these quantities (m,)."""
     still = np.where(quantity == STRAIN, STRAIN, DISPLACEMENT)
     unit, row = units_in_words(quantity), f"{grouped(units_in_words(still))}/(kg^1/2 m)"
     return {"the channel": unit, "the variance": f"{grouped(unit)}^2", "the row": row}
 
 
 def channels_of(training: Training, screened: Screened) -> CandidateChannels:
-    """All channels of the training run, with their noise."""
+    """All channels of the training run with their noise."""
     pool = training.candidates
     return CandidateChannels(
         training.rows, training.change, pool.quantity, screened.noise_std, pool.gauge, pool.bridged
@@ -257,7 +259,7 @@ def channels_of(training: Training, screened: Screened) -> CandidateChannels:
 
 
 def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:
-    """Gauges (k,) by their numbers, as a layout lists them, with what they read in the training run."""
+    """List of gauges (k,) with their readings in the training run."""
     return gauge_list(
         training.candidates, training.name, gauges, screened.family, training.peak, screened.range, training.strained
     )
@@ -266,8 +268,7 @@ def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) ->
 def reading_sizes(
     model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, x: np.ndarray, u: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """RMS and largest reading (m,) of every channel in a motion at the references, without noise: row·q of strain and
-    displacement, row·q̈ of acceleration.
+    """RMS and largest reading (m,) of every channel without noise: row·q for strain and displacement, row·q̈ for acceleration.
 
     rows (m, n); quantity (m,); x (s, 2n) = [q, q̇]; u (s, n_u) [N] at the same instants. Some channels at a time.
     """
@@ -284,16 +285,16 @@ def reading_sizes(
 
 
 def largest_of_quantity(peak: np.ndarray, quantity: np.ndarray) -> np.ndarray:
-    """For every channel the largest reading of any channel of its quantity (m,); peak (m,) of each, quantity (m,)."""
+    """Largest peak (m,) among channels of the same quantity (m,), for every channel."""
     return np.array([peak[quantity == q].max() for q in quantity])
 
 
 SMALL = 1e-4
-"""Of the largest entry of all rows: what is less in all of a row is that well known, and not to its own digits."""
+"""Relative to the largest entry of all rows: smaller rows are accurate to this, not to their last digits."""
 
 
 def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str, float]) -> tuple[Parameter, ...]:
-    """The parameters that are a thickness, at their references [m]."""
+    """Estimated thicknesses at their reference values [m]."""
     thicknesses = {name: entry for name, entry in config.parameters.items() if entry.property == THICKNESS}
     return tuple(
         Parameter(name, THICKNESS, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range)
@@ -302,24 +303,23 @@ def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str
 
 
 def thickness_at(mesh: Mesh, free: Sequence[Parameter], theta: Mapping[str, float]) -> Thickness | None:
-    """Of the shells at θ [m]; None where no thickness is free."""
+    """Thickness of the shells at θ [m], None if no thickness is estimated."""
     return thickness_of(mesh, [(parameter.regions, theta[parameter.name]) for parameter in free]) if free else None
 
 
 def rows_along(
     mesh: Mesh, free: Sequence[Parameter], read: Callable[[Thickness | None], np.ndarray]
 ) -> tuple[np.ndarray, AffineOperator]:
-    """Rows X(θ₀) (m, r) at the references, and ΔX(θ) = X(θ) − X(θ₀), without terms where no thickness is free:
+    """Rows X(θ₀) (m, r) at the reference parameters, and ΔX(θ) = X(θ) − X(θ₀), empty if no thickness is estimated:
 
         X(θ) = X(θ₀) + Σᵢ (X(θᵢ) − X(θ₀)),     each difference that of `interpolated`, every row over its largest entry
 
-    as a row is a sum over points, each on a shell of one thickness. Linear in it on shells that are flat around a node, and else
-    rational, as faces are longer or shorter than the middle.
-    read: shells of another thickness → rows (m, r) as they read then."""
+    as a row is a sum over points, each on a shell of one thickness. On shells that are flat around a node the rows are linear in
+    the thickness, else rational. read: returns the rows (m, r) for a thickness."""
     reference = {parameter.name: parameter.reference for parameter in free}
     first = read(thickness_at(mesh, free, reference))
     size = np.abs(first).max(axis=1, initial=0.0, keepdims=True)
-    size = np.maximum(size, SMALL * size.max(initial=0.0))  # rows that are zero but for rounding
+    size = np.maximum(size, SMALL * size.max(initial=0.0))  # rows of rounding errors only
     change = NO_CHANGE
     for parameter in free:
 

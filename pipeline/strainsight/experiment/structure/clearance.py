@@ -1,5 +1,4 @@
-"""Whether gauges are in sound places: clearance from edges, supports and loads, bends, steep gradients, access, and hot spots
-of the mesh."""
+"""Checks of gauge positions: clearance, curvature, strain gradient, access, and hot spots of the mesh."""
 
 from __future__ import annotations
 
@@ -31,19 +30,16 @@ from strainsight.sensors.rows import installation_axes
 from strainsight.sensors.zones import on_surface
 
 CHOICE = 50
-"""Places that the default has to leave: with fewer it would be the clearance that places the gauges. It does not depend on how
-many these are, so that another `place.keep` leaves the screening as it is."""
+"""Fewest candidates that the default clearance may leave; independent of `place.keep`, so that screening is, too."""
 STEPS = (1.0, 0.5, 0.25)
-"""Of the carrier's clearance: what is tried on a part that is too small for it, before there is none."""
+"""Fractions of the default clearance that are tried in turn on small parts."""
 
 
 def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
-    """The clearance that is kept, None where none was to be, and which gauges (gauges,) are too near to something for it.
+    """Clearance in force (None if disabled), and which gauges (gauges,) violate it.
 
-    Only strain gauges that are still to be bonded on the mesh keep one: where the others are is not ours to choose, and a sensor
-    of motion reads no strain. A default that does not leave `CHOICE` places, so far apart as screening asks, is halved, halved
-    again, then left out.
-    Raises InfeasibleError where a stated one leaves no place.
+    It applies to strain gauges on the mesh that are not bonded yet. The default is halved twice, then dropped, until it leaves
+    `CHOICE` places at the minimum spacing of screening. Raises InfeasibleError if a configured clearance leaves no place.
     """
     config, mesh, pool, stated = structure.config, structure.mesh, structure.pool, structure.config.gauges.clearance
     first, blocked = pool.first, np.zeros(pool.gauges, dtype=bool)
@@ -63,7 +59,7 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
         around["bends"], lying["bends"] = sides(mesh.position, facets, bends), _lies_on(part, facets, bends)
 
     def nearer(distance: float) -> dict[str, np.ndarray]:
-        """Which of them are too near to each obstacle, or on it; a bridge with any of its arms."""
+        """Which gauges are too near to each obstacle, a bridge with any of its arms."""
         near = {name: part.any_grid(mask) for name, mask in crowded(places, around, distance).items()}
         return {name: mask | lying.get(name, False) for name, mask in near.items()}
 
@@ -84,19 +80,18 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
             return Clearance(distance=step * wanted, wanted=wanted, rule=rule, near=counts), blocked
     if rule == CARRIER:
         return Clearance(distance=0.0, wanted=wanted, rule=rule, near={}), blocked
-    *others, last = (OF_THEM.get(name, name.removesuffix("s")) for name in around)
+    *others, last = (OBSTACLE_NAMES.get(name, name.removesuffix("s")) for name in around)
     raise InfeasibleError(
-        f"none of {len(points)} candidates is {1e3 * wanted:.3g} mm from every {', '.join(others)} and {last}",
+        f"all {len(points)} candidates are nearer than {1e3 * wanted:.3g} mm to a {', '.join(others)} or {last}",
         key="gauges.clearance",
-        remedy="state a smaller one, or none; zones of gauges.exclude leave out what has to be",
+        remedy="Reduce the clearance or set it to none, and exclude critical areas by gauges.exclude.",
     )
 
 
 def bent_gauges(structure: Structure) -> np.ndarray:
-    """Which strain gauges (gauges,) lie on a facet that bends tighter than their type may be bent, bonded ones too; none without
-    a type.
+    """Which strain gauges (gauges,), bonded ones too, lie on a facet with a radius below the bend radius of their type.
 
-    Raises InfeasibleError where all candidates do.
+    Raises InfeasibleError if all candidates do.
     """
     gauges, mesh, pool = structure.config.gauges, structure.mesh, structure.pool
     kind = gauge_type(gauges)
@@ -109,16 +104,16 @@ def bent_gauges(structure: Structure) -> np.ndarray:
     free = straining[~pool.bonded[pool.first[straining]]]
     if len(free) and bent[free].all():
         raise InfeasibleError(
-            f"the surface bends tighter than the {1e3 * kind.bend_radius:g} mm to which {gauges.type} may be bent at all "
-            f"{len(free)} candidates",
+            f"at all {len(free)} candidates the surface radius is below the bend radius of {gauges.type}, "
+            f"{1e3 * kind.bend_radius:g} mm",
             key="gauges.type",
-            remedy="choose a smaller type, or another surface (gauges.surface, gauges.include)",
+            remedy="Choose a smaller type or another surface (gauges.surface, gauges.include).",
         )
     return bent
 
 
 def bent_warning(structure: Structure, bent: np.ndarray) -> str:
-    """Which bonded gauges lie on a surface that bends too tightly for their type, by `bent_gauges`; empty where none does."""
+    """Warning about bonded gauges on a surface too curved for their type (`bent_gauges`), empty without any."""
     pool, gauges = structure.pool, structure.config.gauges
     kind = gauge_type(gauges)
     bonded = np.flatnonzero(bent & pool.bonded[pool.first])
@@ -126,8 +121,8 @@ def bent_warning(structure: Structure, bent: np.ndarray) -> str:
         return ""
     names = ", ".join(structure.training.name[i] or f"fixed {i + 1}" for i in bonded)
     return (
-        f"Bonded already where the surface bends tighter than the {1e3 * kind.bend_radius:g} mm of {gauges.type}: "
-        f"{names}. Check that the carrier holds there, or state gauges.type as of the gauges that are bonded."
+        f"Bonded where the surface radius is below the bend radius of {gauges.type}, {1e3 * kind.bend_radius:g} mm: "
+        f"{names}. Check the adhesion of the carrier, or set gauges.type to the type of the bonded gauges."
     )
 
 
@@ -137,13 +132,15 @@ def _lies_on(part: Candidates, facets: Facets, chosen: np.ndarray) -> np.ndarray
     return part.any_grid(np.isin(facet_key(grids.element, grids.facet), facets.key[chosen]))
 
 
-OF_THEM = {"faces": "face of gauges.exclude", "bends": "bend too tight for gauges.type"}
-"""In words, of one; others without their s."""
+OBSTACLE_NAMES = {"faces": "face of gauges.exclude", "bends": "bend too tight for gauges.type"}
+"""Obstacles in the singular; others without their s."""
 
 
 def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndarray:
-    """Nodes (l,) (indices) of the surface on which loads of the config act, of a moment on a node those that exert its couple. A
-    load that acts inside the body too, as weight does, has no place to stay clear of, nor has one that is spread over shells."""
+    """Indices (l,) of surface nodes on which loads of the config act, for a nodal moment those that carry its couple.
+
+    Loads that also act inside the body, as weight, and loads distributed over shells are omitted.
+    """
     outside, solid = (np.zeros(len(mesh.position), dtype=bool) for _ in range(2))
     outside[facets.nodes[facets.nodes >= 0]] = True
     for block in mesh.blocks:
@@ -160,7 +157,7 @@ def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndar
         elif load.node is not None:
             acted_on[mesh.node_ids == load.node] = True
             if load.moment is not None:
-                # on a node of solids it is a couple of forces on those of its elements, some of which may be inside
+                # a moment on a node of solids is a couple of forces on nodes of its elements, some of them inside
                 loaded[nodes_at(mesh, int(np.flatnonzero(acted_on)[0]))] |= bool(np.any(acted_on & solid))
         if not np.any(acted_on & solid & ~outside):
             for nodes in (shell.nodes for shell in mesh.shells):
@@ -170,47 +167,47 @@ def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndar
 
 
 def clearance_in_words(clearance: Clearance, taken: int) -> str:
-    """The clearance, whose rule it is, and how many candidates it took."""
+    """Describe the clearance, its origin and how many candidates violate it."""
     if clearance.distance == 0:
         return "no clearance from edges, supports and loads"
     near = ", ".join(f"{count} to {name}" for name, count in clearance.near.items() if count)
-    how = {STATED: "", CARRIER: ", half the diagonal of a carrier"}[clearance.rule]
+    how = {STATED: "", CARRIER: " (half the carrier diagonal)"}[clearance.rule]
     if clearance.distance < clearance.wanted:
-        how = f", reduced from {1e3 * clearance.wanted:.3g} mm"
-    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {taken} nearer{near and f': {near}'}"
+        how = f" (reduced from {1e3 * clearance.wanted:.3g} mm)"
+    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {taken} candidates nearer{near and f': {near}'}"
 
 
 def clearance_warning(clearance: Clearance) -> str:
-    """What a reader has to know of a default that the part is too small for; empty where it is kept."""
+    """Warning that the default clearance was reduced, else empty."""
     if clearance.distance == clearance.wanted:
         return ""
-    kept = f"{1e3 * clearance.distance:.3g} mm is kept" if clearance.distance else "none is kept"
+    used = f"{1e3 * clearance.distance:.3g} mm is used" if clearance.distance else "no clearance is used"
     return (
-        f"A clearance of {1e3 * clearance.wanted:.3g} mm from edges, supports and loads, half the diagonal of a gauge's carrier, "
-        f"leaves fewer than {CHOICE} places here: {kept}. Mesh more finely, or state gauges.clearance (a length, or "
-        "none) for the gauge that you have."
+        f"The default clearance of {1e3 * clearance.wanted:.3g} mm from edges, supports and loads (half the carrier diagonal) "
+        f"leaves fewer than {CHOICE} places, so {used}. Refine the mesh, or set gauges.clearance to a length or "
+        "none for your gauge type."
     )
 
 
 IN_PLACE, OVER_GRID = 0.05, 0.2
-"""Of a reading: what a σ of its place may change of it, and what the strain may change from end to end of its grid. Ours: on
-smooth parts 2 mm are 1 to 1.5 %; of what is linear over a grid the mean is read, and nothing of it is wrong."""
+"""Allowed change of a reading by one σ of position, and of strain over the grid length. On smooth parts 2 mm change 1 to 1.5 %;
+a linear gradient over the grid causes no error."""
 HAND = 0.06
-"""[m] of free height that a hand with a foil, a pad and a clamp takes: ours."""
+"""Free height [m] needed for bonding by hand with pad and clamp."""
 STEP = 0.001
-"""[m] σ at which slopes are taken where the place has no tolerance."""
+"""σ [m] for strain slopes if the position has no tolerance."""
 
 
 def at_gauges(structure: Structure, gauges: np.ndarray) -> AtGauges | None:
-    """Of gauges by their numbers (k,), along the training run; None where they are given without a surface.
+    """Strain gradients and access at gauges (k,) along the training run; None for gauges without a surface.
 
-    With the slopes s₁, s₂ of a grid's strain in its place, along e₁ and e₂, ε its strain and t the time:
+    With the slopes s₁, s₂ of a grid's strain along e₁ and e₂, its strain ε and time t:
 
-        in place      √(σ² Σ (rms_t s₁² + rms_t s₂²)) / rms_t ε        of a gauge that is still to be bonded
+        in place      √(σ² Σ (rms_t s₁² + rms_t s₂²)) / rms_t ε        for a gauge that is not bonded yet
         over grid     L rms_t (d₁ s₁ + d₂ s₂) / rms_t ε                d its direction, L its length
 
-    Of a bridge the sum is over its arms, and the largest of them counts over the grid; of a rosette the channel that changes
-    most; rms ε is that of the largest channel. NaN where no strain is measured.
+    For a bridge the sum is over its arms, and the largest arm counts over the grid. For a rosette the channel with the largest
+    change counts; rms ε is that of the largest channel. NaN for sensors of motion.
     """
     pool, mesh = structure.pool, structure.mesh
     if structure.training.given is not None or not mesh.has_surface:
@@ -245,7 +242,7 @@ def _steep(structure: Structure, part: Candidates) -> tuple[np.ndarray, np.ndarr
     d1, d2 = (np.sum(grids.direction * e, axis=1)[:, None] for e in (e1, e2))
 
     def square(rows: np.ndarray) -> np.ndarray:
-        # of what does not move in training, rounding of either sign is left
+        # rounding errors may be negative
         return np.asarray(np.maximum(np.einsum("mi,ij,mj->m", rows, C, rows, optimize=True), 0.0))
 
     moved = std**2 * (square(slopes.along) + square(slopes.across)) * ~grids.bonded
@@ -261,32 +258,32 @@ def _steep(structure: Structure, part: Candidates) -> tuple[np.ndarray, np.ndarr
 
 
 def notes_at_gauges(sites: AtGauges | None, count: int) -> tuple[str, ...]:
-    """What is to be looked at of every gauge of `count`, for its line in a list: empty where there is nothing."""
+    """Note for each of `count` gauges in a list, empty without one."""
     if sites is None:
         return ("",) * count
     return tuple("; ".join(filter(None, (sites.steep_in_words(i), sites.access_in_words(i)))) for i in range(count))
 
 
 def advice_at_gauges(sites: AtGauges | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:
-    """A sentence for each gauge in a steep gradient, and for those to which access is to be checked alike, as on one face."""
+    """Sentences on gauges in a steep gradient, and on groups of gauges whose access has to be checked."""
     if sites is None:
         return
-    alike: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for i, label in enumerate(labels):
         if words := sites.steep_in_words(i):
-            remedy = "" if bonded[i] else ": place it by a template, take a shorter grid, or move it"
-            yield f"{label}, {words}{remedy}."
+            remedy = "" if bonded[i] else ". Position it with a template, use a shorter grid, or move it"
+            yield f"{label}: {words}{remedy}."
         if not bonded[i]:
             for words in sites.access(i):
-                alike.setdefault(words, []).append(label)
-    for words, those in alike.items():
+                groups.setdefault(words, []).append(label)
+    for words, those in groups.items():
         yield (
-            f"{', '.join(those)}, check access: {words}: see whether a hand gets there, or leave the place out (gauges.exclude)."
+            f"{', '.join(those)}: {words}. Check that the place can be reached by hand, or exclude it (gauges.exclude)."
         )
 
 
 def type_in_words(config: PlacementConfig) -> str:
-    """The type of the gauges that are to be bonded, and what of it was taken; empty where the config names none."""
+    """Describe the gauge type and the values taken from it; empty without a type."""
     kind = gauge_type(config.gauges)
     if kind is None:
         return ""
@@ -296,14 +293,14 @@ def type_in_words(config: PlacementConfig) -> str:
 
 
 def type_table(config: PlacementConfig) -> tuple[Table, ...]:
-    """What holds for the gauges, and whether their type or a key of the config says so; no table where there is no type."""
+    """Table of gauge properties and their origin (type or config key); empty without a type."""
     if gauge_type(config.gauges) is None:
         return ()
-    return (Table(f"gauges {config.gauges.type}", ("what", "value", "from"), tuple(_rows(config))),)
+    return (Table(f"gauges {config.gauges.type}", ("property", "value", "from"), tuple(_rows(config))),)
 
 
 def _rows(config: PlacementConfig) -> list[tuple[str, str, str]]:
-    """What, its value, and where that comes from: what a key states as the type has it is the type's."""
+    """Property, value and origin; a key equal to the value of the type counts as the type's."""
     gauges, named_type = config.gauges, gauge_type(config.gauges)
     assert named_type is not None
     assert gauges.type is not None
@@ -330,16 +327,14 @@ def _mm(length: float) -> str:
 
 
 SHARE = 0.05
-"""Of a reading: what a change is allowed. Errors of installation by the default tolerances are 1 to 1.5 % of a reading on smooth
-parts: a strain that is 5 % off is beyond three times what the σ of a layout allows for. σ of the gain, where it is larger, is
-covered anyway."""
+"""Allowed change of a reading: more than three times the installation error by default tolerances (1 to 1.5 % on smooth
+parts). A larger σ of the gain is allowed instead."""
 MOST = 20
-"""Gauges that are tested: of larger layouts the most missed."""
+"""Largest number of gauges that are tested, the most important ones of larger layouts."""
 
 
 def tested_hot_spots(structure: Structure, gauges: np.ndarray) -> HotSpots | None:
-    """The test of gauges on solids by their numbers (k,), at the guess and along the training run, NaN of others; None where the
-    model is not that of a mesh of solids."""
+    """Hot-spot test of gauges (k,) on solids at the guess along the training run, NaN for others; None without solids."""
     config, mesh, reduced, pool = structure.config, structure.mesh, structure.reduced, structure.pool
     if (
         structure.training.given is not None
@@ -364,8 +359,7 @@ def tested_hot_spots(structure: Structure, gauges: np.ndarray) -> HotSpots | Non
 
 
 def _pressed_nodes(config: PlacementConfig, mesh: Mesh) -> np.ndarray:
-    """Nodes (indices) of the faces that loads act on, and those of loads of the deck: facets that have such nodes alone carry a
-    traction. Of a set that is no face the nodes have equal parts."""
+    """Indices of nodes of loaded faces and of loads of the deck; facets with only such nodes carry a traction."""
     pressed = np.zeros(len(mesh.position), dtype=bool)
     for load in config.loads.values():
         if load.deck_load is not None:
@@ -376,7 +370,7 @@ def _pressed_nodes(config: PlacementConfig, mesh: Mesh) -> np.ndarray:
 
 
 def at_guess(structure: Structure) -> Mesh:
-    """The mesh with the moduli at which training was simulated; springs are outside its elements, and not asked for."""
+    """Mesh with the moduli of the training run, without springs."""
     mesh, reference = structure.mesh, structure.reduced.model.reference
     for name, entry in structure.config.parameters.items():
         if of_stiffness(entry.property):
@@ -386,38 +380,38 @@ def at_guess(structure: Structure) -> Mesh:
 
 
 def hot_spot_advice(test: HotSpots | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:
-    """A sentence for the gauges at hot spots of one kind, and one where some were not tested."""
+    """Sentences on groups of gauges at hot spots, and on gauges that were not tested."""
     if test is None:
         return
-    alike: dict[tuple[str, str], list[str]] = {}
+    groups: dict[tuple[str, str], list[str]] = {}
     for i in np.flatnonzero(test.hot).tolist():
         how = []
         if abs(test.refined[i]) > test.share:
-            how.append(f"by {_percent(test.refined[i])} when the mesh around it is refined")
+            how.append(f"by {_percent(test.refined[i])} if the mesh is refined")
         if abs(test.spread[i]) > test.share:
-            how.append(f"by {_percent(test.spread[i])} when forces on nodes beside it are spread over the facets there")
+            how.append(f"by {_percent(test.spread[i])} if nearby nodal forces are distributed over facets")
         remedy = (
-            "mesh more finely there, with the fillet or the contact as it is"
+            "Refine the mesh there, including the real fillet or contact"
             if bonded[i]
-            else "move {it} (a larger gauges.clearance, gauges.exclude) or mesh more finely there"
+            else "Move {it} (gauges.clearance, gauges.exclude) or refine the mesh there"
         )
-        alike.setdefault((" and ".join(how), remedy), []).append(labels[i])
-    for (how_much, remedy), those in alike.items():
-        sit, its, it = ("sits at a hot spot", "its", "it") if len(those) == 1 else ("sit at hot spots", "their", "them")
-        yield f"{', '.join(those)} {sit}: {its} strain changes {how_much}; {remedy.format(it=it)}."
+        groups.setdefault((" and ".join(how), remedy), []).append(labels[i])
+    for (how_much, remedy), those in groups.items():
+        sit, its, it = ("is at a hot spot", "its", "it") if len(those) == 1 else ("are at hot spots", "their", "them")
+        yield f"{', '.join(those)} {sit}: {its} strain changes {how_much}. {remedy.format(it=it)}."
     unknown = [label for label, value in zip(labels, test.refined, strict=True) if np.isnan(value)]
     if unknown:
         yield f"Not tested for hot spots: {', '.join(unknown)}."
 
 
 def hot_spot_table(test: HotSpots, labels: Sequence[str]) -> Table:
-    """The test of every gauge as it is printed."""
+    """Table of the hot-spot test."""
     rows = tuple(
         (label, _percent(refined), _percent(spread) if spread else "", "hot spot" if hot else "")
         for label, refined, spread, hot in zip(labels, test.refined, test.spread, test.hot, strict=True)
     )
-    columns = ("strain of", "mesh around it refined", "forces on nodes spread", "")
-    return Table(f"hot spots: change by more than {100 * test.share:.2g} %", columns, rows)
+    columns = ("strain of", "with a refined mesh", "with distributed nodal forces", "")
+    return Table(f"hot spots: strain changes by more than {100 * test.share:.2g} %", columns, rows)
 
 
 def _percent(share: float) -> str:

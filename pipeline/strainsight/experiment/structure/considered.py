@@ -1,4 +1,4 @@
-"""What the filter takes as exact and is not: installation of its gauges, loads, damping, frequencies, stiffness; with their σ
+"""Considered parameters of the filter (Schmidt-Kalman): errors of installation, loads, damping, frequencies and stiffness, with σ
 from the tolerances.
 """
 
@@ -52,22 +52,21 @@ SOURCE = {
     "along_across": "position",
     "turned_twice": "angle",
 }
-"""Derivative of a reading → what it is one of, in a budget."""
+"""Derivative of a reading → source in a variance budget."""
 
 
 RENEWED = ("offset", "drift", "temperature")
-"""Sources that begin anew in every record of a test: gauges are zeroed before each, at the temperature of that day."""
+"""Sources with independent errors in every record of a test, as gauges are zeroed before each."""
 
 
 SHARE, MOST = 0.999, 6
-"""Modes with a frequency tolerance of their own: as many as make up this share of what inertia adds to the readings of the
-training run, and no more."""
+"""Share of the inertial readings in training covered by modes with separate frequency errors, and most such modes."""
 
 
 @dataclass(frozen=True)
 class Zero:
-    """An error that is the same in any motion: source; σ (k,) of it in each of k channels [unit of the channel]; owner (k,):
-    channels of one number are off by one constant; drifts: whether that is at the end of the record, and t/T of it before."""
+    """Error independent of the motion: source; std (k,) of k channels [unit of the channel]; owner (k,): channels with the same
+    number share one error; drifts: whether it grows with t/T to this value at the end of the record."""
 
     source: str
     std: np.ndarray
@@ -77,13 +76,12 @@ class Zero:
 
 @dataclass(frozen=True)
 class Tolerated:
-    """σ times the derivatives of some channels with respect to their installation.
+    """Tolerances of channels: σ times derivatives with respect to installation and other errors.
 
-    channels (k,) of train.h5, ascending; quantity (k,); of each of their g grids (`Candidates.grids`) the channel, 0 to k − 1,
-    that reads it, its sign there, and gauge, a number for those that move as one; slope: name → (g, n) per reduced coordinate,
-    those without a tolerance left out; beyond: the same names → (g, f) of what each error of a load, of σ, displaces beyond the
-    coordinates [1/N]; mean (g, n): what they read on average beyond what they are meant to; zeros: what is off whatever the
-    motion is; loads: how they act; damping, frequency, stiffness, learned, discrepancy: of `ConsideredParameters`.
+    channels (k,): of train.h5, ascending; quantity (k,); channel_of_grid, sign, gauge: of g grids (`Candidates.grids`), gauge is
+    common to grids that move together; slope: name → (g, n) per reduced coordinate; beyond: name → (g, f) per load error outside
+    the reduced basis [1/N]; mean (g, n): mean change of the reading; zeros: errors independent of the motion; loads: load errors;
+    damping, frequency, stiffness, learned, discrepancy: see `ConsideredParameters`.
     """
 
     channels: np.ndarray
@@ -104,10 +102,10 @@ class Tolerated:
 
 
 def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
-    """Of channels (any,) of train.h5, −1 for none, by the tolerances of the config."""
+    """Tolerances of channels (any,) of train.h5, −1 for none, from the config."""
     tolerances, pool, std = structure.tolerances, structure.pool, structure.installation
     reduced, training = structure.reduced, structure.training
-    # whole gauges: a sensitivity needs all channels that move as one
+    # a sensitivity needs all channels of a gauge
     wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
     part = pool.take(wanted)
     sensitivity, grids, n = structure.sensitivity(wanted), part.grids, reduced.model.size
@@ -119,7 +117,7 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
     mean, missed = std.mean(sensitivity) * free, training.missed[wanted]
     loads = tolerated_loads(tolerances, reduced, missed + part.read(mean[:, n:]).reshape(missed.shape), part.quantity)
     felt = {name: rows for name, rows in scaled.items() if rows.any()}
-    # of a gain, whose std here is 0, nothing: it displaces nothing else
+    # a gain (std 0 here) has no displacement
     beyond = {
         name: loads.std * rows[:, n:].reshape(len(rows), *missed.shape[1:])[:, loads.load, loads.way]
         for name, rows in felt.items()
@@ -144,7 +142,7 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
 
 
 def _frequency(structure: Structure, rows: np.ndarray) -> np.ndarray:
-    """σ (k, n) of ln ω of n modes, one of all alike and one of every mode by itself that channels with these rows (m, n) read.
+    """σ (k, n) of ln ω of n modes: one common error, and one for every mode that channels with these rows (m, n) measure.
 
     Inertia of mode j adds −q̈ⱼ/λⱼ to its static response.
     """
@@ -163,31 +161,31 @@ def _frequency(structure: Structure, rows: np.ndarray) -> np.ndarray:
 
 
 def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
-    each, alike, beside = np.arange(len(part)), *std.warmed
+    each, common, differential = np.arange(len(part)), *std.warmed
     straining, ones = part.quantity == STRAIN, np.ones(len(part.grids))
     zeros = (
         Zero("offset", std.offset * straining, each, drifts=False),
         Zero("drift", std.drift * straining, each, drifts=True),
-        Zero("temperature", alike * straining * part.read(ones), np.zeros_like(each), drifts=True),
-        Zero("temperature", beside * straining * np.sqrt(part.added(ones)), part.gauge, drifts=True),
+        Zero("temperature", common * straining * part.read(ones), np.zeros_like(each), drifts=True),
+        Zero("temperature", differential * straining * np.sqrt(part.added(ones)), part.gauge, drifts=True),
     )
     return tuple(zero for zero in zeros if zero.std.any())
 
 
 def not_held_in_words(structure: Structure) -> tuple[str, ...]:
-    """Which tolerances σ does not hold, a sentence each."""
+    """Sentences on tolerances that σ does not include."""
     sentences, tolerances, loads = [], structure.tolerances, structure.config.loads
     if structure.training.given is not None and (tolerances.position or tolerances.angle or tolerances.transverse):
         sentences.append(
-            "σ holds no errors of place, direction and transverse sensitivity of the given gauges: their rows do not say how the "
-            "strain is beside them (tolerances.position, angle, transverse)"
+            "σ does not include position, angle and transverse sensitivity errors of imported gauges, because their strain "
+            "operator has no strain gradient (tolerances.position, angle, transverse)"
         )
     change = structure.reduced.misaligned.shape
     for key, std, of in (
         ("load_angle", tolerances.load_angle, change[..., :2]),
         ("load_position", tolerances.load_position, change[..., 2:]),
     ):
-        # a moment and what pulls at all mass have no point, a pressure and a rotation no direction either
+        # moments and body forces have no point of action, pressures and rotations no direction either
         rigid = [
             name
             for i, name in enumerate(structure.reduced.model.inputs)
@@ -198,24 +196,24 @@ def not_held_in_words(structure: Structure) -> tuple[str, ...]:
         ]
         if rigid:
             sentences.append(
-                f"σ holds no such error as tolerances.{key} states of {', '.join(rigid)}: no motion of the model follows it"
+                f"σ does not include tolerances.{key} of {', '.join(rigid)}: this error causes no motion of the model"
             )
     return tuple(sentences)
 
 
 def exact_frequencies_in_words(config: PlacementConfig) -> str:
-    """That σ takes the natural frequencies of a dynamic model for exact, where tolerances are stated and that of these is 0."""
+    """Warning that σ assumes exact natural frequencies, if other tolerances are set."""
     stated = tolerances_of(config.tolerances)
     if stated == NONE or stated.frequency > 0 or config.train.model == "static":
         return ""
     return (
-        "σ takes masses and natural frequencies of the model for exact: a mass that is 1 % off makes a modulus 1 % wrong; set "
-        "tolerances.frequency: 0.01 where they are not as exact as that"
+        "σ assumes exact masses and natural frequencies; a mass error of 1 % causes a modulus error of 1 %. If they are "
+        "uncertain, set tolerances.frequency: 0.01"
     )
 
 
 def on_average(tolerated: Tolerated, model: FilterModel, channels: np.ndarray) -> FilterModel:
-    """The filter with what these channels (m,) of train.h5 read on average over their installations."""
+    """Filter model with the mean reading of channels (m,) of train.h5 over installation errors."""
     at = np.searchsorted(tolerated.channels, channels)
     rows, n = np.zeros((len(tolerated.channels), tolerated.mean.shape[1])), tolerated.mean.shape[1]
     np.add.at(rows, tolerated.channel_of_grid, tolerated.sign[:, None] * tolerated.mean)
@@ -227,9 +225,11 @@ def on_average(tolerated: Tolerated, model: FilterModel, channels: np.ndarray) -
 def build_considered(
     tolerated: Tolerated, model: FilterModel, channels: np.ndarray, behind: bool = False
 ) -> ConsideredParameters:
-    """Of a filter with these channels (m,) of train.h5: direction and point of every load, gain of every known one; place and
-    turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part. behind: with
-    what misaligned loads displace beyond the coordinates behind the states of the smoother (`field_beyond`)."""
+    """Considered parameters of a filter with channels (m,) of train.h5.
+
+    Direction and point of loads, gain of known loads; position, angles, gain, transverse sensitivity, offset and drift of gauges;
+    temperature. behind: append the static residual of misaligned loads to the smoother states (`field_beyond`).
+    """
     at = np.searchsorted(tolerated.channels, channels)
     m, n, states = len(channels), model.model.size, model.parameter_states.start
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
@@ -258,7 +258,7 @@ def build_considered(
     )
 
     def read(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What grids with these rows on coordinates read of the states and of the known loads."""
+        """Readings of grids with these rows, per state and per known load."""
         sensed, fed = np.zeros((len(grids), states)), np.zeros((len(grids), len(model.known_inputs)))
         sensed[:, :n] = tolerated.sign[grids, None] * rows[grids]
         if moving.any():
@@ -299,21 +299,21 @@ def build_considered(
 
 
 def _rows(m: int, row: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """m rows, of which some, each once, have these values, and the others zero."""
+    """Place values in the given rows of m zero rows."""
     whole = np.zeros((m, values.shape[1]))
     whole[row] = values
     return whole
 
 
 Shares = Mapping[str, Mapping[str, float]]
-"""Name of an unknown → source → share of its variance, of a name in sum 1."""
+"""Unknown → source → share of its variance; shares of an unknown sum to 1."""
 HOLDS = 1.25
-"""Factor that the σ of a budget, linear about one motion, may be off from the one that is claimed."""
+"""Largest ratio of σ of a linearised budget to the σ of the filter."""
 
 
 def variances(problem: Problem, claim: ClaimedStd) -> tuple[np.ndarray, Shares]:
-    """σ² (B, k) of every unknown in B sets, and what that of the first is made of: of a constant parameter at the end, when all
-    samples are in it, otherwise the mean of the last half."""
+    """σ² (B, k) of every unknown in B layouts, and the budget of the first: final values for constant parameters, else the mean
+    of the last half."""
     at = problem.unknowns.position(problem.model)
     whole = _late(problem, claim.std[:, :, at] ** 2)
     part = {source: _late(problem, values[:, at]) for source, values in claim.budget.items()}
@@ -331,16 +331,15 @@ def budget_of(
     run: FilterRun,
     smoothed: Smoothed,
 ) -> tuple[Shares, tuple[str, ...]]:
-    """Of the filtered unknowns by the filter of the config, linearised along the motion under the loads, and at the parameters,
-    that the smoother has found; and a sentence for each unknown whose σ this does not give within HOLDS, which has none.
+    """Variance budget of the filtered unknowns, linearised along the smoothed motion and parameters; and a sentence for each
+    unknown without a budget, because its σ differs by more than HOLDS.
 
-    channels (m,) of the record: rows of train.h5. The extended and the sigma-point filter have no tolerances in their σ, and none
-    here.
+    channels (m,): rows of train.h5. Tolerances are included only for the parameter grid filter.
     """
     model = record.model
     x = smoothed.mean[:, 0, : model.size]
     if not np.isfinite(x).all():
-        return {}, ("no budget of the variance: the motion that was found is not finite",)
+        return {}, ("no variance budget: the smoothed motion is not finite",)
     u = inputs_of(model, x[:-1], record.known)
     theta = {name: float(value) for name, value in theta_of(model, x[-1]).items()}
     smoothed_values = {name: theta[name] for name in problem.unknowns.parameters}
@@ -348,10 +347,10 @@ def budget_of(
     missing = np.zeros((len(u), 1, len(channels)))
     missing[model.every - 1 :: model.every, 0] = np.isnan(record.samples)
     at = replace(at, r=at.r * np.where(missing > 0, SILENT, 1.0) if missing.any() else at.r)
-    uses_grid = problem.method == "bank"
+    by_grid = problem.method == "bank"
     start = np.diag(record.covariance)[model.motion]
-    motion = _motion(at, theta, u, x[:, model.motion], start, record.settled if uses_grid else None)
-    if uses_grid:
+    motion = _motion(at, theta, u, x[:, model.motion], start, record.settled if by_grid else None)
+    if by_grid:
         considered = build_considered(tolerances, at, channels)
         claim = predict_grid_std(at, motion, u, record.covariance, considered, record.settled)
     else:
@@ -359,11 +358,11 @@ def budget_of(
     whole, shares = variances(problem, claim)
     claimed = _late(problem, run.std[:, 0, problem.unknowns.position(problem.model)] ** 2)
     ratio = dict(zip(problem.unknowns.names, np.sqrt(whole[0] / claimed).tolist(), strict=True))
-    kept = {name: share for name, share in shares.items() if 1 / HOLDS <= ratio[name] <= HOLDS}
-    return kept, tuple(
-        f"no budget of {name}: about one motion its σ would be {ratio[name]:.2g} times what the filter claims"
+    accurate = {name: share for name, share in shares.items() if 1 / HOLDS <= ratio[name] <= HOLDS}
+    return accurate, tuple(
+        f"no variance budget of {name}: linearisation changes its σ by a factor of {ratio[name]:.2g}"
         for name in shares
-        if name not in kept
+        if name not in accurate
     )
 
 
@@ -375,12 +374,11 @@ def _motion(
     start: np.ndarray,
     settled: Settled | None,
 ) -> np.ndarray:
-    """The motion [q, q̇] (T + 1, 2n) under the loads: periodic where it has settled, otherwise begun so that it is as near as can
-    be to the smoothed one.
+    """Motion [q, q̇] (T + 1, 2n) of the model under the loads: periodic if settled, else with the initial state that fits the
+    smoothed motion best.
 
-    That one is none of the model where gauges or loads are not as meant: its start would set off what no test has seen, and
-    distinguish constants by it. u (T, HOLD, n_u); start (2n,): variance of [q, q̇] at t = 0. Least squares of the free motion
-    Aᵏx₀ on what the smoothed motion has beside the forced one, coordinates over their RMS, with the start of the filter as prior.
+    Least squares of the free motion Aᵏx₀ on smoothed − forced motion, coordinates over their RMS, with the start of the filter as
+    prior. The smoothed motion itself is not a solution of the model. u (T, HOLD, n_u); start (2n,): variance of [q, q̇] at t = 0.
     """
     if settled is not None:
         one = linear_models(model, np.zeros((1, len(model.unknowns.parameters))), none_considered(model))
@@ -389,15 +387,15 @@ def _motion(
     size, std = np.sqrt(np.mean(smoothed**2, axis=0)), np.sqrt(start)
     size = np.where(size > 0, size, 1.0)
     free, normal, right = np.diag(std), np.eye(len(std)), np.zeros(len(std))
-    for beside in (smoothed - forced) / size:
+    for residual in (smoothed - forced) / size:
         scaled = free / size[:, None]
-        normal, right = normal + scaled.T @ scaled, right + scaled.T @ beside
+        normal, right = normal + scaled.T @ scaled, right + scaled.T @ residual
         free = A @ free
     return simulate(model.model, theta, u, model.h, std * np.linalg.solve(normal, right))
 
 
 def _late(problem: Problem, variance: np.ndarray) -> np.ndarray:
-    """Of variances (T, ..., k) of the unknowns: at the end of constants, else the mean of the last half (..., k)."""
+    """Variances (..., k) from (T, ..., k): final values for constants, else the mean of the last half."""
     late = np.mean(variance[len(variance) // 2 :], axis=0)
     if not problem.drifting:
         late[..., len(problem.unknowns.inputs) :] = variance[-1, ..., len(problem.unknowns.inputs) :]

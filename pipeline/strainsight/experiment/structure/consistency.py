@@ -1,5 +1,5 @@
-"""Whether measurements are consistent with the model: the grid filter that judges a record, the fault of a channel or a known
-load that explains it, with the key that undoes it, and whether records of one test agree with each other."""
+"""Consistency of measurements with the model and with each other, and the fault of a channel or known load that explains a
+discrepancy, with the config key that corrects it."""
 
 from __future__ import annotations
 
@@ -32,19 +32,18 @@ from strainsight.sensors.rows import channel_rows, fits
 from strainsight.sensors.surface import turned
 
 MOST_TIMES = 20
-"""Spans of a fault that are named one by one."""
+"""Largest number of time intervals of a fault that are listed."""
 LEAST_SHARE = 0.1
-"""Of a channel in the pattern of an additional load, to be named."""
+"""Smallest share of a channel in the pattern of an additional load that is listed."""
 OTHER_STEP = 100.0
-"""Factor between the sampling interval of a record and `train.time_step`, from which the unit of its time is asked about."""
+"""Ratio of sampling interval and `train.time_step` that suggests a wrong unit of time."""
 
 
 @dataclass(frozen=True)
 class Turning:
-    """What gauges would read turned on the surface.
+    """Strain operators of gauges rotated on the surface by ANGLES; NaN where a channel cannot be rotated.
 
-    rows (m, angles, n): of channels by ANGLES, per reduced coordinate, NaN where a channel cannot be turned; missed
-    (m, angles, n_u, misalignments): likewise, of misaligned loads.
+    rows (m, angles, n): per reduced coordinate; missed (m, angles, n_u, misalignments): of misaligned loads.
     """
 
     rows: np.ndarray
@@ -52,8 +51,8 @@ class Turning:
 
 
 def turning_of(structure: Structure, channels: np.ndarray) -> Turning:
-    """Of channels (m,) of train.h5; only gauges of strain on the mesh can be turned, whose grid then stays on the surface, and no
-    bridges, the arms of which would be turned each by itself."""
+    """Rotate channels (m,) of train.h5. Only strain gauges on the mesh whose rotated grid stays on the surface can be rotated;
+    bridges cannot."""
     training, missed = structure.training, structure.reduced.misaligned.missed
     n = training.rows.shape[1]
     rows = np.full((len(channels), len(ANGLES), n), np.nan)
@@ -77,7 +76,7 @@ def _turned(pool: Candidates, angle: float | np.ndarray) -> Candidates:
 
 
 def build_check_record(structure: Structure, record: RecordFilter, turning: Turning) -> CheckRecord:
-    """A record by the grid filter, whatever filter estimates: no other takes the tolerances in."""
+    """Set up the fault search with the parameter grid filter, the only one that includes the tolerances."""
     model, test, channels, training = record.model, record.test, record.test.channels, structure.training
     Q, at = np.array(model.Q), model.parameter_states
     Q[..., at, :], Q[..., :, at] = 0.0, 0.0
@@ -122,9 +121,12 @@ def build_check_record(structure: Structure, record: RecordFilter, turning: Turn
 
 @dataclass(frozen=True)
 class Judgement:
-    """words: why the record is inconsistent with the model, else empty; named: the fault that explains it, with the key that
-    undoes it, empty where none or several do; check: by channel; apart: it is not the model but other records that it
-    contradicts; birge_ratio: RMS of the innovations over their claim, 1 of a consistent record, and where no filter runs."""
+    """Result of the consistency check of one record.
+
+    words: why the record is inconsistent with the model, else empty; named: the only fault that explains it, with the key that
+    corrects it, else empty; check: by channel; apart: the record is inconsistent with other records, not with the model;
+    birge_ratio: RMS of the innovations over the predicted value, 1 for a consistent record and where no filter runs.
+    """
 
     words: str
     named: str
@@ -140,14 +142,13 @@ class Judgement:
 def judgement_of(
     test: Measured, problem: Problem, checked_record: CheckRecord, discrepancy: float, progress: Callable[[float], None]
 ) -> Judgement:
-    """Of a record and the grid filter that judges it, as `check_record` does; discrepancy: share of a reading that may be
-    missed."""
+    """Check a record by `check_record`; discrepancy: allowed model error as a share of a reading."""
     check = check_record(checked_record, discrepancy, progress)
     finding, words, channels = check.finding, FaultInWords(test, check.stretch, problem.known), test.record.channels
     named = "" if finding.named is None else ": ".join(words.of(finding.named))
-    # which of several it is has to be checked on the structure: the key of another one would hide it
+    # with several explanations no key is proposed: a wrong one would hide the fault
     candidates = (named,) if named else tuple(words.of(one)[0] for one in finding.candidates)
-    # what explains a consistent record a little better than no fault is chance, and no explanation
+    # in a consistent record a fault that fits slightly better is chance
     best = [finding.best_of(j) if finding.inconsistent else None for j in range(len(test.labels))]
     gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
     by_channel = record_from(
@@ -162,22 +163,22 @@ def judgement_of(
     )
     if not finding.inconsistent:
         return Judgement("", "", by_channel)
-    ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains it"
+    ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains this"
     if named:
         text = f": {named}"
     elif candidates:
         text = (
-            f", and which of these explains it stays open: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; check on "
-            f"the structure which of them it is ({channels})"
+            f". Several faults explain this equally well: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}. Inspect the "
+            f"gauges on the structure to find the actual fault ({channels})"
         )
     elif finding.shifted is not None:
-        text = f", and {alone}: {_shift_in_words(problem, finding.shifted)}"
+        text = f"; {alone}: {_shift_in_words(problem, finding.shifted)}"
     elif finding.pattern is not None:
-        text = f", and {alone}: {_pattern_in_words(finding.pattern, test.labels)}"
+        text = f"; {alone}: {_pattern_in_words(finding.pattern, test.labels)}"
     else:
-        size = f"{ratio:.3g} times as large as claimed" if np.isfinite(ratio) else "beyond all bounds"
+        size = f"{ratio:.3g} times as large as predicted" if np.isfinite(ratio) else "unbounded"
         text = (
-            f": innovations are {size}{_worst_in_words(check, test)}, and {alone}: check {channels}, loads, estimate.start "
+            f": innovations are {size}{_worst_in_words(check, test)}; {alone}. Check {channels}, loads, estimate.start "
             f"and the model{_step_in_words(problem, test)}"
         )
     return Judgement(INCONSISTENT + text, named, by_channel, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
@@ -191,59 +192,59 @@ def _worst_in_words(check: RecordCheck, test: Measured) -> str:
 
 
 def _time_of(test: Measured, sample: int) -> float:
-    """Of a sample behind the first [s]."""
+    """Time of a sample, counted from the second [s]."""
     return float(test.time[1 + sample])
 
 
 def clock_in_words(test: Measured, step: float) -> str:
-    """That the clock of a record is another one than that of the config, step [s]; empty where they are alike."""
+    """Warning if the sampling interval of a record differs widely from the time step of the config [s], else empty."""
     if max(test.step / step, step / test.step) < OTHER_STEP:
         return ""
-    return f"the record has a sample every {test.step:.3g} s, train.time_step is {step:.3g} s: check estimate.time.unit"
+    return f"the sampling interval of the record is {test.step:.3g} s, train.time_step is {step:.3g} s: check estimate.time.unit"
 
 
 @dataclass(frozen=True)
 class FaultInWords:
-    """Faults of a record, and what undoes them, with keys of the config; stretch: the samples that show them."""
+    """Describe faults of a record and the config keys that correct them; stretch: the samples that show them."""
 
     test: Measured
     stretch: CheckRecord
     known: Sequence[str] = ()
 
     def of(self, explanation: Explained) -> tuple[str, str]:
-        """What is wrong; what to check, and the key that undoes it."""
+        """Return the fault, and what to check with the key that corrects it."""
         fault, record = explanation.fault, self.test.record
         assert fault is not None
         what, remedy = self._of_kind(fault, explanation.amount, explanation.std)
         stated = record.inputs if fault.of_load else record.channels
         if record.section != "estimate" and not stated.startswith(record.section):
             key = f"{record.section}.{stated.split('.')[-1]}"
-            remedy += f" (state {key}, a copy of {stated}, for what this record alone needs)"
+            remedy += f" (for this record only: copy {stated} to {key} and change it there)"
         return what, remedy
 
     def _of_kind(self, fault: Fault, estimate: float, std: float) -> tuple[str, str]:
-        """estimate and std of the size of an offset or drift."""
+        """Return fault and remedy; estimate and std: of an offset or drift."""
         names, amount = self.known if fault.of_load else self.test.labels, fault.amount
         name, (entry, key) = names[fault.channel], self._entry(fault, fault.channel)
         raw = estimate / (entry.sign * entry.scale * required_unit(entry.unit).factor)
         if fault.kind == "sign":
             check = f"its direction (loads.{name})" if fault.of_load else "the wiring"
-            return f"{name} fits with sign −1", f"check {check}, or set {key}.sign: {-entry.sign}"
+            return f"{name} has the opposite sign", f"check {check}, or set {key}.sign: {-entry.sign}"
         if fault.kind == "scale":
             gauge = 0.1 < amount < 10 and not fault.of_load
             check = "bridge and gauge factor" if gauge else f"{key}.unit (now {entry.unit})"
             remedy = f"check {check}, or set {key}.scale: {entry.scale / amount:.9g}"
-            return f"{name} reads {amount:g} times what fits", remedy
+            return f"{name} is {amount:g} times too large", remedy
         if fault.kind == "swapped":
             other = self._entry(fault, int(amount))[1]
-            return f"{name} and {names[int(amount)]} fit swapped", f"exchange {key}.channel and {other}.channel"
+            return f"{name} and {names[int(amount)]} are swapped", f"exchange {key}.channel and {other}.channel"
         if fault.kind == "offset":
             value = "" if entry.bridge is not None else f": {entry.offset + raw:.6g}"
             remedy = f"set {key}.offset{value}, or {key}.zero or {key}.bias"
-            return f"{name} fits with an offset of {self._size(fault, estimate, std)}", remedy
+            return f"{name} has an offset of {self._size(fault, estimate, std)}", remedy
         if fault.kind == "drift":
             value = "" if entry.bridge is not None else f": {entry.drift + raw / self._drifted:.6g}"
-            what = f"{name} fits with a drift of {self._size(fault, estimate, std)} in {self._drifted:.3g} s"
+            what = f"{name} drifts by {self._size(fault, estimate, std)} in {self._drifted:.3g} s"
             return what, f"set {key}.drift{value}"
         if fault.kind == "late":
             n, at_rest = abs(int(amount)), self.test.record.settings.start == "rest"
@@ -252,19 +253,19 @@ class FaultInWords:
             what = f"{name} is {n} sample{'s' * (n > 1)} ({n * self._step:.3g} s) {late}"
             return what, f"set {key}.delay: {_delay_in_words(entry, int(amount), n * self._step)}{moving}"
         if fault.kind == "angle":
-            return f"{name} fits turned by {abs(amount):g}°", f"check its direction, and {key}.gauge and {key}.grid"
+            return f"{name} is rotated by {abs(amount):g}°", f"check its direction, and {key}.gauge and {key}.grid"
         if fault.kind == "dead":
-            return f"{name} reads noise alone, it is dead", f"leave {key} out"
+            return f"{name} contains only noise, so the gauge or its cable is broken", f"remove {key}"
         if fault.kind == "clipped":
             count = int(at_limit(self.stretch.samples[:, fault.channel]).sum())
-            what = f"{name} is clipped, in {count} samples at least"
-            return what, f"set {key}.missing to where it is, or leave {key} out"
+            what = f"{name} is clipped in at least {count} samples"
+            return what, f"set {key}.missing to the clipped intervals, or remove {key}"
         spikes = "; ".join(self._spikes(fault, channel) for channel in fault.channels)
-        what = f"samples fit no motion: {spikes}" if fault.kind == "spikes" else self._for_a_time(fault)
+        what = f"spikes: {spikes}" if fault.kind == "spikes" else self._for_a_time(fault)
         return what, "set " + " and ".join(self._missing(fault, channel) for channel in fault.channels)
 
     def _entry(self, fault: Fault, number: int) -> tuple[Channel, str]:
-        """What the config states of a channel or a known load, and its key."""
+        """Return the config section of a channel or a known load, and its key."""
         record = self.test.record
         if fault.of_load:
             name = self.known[number]
@@ -273,12 +274,12 @@ class FaultInWords:
 
     @property
     def _step(self) -> float:
-        """Between samples [s]."""
+        """Sampling interval [s]."""
         return self.stretch.model.h * self.stretch.model.every
 
     @property
     def _drifted(self) -> float:
-        """From the beginning of the record to the end of the stretch [s]."""
+        """Time from the beginning of the record to the end of the stretch [s]."""
         return (self.stretch.begin + len(self.stretch.samples)) * self._step
 
     def _size(self, fault: Fault, amount: float, std: float | None = None) -> str:
@@ -288,12 +289,12 @@ class FaultInWords:
         return f"{factor * amount:.3g} {'' if std is None else f'± {factor * std:.2g} '}{unit}"
 
     def _for_a_time(self, fault: Fault) -> str:
-        """From when on a channel is wrong, and how."""
+        """Describe a fault that begins or ends during the record."""
         ((channel, first, behind),), name = fault.spans, self.test.labels[fault.channel]
         ends = self.stretch.begin + behind >= len(self.test.time) - 1
-        since = f"from {self._time(first)} s on" if ends else f"from {self._time(first)} to {self._time(behind - 1)} s"
+        since = f"after {self._time(first)} s" if ends else f"from {self._time(first)} to {self._time(behind - 1)} s"
         if fault.kind == "shift":
-            return f"{name} {since}: its zero shifts by {self._size(fault, fault.amount)}"
+            return f"the zero of {name} shifts by {self._size(fault, fault.amount)} {since}"
         return f"{name} is stuck at {self._size(fault, float(self.stretch.samples[first, channel]))} {since}"
 
     def _spikes(self, fault: Fault, channel: int) -> str:
@@ -305,11 +306,11 @@ class FaultInWords:
         return f"{self.test.labels[channel]} at {', '.join(times) + ' and ' if times else ''}{last} s"
 
     def _time(self, sample: int) -> str:
-        """Of a sample of the stretch, to the digits of the step between samples."""
+        """Time of a sample of the stretch, with the decimals of the sampling interval."""
         return f"{_time_of(self.test, self.stretch.begin + sample):.{max(0, int(np.ceil(-np.log10(self._step))))}f}"
 
     def _missing(self, fault: Fault, channel: int) -> str:
-        """The key that leaves out what is wrong for a time, half a sample beyond its ends, on the clock of the file."""
+        """Key that marks the faulty intervals as missing, extended by half a sample, in the time of the file."""
         entry, key = self._entry(fault, channel)
         late = delay_in_seconds(entry.delay, self._step)
         spans = [list(span) for span in entry.missing]
@@ -324,31 +325,31 @@ class FaultInWords:
 
 
 def _delay_in_words(entry: Channel, n: int, seconds: float) -> str:
-    """A delay by n samples more than the config has, in the unit that it has."""
+    """Configured delay increased by n samples, in its unit."""
     if isinstance(entry.delay, DelayInSeconds):
         return f"{{seconds: {entry.delay.seconds + np.sign(n) * seconds:.9g}}}"
     return f"{{samples: {n + (0 if entry.delay is None else entry.delay.samples)}}}"
 
 
 def _shift_in_words(problem: Problem, shifted: ShiftedMode) -> str:
-    """How far the frequency of a mode is from the model, and what to check."""
+    """Describe a mode whose measured frequency differs from the model."""
     lam, _ = modal_basis(problem.model, problem.model.reference)
     modelled = float(np.sqrt(lam[shifted.mode])) / (2 * np.pi)
     return (
-        f"mode {shifted.mode + 1} fits best at {shifted.factor * modelled:.4g} Hz, the model has {modelled:.4g} Hz, "
-        f"{shifted.size:.2g} σ of tolerances.frequency apart; check masses, supports and joints, or measure that frequency and "
-        "correct the model"
+        f"mode {shifted.mode + 1} is measured at {shifted.factor * modelled:.4g} Hz and modelled at {modelled:.4g} Hz, a "
+        f"difference of {shifted.size:.2g} σ of tolerances.frequency. Check masses, supports and joints, or measure the "
+        "frequency and correct the model"
     )
 
 
 def _pattern_in_words(pattern: ResidualPattern, labels: Sequence[str]) -> str:
-    """An additional load: the channels that show it, how much, and what to check."""
+    """Describe an unmodelled load: its channels, size and remedy."""
     order = np.argsort(-pattern.share, kind="stable")
     most = [f"{labels[j]} ({pattern.share[j]:.0%})" for j in order if pattern.share[j] >= LEAST_SHARE]
     return (
-        f"an additional load, or another disturbance of {', '.join(most)}: mostly along one pattern of channels, "
-        f"innovations are {pattern.size:.3g} times as large as claimed and slow (correlation {pattern.correlation:.2f}); "
-        "add the missing load (loads), or check temperature, cables and supports"
+        f"an unmodelled load or other disturbance acts on {', '.join(most)}. In this pattern of channels the innovations are "
+        f"{pattern.size:.3g} times as large as predicted and slow (correlation {pattern.correlation:.2f}). "
+        "Add the missing load (loads), or check temperature, cables and supports"
     )
 
 
@@ -357,14 +358,16 @@ def _step_in_words(problem: Problem, test: Measured) -> str:
     period = 2 * np.pi / float(np.sqrt(lam[0]))
     if test.step < 0.5 * period:
         return ""
-    return f" (its step is {test.step:.3g} s, the first mode has a period of {period:.3g} s: check estimate.time.unit)"
+    return f" (sampling interval {test.step:.3g} s, period of the first mode {period:.3g} s: check estimate.time.unit)"
 
 
 @dataclass(frozen=True)
 class Together:
-    """alone: parameter → its most likely value [SI] by each record alone (R,); shared: by all records; gain: ln of how much more
-    likely all records are with one set of parameters and bonded gauges than each with its own; words: that they contradict each
-    other, empty where they do not."""
+    """Joint estimate of R records.
+
+    alone: parameter → most likely value [SI] from each record (R,); shared: from all records; gain: ln likelihood ratio of common
+    against separate parameters and gauges; words: that the records are inconsistent with each other, else empty.
+    """
 
     alone: dict[str, np.ndarray]
     shared: dict[str, float]
@@ -373,13 +376,12 @@ class Together:
 
 
 def together_of(filters: Sequence[RecordFilter], check_records: Sequence[CheckRecord]) -> Together:
-    """Records and the grid filters that judge them one by one.
+    """Compare the joint evidence of the records with their separate evidence.
 
         ln p(y₁ … y_R) − Σᵣ ln p(yᵣ)
 
-    Of records of one test it is large, as parameters and constants that fit one fit all; records of other parameters, or of
-    gauges that were bonded anew in between, have one below −MARGIN. Both as of `peak_of`, which gives up on what no parameters
-    explain before a grid filter would.
+    It is large for records of one test, and below −MARGIN for records with different parameters or re-bonded gauges. Both terms
+    are computed by `peak_of`.
     """
     unknowns = filters[0].problem.unknowns
 
@@ -402,7 +404,8 @@ def together_of(filters: Sequence[RecordFilter], check_records: Sequence[CheckRe
             f"{name} {', '.join(f'{value:.4g} ({of})' for value, of in zip(row[:-1], names, strict=True))}"
             for name, row in values.items()
         ]
-        words = f"the records contradict each other: each alone says {'; '.join(each) or 'other errors of the gauges'}"
+        differing = "; ".join(each) or "different gauge errors"
+        words = f"the records are inconsistent with each other. Separate estimates: {differing}"
     alone, shared = (
         {name: row[:-1] for name, row in values.items()},
         {name: float(row[-1]) for name, row in values.items()},

@@ -1,5 +1,4 @@
-"""Fatigue damage in a test, by draws of what the smoother leaves open, with the random walk of its unknown loads that the samples
-favour."""
+"""Fatigue damage in a test from samples of the smoothed posterior, with the random-walk model that the measurements favour."""
 
 from __future__ import annotations
 
@@ -36,18 +35,18 @@ from strainsight.records.estimated import DamageAt, Damaged
 from strainsight.sensors.surface import facet_centres
 
 APART = 0.05
-"""Of the surface's largest extent: no two hot spots that are listed are nearer than this."""
+"""Smallest distance between listed hot spots, relative to the largest extent of the surface."""
 SHOWN, SHOWN_DECIDED = 0.5, 0.1
-"""Of the largest equivalent range of the surface, from which a place is given an interval: where the samples do not tell how the
-unknown loads walk, and where they do. Below the first the truth was outside too often, below the second it was not looked at
-(docs/measured.md, Damage)."""
-ALIKE = 1e-6
-"""Relative: damages that differ by less are one, and the earlier place comes first."""
+"""Smallest equivalent range, relative to the largest of the surface, for which an interval is reported: if the samples do not
+determine the random-walk model, and if they do. Below the first the coverage was too low, below the second it is not
+validated (docs/measured.md, Damage)."""
+EQUAL = 1e-6
+"""Relative difference below which damages are equal, so that the earlier place comes first."""
 IN_CACHE = 400_000
-"""Numbers of stress that are held at a time: they stay in the processor's cache."""
+"""Largest number of stresses at a time, to fit the processor's cache."""
 OTHER = {"random_walk": "integrated_random_walk", "integrated_random_walk": "random_walk"}
 DECISIVE = 10.0
-"""Of ln evidence, odds of 2·10⁴: by less the samples do not tell one walk from the other."""
+"""Decisive difference of ln evidence between two random-walk models (odds of 2·10⁴)."""
 
 T = TypeVar("T")
 
@@ -62,15 +61,15 @@ def damage_of_test(
     filters_of: Callable[[PlacementConfig], list[RecordFilter]],
     progress: Callable[[float], None],
 ) -> tuple[Damaged, tuple[str, ...]]:
-    """Damage of all records, without its interval where σ is withheld, and notes on it.
+    """Damage of all records, without interval if σ is withheld, and notes.
 
-    filters_of: the filters by a config in which loads walk otherwise.
+    filters_of: filters for a config with other random-walk models of the loads.
     """
     assert config.estimate is not None
     settings = config.estimate.damage
     assert settings is not None
-    stated = _Walked(config, filters, [result.grid_run for result in results])
-    drawn, changed, undecided = _walks(stated, None if withheld else filters_of)
+    configured = _Walked(config, filters, [result.grid_run for result in results])
+    sampled, changed, undecided = _walks(configured, None if withheld else filters_of)
     shown = SHOWN if undecided else SHOWN_DECIDED
     records = [
         Recorded(
@@ -79,14 +78,14 @@ def damage_of_test(
             skin.field.states(result.smoothed.mean),
             None if withheld else histories(by, replace(result, grid_run=grid_run), settings.draws, config.seed),
         )
-        for record, result, by, grid_run in zip(filters, results, drawn.filters, drawn.grid_runs, strict=True)
+        for record, result, by, grid_run in zip(filters, results, sampled.filters, sampled.grid_runs, strict=True)
     ]
     damage = damage_in_test(settings, damage_places(skin, virtual), records, progress, shown)
-    return damage, damage_notes(settings, withheld, shown, walks_in_words(drawn.config, changed))
+    return damage, damage_notes(settings, withheld, shown, walks_in_words(sampled.config, changed))
 
 
 def damage_places(skin: Skin, virtual: Virtual | None) -> dict[str, Places]:
-    """The surface, and virtual gauges. Raises UserError for one of these on a laminate or an anisotropic solid."""
+    """Places on the surface, and virtual gauges. Raises UserError for a virtual gauge on a laminate or an anisotropic solid."""
     mesh, facets = skin.mesh, skin.facets
     surface = surface_places(skin.model, facet_centres(mesh.position, facets.kind, facets.nodes)[0], facets.element_id)
     if virtual is None:
@@ -96,10 +95,10 @@ def damage_places(skin: Skin, virtual: Virtual | None) -> dict[str, Places]:
     below = np.array([number[place] for place in zip(pool.element.tolist(), pool.facet.tolist(), strict=True)])
     if skin.model.laws is not None and (on := np.isin(below, skin.model.laws.facet)).any():
         raise UserError(
-            f"{int(on.sum())} grids lie on a laminate or an anisotropic solid, where no modulus makes a stress along "
-            f"the grid of its strain (the first on element {pool.element[int(np.argmax(on))]})",
+            f"{int(on.sum())} virtual gauges lie on a laminate or anisotropic solid, where stress is not proportional to the "
+            f"strain of one grid (the first on element {pool.element[int(np.argmax(on))]})",
             key="estimate.virtual",
-            remedy="leave them out where estimate.damage is asked for: that of the surface is of the stress there",
+            remedy="Remove these virtual gauges to compute damage; the damage of the surface covers these places.",
         )
     strain = replace(virtual.change.of_terms(lambda X: X[:, None]), constant=virtual.rows[:, None])
     gauges = Places(pool.position, pool.element, strain, surface.take(below).modulus)
@@ -108,7 +107,7 @@ def damage_places(skin: Skin, virtual: Virtual | None) -> dict[str, Places]:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A record: model, smoothed; states (n + f,): where q and z stand in it; draws of them (N, T + 1, n + f) with p, None where
+    """A smoothed record; states (n + f,): indices of q and z; draws (N, T + 1, n + f): posterior samples of these with p, None if
     σ is withheld."""
 
     model: FilterModel
@@ -124,28 +123,28 @@ def damage_in_test(
     progress: Callable[[float], None],
     shown: float = SHOWN,
 ) -> Damaged:
-    """Damage of the smoothed histories, and its interval over draws where the equivalent range is `shown` of the largest or more.
+    """Damage of the smoothed histories, and its interval if the equivalent range exceeds `shown` times the largest.
 
         D = Σᵣ Dᵣ,     over records, of one draw of the constants each (Palmgren and Miner)
 
-    places "surface", "virtual" or both. Where σ is withheld the interval is, too.
+    places: "surface", "virtual" or both. If σ is withheld, the interval is, too.
     """
     of_mean = {name: _of_mean(part, records, settings) for name, part in places.items()}
     # of ranges to the power of the slope
     largest = max(moment.max(initial=0.0) for _, moment in of_mean.values())
-    least = shown**settings.curve.slope * largest * (1 - ALIKE)
+    least = shown**settings.curve.slope * largest * (1 - EQUAL)
     which = {name: np.flatnonzero(moment >= least) for name, (_, moment) in of_mean.items()}
     if settings.points is not None and "surface" in places:
         most = _ordered(of_mean["surface"][1])[: settings.points]
         which["surface"] = np.intersect1d(which["surface"], most)
-    drawn: dict[str, list[np.ndarray]] = {name: [] for name in which}
+    sampled: dict[str, list[np.ndarray]] = {name: [] for name in which}
     parts = {name: part.take(which[name]) for name, part in places.items()}
-    for draws in _drawn(records):
+    for draws in _joint_samples(records):
         for name, part in parts.items():
             each = [damage_at(part, q, theta_at(record.model, p), settings) for record, p, q in draws]
-            drawn[name].append(np.sum(each, axis=0))
-        progress(len(drawn[name]) / settings.draws)
-    damage = {name: _damage(part, settings, of_mean[name], which[name], drawn[name]) for name, part in places.items()}
+            sampled[name].append(np.sum(each, axis=0))
+        progress(len(sampled[name]) / settings.draws)
+    damage = {name: _damage(part, settings, of_mean[name], which[name], sampled[name]) for name, part in places.items()}
     surface = damage.get("surface")
     return Damaged(
         surface=surface,
@@ -166,8 +165,8 @@ def _of_mean(places: Places, records: Sequence[Recorded], settings: DamageSettin
     return miner, moment
 
 
-def _drawn(records: Sequence[Recorded]) -> Iterator[tuple[tuple[Recorded, np.ndarray, np.ndarray], ...]]:
-    """Draw by draw: p (k,) and q (T + 1, n) of every record; draws of one number have their constants in common."""
+def _joint_samples(records: Sequence[Recorded]) -> Iterator[tuple[tuple[Recorded, np.ndarray, np.ndarray], ...]]:
+    """Yield p (k,) and q (T + 1, n) of every record, sample by sample; one sample has the same constants in all records."""
 
     def one(record: Recorded) -> Iterator[tuple[Recorded, np.ndarray, np.ndarray]]:
         for part in record.draws or ():
@@ -178,7 +177,7 @@ def _drawn(records: Sequence[Recorded]) -> Iterator[tuple[tuple[Recorded, np.nda
 
 
 def theta_at(model: FilterModel, p: np.ndarray) -> dict[str, float]:
-    """All parameters [SI] at p (k,) = ln(θ/guess) of those that are estimated."""
+    """All parameters [SI] at p (k,) = ln(θ/guess) of the estimated ones."""
     unknowns = model.unknowns
     return dict(model.fixed) | {
         name: float(unknowns.guess[name] * np.exp(value)) for name, value in zip(unknowns.parameters, p, strict=True)
@@ -186,23 +185,23 @@ def theta_at(model: FilterModel, p: np.ndarray) -> dict[str, float]:
 
 
 def hot_spots(damage: DamageAt, count: int) -> np.ndarray:
-    """The most damaged places of a surface, none within APART of one before; those without any damage are none."""
+    """Most damaged places of a surface with a distance of at least APART; places without damage are omitted."""
     level = np.where(np.isnan(damage.damage), damage.of_mean, damage.damage)
     near = APART * float(np.ptp(damage.position, axis=0).max())
     chosen: list[int] = []
     for i in _ordered(np.nan_to_num(level, nan=0.0, posinf=np.inf)).tolist():
         if len(chosen) == count or not level[i] > 0:
             break
-        apart = np.linalg.norm(damage.position[chosen] - damage.position[i], axis=1)
-        if not len(chosen) or apart.min() > near:
+        distance = np.linalg.norm(damage.position[chosen] - damage.position[i], axis=1)
+        if not len(chosen) or distance.min() > near:
             chosen.append(i)
     return np.array(chosen, dtype=np.int64)
 
 
 def _ordered(level: np.ndarray) -> np.ndarray:
-    """Numbers of places, the largest level first; of levels that are alike the earlier place."""
+    """Indices of places by descending level, of equal levels by index."""
     with np.errstate(divide="ignore"):
-        rounded = np.round(np.log(level) / ALIKE)
+        rounded = np.round(np.log(level) / EQUAL)
     return np.lexsort((np.arange(len(level)), -rounded))
 
 
@@ -211,13 +210,13 @@ def _damage(
     settings: DamageSettings,
     of_mean: tuple[np.ndarray, np.ndarray],
     which: np.ndarray,
-    drawn: list[np.ndarray],
+    sampled: list[np.ndarray],
 ) -> DamageAt:
     curve, _ = curve_of(settings)
     damage, moment = np.full((2, 3, len(places)), np.nan)
-    if drawn:
-        # one after the other, so that no more than one of both is sorted at a time
-        values = np.stack(drawn)
+    if sampled:
+        # one after the other to save memory
+        values = np.stack(sampled)
         for rows, draws in ((damage, values[:, 0]), (moment, values[:, 1])):
             interval = interval_of(draws)
             rows[:, which] = interval.median, interval.low, interval.high
@@ -241,27 +240,30 @@ def _damage(
 
 
 def damage_notes(settings: DamageSettings, withheld: str, shown: float, by: str) -> tuple[str, ...]:
-    """Notes on damage, in sentences; by: how loads walk in the draws, empty where as stated."""
+    """Notes on damage; by: random-walk models of the samples, empty if as configured."""
     if withheld:
         return (
-            "σ is withheld, and the interval of damage with it: what is given is damage of the smoothed history, which is "
-            "too small where that is smoother than the truth",
+            "σ is withheld, so damage has no interval. It is the damage of the smoothed history, which underestimates the damage "
+            "of a rougher true history",
         )
     few = ""
     if settings.points is not None:
-        few = f", of the surface at the {settings.points} points most damaged by the smoothed history"
-    why = "it was not looked at" if shown == SHOWN_DECIDED else "it was measured not to hold the truth"
+        few = f", on the surface at the {settings.points} most damaged points"
+    why = "not validated" if shown == SHOWN_DECIDED else "unreliable"
     return (
         *((by,) if by else ()),
-        f"damage is the median of {settings.draws} draws with the interval of 95 %{few}; where the equivalent range is below "
-        f"{shown:g} of the largest the interval is withheld, because {why}, and damage is that of the smoothed history",
+        f"damage is the median of {settings.draws} samples with its 95 % interval{few}. Below {shown:g} of the largest "
+        f"equivalent range the interval is {why}, so only the damage of the smoothed history is reported",
     )
 
 
 @dataclass(frozen=True)
 class Places:
-    """position (p, 3) [m], element (p,) ids; rows (p, c, r): stress of unit modulus per coordinate, c = 1 of one stress, 6 of a
-    state [xx yy zz xy yz zx], in the free moduli of plies; modulus (p,) [Pa] affine in the parameters."""
+    """Places where damage is computed.
+
+    position (p, 3) [m]; element (p,): ids; rows (p, c, r): stress at unit modulus per coordinate, c = 1 (uniaxial) or 6
+    [xx yy zz xy yz zx], affine in estimated ply moduli; modulus (p,) [Pa], affine in the parameters.
+    """
 
     position: np.ndarray
     element: np.ndarray
@@ -272,20 +274,20 @@ class Places:
         return len(self.position)
 
     def take(self, which: np.ndarray) -> Places:
-        """Some of them, by their numbers."""
+        """Select places by index."""
         rows, modulus = (operator.of_all(lambda X: X[which]) for operator in (self.rows, self.modulus))
         return replace(self, position=self.position[which], element=self.element[which], rows=rows, modulus=modulus)
 
 
 def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndarray) -> Places:
-    """Every point of a surface. Raises UserError where a modulus of plies and a thickness are free: their product is."""
+    """All points of a surface. Raises UserError if a ply modulus and a thickness are both estimated."""
     law, change = AffineOperator(None, {}) if surface.laws is None else surface.laws.stiffness, surface.change
     if law.terms and change.terms:
         plies, thick = (", ".join(operator.parameters) for operator in (law, change))
         raise UserError(
-            f"{plies} and {thick} are both free, and stress on the faces goes with their product",
+            f"{plies} and {thick} are both estimated, and surface stress depends on their product",
             key="estimate.damage",
-            remedy="free a modulus of plies or a thickness, or leave damage out",
+            remedy="Estimate only one of them, or remove damage.",
         )
     terms = {label: surface.law_stress(surface.strain, X) for label, X in law.terms.items()}
     terms |= {label: surface.unit_stress(X, law.constant) for label, X in change.terms.items()}
@@ -296,13 +298,13 @@ def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndar
 
 
 def curve_of(settings: DamageSettings) -> tuple[Curve, MeanStress]:
-    """As the kernel takes them."""
-    stated, mean = settings.curve, settings.mean_stress
-    ends = (stated.knee, stated.second_slope, stated.cut_off)
+    """S-N curve and mean-stress correction for the damage kernel."""
+    configured, mean = settings.curve, settings.mean_stress
+    ends = (configured.knee, configured.second_slope, configured.cut_off)
     curve = Curve(
-        stated.stress * (2.0 if stated.of == "amplitude" else 1.0),
-        stated.cycles,
-        stated.slope,
+        configured.stress * (2.0 if configured.of == "amplitude" else 1.0),
+        configured.cycles,
+        configured.slope,
         *(np.inf if value is None else value for value in ends),
     )
     constant = mean.tensile_strength if mean.rule == "goodman" else mean.sensitivity
@@ -312,7 +314,7 @@ def curve_of(settings: DamageSettings) -> tuple[Curve, MeanStress]:
 def damage_at(
     places: Places, q: np.ndarray, theta: Mapping[str, float], settings: DamageSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Miner's sum (p,) of one record and its moment (p,), as of `damage_of`, of a motion q (T + 1, r) at parameters [SI]."""
+    """Miner's sum and moment (p,) by `damage_of` for a motion q (T + 1, r) at parameters [SI]."""
     curve, mean = curve_of(settings)
     rows = places.rows.at(theta)
     count, components, r = rows.shape
@@ -330,7 +332,7 @@ def damage_at(
 
 @dataclass(frozen=True)
 class _Walked:
-    """Filters by one choice of walks; grid_runs None of another filter."""
+    """Filters with one choice of random-walk models; grid_runs: None for other filter methods."""
 
     config: PlacementConfig
     filters: Sequence[RecordFilter]
@@ -338,12 +340,12 @@ class _Walked:
 
 
 def _walks(
-    stated: _Walked, filters_of: Callable[[PlacementConfig], list[RecordFilter]] | None
+    configured: _Walked, filters_of: Callable[[PlacementConfig], list[RecordFilter]] | None
 ) -> tuple[_Walked, Sequence[str], Sequence[str]]:
-    """How unknown loads walk by the samples of all records, for histories that are drawn; filters_of: None where none are."""
-    unknown = stated.filters[0].problem.unknowns.inputs
-    if filters_of is None or not may_walk_otherwise(stated.config, unknown):
-        return stated, (), unknown or ("motion",)
+    """Choose the random-walk models of the unknown loads from the evidence of all records; filters_of: None without sampling."""
+    unknown = configured.filters[0].problem.unknowns.inputs
+    if filters_of is None or not may_walk_otherwise(configured.config, unknown):
+        return configured, (), unknown or ("motion",)
 
     def other(so_far: _Walked, name: str) -> _Walked | None:
         changed = walking(so_far.config, name)
@@ -356,14 +358,13 @@ def _walks(
     def evidence(walked: _Walked) -> float:
         return float(sum(grid_run.run.log_likelihood[0] for grid_run in walked.grid_runs if grid_run is not None))
 
-    return walks(stated, unknown, other, evidence)
+    return walks(configured, unknown, other, evidence)
 
 
 def histories(record: RecordFilter, result: FilteredRecord, count: int, seed: int) -> Iterator[Paths]:
-    """`count` draws of q (N, T + 1, n) with the parameters of each, in parts; by the grid filter where there is one, with z
-    behind it, which may be that of other walks of the loads than those of the test's results.
+    """Yield `count` posterior samples of q (N, T + 1, n) with their parameters, in parts, by the parameter grid filter if it ran.
 
-    A parameter that a filter lets drift is its mean over the record.
+    A drifting parameter is replaced by its mean over the record.
     """
     model, test, q = record.model, record.test, slice(0, record.model.model.size)
     if result.grid_run is not None:
@@ -378,17 +379,16 @@ def histories(record: RecordFilter, result: FilteredRecord, count: int, seed: in
 
 
 def walks(
-    stated: T, loads: Sequence[str], other: Callable[[T, str], T | None], evidence: Callable[[T], float]
+    configured: T, loads: Sequence[str], other: Callable[[T, str], T | None], evidence: Callable[[T], float]
 ) -> tuple[T, Sequence[str], Sequence[str]]:
-    """Load by load the walk of the larger evidence, by DECISIVE or more:
+    """Choose the random-walk model of each load in turn; the other model needs DECISIVE more evidence:
 
         ln p(y | other walk) − ln p(y | walk so far)
 
-    everything else integrated out of both. other: the same with the other walk of one load, None where no filter follows the
-    samples; evidence: ln p(y). Returns the best, the loads that walk otherwise in it than stated, and those of which the samples
-    do not tell one walk from the other.
+    with everything else integrated out. other: the same with the other model of one load, None if the filter diverges;
+    evidence: ln p(y). Returns the best choice, the loads with a changed model, and the undecided loads.
     """
-    best, level = stated, evidence(stated)
+    best, level = configured, evidence(configured)
     changed, undecided = [], []
     for name in loads:
         tried = other(best, name)
@@ -402,26 +402,26 @@ def walks(
 
 
 def walking(config: PlacementConfig, name: str) -> PlacementConfig:
-    """The config with the other walk of one load, κ as stated."""
+    """Config with the other random-walk model of one load and the same κ."""
     load = config.loads[name]
     noise = load.process_noise.model_copy(update={"model": OTHER[load.process_noise.model]})
     return config.model_copy(update={"loads": {**config.loads, name: load.model_copy(update={"process_noise": noise})}})
 
 
 def may_walk_otherwise(config: PlacementConfig, unknown: Sequence[str]) -> bool:
-    """Whether the walks of all unknown loads can be compared: all are one, with intensities that do not depend on the step, and a
-    grid filter filters them, with evidence that has everything integrated out."""
-    stated = all(config.loads[name].process_noise.model in OTHER for name in unknown)
-    return stated and config.filter.method == "bank" and config.process_noise.rule == "continuous"
+    """Whether random-walk models can be compared: all unknown loads have one, with intensities independent of the time step, and
+    the parameter grid filter provides the evidence."""
+    configured = all(config.loads[name].process_noise.model in OTHER for name in unknown)
+    return configured and config.filter.method == "bank" and config.process_noise.rule == "continuous"
 
 
 def walks_in_words(config: PlacementConfig, changed: Sequence[str]) -> str:
-    """How loads walk in the draws; config: of the draws; empty where as stated."""
+    """Describe changed random-walk models; empty without any."""
     if not changed:
         return ""
     each = [(f"loads.{name}.process_noise.model", config.loads[name].process_noise.model) for name in changed]
     keys = ", ".join(f"{key}: {model}" for key, model in each)
     return (
-        f"the samples speak for another walk of {', '.join(changed)} than is stated, and damage is drawn by it; loads, strains "
-        f"and their σ are by that which is stated: {keys} has all by the other"
+        f"the measurements favour another random-walk model of {', '.join(changed)}, which is used for damage. Loads, strains "
+        f"and their σ use the configured model. Set {keys} to use it for all results"
     )

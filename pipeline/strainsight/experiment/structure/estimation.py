@@ -1,5 +1,4 @@
-"""The estimate of a record of a test: loads, parameters, channels and places without a gauge (1.53-1.60), and every gauge
-predicted by the others."""
+"""Estimate of a record of a test: loads, parameters, channels and virtual gauges (1.53-1.60), and the hold-out test."""
 
 from __future__ import annotations
 
@@ -36,10 +35,10 @@ from strainsight.records.placed import budget_of_shares
 
 @dataclass(frozen=True)
 class Estimation:
-    """The estimate from a record of a test.
+    """Estimate of one record.
 
-    estimated: histories, channels and strains; judgement: whether the record is consistent with the model; decision: whether σ
-    is given, by all records; surface: its pictures in time, None where none are asked for.
+    estimated: histories, channels and strains; judgement: consistency with the model; decision: whether σ is reported, from all
+    records; surface: fields in time, None if not configured.
     """
 
     estimated: Estimated
@@ -49,21 +48,20 @@ class Estimation:
 
     @cached_property
     def innovation_check(self) -> InnovationCheck:
-        """On the innovations."""
+        """Consistency check of the innovations."""
         return check_innovations(self.estimated.whitened)
 
     @property
     def innovations_in_words(self) -> str:
-        """The verdict on the innovations; empty where a fault is named, or where they are as claimed and the record is
-        inconsistent with the model all the same."""
+        """Result of the innovation check; empty if a fault explains it, or if the innovations are consistent but the record is
+        not."""
         inconsistent = self.innovation_check.consistent and not self.judgement.trusted
         return "" if inconsistent or self.estimated.check.candidate else self.innovation_check.text
 
 
 @dataclass(frozen=True)
 class Common:
-    """What records of a test have in common: whether σ is given; the surface, None without one; virtual gauges; notes on
-    tolerances, and on all that is estimated."""
+    """Data common to all records of a test; skin: None without a surface; tolerances, notes: sentences."""
 
     config: PlacementConfig
     decision: Decision
@@ -82,7 +80,7 @@ def estimation_of_record(
     hold_out: HoldOut | None,
     damage: Damaged | None,
 ) -> Estimation:
-    """Of one record, σ as claimed; damage: of a test that is this record."""
+    """Collect the estimate of one record; damage: if the test is only this record."""
     config, skin, withheld = common.config, common.skin, common.decision.withheld
     problem, model, test = record.problem, record.model, record.test
     assert config.estimate is not None
@@ -127,14 +125,14 @@ def estimation_of_record(
 
 
 def _notes(common: Common, record: RecordFilter, judgement: Judgement, no_budget: Sequence[str]) -> tuple[str, ...]:
-    """What was done to the measurements, and doubts, sentence by sentence."""
+    """Notes on corrections of the measurements and on limits of the estimate."""
     config, problem, withheld = common.config, record.problem, common.decision.withheld
     accepted = replace(common.decision, inconsistent=judgement.words).message
     others, comparable = "", problem.method == "bank" and problem.unknowns.parameters
     if withheld and config.filter.compare:
-        others = "filter.compare: other filters are not compared where σ is withheld"
+        others = "σ is withheld, so filters are not compared (filter.compare)"
     elif not withheld and record.long and config.filter.compare is None and comparable:
-        others = f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true"
+        others = f"filters are not compared above {LONGEST_COMPARED} steps; set filter.compare: true to compare them"
     as_stated = config.estimate is not None and config.estimate.loads_as_stated
     notes = (
         *record.test.notes,
@@ -152,13 +150,13 @@ def _notes(common: Common, record: RecordFilter, judgement: Judgement, no_budget
 
 @dataclass(frozen=True)
 class FilteredGauges:
-    """The `System` of a test with a filter: all channels of one gauge are left out together, of all records.
+    """Hold-out `System` of a test: all channels of one gauge are left out together, in all records.
 
         ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
 
-    x̂ˢ, Pˢ smoothed from the other channels; H with the column θ ∂H/∂θ q̂ of a free thickness; R of one sample; D, E, o what
-    the gauge's installation may be off by (`ConsideredParameters`), and σ_b the σ of its unknown offset. undetectable_by: in
-    words, what some channels (k,) of train.h5 cannot tell, empty where nothing; withheld: whether σ is, which then is NaN.
+    x̂ˢ, Pˢ: smoothed from the other channels; H: with the column θ ∂H/∂θ q̂ of an estimated thickness; R: of one sample; D, E, o:
+    installation errors; σ_b: of an unknown offset. undetectable_by: names the unknowns that channels (k,) of train.h5 cannot
+    determine; withheld: whether σ is withheld (NaN).
     """
 
     filters: Sequence[RecordFilter]
@@ -185,19 +183,19 @@ class FilteredGauges:
 
     def by_others(self, part: np.ndarray) -> tuple[Sequence[tuple[np.ndarray, np.ndarray]], str]:
         rest = np.setdiff1d(np.arange(len(self.labels)), part)
-        lost = self.undetectable_by(self.filters[0].test.channels[rest]) if len(rest) else "anything"
-        if lost:
-            return (), f"the others cannot tell {lost}"
+        hidden = self.undetectable_by(self.filters[0].test.channels[rest]) if len(rest) else "any unknown"
+        if hidden:
+            return (), f"the other gauges cannot determine {hidden}"
         try:
             results = filter_together([record.of_channels(rest) for record in self.filters])
         except NumericalError as error:
-            return (), f"the others cannot tell {error.what}"
+            return (), f"the filter of the other gauges failed: {error.what}"
         smoothed = [(result.without_sigma() if self.withheld else result).smoothed for result in results]
         return [_predicted(record.of_channels(part), by) for record, by in zip(self.filters, smoothed, strict=True)], ""
 
 
 def _predicted(record: RecordFilter, smoothed: Smoothed) -> tuple[np.ndarray, np.ndarray]:
-    """Readings (T, c) of the channels of a filter, and their σ."""
+    """Predicted readings (T, c) of the channels, and their σ."""
     model, test, considered = record.model, record.test, record.considered
     states, sampled = model.parameter_states.start, slice(model.every, None, model.every)
     x = smoothed.mean[sampled, 0]

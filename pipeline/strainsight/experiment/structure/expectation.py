@@ -1,4 +1,4 @@
-"""What a filter on a layout is expected to claim along the training run, with all gauges, without each; what that is made of."""
+"""Expected σ of a layout along the training run, with all gauges and without each, and its variance budget."""
 
 from __future__ import annotations
 
@@ -24,11 +24,10 @@ from strainsight.sensors.candidates import STRAIN, UNITS
 
 
 def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> Expectation:
-    """σ along the training run from a 100 % prior, tolerances included; its variance by source. Of a constant parameter that of
-    the end, when all samples are in it; otherwise the RMS over the last half.
+    """σ along the training run from a 100 % prior, tolerances included, and its variance by source.
 
-    gauges (k,) numbers; tolerances: those of their channels at least. A gauge that is left out has its noise raised until it
-    says nothing.
+    For a constant parameter the final σ, else the RMS over the last half. gauges (k,): numbers; tolerances: at least of their
+    channels. The failure of a gauge is modelled by very large noise.
     """
     channels = problem.channels.of(gauges)
     exists = channels >= 0
@@ -45,9 +44,10 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
         claim = covariance_recursion(model, problem.x, problem.u, start, considered)
     if not np.isfinite(claim.std).all():
         raise NumericalError(
-            "the σ that the filter is to claim along the training run is not finite",
+            "the predicted σ along the training run is not finite",
             key="train.time_step",
-            remedy="the noises lie too far apart, or an unknown load is modelled as faster than the step: check both",
+            remedy="Check that the noise levels do not differ too widely and that the load models are not faster than the time "
+            "step.",
         )
     names = problem.unknowns.names
     variance, budget = variances(problem, claim)
@@ -59,10 +59,10 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
     )
 
 
-def alike_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -> list[tuple[int, ...]]:
-    """Groups of gauges (k,), by their places in the list, that read the same quantity alike in the training run.
+def redundant_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -> list[tuple[int, ...]]:
+    """Groups of redundant gauges (k,), by index: they read the same quantity equally in the training run.
 
-    Rows R L on coordinates that are uncorrelated and of unit size there, L Lᵀ = cov(q), the covariance (n, n).
+    Compared are rows R L with L Lᵀ = cov(q), the covariance (n, n), so that coordinates are uncorrelated with unit variance.
     """
     values, V = np.linalg.eigh(covariance)
     L = V * np.sqrt(np.maximum(values, 0.0))
@@ -77,8 +77,10 @@ def alike_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -
 
 
 def worst_case(cases: Sequence[Expectation], acts: Sequence[np.ndarray]) -> Expectation:
-    """Of every unknown what is expected in the load case where σ, relative to its amplitude there, is largest; without a gauge
-    the largest of any case. Only cases count in which the unknown acts; acts (u,) bool of each."""
+    """Expectation of every unknown in the load case with the largest relative σ; without a gauge, the maximum over all cases.
+
+    acts (u,) bool: whether an unknown acts in a case; other cases do not count.
+    """
     if len(cases) == 1:
         return cases[0]
     std, without, budget = {}, {}, {}
@@ -92,7 +94,7 @@ def worst_case(cases: Sequence[Expectation], acts: Sequence[np.ndarray]) -> Expe
 
 
 def cases_of(placement: Placement, expected: Sequence[Expectation]) -> ByCase:
-    """The load cases of a layout: weight, metric, expected σ; expected: one a case, of the layout."""
+    """Weight, metric and expected σ of a layout in every load case; expected: one per case."""
     task, cases = placement.task, placement.task.cases
     assert cases is not None
     names, every = task.unknowns.names, range(len(cases.names))
@@ -122,89 +124,87 @@ def cases_of(placement: Placement, expected: Sequence[Expectation]) -> ByCase:
 
 
 def case_table(cases: ByCase, symbol: str) -> Table:
-    """Every load case with its weight, what the criterion is in it and what is expected of every unknown."""
+    """Table of load cases with weight, criterion and expected σ."""
     rows = tuple(
         (
             name,
             f"{cases.weight[i]:g}",
             f"{cases.metric[i]:.4g}",
-            *(f"{100 * std[i]:.3g} %" if cases.acts[unknown][i] else "silent" for unknown, std in cases.std.items()),
+            *(f"{100 * std[i]:.3g} %" if cases.acts[unknown][i] else "inactive" for unknown, std in cases.std.items()),
         )
         for i, name in enumerate(cases.name)
     )
     columns = ("load case", "weight", symbol, *(f"expected σ({name})" for name in cases.std))
-    return Table("load cases: σ relative to the amplitude in each", columns, rows)
+    return Table("load cases: σ relative to the amplitude of the case", columns, rows)
 
 
 def cases_in_words(cases: ByCase, aggregate: str) -> Iterator[str]:
-    """In which load case every unknown is known least, and which one a worst-case layout is ruled by."""
+    """Sentences on the load case with the largest σ of every unknown, and on the case that decides a worst-case layout."""
     if len(cases.name) == 1:
         return
     least: dict[str, list[str]] = {}
     for unknown, case in cases.worst.items():
         least.setdefault(case, []).append(unknown)
     for case, unknowns in least.items():
-        yield f"Of the load cases {case} is where {' and '.join(unknowns)} {'is' if len(unknowns) == 1 else 'are'} known least."
+        yield f"Load case with the largest σ of {' and '.join(unknowns)}: {case}."
     if aggregate == "worst":
-        yield f"The layout is ruled by the load case {cases.name[first_of_largest(cases.weight * cases.metric)]}."
+        yield f"Load case that determines the layout: {cases.name[first_of_largest(cases.weight * cases.metric)]}."
 
 
 RESOLVED = 1e-7
-"""[strain] What an amplifier resolves, 0.1 µm/m: a rule of ours, for a bandwidth of some Hz to kHz."""
+"""Assumed resolution of an amplifier [strain], 0.1 µm/m, for a bandwidth of some Hz to kHz."""
 QUIETEST = 5e-8
-"""[strain] Noise of one sample that hardly any channel stays below, 0.05 µm/m: half of that."""
-LOUDER = "load the part harder, or check the unit of the load and the moduli"
+"""Smallest realistic noise of one sample [strain], 0.05 µm/m."""
+LOUDER = "increase the loads, or check the units of loads and moduli"
 
 
 def unresolved_candidates(training: Training) -> str:
-    """Says that the largest training reading of every strain gauge is below `RESOLVED`; empty where some is not."""
+    """Warning that the largest training reading of every strain gauge is below `RESOLVED`, else empty."""
     straining = training.candidates.quantity == STRAIN
     if not straining.any() or (largest := float(training.peak[straining].max())) >= RESOLVED:
         return ""
     return (
-        f"The largest training reading of all gauges is {_size(largest)}: an amplifier resolves {_size(RESOLVED)}. "
+        f"The largest training reading of all gauges is {_size(largest)}, below the amplifier resolution of {_size(RESOLVED)}. "
         f"{LOUDER.capitalize()} (loads.*.signal, mesh.length_unit, mesh.mass_unit)."
     )
 
 
 def quiet_noise(training: Training, screened: Screened) -> str:
-    """Says that the noise of the strain gauges is below `QUIETEST`; empty where it is not."""
+    """Warning that the noise of the strain gauges is below `QUIETEST`, else empty."""
     straining = training.candidates.quantity == STRAIN
     if not straining.any() or (noise := float(screened.noise_std[straining].min())) >= QUIETEST:
         return ""
     return (
-        f"The noise of the strain gauges is {_size(noise)} a sample, less than the {_size(QUIETEST)} that an amplifier has: σ is "
-        "too small where it comes from noise. State that of yours, gauges.noise_std: {value: …} [strain]."
+        f"The noise of the strain gauges is {_size(noise)} per sample, below the {_size(QUIETEST)} of a good amplifier, so σ is "
+        "probably too small. Set gauges.noise_std: {value: …} [strain] to the noise of your amplifier."
     )
 
 
 def loud_noise(training: Training, screened: Screened) -> str:
-    """Says that the noise of every sensor of a kind exceeds its largest training reading; empty where it does not."""
+    """Warning that the noise of every sensor of a kind exceeds its largest training reading, else empty."""
     loud = []
     for quantity in np.unique(training.candidates.quantity):
-        alike = training.candidates.quantity == quantity
-        noise, largest = float(screened.noise_std[alike].min()), float(training.peak[alike].max())
+        of_quantity = training.candidates.quantity == quantity
+        noise, largest = float(screened.noise_std[of_quantity].min()), float(training.peak[of_quantity].max())
         if noise > largest:
-            loud.append(f"{noise:.3g} {UNITS[quantity]}, with readings of at most {largest:.3g}")
+            loud.append(f"noise {noise:.3g} {UNITS[quantity]}, largest reading {largest:.3g}")
     if not loud:
         return ""
     return (
-        f"The noise of a sample exceeds every training reading: {'; '.join(loud)}. Check noise_std, which is in the unit of the "
-        "reading (1 µm/m is 1e-6), and the loads."
+        f"The noise of a sample exceeds every training reading: {'; '.join(loud)}. Check the loads, and noise_std in the unit of "
+        "the reading (1 µm/m is 1e-6)."
     )
 
 
 def unresolved_gauges(listed: GaugeList) -> Iterator[str]:
-    """A sentence on the gauges of a layout whose largest training reading is below `RESOLVED`: that of their largest channel."""
+    """Sentence on gauges of a layout whose largest training reading is below `RESOLVED`."""
     weak = [i for i in range(len(listed.labels)) if listed.unit[i] == UNITS[STRAIN] and listed.peak[i] < RESOLVED]
     if not weak:
         return
     those = ", ".join(f"{listed.labels[i]} ({_size(float(listed.peak[i]))})" for i in weak)
-    others = "" if len(weak) == len(listed.labels) else ", or move them (gauges.include, gauges.exclude)"
-    yield (
-        f"Below the {_size(RESOLVED)} that an amplifier resolves is all that is read by {those} in training: {LOUDER}{others}."
-    )
+    others = "" if len(weak) == len(listed.labels) else ", or move these gauges (gauges.include, gauges.exclude)"
+    yield f"Training readings below the amplifier resolution of {_size(RESOLVED)}: {those}. {LOUDER.capitalize()}{others}."
 
 
 def _size(strain: float) -> str:
-    return f"{1e6 * strain:.2g} µm/m" if np.isfinite(strain) else "nothing finite"
+    return f"{1e6 * strain:.2g} µm/m" if np.isfinite(strain) else "not finite"

@@ -1,4 +1,4 @@
-"""The filter of the config on measurements: a grid filter over constant parameters, the sigma-point or the extended filter."""
+"""Filters on measurements: parameter grid filter, sigma-point filter or extended filter."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from strainsight.experiment.structure.references import unknown_units
 from strainsight.records.estimated import EXTENDED, GRID_FILTER, SIGMA_POINT, Compared
 
 IDENTIFIED = 0.5
-"""Share of its initial σ that the samples may leave of a parameter that they identify."""
+"""Largest ratio of final and initial σ of an identified parameter."""
 
 
 def by_moments(
@@ -40,8 +40,7 @@ def by_moments(
     refuse: bool = True,
     method: Method | None = None,
 ) -> FilterRun:
-    """The sigma-point or the extended filter, which carry mean and covariance; biased: as of `run_filter`; method: by default
-    that of the config."""
+    """Run the sigma-point or the extended filter; biased: see `run_filter`; method: default from the config."""
     by_points = (method or problem.method) == "sigma-point"
     options = {"by_points": True} if by_points else {"iterations": problem.iterations}
     return run_filter(
@@ -50,7 +49,7 @@ def by_moments(
 
 
 def together(model: FilterModel, grid_runs: Sequence[GridRun | None], channels: np.ndarray, steps: int) -> FilterRun:
-    """Runs of many grid filters as one, NaN where one failed or has no channel (channels (B, m), −1 for none)."""
+    """Combine grid filter runs, with NaN for failed runs and missing channels; channels (B, m), −1 for none."""
     if len(grid_runs) == 1 and grid_runs[0] is not None:
         return grid_runs[0].run
     (runs, m), n, u, has = channels.shape, model.size, len(model.position), channels >= 0
@@ -85,7 +84,7 @@ def together(model: FilterModel, grid_runs: Sequence[GridRun | None], channels: 
 
 
 def histories(model: FilterModel, run: FilterRun, smoothed: Smoothed) -> dict[str, dict[str, np.ndarray]]:
-    """The unknowns of the first run in time, by filter and smoother, as `UnknownHistories` names them."""
+    """Histories of the unknowns of the first run from filter and smoother, named as in `UnknownHistories`."""
     filtered, later = (physical(model, by.mean[:, 0], by.std[:, 0]) for by in (run, smoothed))
     return {
         "estimate": {name: value for name, (value, _) in filtered.items()},
@@ -96,8 +95,7 @@ def histories(model: FilterModel, run: FilterRun, smoothed: Smoothed) -> dict[st
 
 
 def posteriors_of(problem: Problem, covariance: np.ndarray, grid_run: GridRun | None) -> dict[str, Posterior]:
-    """Of every parameter of a grid filter; covariance (n*, n*) at t = 0. None by another filter, nor by columns, of which no
-    more than mean and covariance is known."""
+    """Posterior of every parameter from the parameter grid filter, else empty; covariance (n*, n*) at t = 0."""
     if grid_run is None or grid_run.step is None:
         return {}
     names, guess = problem.unknowns.parameters, problem.unknowns.guess
@@ -112,7 +110,7 @@ def posteriors_of(problem: Problem, covariance: np.ndarray, grid_run: GridRun | 
 
 
 def posterior_numbers(posterior: Mapping[str, Posterior]) -> dict[str, float | bool | int]:
-    """Every number by its name."""
+    """Summary numbers of the posteriors."""
     numbers: dict[str, float | bool | int] = {}
     for name, one in posterior.items():
         numbers |= {f"left.{name}": one.left, f"identified.{name}": one.left <= IDENTIFIED}
@@ -121,26 +119,24 @@ def posterior_numbers(posterior: Mapping[str, Posterior]) -> dict[str, float | b
 
 
 def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str]) -> list[str]:
-    """That a parameter is hardly measured, or that several values explain the samples."""
+    """Warnings about parameters that are weakly identified or have several likely values."""
     words = []
     for name, one in posterior.items():
         if one.left > IDENTIFIED:
-            words.append(f"{name} is not identified: the measurements leave {100 * one.left:.0f} % of its initial σ")
+            words.append(f"{name} is not identified: its σ is still {100 * one.left:.0f} % of the initial σ")
         if len(one.peak) > 1:
             places = ", ".join(
                 f"{peak:.4g} {units[name]} ({100 * share:.0f} %)"
                 for peak, share in zip(one.peak, one.share, strict=True)
             )
-            words.append(f"the measurements allow {len(one.peak)} values of {name}: {places}; its σ spans them all")
+            words.append(f"the measurements allow {len(one.peak)} values of {name}: {places}; its σ covers all of them")
     return words
 
 
 def compared(problem: Problem, record: GridRecord) -> Compared | None:
-    """Every parameter at the end by a grid filter and by the approximate filters, with the ratio of `expected_ratio`: all of them
-    without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
+    """Final parameters from the grid filter and the approximate filters, with `expected_ratio`.
 
-    A filter that diverges is NaN, and so is a grid filter where readings that are taken for exact have no posterior. None
-    without a parameter.
+    All run without tolerances and with the same process noise. Filters that diverge are NaN. None without parameters.
     """
     names, at = record.model.unknowns.parameters, record.model.parameter_states
     if not names:
@@ -163,11 +159,10 @@ def compared(problem: Problem, record: GridRecord) -> Compared | None:
     return filters_compared(tuple(filters), names, ends, value, sigma)
 
 
-def beyond_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
-    """Parameter → a sentence, of those whose values [SI] are beyond `parameters.*.range`.
+def out_of_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
+    """Parameter → sentence for values [SI] outside `parameters.*.range`, where the reduced model is not valid.
 
-    Modes and static responses of `rom` span the range; a damping factor multiplies C within the reduced model and is exact
-    anywhere.
+    A damping factor is exact everywhere and is omitted.
     """
     free = [name for name in problem.unknowns.parameters if name != problem.model.damping.parameter]
     ranges = {name: config.parameters[name].range for name in free}
@@ -175,42 +170,40 @@ def beyond_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str
 
 
 def widen(beyond: Mapping[str, str]) -> str:
-    """What to do about parameters beyond their ranges."""
+    """Remedy for parameters outside their ranges."""
     return f"widen {' and '.join(f'parameters.{name}.range' for name in beyond)}"
 
 
 EXCLUDED = 5.0
-"""Of the σ of both together: two estimates that are farther apart exclude each other."""
+"""Two estimates exclude each other if they differ by more than this times their combined σ."""
 Values = Mapping[str, tuple[float, float]]
 """Parameter → value and σ [SI]."""
 
 
 def last_values(model: FilterModel, run: FilterRun | Smoothed) -> Values:
-    """Of the unknowns at the end of the first run."""
+    """Final values of the unknowns of the first run."""
     values = physical(model, run.mean[-1, 0], run.std[-1, 0])
     return {name: (float(value), float(std)) for name, (value, std) in values.items()}
 
 
-def grid_filter_values(comparison: Compared | None) -> dict[str, tuple[float, float]]:
-    """By the grid filter of a comparison; empty where nothing was compared."""
+def by_grid(comparison: Compared | None) -> dict[str, tuple[float, float]]:
+    """Results of the grid filter in a comparison; empty without one."""
     if comparison is None:
         return {}
     return {name: (float(value[0]), float(comparison.std[name][0])) for name, value in comparison.estimate.items()}
 
 
 def excluded(estimate: Values, other: Values) -> str:
-    """Which parameters two estimates give values that exclude each other, in words; empty where none."""
+    """Describe parameters with two mutually exclusive estimates; empty without any."""
     words = []
     for name, (b, t) in other.items():
         a, s = estimate[name]
         if abs(np.log(a / b)) > EXCLUDED * np.hypot(s / a, t / b):
-            words.append(f"{name} is {a:.4g} ± {100 * s / a:.2g} % or {b:.4g} ± {100 * t / b:.2g} %")
+            words.append(f"{name} = {a:.4g} ± {100 * s / a:.2g} % or {b:.4g} ± {100 * t / b:.2g} %")
     return "; ".join(words)
 
 
 def excluded_in_words(words: str, settled: bool, key: str) -> str:
-    """Why there is no σ, by the words of `excluded`; settled: whether the start of the estimate is, as `key` says."""
-    remedy = (
-        f"with a settled and with an unknown start: check {key}" if settled else "by two searches: report this record"
-    )
-    return f"two estimates exclude each other: {words}, {remedy}" if words else ""
+    """Reason to withhold σ, from `excluded`; settled: whether the estimate starts settled (`key`)."""
+    cause = f"settled and unknown start; check {key}" if settled else "two searches; report this record as a bug"
+    return f"two estimates exclude each other: {words} ({cause})" if words else ""

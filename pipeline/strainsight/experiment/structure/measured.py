@@ -1,4 +1,4 @@
-"""A test as the filter needs it: what its channels measured, on the clock of the filter, and which gauges they are."""
+"""Read and check the measurements of a test, and resample known loads for the filter."""
 
 from __future__ import annotations
 
@@ -26,9 +26,11 @@ from strainsight.runner.artefact import sha256_of
 
 @dataclass(frozen=True)
 class RecordSettings:
-    """name: empty of a test that is one file; label: the same, empty of a test that is one record; settings: as of a test of this
-    file alone; key below which its file is stated; section: where what is put right for this record alone is; channels, inputs:
-    keys of the channels."""
+    """Settings of one record.
+
+    name: empty if the test is one file; label: for messages, empty if there is one record; settings: as for a test of this file
+    only; key: of the section with the file; section: of corrections for this record; channels, inputs: keys of the channels.
+    """
 
     name: str
     label: str
@@ -40,19 +42,19 @@ class RecordSettings:
 
     @property
     def file(self) -> str:
-        """Key of the file."""
+        """Config key of the file."""
         return f"{self.key}.file"
 
 
 def records_of(settings: Estimate) -> tuple[RecordSettings, ...]:
-    """Of `estimate.file` or `estimate.records`; none where neither is stated. What a record does not state is that of all."""
+    """Records of `estimate.file` or `estimate.records`, empty without either; unset keys have the common values."""
     if settings.file is not None:
         return (RecordSettings("", "", settings, "estimate", "estimate", "estimate.channels", "estimate.inputs"),)
     records, several = [], len(settings.records) > 1
     for i, entry in enumerate(settings.records):
         key = f"estimate.records.{i}"
         stated = {name: value for name in STATED if (value := getattr(entry, name)) is not None}
-        # what one channel of the one record needs is stated with all others
+        # with one record, corrections belong to the common section
         section = key if several or "channels" in stated else "estimate"
         channels, inputs = (f"{key if name in stated else 'estimate'}.{name}" for name in ("channels", "inputs"))
         alone = settings.model_copy(update={**stated, "records": ()})
@@ -62,7 +64,7 @@ def records_of(settings: Estimate) -> tuple[RecordSettings, ...]:
 
 @contextmanager
 def in_record(name: str) -> Iterator[None]:
-    """Name the record in an error; nothing where the name is empty."""
+    """Add the record name to an error, unless empty."""
     try:
         yield
     except StrainsightError as error:
@@ -72,34 +74,35 @@ def in_record(name: str) -> Iterator[None]:
 
 
 MISSED = 0.05
-"""RMS of what a record has beside its tones, over its own, up to which its motion counts as periodic."""
+"""Largest relative RMS residual of a load from its sines for a periodic motion."""
 LARGEST_STRAIN = 0.1
-"""[m/m] Foil gauges end at a few per cent."""
+"""Largest plausible strain [m/m]; foil gauges end at a few per cent."""
 FEW = 0.01
-"""Share of samples beyond that, up to which they are spikes and no other unit."""
+"""Largest share of implausible samples that counts as spikes rather than a wrong unit."""
 LEAST_STRAIN = 1e-8
-"""[m/m] A tenth of what amplifiers resolve."""
+"""Smallest plausible strain [m/m], a tenth of an amplifier's resolution."""
 STATED = ("file", "date", "format", "text", "time", "channels", "inputs")
-"""What a record may state in place of what holds for all."""
+"""Keys that a record may override."""
 QUANTITY = ("strain", "acceleration", "displacement")
 LONGEST_GAP = 10
-"""Samples of a known load that may be missing in a row, or twice as many as are missing as a rule, as in a table of two rates."""
+"""Longest gap of a known load in samples, or twice the usual gap in a table of two rates."""
 BAND = 0.3
-"""Of the sampling rate of a load: up to there the samples determine what is between them to 2e-3."""
-HELD, FINEST = 0.1, 3
-"""Of the rate of the filter's steps: up to there the polynomial that holds a load within a step is off by 2e-3 of it at most,
-and what modes near that rate make of it does not matter. And the most steps a sample for it, which BAND asks for."""
+"""Fraction of the sampling rate up to which a load can be interpolated to 2e-3."""
+HOLD_BAND, FINEST = 0.1, 3
+"""Fraction of the filter rate up to which the hold polynomial is accurate to 2e-3, and most filter steps per sample."""
 SLIGHT, LARGEST = 0.05, 0.25
-"""RMS of a load beyond BAND or HELD, over all of it, from which it matters, and is refused."""
+"""Relative RMS of a load above BAND or HOLD_BAND from which it is noted, and refused."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """time (T + 1,) [s] of the samples, the first of which starts the filter; h [s] of the filter, a sample every `every`-th
-    step; known (T·every, HOLD, 2 n_known) [N] loads and, behind them,
-    their interpolation errors (`hold_known_loads`); values (T, m) of the samples after the first [strain, m/s² or m], NaN where
-    missing; channels (m,) rows of train.h5; labels (m,); std (m,) of a sample, NaN where that of the config holds; bias (m,)
-    σ of an unknown offset, 0 for none; notes: sentences; record: what the config states of it."""
+    """Measurements of one record.
+
+    time (T + 1,) [s] of the samples, the first starts the filter; h [s]: filter step; every: steps per sample; known
+    (T·every, HOLD, 2 n_known) [N]: loads and their interpolation errors (`hold_known_loads`); values (T, m): samples after the
+    first [strain, m/s² or m], NaN if missing; channels (m,): rows of train.h5; std (m,): noise of a sample, NaN for the default;
+    bias (m,): σ of an unknown offset, 0 for none; notes: sentences; record: settings.
+    """
 
     time: np.ndarray
     h: float
@@ -115,17 +118,17 @@ class Measured:
 
     @property
     def step(self) -> float:
-        """Between samples [s]."""
+        """Sampling interval [s]."""
         return self.h * self.every
 
     def of_channels(self, which: np.ndarray) -> Measured:
-        """Some of the channels (k,)."""
+        """Select channels (k,)."""
         labels = tuple(self.labels[i] for i in which)
         part = {name: getattr(self, name)[which] for name in ("channels", "std", "bias")}
         return replace(self, values=self.values[:, which], labels=labels, **part)
 
     def first(self, count: int) -> Measured:
-        """The first samples."""
+        """Select the first `count` samples."""
         return replace(
             self, time=self.time[: count + 1], known=self.known[: count * self.every], values=self.values[:count]
         )
@@ -134,18 +137,18 @@ class Measured:
 def measured_of(
     record: RecordSettings, path: Path, problem: Problem, gauges: Mapping[str, int], units: Mapping[str, str]
 ) -> Measured:
-    """Read and calibrate the channels that `estimate` of a config names for a record.
+    """Read and calibrate the channels of a record.
 
-    gauges: number of every gauge by its name (`bonded_gauges`); units of the loads.
-
-    Raises ConfigError for a gauge that is not there, a channel of another quantity, a known load without a channel or with
-    a gap, and UserError for what the file contradicts.
+    gauges: number of every gauge by name (`bonded_gauges`); units: of the loads. Raises ConfigError for a channel of another
+    quantity and a known load without a channel or with a gap, and UserError for a file that does not match the config.
     """
     settings, entries, m = record.settings, record.settings.channels, len(record.settings.channels)
     channels = np.array([_channel(f"{record.channels}.{i}", entry, problem, gauges) for i, entry in enumerate(entries)])
     if len(np.unique(channels)) < m:
         raise ConfigError(
-            "two channels are one grid of a gauge", key=record.channels, remedy="check `gauge` and `grid` of each"
+            "two channels refer to the same gauge grid",
+            key=record.channels,
+            remedy="Check `gauge` and `grid` of each channel.",
         )
     _check_bridges(record.channels, entries, problem.channels.bridged[channels])
     wanted = wanted_of(record, problem.known, units)
@@ -157,9 +160,9 @@ def measured_of(
     every = steps_a_sample(loads) if settings.time_step is None else round(dt / settings.time_step)
     if settings.time_step is not None and (every < 1 or abs(every * settings.time_step / dt - 1) > 1e-6):
         raise ConfigError(
-            f"{settings.time_step:g} s is no whole part of the sampling interval, {dt:.9g} s",
+            f"{settings.time_step:g} s does not divide the sampling interval of {dt:.9g} s",
             key="estimate.time_step",
-            remedy=f"leave it out, or give {dt / max(every, 1):.9g} s",
+            remedy=f"Remove the key, or set it to {dt / max(every, 1):.9g} s.",
         )
     known, notes = hold_known_loads(signals, loads, problem.known, record.inputs, every)
     return Measured(
@@ -178,7 +181,7 @@ def measured_of(
 
 
 def source_of(test: Measured, path: Path, known: tuple[str, ...]) -> TestSource:
-    """The file of a record, and what was done to every channel of it; known: loads whose channels were used."""
+    """File of a record and the calibration of every channel; known: loads with channels."""
     settings = test.record.settings
     entries: list[Channel] = [*settings.channels, *(settings.inputs[name] for name in known)]
     nothing = (np.nan, np.nan)
@@ -203,69 +206,69 @@ def source_of(test: Measured, path: Path, known: tuple[str, ...]) -> TestSource:
 
 
 def settled_in(problem: Problem, test: Measured) -> Settled:
-    """The periodic motion under the loads of a record, with the frequencies that the config gives them, and amplitudes and
-    phases by least squares. Raises ConfigError where that cannot be, or is not what the record holds."""
+    """Periodic motion under the loads of a record: configured frequencies, amplitudes and phases by least squares. Raises
+    ConfigError if the record does not allow it."""
     unknown, tones = problem.unknowns.inputs, tones_of(list(problem.run.signals.values()))
     duration, wrong = len(test.known) * test.h, ""
     slowest = np.zeros(0) if tones is None else tones.frequency[tones.frequency > 0]
     if problem.method != "bank":
-        wrong = f"filter.method: {problem.method} cannot begin in a settled motion"
+        wrong = f"a settled start is not available with filter.method: {problem.method}"
     elif unknown:
-        wrong = f"a motion under an unknown load, {unknown[0]}, cannot be known to have settled"
+        wrong = f"a settled start is not available with an unknown load ({unknown[0]})"
     elif tones is None:
-        wrong = "a load of the config is no sum of sines, and has no settled motion"
+        wrong = "a settled start requires configured loads that are sums of sines"
     elif len(slowest) and duration * slowest[0] < 2 * np.pi:
-        wrong = f"the record, {duration:g} s, is shorter than a period of its loads, {2 * np.pi / slowest[0]:g} s"
+        wrong = f"the record ({duration:g} s) is shorter than a period of its loads ({2 * np.pi / slowest[0]:g} s)"
     else:
         held, missed = tones_in(test.known, test.h, tones.frequency)
         for name, share in zip(problem.known, missed, strict=False):
             if share > MISSED:
-                wrong = (
-                    f"{100 * share:.0f} % of the record of '{name}' is not of the frequencies that the config states"
-                )
+                wrong = f"{100 * share:.0f} % of the recorded load '{name}' is outside the configured frequencies"
                 break
         else:
             return settled_at(problem, tones.frequency, held)
-    raise ConfigError(wrong, key="estimate.start", remedy="take moving, or rest where the structure stood still")
+    raise ConfigError(wrong, key="estimate.start", remedy="Set moving, or rest if the structure was at rest.")
 
 
 def _channel(key: str, entry: GaugeChannel, problem: Problem, gauges: Mapping[str, int]) -> int:
-    """The row of train.h5 that a channel of the file measures."""
+    """Row of train.h5 of a channel of the file."""
     grids = problem.channels.of(np.array([gauges[str(entry.gauge)]]))[0]
     grids = grids[grids >= 0]
     if entry.grid > len(grids):
         raise ConfigError(
-            f"grid {entry.grid} of a gauge that has {len(grids)}", key=f"{key}.grid", remedy=f"give 1 to {len(grids)}"
+            f"grid {entry.grid} does not exist, the gauge has {len(grids)}",
+            key=f"{key}.grid",
+            remedy=f"Set 1 to {len(grids)}.",
         )
     return int(grids[entry.grid - 1])
 
 
 def _check_bridges(key: str, entries: Sequence[GaugeChannel], bridged: np.ndarray) -> None:
-    """Raises ConfigError where the bridge formula of a channel is not that of its gauge."""
+    """Raises ConfigError if the bridge arrangement of a channel does not match its gauge."""
     for i, (entry, several) in enumerate(zip(entries, bridged, strict=True)):
         if entry.bridge is None or (entry.bridge.arrangement == SUM) == several:
             continue
-        what, remedy = "one gauge", "take quarter, or how its bridge is completed"
+        what, remedy = "a single gauge", "Set quarter, or the arrangement of the completed bridge."
         if several:
-            what = "a bridge, which reads the sum of its arms"
-            remedy = f"take {SUM}: of any other arrangement ε is that of one arm"
+            what = "a bridge that reads the sum of its arms"
+            remedy = f"Set {SUM}; other arrangements return the strain of one arm."
         raise ConfigError(
-            f"the arrangement '{entry.bridge.arrangement}' of {entry.gauge}, which is {what}",
+            f"the arrangement '{entry.bridge.arrangement}' does not match {entry.gauge}, {what}",
             key=f"{key}.{i}.bridge.arrangement",
             remedy=remedy,
         )
 
 
 def wanted_of(record: RecordSettings, known: Sequence[str], units: Mapping[str, str]) -> dict[str, Channel]:
-    """Key → channel of the gauges, then of the known loads. Raises ConfigError for one of these that has none."""
+    """Key → channel of the gauges, then of the known loads. Raises ConfigError for a known load without a channel."""
     inputs = record.settings.inputs
     for name in known:
         if name not in inputs:
             raise ConfigError(
                 f"the known load '{name}' has no channel",
                 key=record.inputs,
-                remedy=f"give inputs: {{{name}: {{channel: …, unit: {units[name]}}}}}, or set loads.{name}.known: false and "
-                "estimate it",
+                remedy=f"Set inputs: {{{name}: {{channel: …, unit: {units[name]}}}}}, or set loads.{name}.known: false to "
+                "estimate it.",
             )
     wanted: dict[str, Channel] = {f"{record.channels}.{i}": entry for i, entry in enumerate(record.settings.channels)}
     return wanted | {f"{record.inputs}.{name}": inputs[name] for name in known}
@@ -278,52 +281,55 @@ def check_quantities(
     known: Sequence[str],
     units: Mapping[str, str],
 ) -> None:
-    """sensors: what the channels of gauges are to be. Raises ConfigError for another quantity, and for a strain that no metal
-    has, or no amplifier shows: its unit is another one."""
+    """Raises ConfigError for a channel of another quantity, and for implausible strain (wrong unit); sensors: expected quantities
+    of the gauge channels."""
     of_unit = {unit: quantity for quantity, unit in SI.items()}
     expected = [*sensors, *(of_unit[units[name]] for name in known)]
     columns = zip(wanted.items(), signals.quantities, expected, signals.values.T, strict=True)
     for (key, entry), quantity, should, values in columns:
         if quantity != should:
             raise ConfigError(
-                f"the channel is in {entry.unit}, {quantity}, but it is to be a {should}",
+                f"the channel has the unit {entry.unit} ({quantity}), expected {should}",
                 key=f"{key}.unit",
-                remedy="check the unit, and which gauge or load the channel is",
+                remedy="Check the unit and the assigned gauge or load.",
             )
         if quantity == "strain":
             _check_strain(key, entry, signals.time, values)
 
 
 def _check_strain(key: str, entry: Channel, time: np.ndarray, values: np.ndarray) -> None:
-    largest, beyond = float(np.nanmax(np.abs(values), initial=0.0)), np.flatnonzero(np.abs(values) > LARGEST_STRAIN)
-    what = f"{entry.channel} reads up to {largest:.3g} m/m, which is {100 * largest:.0f} %"
-    if 0 < len(beyond) <= FEW * np.isfinite(values).sum():
-        times = ", ".join(f"{t:.9g}" for t in time[beyond[:10]])
+    largest, implausible = (
+        float(np.nanmax(np.abs(values), initial=0.0)),
+        np.flatnonzero(np.abs(values) > LARGEST_STRAIN),
+    )
+    what = f"the strain of {entry.channel} reaches {largest:.3g} m/m ({100 * largest:.0f} %)"
+    if 0 < len(implausible) <= FEW * np.isfinite(values).sum():
+        times = ", ".join(f"{t:.9g}" for t in time[implausible[:10]])
         raise ConfigError(
-            f"{what}, in {len(beyond)} of {len(time)} samples: at {times} s{' …' * (len(beyond) > 10)}",
+            f"{what}, in {len(implausible)} of {len(time)} samples: at {times} s{' …' * (len(implausible) > 10)}",
             key=f"{key}.missing",
-            remedy="mark these samples as missing, [[from, to], …]",
+            remedy="Mark these samples as missing: [[from, to], …].",
         )
-    if len(beyond):
+    if len(implausible):
         raise ConfigError(
             what,
             key=f"{key}.unit",
-            remedy=f"check the unit, {entry.unit}: are the readings in um/m? Or subtract what the amplifier shows without "
-            "load, with `zero` or `offset`",
+            remedy=f"Check the unit ({entry.unit}), which may be um/m, or subtract the reading without load by `zero` or "
+            "`offset`.",
         )
     if 0 < largest < LEAST_STRAIN and not entry.override:
         raise ConfigError(
-            f"{entry.channel} reads at most {largest:.3g} m/m, and no amplifier shows less than {1e6 * LEAST_STRAIN:g} um/m",
+            f"the largest strain of {entry.channel} is {largest:.3g} m/m, below the amplifier resolution of "
+            f"{1e6 * LEAST_STRAIN:g} um/m",
             key=f"{key}.unit",
-            remedy=f"check the unit, {entry.unit}: are the readings in m/m (strain)? `override: true` where not",
+            remedy=f"Check the unit ({entry.unit}), which may be m/m (strain), or set `override: true`.",
         )
 
 
 def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str) -> Signals:
-    """The record from the first to the last instant at which all known loads, its columns from `first` on, have a sample, where
-    they lack a few at its ends, as in a table of two rates, or were moved in time. start: of the config.
+    """Cut a record to the interval in which all known loads (columns from `first`) have samples; start: of the config.
 
-    Raises ConfigError where a structure at rest does not begin so.
+    Raises ConfigError if a structure that starts at rest would not do so.
     """
     count, begin, end = len(signals.time), 0, len(signals.time)
     for values, delayed in zip(signals.values[:, first:].T, moved, strict=True):
@@ -336,34 +342,32 @@ def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str)
         return signals
     if start == "rest" and begin:
         raise ConfigError(
-            f"the first {signals.time[begin] - signals.time[0]:g} s are cut off, where a known load has no sample, and what is "
-            "left does not begin at rest",
+            f"a known load has no samples in the first {signals.time[begin] - signals.time[0]:g} s, so the record would "
+            "not start at rest",
             key="estimate.start",
-            remedy="take moving",
+            remedy="Set estimate.start: moving.",
         )
-    note = f"{count - (end - begin)} samples were cut off at the ends, where a known load has none"
+    note = f"{count - (end - begin)} samples were cut off at the ends because a known load has none there"
     return replace(
         signals, time=signals.time[begin:end], values=signals.values[begin:end], notes=(*signals.notes, note)
     )
 
 
 def steps_a_sample(loads: np.ndarray) -> int:
-    """Steps of the filter that hold loads (T + 1, n), NaN where missing, well enough: 1 to FINEST a sample."""
+    """Filter steps per sample, 1 to FINEST, that resolve loads (T + 1, n) with NaN for missing samples."""
     filled = [fill_gaps(load) for load in loads.T]
-    enough = (k for k in range(1, FINEST) if all(share_above(load, k * HELD) <= SLIGHT for load in filled))
+    enough = (k for k in range(1, FINEST) if all(share_above(load, k * HOLD_BAND) <= SLIGHT for load in filled))
     return next(enough, FINEST)
 
 
 def hold_known_loads(
     signals: Signals, loads: np.ndarray, known: Sequence[str], key: str, every: int
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Hold coefficients (T·every, HOLD, 2n) of n loads (T + 1, n), NaN where missing, with those of their interpolation errors
-    behind them; and what was done, a sentence each.
+    """Hold coefficients (T·every, HOLD, 2n) of n loads (T + 1, n) and of their interpolation errors, and notes.
 
-    Between samples a load is the spline through them. Its error is unknown; as large as the difference of that spline from
-    straight lines, and of its shape, it is a constant that the filter considers (`tolerated_loads.BETWEEN`).
-
-    Raises ConfigError, below `key`, where a load has a long gap, or moves too fast for its samples.
+    Loads are interpolated by a spline. The interpolation error has the shape of the difference between spline and straight lines,
+    with a constant factor that the filter considers (`tolerated_loads.BETWEEN`). NaN marks missing samples. Raises ConfigError,
+    below `key`, for a long gap or a load too fast for its samples.
     """
     curves, lines, notes = [], [], []
     for name, values in zip(known, loads.T, strict=True):
@@ -371,19 +375,19 @@ def hold_known_loads(
         rate = 1 / (spacing * (signals.time[1] - signals.time[0]))
         missing = int(np.isnan(values).sum())
         if missing:
-            notes.append(f"{name}: {missing} missing samples were interpolated, by a spline through the others")
+            notes.append(f"{name}: {missing} missing samples were interpolated by a spline")
         share = share_above(filled, BAND / spacing)
         fast = (
-            f"{100 * share:.2g} % of the RMS of '{name}' is beyond {BAND * rate:.4g} Hz, {BAND:g} of its sampling rate"
+            f"{100 * share:.2g} % of the RMS of '{name}' is above {BAND * rate:.4g} Hz ({BAND:g} of its sampling rate)"
         )
         if share > LARGEST:
             raise ConfigError(
-                f"{fast}: its samples do not determine it in between",
+                f"{fast}, so it cannot be interpolated between samples",
                 key=f"{key}.{name}",
-                remedy="record it at a higher rate, behind a filter that takes away what is faster, or estimate this load",
+                remedy="Record it at a higher rate with an anti-aliasing filter, or estimate this load.",
             )
         if share > SLIGHT:
-            notes.append(f"{fast}: record it at a higher rate, the estimate depends on what is between its samples")
+            notes.append(f"{fast}, which affects the estimate. Record it at a higher rate")
         curves.append(interpolate(filled, 2 * every))
         lines.append(join_by_lines(values, 2 * every))
     size = 2 * every * (len(loads) - 1) + 1
@@ -392,19 +396,18 @@ def hold_known_loads(
 
 
 def _spacing(signals: Signals, name: str, values: np.ndarray, key: str) -> int:
-    """The longest interval between samples of a load (T + 1,), in samples of the record. Raises ConfigError for one that is too
-    long."""
+    """Longest interval between samples of a load (T + 1,), in samples of the record. Raises ConfigError if it is too long."""
     known = np.flatnonzero(np.isfinite(values))
-    apart = np.diff(known)
+    spacing = np.diff(known)
     at_ends = not len(known) or known[0] > 0 or known[-1] < len(values) - 1
-    if at_ends or not len(apart) or apart.max() - 1 > max(LONGEST_GAP, 2 * (np.median(apart) - 1)):
-        longest = int(np.argmax(apart)) if len(apart) else 0
+    if at_ends or not len(spacing) or spacing.max() - 1 > max(LONGEST_GAP, 2 * (np.median(spacing) - 1)):
+        longest = int(np.argmax(spacing)) if len(spacing) else 0
         where = "at an end of the record"
         if not at_ends:
-            where = f"{apart[longest] - 1} in a row, the first at {signals.time[known[longest] + 1]:g} s"
+            where = f"{spacing[longest] - 1} in a row, the first at {signals.time[known[longest] + 1]:g} s"
         raise ConfigError(
-            f"the known load '{name}' lacks {np.isnan(values).sum()} samples, {where}",
+            f"{np.isnan(values).sum()} samples of the known load '{name}' are missing, {where}",
             key=key,
-            remedy="cut the record, or estimate this load",
+            remedy="Cut the record, or estimate this load.",
         )
-    return int(apart.max())
+    return int(spacing.max())

@@ -1,4 +1,4 @@
-"""The mesh of a config: its file, what the config adds, and whether all of it is sound."""
+"""Read the mesh of a config, apply its additions and check the model."""
 
 from __future__ import annotations
 
@@ -54,20 +54,20 @@ from strainsight.sensors.faces import Faces, Pick, faces_of, picked, pointed_at
 from strainsight.sensors.zones import admissible
 
 HEAVY = 100.0
-"""Times the mass of the elements that point masses may have together without a question."""
+"""Ratio of point masses to element mass from which the unit of mass is checked."""
 STEEL = 7850.0
-"""[kg/m³] A mass that is no larger than the structure where it is a ball of steel may well hang on it."""
+"""Density [kg/m³] for the plausibility of point masses: a steel ball should not exceed the structure."""
 SHOWN = 3
-"""Springs and relations that are named."""
+"""Most springs and relations that are listed."""
 
 
 def free_motions(mesh: Mesh) -> tuple[str, ...]:
-    """Rigid motions that supports and ties leave, in words; raises the errors of `rigid_body_motions`."""
+    """Names of the rigid-body motions that supports and ties allow; raises the errors of `rigid_body_motions`."""
     return rigid_body_motions(mesh, constraint_transform(mesh, rotations=turning_nodes(mesh)))
 
 
 def loose_warnings(mesh: Mesh) -> tuple[str, ...]:
-    """A sentence where a structure that is held somewhere can move all the same, as `modes` would refuse it."""
+    """Warning about a supported structure that can still move freely, which `modes` would refuse."""
     if not mesh.elements or not (mesh.held.size or mesh.springs or mesh.relations):
         return ()
     try:
@@ -78,27 +78,26 @@ def loose_warnings(mesh: Mesh) -> tuple[str, ...]:
         return ()
     more = f" and {len(motions) - 8} more" if len(motions) > 8 else ""
     return (
-        f"the structure can move freely: {', '.join(motions[:8])}{more}; add supports or ties that hold these motions "
-        "(mesh.supports, mesh.ties), or let it be free (mesh.free)",
+        f"the structure can move freely: {', '.join(motions[:8])}{more}. Add supports or ties for these motions "
+        "(mesh.supports, mesh.ties), or set mesh.free",
     )
 
 
 def grounding_warnings(mesh: Mesh) -> tuple[str, ...]:
-    """A sentence on springs and relations that a rigid motion of the whole stretches."""
+    """Warning about springs and relations that resist a rigid-body motion."""
     grounding = links(mesh, EXACT)
     if not grounding:
         return ()
     named = "; ".join(f"{link.name} ({link.motion}, nodes {link.apart:.3g} m apart)" for link in grounding[:SHOWN])
     more = f" and {len(grounding) - SHOWN} more" if len(grounding) > SHOWN else ""
     return (
-        f"springs or relations between nodes resist a rigid motion of the whole, as a support would: {named}{more}; let "
-        "their ends coincide, or let them act along the line between these",
+        f"springs or relations between nodes resist a rigid-body motion like a support: {named}{more}. Move "
+        "their end nodes to the same point, or align them with the line between these nodes",
     )
 
 
 def heavy_points(mesh: Mesh) -> tuple[str, ...]:
-    """A sentence where point masses outweigh the elements, and as steel would be larger than the whole structure, as by another
-    unit of mass: a ball of mass m is 2 (3m/4πρ)^⅓ across."""
+    """Warning if point masses outweigh the elements and, as a steel ball of diameter 2 (3m/4πρ)^⅓, exceed the structure."""
     points = sum(point.mass for point in mesh.point_masses)
     if points <= 0 or any(mesh.density_of(number) is None for number in mesh.regions):
         return ()
@@ -108,24 +107,24 @@ def heavy_points(mesh: Mesh) -> tuple[str, ...]:
     if elements <= 0 or points <= HEAVY * elements or ball <= long:
         return ()
     return (
-        f"point masses of {points:.4g} kg outweigh the elements, {elements:.4g} kg, {points / elements:.3g} times, and as "
-        f"a ball of steel they would be {ball:.3g} m across beside a structure of {long:.3g} m: their unit is that of the deck, "
-        "mesh.mass_unit; a base that is moved by way of a large mass may stand",
+        f"point masses ({points:.4g} kg) are {points / elements:.3g} times as heavy as the elements ({elements:.4g} kg). "
+        f"A steel ball of this mass has a diameter of {ball:.3g} m, the structure a length of {long:.3g} m. "
+        "Check mesh.mass_unit; ignore this for a large mass that drives the base",
     )
 
 
 def mesh_of(
     config: MeshFile, path: Path, key: str = "mesh", base: Path | None = None, loads: Collection[str] | None = None
 ) -> Mesh:
-    """The mesh of a file and of what the config (its section at `key`) says beside it; base: the folder that paths start from;
-    loads: names of those of the deck that are used, whose gravity is looked at, None for all."""
+    """Read the mesh file of a config section `key` and apply its additions; base: folder for relative paths; loads: names of the
+    deck loads that are used (gravity is checked), None for all."""
     include = [(base or Path()) / name for name in config.include_dirs]
     for folder in include:
         if not folder.is_dir():
             raise ConfigError(
-                f"no such folder: {folder}",
+                f"folder not found: {folder}",
                 key=f"{key}.include_dirs",
-                remedy="name folders that are there; paths start from the folder of the config file",
+                remedy="Paths are relative to the config file.",
             )
     with blame(f"{key}.file"):
         mesh = read_mesh(
@@ -149,8 +148,8 @@ def mesh_of(
     if config.merge is not None:
         with blame(f"{key}.merge"):
             mesh = merged(mesh, config.merge)
-            exterior_facets(mesh)  # so that elements that do not fit together now show here
-    # shells and beams that matrices stand for are in them
+            exterior_facets(mesh)  # raises for elements that do not match after merging
+    # with matrices, shells and beams are part of them
     mesh = with_sides(with_faces(mesh)) if config.matrices is None else replace(mesh, shells=(), beams=())
     mesh = with_additions(mesh, config, key)
     if config.matrices is None:
@@ -162,37 +161,36 @@ def mesh_of(
 
 
 def _with_mass(mesh: Mesh, config: MeshFile, key: str) -> Mesh:
-    """The mesh with the mass of solids that the config chooses, or the deck, and a note where it is lumped."""
+    """Set consistent or lumped mass of solids from config or deck, with a note if lumped."""
     if config.mass == "lumped" and mesh.thin:
         raise ConfigError(
-            "the mesh has shells, beams or rods, whose mass is not lumped here",
+            "lumped mass is not supported for shells, beams and rods",
             key=f"{key}.mass",
-            remedy="remove the key: mass is consistent",
+            remedy="Remove the key to use consistent mass.",
         )
     chosen = mesh.lumped if config.mass is None else config.mass == "lumped"
     by = "PARAM,COUPMASS" if config.mass is None else f"{key}.mass"
-    note = f"mass of solids is lumped, as {by} says: the diagonal, scaled to the mass of each element"
+    note = f"mass of solids is lumped ({by}): the diagonal, scaled to the mass of each element"
     return replace(mesh, lumped=chosen, notes=(*mesh.notes, *[note] * chosen))
 
 
 def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
-    """The mesh, with a note on names in `ignore` that the deck does not have. Raises DeckError for elements, ties and loads that
-    are not supported and not named there."""
+    """Add a note on unused names in `ignore`. Raises DeckError for unsupported elements, ties and loads not named there."""
     named = {spelt(card) for card in ignore}
     missing = [card for card in mesh.unsupported if spelt(card) not in named]
     if missing:
         names = ", ".join(dict.fromkeys(map(short, missing)))
         listed = [f"{mesh.ignored[card]} × {_named(card)} (first at {mesh.unsupported[card]})" for card in missing]
         linear = [f"{name} with {LINEAR[name]}" for name in map(short, missing) if name in LINEAR]
-        instead = f"mesh {', '.join(linear)}; " if linear else ""
+        instead = f"Mesh {', '.join(linear)}. " if linear else ""
         more = f" and {len(listed) - 6} more kinds" if len(listed) > 6 else ""
         raise DeckError(
-            f"not supported, and the model is not the same without: {', '.join(listed[:6])}{more}",
+            f"unsupported cards that affect the model: {', '.join(listed[:6])}{more}",
             where=mesh.unsupported[missing[0]],
-            remedy=f"{instead}if they do not matter, leave them out: mesh.ignore: [{names}]",
+            remedy=f"{instead}If they do not matter, ignore them: mesh.ignore: [{names}]",
         )
-    idle = [card for card in ignore if spelt(card) not in {spelt(existing) for existing in mesh.ignored}]
-    notes = (f"mesh.ignore names {', '.join(idle)}, of which the deck has none",) if idle else ()
+    unused = [card for card in ignore if spelt(card) not in {spelt(existing) for existing in mesh.ignored}]
+    notes = (f"cards of mesh.ignore that the deck does not contain: {', '.join(unused)}",) if unused else ()
     return replace(mesh, notes=(*mesh.notes, *notes))
 
 
@@ -203,7 +201,7 @@ def _named(card: str) -> str:
 def checked(
     mesh: Mesh, config: MeshFile, key: str = "mesh"
 ) -> tuple[tuple[float, np.ndarray] | None, tuple[Quality, ...]]:
-    """Mass [kg] with centre (3,) [m], where solids carry the model, and the shapes of the elements, once all is sound."""
+    """Check the model; returns mass [kg] with centre (3,) [m] (None for imported models), and element quality."""
     weight = None
     with blame(f"{key}.file"), mesh.located(), _config_ties(mesh, key):
         if config.results is not None and not has_mass(mesh):
@@ -216,7 +214,7 @@ def checked(
             quality = element_quality(mesh)
             check_inverted(quality)
             weight = mass_properties(mesh)
-            # so that ties and supports that contradict each other, and springs on rotations that are not there, show here
+            # raises for conflicting ties and supports, and for springs on missing rotations
             constraint = constraint_transform(mesh, rotations=turning_nodes(mesh))
             spring_rows(mesh, constraint.reference_rows)
         else:
@@ -226,8 +224,7 @@ def checked(
 
 
 def model_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", free: bool = False) -> tuple[str, ...]:
-    """What is more likely a mistake than meant: cards that change the structure and are not used, what is not joined, what moves
-    freely or resists a rigid motion, and the rest of `sanity_warnings`."""
+    """Warnings about probable mistakes: ignored cards, unconnected parts, free motions, springs to ground, `sanity_warnings`."""
     sane, first = sanity_warnings(mesh, length_unit, mass_unit, free), len(leading_warnings(mesh))
     return (
         *sane[:first],
@@ -257,23 +254,23 @@ def _with_material(mesh: Mesh, material: MaterialSection, name: str) -> Mesh:
 def _orientation(axes: MaterialAxes | None) -> Orientation:
     if axes is None:
         return Orientation(BASIC, np.eye(3))
-    x, beside = np.array(axes.x), np.array(axes.y)
-    z = np.cross(x, beside)
+    x, in_plane = np.array(axes.x), np.array(axes.y)
+    z = np.cross(x, in_plane)
     x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
     directions = np.column_stack([x, np.cross(z, x), z])
     return Orientation(CoordinateSystem(axes.system, np.array(axes.origin), directions), np.eye(3))
 
 
 def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
-    """The mesh with the materials, ties and supports that the config states beside the file."""
+    """Add materials, faces, ties and supports of the config to the mesh."""
     for name, material in config.materials.items():
         with blame(f"{key}.materials.{name}.regions"):
             mesh = _with_material(mesh, material, f"{key}.materials.{name}")
     if config.faces and not mesh.has_surface:
         raise UserError(
-            "the mesh has no solids, shells or sides of beams, and so no faces",
+            "the mesh has no faces, because it has no solids, shells or beams with a cross-section",
             key=f"{key}.faces",
-            remedy="name sets of nodes instead",
+            remedy="Use node sets instead.",
         )
     if config.faces:
         facets = exterior_facets(mesh)
@@ -289,8 +286,8 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
                 mesh = with_surface_tie(mesh, nodes, onto, tie.within, f"{key}.ties.{i}")
                 continue
             if tie.reference >= LARGEST_ID:
-                what = f"{tie.reference} is too large for the number of a node"
-                raise DeckError(what, key=f"{key}.ties.{i}.reference", remedy="give one below 10^12")
+                what = f"{tie.reference} is too large for a node number"
+                raise DeckError(what, key=f"{key}.ties.{i}.reference", remedy="Use a number below 10^12.")
             if tie.at is not None:
                 mesh = with_node(mesh, tie.reference, tie.at)
             reference = mesh.node_index(tie.reference)
@@ -306,7 +303,7 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
             if support.node is not None:
                 nodes = np.array([mesh.node_index(support.node)])
             else:
-                nodes = node_indices(mesh, str(support.set))  # the config asks for one of the two
+                nodes = node_indices(mesh, str(support.set))  # node or set is required by the config
             if support.stiffness is None:
                 mesh = with_support(mesh, nodes, _components(support.components))
             else:
@@ -334,7 +331,7 @@ def _pick(face: Face) -> Pick:
 
 @contextmanager
 def _config_ties(mesh: Mesh, key: str) -> Iterator[None]:
-    """An error about a tie of the config belongs to its key there, not to a line of the deck."""
+    """Assign errors about ties of the config to their config key."""
     named = [(e.id, e.name) for e in mesh.rigid] + [(e.id, e.name) for e in mesh.averaging]
     keys = {("tie", number): name for number, name in named if name.startswith(f"{key}.ties.")}
     try:
@@ -350,7 +347,7 @@ def _components(numbers: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def given_sections(config: MeshFile, key: str = "mesh") -> dict[str, GivenSection]:
-    """Key → section, of the config's section at `key`."""
+    """Sections of the config section at `key`, by key."""
     return {f"{key}.sections.{name}": _given(section) for name, section in config.sections.items()}
 
 
@@ -361,7 +358,7 @@ def _given(stated: ElementSection) -> GivenSection:
     yy, zz, yz = (*(stated.second_moments or (0.0, 0.0)), 0.0)[:3]
     half = [(-0.5 * side, 0.5 * side) for side in stated.size or ()]
     section = BeamSection(
-        float(stated.area or 0.0),  # the config asks for one of the two
+        float(stated.area or 0.0),  # area or thickness is required by the config
         np.array([[yy, yz], [yz, zz]]),
         stated.torsion or 0.0,
         points=np.array(list(product(*half)) if half else np.zeros((0, 2))),
@@ -370,12 +367,12 @@ def _given(stated: ElementSection) -> GivenSection:
 
 
 def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces: Faces) -> Iterator[str]:
-    """A sentence for each face that probably lies on something though gauges may sit on it, with what leaves it out."""
+    """Warnings about faces that are probably in contact but admissible for gauges, with the exclusion for the config."""
     gauges = config.gauges
     if gauges.given is not None:
         return
     free = np.zeros(0, dtype=int)
-    with suppress(InfeasibleError):  # no facet at all: `train` names that
+    with suppress(InfeasibleError):  # no facet at all: reported by `train`
         free, _, _ = admissible(mesh, facets, **sites_of(gauges))
     contact = contact_faces(mesh, facets, faces)
     named = {name: {*facet_key(*face.T).tolist()} for name, face in mesh.faces.items()}
@@ -388,21 +385,18 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
         if not name:
             lines = f"mesh.faces: {{seat: {{{pointed_at(int(face), faces, mesh.position, facets)}}}}} and {lines}"
         yield (
-            f"the flat face of {faces.area[face]:.3g} m² about {_point(faces.centre[face])} is {contact.in_words(i)}: if it "
-            f"lies on something, no gauge can sit there; leave it out with {lines}"
+            f"the flat face of {faces.area[face]:.3g} m² at {_point(faces.centre[face])} is {contact.in_words(i)}. If it is a "
+            f"contact face, exclude it from gauges: {lines}"
         )
 
 
 def held_below(mesh: Mesh, facets: Facets, grids: Candidates) -> tuple[str, ...]:
-    """For every grid (g,) on a face that probably lies on something, where that is and what holds it; "" for the others.
-
-    facets: the exterior ones.
-    """
+    """Describe the contact face below every grid (g,), "" for grids on other faces; facets: exterior facets."""
     faces = faces_of(mesh.position, facets)
     contact = contact_faces(mesh, facets, faces)
     of = dict(zip(facets.key.tolist(), faces.of.tolist(), strict=True))
     words = {
-        int(face): f"the face about {_point(faces.centre[face])} is {contact.in_words(i)}"
+        int(face): f"the face at {_point(faces.centre[face])} is {contact.in_words(i)}"
         for i, face in enumerate(contact.face)
     }
     return tuple(words.get(of.get(key, -1), "") for key in facet_key(grids.element, grids.facet).tolist())

@@ -1,5 +1,5 @@
-"""What an import found and what the model assumes (the fate of every card, what hangs together, the rigid-body check, mass by
-part, differences from the program of the deck), as tables for the terminal and the page."""
+"""Tables of the imported mesh and the model assumptions: cards, connections, rigid-body check, mass by region, and differences
+from the program of the deck."""
 
 from __future__ import annotations
 
@@ -27,17 +27,19 @@ from strainsight.sensors.faces import Faces
 
 Row = tuple[str, str, str]
 LONGEST = 12
-"""Rows of one kind that a table shows before it only counts the rest."""
+"""Most rows of one kind in a table."""
 
 FACES = 24
-"""Faces that are listed."""
+"""Most faces that are listed."""
 
 
 def found_tables(
     mesh: Mesh, weight: tuple[float, np.ndarray] | None, quality: Sequence[Quality], warnings: Sequence[str]
 ) -> tuple[Table, ...]:
-    """One table: nodes, elements by type and region, materials, supports, ties, sets, quality, mass, what is
-    ignored, notes and warnings. weight: mass [kg] and centre (3,) [m], where the mesh has densities."""
+    """Table of nodes, elements, materials, supports, ties, sets, quality, mass, ignored cards, notes and warnings.
+
+    weight: mass [kg] and centre (3,) [m], None without densities.
+    """
     rows: list[Row] = _geometry(mesh)
     rows += _regions(mesh)
     rows += _constraints(mesh)
@@ -46,26 +48,26 @@ def found_tables(
     if weight is not None:
         rows.append(("mass", f"{weight[0]:.6g} kg", "centre ({:.4g}, {:.4g}, {:.4g}) m".format(*weight[1])))
     rows += [("ignored", card, _times(count, mesh.effect.get(card))) for card, count in mesh.ignored.items()]
-    # Sentences stand in the last column: in another they would push those behind it out of sight.
+    # sentences only in the last column, to keep the others narrow
     rows += [("note", "", text) for text in mesh.notes]
     rows += [("warning", "", text) for text in (*warnings, *_poor(quality))]
-    return (Table("the mesh", ("what", "how many", "detail"), tuple(rows)),)
+    return (Table("mesh", ("item", "number", "detail"), tuple(rows)),)
 
 
 def faces_table(faces: Faces) -> Table:
-    """The largest faces of the surface, with a point of each that a config can name it by."""
+    """Table of the largest faces with a point that selects each in a config."""
     count = len(faces.area)
     rows = []
     for face in range(min(count, FACES)):
         rows.append((f"{faces.area[face]:.3g} m²", faces.in_words(face), f"near: {faces.near(face)}"))
     title = "faces of the surface"
     if count > FACES:
-        title += f", the {FACES} largest of {count}: the others are in import.h5"
-    return Table(title, ("area", "what", "for mesh.faces"), tuple(rows))
+        title += f" ({FACES} largest of {count}; all are in import.h5)"
+    return Table(title, ("area", "shape", "for mesh.faces"), tuple(rows))
 
 
 def _times(count: int, effect: str | None) -> str:
-    return plural(count, "time") + ", of no effect here" * (effect == "none")
+    return plural(count, "time") + ", without effect" * (effect == "none")
 
 
 def _geometry(mesh: Mesh) -> list[Row]:
@@ -90,7 +92,7 @@ def _regions(mesh: Mesh) -> list[Row]:
                 f"rho {material.density:.5g} kg/m³"
             )
         if (shell := mesh.general_shell(region.id)) is not None:
-            detail = f"shell of several or anisotropic materials, {shell.thickness:.4g} m thick, rho {shell.density:.5g} kg/m³"
+            detail = f"shell with several or anisotropic materials, {shell.thickness:.4g} m thick, rho {shell.density:.5g} kg/m³"
         if (solid := mesh.anisotropic_of(region.id)) is not None:
             moduli, axes = ", ".join(f"{E:.4g}" for E in solid.moduli), mesh.orientations.get(region.id)
             kind = "basic" if axes is None else axes.system.kind
@@ -104,29 +106,29 @@ def _regions(mesh: Mesh) -> list[Row]:
 
 
 def _plies(mesh: Mesh, region: int) -> str:
-    """A laminate in words: its plies by material, thickness and density."""
+    """Describe a laminate: plies by material, thickness and density."""
     laminate, density = mesh.laminate(region), mesh.density_of(region)
     assert laminate is not None
     of = Counter(ply.material for ply in laminate.plies)
     counted = ", ".join(f"{n} of {mesh.laminae.get(i) or mesh.materials.get(i)}" for i, n in of.items())
-    return f"{len(laminate.plies)} plies ({counted}), {laminate.thickness:.4g} m thick, rho {density:.5g} kg/m³ in the mean"
+    return f"{len(laminate.plies)} plies ({counted}), {laminate.thickness:.4g} m thick, mean rho {density:.5g} kg/m³"
 
 
 def _layers(mesh: Mesh, region: int, composite: CompositeSolid) -> str:
-    """A composite solid in words: its layers by material, the direction along which they lie, and density."""
+    """Describe a composite solid: layers by material, stacking direction and density."""
     of = Counter(layer.material for layer in composite.layers)
     counted = ", ".join(f"{n} of {mesh.anisotropic.get(i) or mesh.materials.get(i)}" for i, n in of.items())
     return (
-        f"{len(composite.layers)} layers ({counted}) along direction {composite.direction + 1} of each element, rho "
-        f"{mesh.density_of(region):.5g} kg/m³ in the mean"
+        f"{len(composite.layers)} layers ({counted}) along direction {composite.direction + 1} of each element, mean rho "
+        f"{mesh.density_of(region):.5g} kg/m³"
     )
 
 
 def _constraints(mesh: Mesh) -> list[Row]:
-    held = len(np.unique(mesh.fixed[:, 0]))
-    rows = [("fixed", plural(len(mesh.fixed), "component"), plural(held, "node"))]
+    supported = len(np.unique(mesh.fixed[:, 0]))
+    rows = [("fixed", plural(len(mesh.fixed), "component"), plural(supported, "node"))]
     if mesh.axes:
-        rows.append(("own displacement systems", plural(len(mesh.axes), "node"), ""))
+        rows.append(("local displacement systems", plural(len(mesh.axes), "node"), ""))
     ties = {
         kind: [
             (str(tie), plural(len(tie.nodes), "node"), f"reference node {mesh.node_ids[tie.reference]}")
@@ -171,7 +173,7 @@ def _resultant(load: NodalForces) -> str:
 
 
 def _total(springs: Springs) -> str:
-    """The stiffness of all its springs, of those that stretch and of those that turn."""
+    """Total stiffness of its translational and rotational springs."""
     turns = springs.torsion
     words = ((springs.stiffness[~turns].sum(), "N/m"), (springs.stiffness[turns].sum(), "N m/rad"))
     return "".join(f", {value:.4g} {unit}" for value, unit in words if value)
@@ -201,13 +203,14 @@ def _sets(mesh: Mesh) -> list[Row]:
 def _shortened(rows: list[Row], what: str) -> list[Row]:
     if len(rows) <= LONGEST:
         return rows
-    return [*rows[:LONGEST], (what, f"{len(rows)} in all", "the others are in import.h5")]
+    return [*rows[:LONGEST], (what, f"{len(rows)} in total", "all are in import.h5")]
 
 
 def _quality(quality: Quality) -> Row:
     worst = int(np.argmin(quality.shape))
-    detail = f"least {quality.shape[worst]:.3f} (element {quality.ids[worst]}), least |J| ratio {quality.curvature.min():.3f}"
-    return (f"shape of {quality.kind}", f"mean {quality.shape.mean():.3f}", detail)
+    least = f"smallest {quality.shape[worst]:.3f} (element {quality.ids[worst]})"
+    detail = f"{least}, smallest |J| ratio {quality.curvature.min():.3f}"
+    return (f"shape quality of {quality.kind}", f"mean {quality.shape.mean():.3f}", detail)
 
 
 def _poor(quality: Sequence[Quality]) -> list[str]:
@@ -220,17 +223,17 @@ def _poor(quality: Sequence[Quality]) -> list[str]:
                 ", …" if poor.size > 5 else ""
             )
             have = f"{entry.kind} element{'s have' if poor.size > 1 else ' has'}"
-            sentences.append(f"{poor.size} {have} a shape below {POOR:g} (1 is regular): {listed}")
+            sentences.append(f"{poor.size} {have} a shape quality below {POOR:g} (1 is regular): {listed}")
     return sentences
 
 
-ASSUMES = "what this model assumes"
+ASSUMES = "model assumptions"
 MOST = 24
-"""Regions whose mass is listed."""
+"""Most regions whose mass is listed."""
 
 
 def assumed_table(mesh: Mesh, program: str, free: bool) -> Table:
-    """Of a mesh as it is computed; program: whose deck it was, as `format_of` says; free: nothing has to hold it."""
+    """Table of the model assumptions; program: of the deck (`format_of`); free: whether the structure may be unsupported."""
     contacts = (("contact", "", text) for text in mesh.contacts)
     rows = (
         *contacts,
@@ -240,7 +243,7 @@ def assumed_table(mesh: Mesh, program: str, free: bool) -> Table:
         *_masses(mesh),
         *_differences(mesh, program),
     )
-    return Table(ASSUMES, ("what", "how many", "detail"), rows)
+    return Table(ASSUMES, ("item", "number", "detail"), rows)
 
 
 def _cards(mesh: Mesh) -> Iterator[Row]:
@@ -253,14 +256,14 @@ def _cards(mesh: Mesh) -> Iterator[Row]:
 
 
 def _fate(card: str, effect: str) -> str:
-    """Of a card that does not count, in words; an enforced displacement may be held all the same."""
+    """Describe why a card is ignored."""
     if " that no " in card or " not selected" in card:
-        return "left out: nothing refers to it"
+        return "ignored: no other card refers to it"
     if effect == "structure":
-        return f"not as the deck has it: {lost(card)}"
+        return f"the model differs from the deck: {lost(card)}"
     if effect == "none":
-        return "left out: it changes neither stiffness, mass nor supports"
-    return "left out: what it does is not known here"
+        return "ignored: no effect on stiffness, mass or supports"
+    return "ignored: effect unknown"
 
 
 def _connections(mesh: Mesh) -> Iterator[Row]:
@@ -268,17 +271,17 @@ def _connections(mesh: Mesh) -> Iterator[Row]:
         return
     joints = Joints(mesh)
     tied = np.unique(joined_parts(mesh, joints)[mesh.nodes_of_elements])
-    yield ("parts that share no node", str(parts(mesh).count), f"{len(tied)} with ties, relations and springs")
+    yield ("parts without common nodes", str(parts(mesh).count), f"{len(tied)} including ties, relations and springs")
     coincident = Coincident(mesh, joints)
-    yield ("nodes in one place that nothing joins", str(len(coincident.unjoined)), "")
+    yield ("coincident nodes that are not connected", str(len(coincident.unjoined)), "")
     if mesh.shells:
         rings = [
             np.stack([block.corners, np.roll(block.corners, -1, axis=1)], axis=2).reshape(-1, 2)
             for block in mesh.shells
         ]
         _, count = np.unique(np.sort(np.concatenate(rings), axis=1), axis=0, return_counts=True)
-        several = f"{int((count > 2).sum())} sides have more than two shells"
-        yield ("free sides of shells", str(int((count == 1).sum())), several)
+        several = f"{int((count > 2).sum())} edges have more than two shells"
+        yield ("free edges of shells", str(int((count == 1).sum())), several)
 
 
 def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
@@ -286,19 +289,19 @@ def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
         try:
             left = free_motions(mesh)
             words = ", ".join(left[:8]) + (f" and {len(left) - 8} more" if len(left) > 8 else "")
-            yield ("rigid-body check: motions left", str(len(left)), words + " (mesh.free)" * (free and bool(left)))
+            yield ("rigid-body check: free motions", str(len(left)), words + " (mesh.free)" * (free and bool(left)))
         except StrainsightError as error:
-            yield ("rigid-body check: motions left", "?", error.what)
+            yield ("rigid-body check: free motions", "?", error.what)
     between = links(mesh)
     ground = sum(link.share > EXACT for link in between)
-    detail = f"{ground} resist one; largest share of it {between[0].share:.2g}, {between[0].name}" if between else ""
+    detail = f"{ground} resist one; largest share {between[0].share:.2g}, {between[0].name}" if between else ""
     yield ("rigid-body check: springs and relations between nodes", str(len(between)), detail)
     supports = len(np.unique(mesh.fixed[:, 0]))
-    yield ("nodes held", str(supports), f"{len(mesh.fixed)} components at zero")
+    yield ("supported nodes", str(supports), f"{len(mesh.fixed)} fixed components")
 
 
 def _masses(mesh: Mesh) -> Iterator[Row]:
-    """Of every region, and of point masses."""
+    """Mass of every region, and of point masses."""
     if any(mesh.density_of(number) is None for number in mesh.regions):
         return
     of: dict[int, float] = dict.fromkeys(mesh.regions, 0.0)
@@ -318,43 +321,41 @@ def _masses(mesh: Mesh) -> Iterator[Row]:
         name = mesh.regions[number].name
         yield (f"mass of region {number} {name}", f"{of[number]:.6g} kg", f"{mesh.density_of(number):.5g} kg/m³")
     if len(of) > MOST:
-        yield ("mass of other regions", "", f"{len(of) - MOST} more are not listed")
+        yield ("mass of other regions", "", f"{len(of) - MOST} regions not listed")
     if mesh.point_masses:
         yield (
             "point masses",
             f"{sum(point.mass for point in mesh.point_masses):.6g} kg",
-            f"{len(mesh.point_masses)} of them",
+            f"number: {len(mesh.point_masses)}",
         )
 
 
 def _differences(mesh: Mesh, program: str) -> Iterator[Row]:
-    """What another program does in another way, of what is in this mesh."""
+    """Differences from other programs that apply to this mesh."""
     kinds = {block.kind for block in mesh.elements}
     for text in (
-        "linear about the state without load: no preload, contact, large displacement or temperature",
-        "damping is that of the config, whatever the deck says",
-        "mass of solids is lumped (mesh.mass or PARAM,COUPMASS): the diagonal of the consistent one, scaled to the mass of each "
-        "element; on coarse meshes frequencies are lower than by consistent mass"
+        "linear about the unloaded state: no preload, contact, large displacements or temperature",
+        "damping is taken from the config, not from the deck",
+        "mass of solids is lumped (mesh.mass or PARAM,COUPMASS): the diagonal of the consistent mass, scaled to the mass of each "
+        "element; on coarse meshes frequencies are lower than with consistent mass"
         if mesh.lumped
         else {
-            "nastran": "mass is consistent; Nastran lumps it unless PARAM,COUPMASS is 1 (mesh.mass: lumped): on coarse meshes "
-            "frequencies are higher then",
-            "abaqus": "mass is consistent; Abaqus lumps that of elements of the first order: on coarse meshes frequencies are "
-            "higher here",
+            "nastran": "mass is consistent; Nastran uses lumped mass unless PARAM,COUPMASS is 1 (mesh.mass: lumped), with lower "
+            "frequencies on coarse meshes",
+            "abaqus": "mass is consistent; Abaqus uses lumped mass for first-order elements, with lower frequencies on coarse "
+            "meshes",
         }.get(program, "mass is consistent"),
-        "hex8 have incompatible modes, and bend without locking: programs without them are stiffer"
+        "hex8 elements have incompatible modes and bend without locking; programs without them are stiffer"
         if "hex8" in kinds
         else "",
-        "linear tetrahedra, wedges and pyramids are too stiff in bending, here as elsewhere"
+        "linear tetrahedra, wedges and pyramids are too stiff in bending"
         if kinds & {"tet4", "wedge6", "pyra5"}
         else "",
-        "rotations of shells about their normal have a stiffness that follows from the membrane, and no K6ROT"
-        if mesh.shells
-        else "",
-        "beams shear with the factors of their section; what Abaqus takes off for slender ones is not imitated"
+        "the drilling stiffness of shells follows from the membrane, without K6ROT" if mesh.shells else "",
+        "beams use the shear factors of their section; the slenderness compensation of Abaqus is not applied"
         if program == "abaqus" and mesh.beams
         else "",
-        "nodes of solids have no rotations: what is tied or bent to them there turns freely"
+        "nodes of solids have no rotations: shells and beams connected to them can rotate freely there"
         if any(kind_of(block.kind).corners for block in mesh.blocks) and mesh.thin
         else "",
     ):

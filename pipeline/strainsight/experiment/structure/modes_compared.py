@@ -1,4 +1,4 @@
-"""Modes of another program beside those of this one, on the same mesh: frequencies, and shapes where they are there."""
+"""Comparison of modes with those of another program on the same mesh: frequencies, and MAC if shapes are available."""
 
 from __future__ import annotations
 
@@ -22,22 +22,24 @@ from strainsight.mesh.sanity import ignored_structure, lost
 
 KNOWN = {".f06": printed_modes, ".dat": printed_modes, **READERS}
 MORE = 4
-"""Modes of ours beyond as many as the file has, among which its shapes are sought."""
-ALIKE = 1e-3
-"""Frequencies of ours that lie nearer to each other have one space of shapes: a program may turn them in it."""
+"""Additional modes computed to find the shapes of the file."""
+EQUAL = 1e-3
+"""Relative distance of frequencies below which modes span one space."""
 RIGID = 1e-2
-"""Of our first frequency that is none of a rigid motion: modes of the file below are rigid motions."""
+"""Modes of the file below this fraction of the first elastic frequency are rigid-body modes."""
 MOST = 60
-"""Modes of a file that are compared, the lowest."""
+"""Largest number of modes of a file that are compared."""
 FEWEST, SHARE, ENOUGH = 10, 0.1, 20
-"""Nodes of both that distinguish shapes: ten (all of a smaller mesh) that are a tenth of it, or twenty, as of sensors."""
+"""Common nodes needed to distinguish shapes: FEWEST (all of a smaller mesh) and SHARE of the mesh, or ENOUGH."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A mode of the file: its number and frequency [Hz]; number and frequency of ours that it is compared with; off: ours over
-    theirs less one, infinite of 0 Hz; mac: share of its shape within the space of ours (1 if it is the same), NaN where it has no
-    shape."""
+    """A mode of the file and the computed mode assigned to it.
+
+    number, theirs [Hz]: of the file; mode, ours [Hz]: computed; off: ours/theirs − 1, infinite for 0 Hz; mac: share of its shape
+    in the space of the computed modes of equal frequency, NaN without a shape.
+    """
 
     number: int
     theirs: float
@@ -49,7 +51,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Compared:
-    """Pairs, what to look at, and over how many nodes of how many of the mesh shapes are compared; None without shapes."""
+    """Pairs of modes and notes; over: number of compared nodes and of all nodes, None without shapes."""
 
     pairs: tuple[Pair, ...]
     notes: tuple[str, ...]
@@ -57,34 +59,36 @@ class Compared:
 
 
 def modes_of_file(path: Path, step: int | None) -> list[Response]:
-    """Its modes, the lowest first. Raises DeckError where there are none, or several steps have some and none is chosen."""
+    """Modes of the file, lowest first. Raises DeckError without modes, or if several steps have modes and none is chosen."""
     modes = [mode for mode in read_responses(path, KNOWN) if mode.kind == "mode" and step in (None, mode.step)]
     if not modes:
-        asked = "" if step is None else f" in step {step}"
-        raise DeckError(f"no modes{asked} in the file", where=str(path), remedy="give the results of normal modes")
+        in_step = "" if step is None else f" in step {step}"
+        raise DeckError(
+            f"the file contains no modes{in_step}", where=str(path), remedy="Use results of a modal analysis."
+        )
     steps = sorted({mode.step for mode in modes})
     if len(steps) > 1:
         raise DeckError(
-            f"steps {', '.join(map(str, steps[:8]))} have modes",
+            f"several steps have modes: {', '.join(map(str, steps[:8]))}",
             where=str(path),
-            remedy=f"choose one, --step {steps[0]}",
+            remedy=f"Choose one, for example --step {steps[0]}.",
         )
     return sorted(modes, key=lambda mode: mode.frequency)[:MOST]
 
 
 def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Response]) -> Compared:
-    """Every mode of a file beside one of the mesh as its deck has it, whatever is guessed.
+    """Assign every mode of a file to a computed mode of the deck (without the guesses of parameters).
 
-    By shapes, MAC_ij = |φᵢ·ψⱼ|²/(φᵢ·φᵢ ψⱼ·ψⱼ) of the translations at the nodes of both, one to one, for the largest sum;
-    without shapes in the order of frequencies. Rigid motions of a free structure are left out on both sides. Raises DeckError
-    where nothing is left, or no node of the file is in the mesh.
+    One to one by the largest sum of MAC_ij = |φᵢ·ψⱼ|²/(φᵢ·φᵢ ψⱼ·ψⱼ) over the translations of common nodes; without shapes in
+    the order of frequencies. Rigid-body modes of a free structure are omitted. Raises DeckError if no modes are left, or no node
+    of the file is in the mesh.
     """
     for key in ("matrices", "results"):
         if getattr(config.mesh, key) is not None:
             raise ConfigError(
-                "modes are compared with those of a deck, and this model comes from another program",
+                "modes can be compared only with the model of a deck, and this model is imported from another program",
                 key=f"mesh.{key}",
-                remedy="compare the model of a deck",
+                remedy="Use a config that reads the deck (mesh.file).",
             )
     with blame("mesh.file"), mesh.located():
         model = build_model(mesh, free=config.mesh.free)
@@ -96,20 +100,21 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
     theirs = [*still[rigid:], *(mode for mode in theirs if mode.frequency >= RIGID * frequency[0])]
     if not theirs:
         raise DeckError(
-            f"only rigid motions in the file: its {plural(len(still), 'mode')} have up to {still[-1].frequency:.3g} Hz, "
-            f"the first of the deck beside them has {frequency[0]:.4g} Hz",
+            f"the file contains only rigid-body modes: {plural(len(still), 'mode')} up to {still[-1].frequency:.3g} Hz, "
+            f"while the first elastic mode of the deck has {frequency[0]:.4g} Hz",
             where=still[0].where,
-            remedy=f"have that program find more than {len(still)} modes, or correct mesh.length_unit or mass_unit",
+            remedy=f"Compute more than {len(still)} modes in the other program, or correct mesh.length_unit or mesh.mass_unit.",
         )
     if len(theirs) > massive:
         raise UserError(
-            f"{len(theirs)} modes of a model with {massive} unknowns that have mass", remedy="compare fewer"
+            f"the file has {len(theirs)} modes, but the model has only {massive} unknowns with mass",
+            remedy="Compare fewer modes.",
         )
     notes = [
-        f"mode {mode.number} of the file, {mode.frequency:.3g} Hz, is a rigid motion, and the deck has "
-        + (f"{rigid} only" if rigid else "none")
+        f"mode {mode.number} of the file ({mode.frequency:.3g} Hz) is a rigid-body mode, and the deck has "
+        + (f"only {rigid}" if rigid else "none")
         for mode in still[rigid:]
-        if mode.frequency <= RIGID * theirs[-1].frequency  # not all of them, as with other units
+        if mode.frequency <= RIGID * theirs[-1].frequency  # with wrong units all modes would be listed
     ]
     shapes = nodal(model, shape).reshape(-1, 3, wanted)[: mesh.own_nodes]
     both, doubts, over = _on_both(mesh, theirs)
@@ -130,7 +135,8 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
         for j, (i, mode) in enumerate(zip(chosen, theirs, strict=True))
     )
     left_out = [
-        f"{card} of the deck may move frequencies and is not in ours: {lost(card)}" for card in ignored_structure(mesh)
+        f"{card} of the deck may change frequencies and is not modelled: {lost(card)}"
+        for card in ignored_structure(mesh)
     ]
     return Compared(pairs, (*notes, *doubts, *left_out), over)
 
@@ -138,20 +144,20 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
 def _on_both(
     mesh: Mesh, theirs: Sequence[Response]
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, list[str], tuple[int, int] | None]:
-    """Nodes (c,) of the mesh that every mode has and translations (c, 3, modes) there, None where they are too few to
-    distinguish shapes; notes; how many they are, and of how many."""
+    """Common nodes (c,) with translations (c, 3, modes), None if too few to distinguish shapes; notes; number of common nodes and
+    of all nodes."""
     lacking = [str(mode.number) for mode in theirs if not len(mode.node_ids)]
     if lacking:
-        some = f"no MAC: mode {', '.join(lacking[:8])} of the file has no shape, others have"
+        some = f"no MAC: mode {', '.join(lacking[:8])} of the file has no shape, other modes have one"
         return None, [some] if len(lacking) < len(theirs) else [], None
     table, columns = IdTable(mesh.node_ids[: mesh.own_nodes]), []
     ids = np.unique(np.concatenate([mode.node_ids for mode in theirs]))
     foreign = ids[table.rows(ids)[1]]
     if len(foreign) == len(ids):
         raise DeckError(
-            f"none of its {len(ids)} nodes is in the mesh",
+            f"none of the {len(ids)} nodes of the file is in the mesh",
             where=theirs[0].where,
-            remedy="give the results of this deck, with its ids",
+            remedy="Use results of this deck with the same node ids.",
         )
     common = np.arange(mesh.own_nodes)
     for mode in theirs:
@@ -160,14 +166,14 @@ def _on_both(
     notes = []
     if len(foreign):
         notes.append(
-            f"{len(foreign)} of {plural(len(ids), 'node')} of the file are not in the mesh and left out, such as {foreign[0]}: "
-            "is it of this deck?"
+            f"{len(foreign)} of {plural(len(ids), 'node')} of the file are not in the mesh and are omitted, such as "
+            f"{foreign[0]}. Check that the file belongs to this deck"
         )
     over = len(common), mesh.own_nodes
     if len(common) < min(FEWEST, over[1]) or len(common) < min(ENOUGH, SHARE * over[1]):
         notes.append(
-            f"no MAC: {len(common)} of {plural(over[1], 'node')} of the mesh have a shape in every mode of the file, too few to "
-            "distinguish shapes; have that program print all nodes"
+            f"no MAC: only {len(common)} of {plural(over[1], 'node')} of the mesh have a shape in every mode of the file. "
+            "Print all nodes in the other program"
         )
         return None, notes, None
     for mode in theirs:
@@ -177,13 +183,13 @@ def _on_both(
 
 
 def _macs(ours: np.ndarray, frequency: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """MAC (ours, theirs) of shapes (c, 3, modes), and the share of each of theirs within the space of ours of like frequency."""
+    """MAC (ours, theirs) of shapes (c, 3, modes), and the share of theirs in the space of ours with equal frequency."""
     Phi, Psi = ours.reshape(-1, ours.shape[2]), theirs.reshape(-1, theirs.shape[2])
     size = np.sum(Phi**2, axis=0)[:, None] * np.sum(Psi**2, axis=0)
     mac = np.divide((Phi.T @ Psi) ** 2, size, out=np.zeros_like(size), where=size > 0)
     within = np.empty_like(mac)
     for i, one in enumerate(frequency):
-        group = Phi[:, np.abs(frequency - one) <= ALIKE * one]
+        group = Phi[:, np.abs(frequency - one) <= EQUAL * one]
         Q = np.linalg.qr(group)[0]
         within[i] = np.sum((Q.T @ Psi) ** 2, axis=0) / np.maximum(np.sum(Psi**2, axis=0), np.finfo(float).tiny)
     return mac, within

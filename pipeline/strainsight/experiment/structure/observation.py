@@ -1,5 +1,4 @@
-"""Which unknowns the pool could tell, for all seven cases of tables 6.1 and 6.2, at any excitation; and what channels of a test
-cannot tell."""
+"""Observability of unknowns by the candidate pool (all cases of tables 6.1 and 6.2), and by the channels of a test."""
 
 from __future__ import annotations
 
@@ -29,15 +28,15 @@ from strainsight.rom.model import ReducedModel
 
 STEPS_A_PERIOD = 40
 AT_ONCE = 1000
-"""Instants that are linearised at a time."""
+"""Instants linearised at a time."""
 HEADER = 116
-"""[bytes] of text at the head of a MAT file, where the writer puts a date."""
+"""Text header of a MAT file [bytes], where scipy writes a date."""
 
 
 def observed_of(
     config: PlacementConfig, reduced: Reduced, training: Training, screened: Screened, using: Resources
 ) -> Observed:
-    """Every combination of unknown loads, moduli and densities, at the training motion and at every stated frequency."""
+    """Observability of every combination of unknown loads, moduli and densities, for the training run and every frequency."""
     model, every = reduced.model, channels_of(training, screened)
     pool = np.flatnonzero(np.isin(every.gauge, screened.kept))
     amplitude = {}
@@ -81,7 +80,7 @@ def observed_of(
 def _excitations(
     config: PlacementConfig, model: ReducedModel, training: Training, amplitude: dict[str, float]
 ) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Label, motion x (s, 2n) = [q, q̇] and loads u (s, n_u) [N] of every excitation."""
+    """Label, motion x (s, 2n) = [q, q̇] and loads u (s, n_u) [N] for each excitation."""
     excitations = [
         (label, np.hstack([motion_of_case.coordinate, motion_of_case.velocity]), motion_of_case.load)
         for label, motion_of_case in zip(sorted(training.cases) or ["training run"], training.motions, strict=True)
@@ -99,15 +98,16 @@ def _excitations(
 def mat_file(
     placed: Placed, model: ReducedModel, channels: Sequence[str], units: Sequence[str], load_units: Mapping[str, str]
 ) -> bytes:
-    """ẋ = A x + B u + w, y = C x + v, cov w = Q δ, cov v = R δ, as a MAT file of version 5 without a date: arrays with the s
-    scenarios last, names and units as cells of text. From the scenarios as solved, x* = S x̃ with S = diag(scale):
+    """Write ẋ = A x + B u + w, y = C x + v, cov w = Q δ, cov v = R δ as a MAT file (version 5) without a date.
+
+    Arrays have the s scenarios as last axis; names and units are text cells. With x* = S x̃, S = diag(scale):
 
         A = S F S⁻¹,   C = H S⁻¹,   Q = S Q̃ S,   B = [0; M⁻¹ S_known; 0]
 
-    A (n, n, s) [1/s]; B (n, p) known loads, at the guess; C (m, n, s) rows of the layout's channels; Q (n, n, s); R (m, m, s)
-    [unit² s]. channels and units of the layout's channels, in its order; load_units: that of every load, by name.
+    A (n, n, s) [1/s]; B (n, p): known loads, at the guess; C (m, n, s): channels of the layout; Q (n, n, s); R (m, m, s)
+    [unit² s]. channels, units: of the layout's channels, in order; load_units: by load.
     """
-    from scipy.io import savemat  # which most runs need not load
+    from scipy.io import savemat  # slow to import
 
     solved, n = placed.augmented, model.size
     scale = solved.scale
@@ -153,10 +153,9 @@ def _unit(name: str, place: int, n: int) -> str:
 
 
 def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: int, allowed: bool) -> str:
-    """In words what these channels (k,) cannot tell: at some instant of the training run, and along all of it. Empty where that
-    is nothing.
+    """Name the unknowns that channels (k,) cannot determine at any instant of the training run; empty without any.
 
-    Raises InfeasibleError where there is something and that is not allowed.
+    Raises InfeasibleError if there are some and this is not allowed.
     """
     p, u = problem, instant_values(problem.u)
     at = linearisation_instants(p.model, p.unknowns, p.model.reference, p.x, u, instants, seed)
@@ -169,9 +168,9 @@ def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: in
     if allowed:
         return words
     raise InfeasibleError(
-        f"the {len(channels)} channels cannot tell {words}",
+        f"the {len(channels)} channels cannot determine {words}",
         key="estimate.channels",
-        remedy="give more channels, or go on all the same with --allow-unobservable",
+        remedy="Add channels, or use --allow-unobservable to estimate anyway.",
     )
 
 
@@ -184,7 +183,7 @@ def _linearised(problem: Problem, channels: np.ndarray, at: np.ndarray) -> tuple
 
 
 def _hidden_along(problem: Problem, channels: np.ndarray) -> np.ndarray:
-    """Directions (n*, d): of the loads, which are the same at all instants, else of the parameters by all of the run."""
+    """Unobservable directions (n*, d): of loads, the same at all instants, else of parameters along the whole run."""
     k, n = len(problem.unknowns.parameters), 2 * problem.model.size
     states = problem.unknowns.size(problem.model) - k
     driven, read = [], []

@@ -1,5 +1,4 @@
-"""The placement on a structure: the training run linearised, its gauges as a pool, what the layout is to know, and what is
-written of it (5.3)."""
+"""Placement on a structure: linearised training run, pool of gauges, optimised layout, and its output (5.3)."""
 
 from __future__ import annotations
 
@@ -34,11 +33,11 @@ from strainsight.experiment.structure.clearance import (
 from strainsight.experiment.structure.considered import not_held_in_words, tolerated
 from strainsight.experiment.structure.cost import of_pool_in_words
 from strainsight.experiment.structure.expectation import (
-    alike_gauges,
     case_table,
     cases_in_words,
     cases_of,
     expectation,
+    redundant_gauges,
     unresolved_gauges,
     worst_case,
 )
@@ -71,11 +70,10 @@ from strainsight.sensors.symmetry import mirror_partners
 
 @dataclass(frozen=True)
 class StructurePlacement(Placement):
-    """The result of a placement, with its problem; σ is relative to the scale of an unknown.
+    """Result of a placement on a structure; σ is relative to the scale of an unknown.
 
-    condition: whether the pool can tell the unknowns, in the load case where it can least; hot_spots: whether the strain at its
-    gauges is that of the part, None where the model is not that of a mesh; at_gauges: what their places ask of those who bond,
-    None where they are given without a surface; by_case: the load cases, None where there are none.
+    condition: observability by the pool in the worst load case; hot_spots: None without a solid mesh; at_gauges: strain gradient
+    and access, None without a surface; by_case: None without load cases.
     """
 
     problem: Problem
@@ -88,9 +86,9 @@ class StructurePlacement(Placement):
 def placement_of(
     config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, using: Resources
 ) -> StructurePlacement:
-    """Linearise along the training runs, eliminate, exchange, certify, and say what the layout is expected to know.
+    """Linearise along the training runs, eliminate, exchange, certify, and predict σ of the layout.
 
-    Raises InfeasibleError where no layout within the limits detects every unknown.
+    Raises InfeasibleError if no layout within the limits detects every unknown.
     """
     structure = Structure(config, using.files, mesh, reduced, training)
     subject = _OnStructure(structure, screened, using)
@@ -126,7 +124,7 @@ def placement_of(
 
 @dataclass(frozen=True)
 class _OnStructure(Subject):
-    """Gauges on a structure."""
+    """Structure as subject of a placement."""
 
     structure: Structure
     screened: Screened
@@ -138,35 +136,35 @@ class _OnStructure(Subject):
 
     @cached_property
     def problem(self) -> Problem:
-        """Under the loads as stated."""
+        """Problem under the configured loads."""
         return problem_of(self.structure, self.screened)
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
-        """One a load case, or that under the loads as stated."""
+        """One problem per load case, or that under the configured loads."""
         structure = self.structure
         return tuple(problem_of(structure, self.screened, run) if run.name else self.problem for run in structure.runs)
 
     @cached_property
     def pool(self) -> PoolRows:
-        """The candidates that were kept."""
+        """Screened candidates."""
         kept, symmetry = self.screened.kept, self.config.place.symmetry
         return pool_of(kept, self.problem.channels, self.structure.pool, symmetry)
 
     @cached_property
     def price(self) -> np.ndarray:
-        """Of every pool row (p,)."""
+        """Price of every pool row (p,)."""
         return prices(self.config, self.pool, self.structure.pool)
 
     @cached_property
     @blame("place.keep")
     def limits(self) -> Limits:
-        """Of a layout."""
+        """Limits of a layout."""
         return layout_limits(self.config.place, self.pool, self.structure.mesh, self.structure.pool, self.price)
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Of the coordinates in training (n, n), the weighed mean over load cases."""
+        """Covariance of the coordinates in training (n, n), the weighted mean over load cases."""
         moved = [np.cov(case.x[:, : case.model.size], rowvar=False) for case in self.problems]
         if len(moved) == 1:
             return moved[0]
@@ -174,14 +172,14 @@ class _OnStructure(Subject):
 
     @cached_property
     def installation(self) -> np.ndarray:
-        """Variance of errors of installation that are avoided (cases, m) [unit²], 0 of none."""
+        """Variance of installation errors that the placement avoids (cases, m) [unit²], else 0."""
         if not avoids_errors(self.config):
             return np.zeros((len(self.problems), len(self.screened.noise_std)))
         if self.screened.installation is None:
             raise ConfigError(
-                "the candidates were screened without their errors of installation",
+                "the candidates were screened without installation errors",
                 key="place.installation",
-                remedy="screen them with this config",
+                remedy="Run the screening again with this config.",
             )
         return self.screened.installation
 
@@ -192,7 +190,7 @@ class _OnStructure(Subject):
         return worst_case(self.expectations(gauges), [problem.acts for problem in self.problems])
 
     def expectations(self, gauges: np.ndarray) -> list[Expectation]:
-        """One a load case."""
+        """Expected σ in every load case."""
         channels = self.problem.channels.of(gauges)
         tolerances = tolerated(self.structure, channels)
         return [expectation(problem, gauges, tolerances) for problem in self.problems]
@@ -200,16 +198,16 @@ class _OnStructure(Subject):
     def listed(self, gauges: np.ndarray) -> GaugeList:
         return listed_gauges(gauges, self.structure.training, self.screened)
 
-    def alike(self, gauges: np.ndarray) -> list[tuple[int, ...]]:
-        return alike_gauges(self.problem, gauges, self.covariance)
+    def redundant(self, gauges: np.ndarray) -> list[tuple[int, ...]]:
+        return redundant_gauges(self.problem, gauges, self.covariance)
 
     def _single(self, gauges: np.ndarray, share: float) -> list[Pool]:
-        """Pools with every gauge (k,) as a row, with errors of installation as in `_scenarios`."""
+        """Pools with one row per gauge (k,), with installation errors as in `_scenarios`."""
         scenarios = self._scenarios(self.problem.channels.of(gauges), share)
         return [solve_pool(scenario) for scenario in chain(*scenarios)]
 
     def _scenarios(self, channels: np.ndarray, share: float) -> list[tuple[Scenario, ...]]:
-        """Of every load case; share of its duration over which errors of installation are coherent."""
+        """Scenarios of every load case; share: correlation time of installation errors relative to its duration."""
         added = [
             share * problem.run.duration * v if share else None
             for problem, v in zip(self.problems, self.installation, strict=True)
@@ -249,7 +247,7 @@ class _OnStructure(Subject):
         )
 
     def _cases(self, count: Sequence[int]) -> LoadCases | None:
-        """The load cases with so many scenarios each; None of the loads as stated."""
+        """Load cases with `count` scenarios each; None for the configured loads."""
         problems = self.problems
         if not problems[0].run.name:
             return None
@@ -262,7 +260,7 @@ class _OnStructure(Subject):
         )
 
     def _readings(self) -> PoolReadings:
-        """Rows per reduced coordinate, of accelerometers at the guess."""
+        """Pool rows per reduced coordinate, of accelerometers at the guess."""
         p, channels = self.problem, self.pool.channels
         F = linearise(p.model, p.unknowns, p.model.reference, p.x[:1], instant_values(p.u)[:1])[0]
         every = measurement_rows(p.channels.rows, p.channels.quantity, F)[:, : p.model.size]
@@ -270,7 +268,7 @@ class _OnStructure(Subject):
 
 
 def _ringing(problem: Problem, config: PlacementConfig) -> str:
-    """What to know of instants at which a start from rest still rings; without a parameter the instant does not matter."""
+    """Warning about instants in the initial transient; empty without parameters, as the instant then has no effect."""
     p, case = problem, problem.run.name
     if not p.unknowns.parameters:
         return ""
@@ -280,7 +278,7 @@ def _ringing(problem: Problem, config: PlacementConfig) -> str:
 
 
 def _worst_observability(placement: Placement, subject: _OnStructure) -> Observability:
-    """Of the first instant of every load case, that of the largest condition."""
+    """Observability at the first instant of the load case with the largest condition number."""
     task = placement.task
     of = np.zeros(1, dtype=int) if task.cases is None else task.cases.of
     first = [task.pools[int(np.flatnonzero(of == case)[0])] for case in range(len(subject.problems))]
@@ -292,7 +290,7 @@ def _worst_observability(placement: Placement, subject: _OnStructure) -> Observa
 
 
 def _observability(problem: Problem, scenario: Scenario, subject: _OnStructure) -> Observability:
-    """Of x* as it is, not in the coordinates of a solved pool."""
+    """Observability in unscaled coordinates x*."""
     p, n = problem, problem.model.size
     frequency = np.sqrt(modal_basis(p.model, p.model.reference)[0])
     amplitude = float(np.sqrt(np.sum((p.x[:, :n] * frequency) ** 2 + p.x[:, n:] ** 2, axis=1)).max())
@@ -314,10 +312,10 @@ def _observability(problem: Problem, scenario: Scenario, subject: _OnStructure) 
 def pool_of(
     kept: np.ndarray, channels: CandidateChannels, candidates: Candidates, symmetry: Symmetry | None
 ) -> PoolRows:
-    """The kept gauges as pool rows: each alone, or with a plane of symmetry in mirrored pairs.
+    """Screened gauges (k,) as pool rows: single, or with a symmetry plane as mirrored pairs.
 
-    kept (k,) gauge numbers. Those on the plane that are their own mirror image are alone, as are bonded ones; others without
-    a mirror image in the pool are left out. Raises InfeasibleError where nothing is left.
+    Bonded gauges and gauges on the plane stay single; others without a mirror image in the pool are omitted. Raises
+    InfeasibleError if nothing is left.
     """
     if symmetry is None:
         return PoolRows(kept[:, None], channels.of(kept), 0)
@@ -334,7 +332,7 @@ def pool_of(
         raise InfeasibleError(
             f"none of the {len(kept)} gauges of the pool has a mirror image in it",
             key="place.symmetry",
-            remedy="check the plane, keep more candidates (screen.keep: all), or mirror the mesh",
+            remedy="Check the plane, keep more candidates (screen.keep: all), or use a mirrored mesh.",
         )
     gauges = np.array(pairs)
     first, second = channels.of(gauges[:, 0]), channels.of(np.maximum(gauges[:, 1], 0))
@@ -343,21 +341,21 @@ def pool_of(
 
 
 def prices(config: PlacementConfig, pool: PoolRows, candidates: Candidates) -> np.ndarray:
-    """Price of every pool row (p,); gauges already bonded cost nothing."""
+    """Price of every pool row (p,); bonded gauges cost nothing."""
     family = np.array([float(entry.price) for entry in families(config).values()])
     first = candidates.first[pool.flat[0]]
     return pool.summed(np.where(candidates.bonded[first], 0.0, family[candidates.array[first]]))
 
 
 def _left_aligned(channels: np.ndarray) -> np.ndarray:
-    """The channels of every row in front, −1 behind them, without columns that no row needs."""
+    """Move the channels of every row to the front, −1 behind, and drop unused columns."""
     order = np.argsort(channels < 0, axis=1, kind="stable")
     moved = np.take_along_axis(channels, order, axis=1)
     return moved[:, (moved >= 0).any(axis=0)]
 
 
 def placement_output(placement: StructurePlacement, mesh: Mesh, length_unit: str) -> Output:
-    """Datasets, numbers, tables and files; length_unit of the deck."""
+    """Output of a placement; length_unit: of the deck."""
     condition, unknowns, by_case, hot = (
         placement.condition,
         placement.task.unknowns,
@@ -390,5 +388,5 @@ def placement_output(placement: StructurePlacement, mesh: Mesh, length_unit: str
         tables += (hot_spot_table(hot, placement.listed.labels),)
     attributes = {f"/expected_std/{name}": {"scale": size} for name, size in scale.items()}
     output = layout_output(placement, record, mesh, length_unit, numbers, attributes, tables)
-    message = f"{output.message}, hardly observable: {lost}" if lost else output.message
+    message = f"{output.message}, weakly observable: {lost}" if lost else output.message
     return replace(output, message=f"{message}; {rests}" if rests else message)

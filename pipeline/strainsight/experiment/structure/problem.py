@@ -1,4 +1,4 @@
-"""What place and validate share: the unknowns, their process noise, and the filter's model of a set of gauges."""
+"""Estimation problem of placement, validation and estimate: unknowns, process noise, and filter model."""
 
 from __future__ import annotations
 
@@ -35,23 +35,21 @@ from strainsight.rom.model import ReducedModel, accelerations, modal_basis
 from strainsight.sensors.candidates import STRAIN
 
 REST_SHARE = 1e-3
-"""Initial σ of every state as a share of its largest training amplitude, where the structure is known to be at rest or in the
-periodic motion under its loads."""
+"""Initial σ of every state relative to its largest training amplitude, for a start at rest or in periodic motion."""
 
 
 Method = Literal["bank", "extended", "sigma-point"]
 SILENT = 1e12
-"""Factor on a channel's noise intensity that makes it say nothing."""
+"""Factor on the noise intensity of a channel that removes its information."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One estimation problem before its gauges are chosen.
+    """Estimation problem before gauges are chosen.
 
-    model; unknowns; run: the training run, with its motion x (steps + 1, 2n) and loading; Q (n*, n*) process intensity of the
-    filter, frozen_Q that of the placement, which differs where the thesis's printed numbers are asked for; printed: whether they
-    are; channels of all candidates; scheme of the time step, form of the covariance and iterations of the update of the extended
-    filter; method of the filter; drifting: whether parameters drift in it, or are constants.
+    run, x (steps + 1, 2n), loading: training run; Q (n*, n*): process intensity of the filter, frozen_Q: of the placement;
+    printed: whether the printed numbers of the thesis are reproduced; channels: of all candidates; scheme, form, iterations: of
+    the extended filter; method: of the filter; drifting: whether parameters drift or are constants.
     """
 
     model: ReducedModel
@@ -81,12 +79,12 @@ class Problem:
 
     @property
     def acts(self) -> np.ndarray:
-        """Which unknowns act in the run (u,) bool: all but its silent loads."""
+        """Whether each unknown acts in the run (u,); inactive loads do not."""
         return np.array([name not in self.run.silent for name in self.unknowns.names])
 
     @property
     def known(self) -> tuple[str, ...]:
-        """Inputs whose history the filter is given."""
+        """Names of the known loads."""
         return tuple(name for name in self.model.inputs if name not in self.unknowns.inputs)
 
     def columns(self, names: Sequence[str]) -> list[int]:
@@ -94,10 +92,9 @@ class Problem:
 
 
 def problem_of(structure: Structure, screened: Screened, run: TrainingRun | None = None) -> Problem:
-    """Gather the estimation problem from the reduced model, a training run, the noise of the channels and the config.
+    """Set up the estimation problem; run: None for the configured loads.
 
-    run: None: that under the loads as stated. Noise is that of a sample every train.time_step: in a run of another step it is
-    that of the same intensity.
+    The noise applies to samples at train.time_step; other time steps keep the same intensity.
     """
     config, files, model = structure.config, structure.files, structure.reduced.model
     run = run or run_as_stated(config, model.inputs, files)
@@ -153,27 +150,26 @@ def problem_of(structure: Structure, screened: Screened, run: TrainingRun | None
 
 
 MODEL_ERROR = 0.01
-"""Noise on the velocities where the config gives none."""
+"""Default noise on the velocities, relative to the RMS acceleration."""
 
 
 def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, float]:
-    """Share of the training acceleration that is noise in the layout, and in the filter.
+    """Share of the training acceleration that is noise in the placement, and in the filter.
 
-    A grid filter over parameters whose damping has a tolerance needs none, and is misled by it: readings that are quieter than
-    the noise says speak for parameters at which the same noise makes quieter readings.
+    The parameter grid filter with a damping tolerance needs none; this noise would bias its parameters.
     """
     stated = config.process_noise.model_error
     if stated is not None:
         return stated, stated
     tolerant = tolerances_of(config.tolerances).damping > 1
-    uses_grid = config.filter.method == "bank" and bool(unknowns.parameters)
-    return MODEL_ERROR, 0.0 if uses_grid and tolerant else MODEL_ERROR
+    by_grid = config.filter.method == "bank" and bool(unknowns.parameters)
+    return MODEL_ERROR, 0.0 if by_grid and tolerant else MODEL_ERROR
 
 
 def model_error_intensity(model: ReducedModel, x: np.ndarray, u: np.ndarray, share: float) -> np.ndarray:
-    """q_v = (share · rms q̈)² / ω₁ (n,) [kg m²/s³]: a white acceleration for what the model leaves out.
+    """q_v = (share · rms q̈)² / ω₁ (n,) [kg m²/s³]: white acceleration noise for model errors.
 
-    share [-] of the RMS training acceleration, correlated over 1/ω₁ of the first mode; x (T + 1, 2n); u (T, n_u) [N].
+    share [-]: of the RMS training acceleration, correlated over 1/ω₁ of the first mode; x (T + 1, 2n); u (T, n_u) [N].
     """
     acceleration = accelerations(model, model.reference, x[: len(u)], u)
     lam, _ = modal_basis(model, model.reference)
@@ -187,11 +183,10 @@ def filter_model(
     noise_factor: float | np.ndarray = 1.0,
     stated: np.ndarray | None = None,
 ) -> FilterModel:
-    """The filter with these channels at step h [s]: channels (k,) or (B, k) rows of train.h5, −1 for none, which reads
-    nothing; noise_factor scalar or (B,); stated (k,): σ of a sample every problem.h, NaN where that of the pool holds.
+    """Filter model of channels (k,) or (B, k), rows of train.h5, −1 for none, at time step h [s].
 
-    Unknown loads are free beside a known one. Without one nothing tells parameters from them but how they move as stated, and a
-    damping is seen by small differences of phase, which noise of free loads would blur.
+    noise_factor: scalar or (B,); stated (k,): σ of a sample at problem.h, NaN for the default. Unknown loads are unconstrained if
+    another load is known. Otherwise, and for a damping factor, only their random-walk model separates them from parameters.
     """
     every = problem.channels
     rows = of_channels(every.rows, channels)
@@ -221,8 +216,7 @@ def filter_model(
 
 
 def exactly_damped(problem: Problem, model: FilterModel) -> FilterModel:
-    """The model of a filter that takes the damping for exact, with the noise on the velocities that this asks for, and that on
-    accelerometers."""
+    """Filter model with exact damping and the additional noise on velocities and accelerometers that this requires."""
     n, Q = model.model.size, model.Q.copy()
     moving = slice(n, 2 * n)
     more = problem.frozen_Q[moving, moving] - Q[..., moving, moving]
@@ -235,55 +229,53 @@ def exactly_damped(problem: Problem, model: FilterModel) -> FilterModel:
 
 
 def rests_on_loads_in_words(problem: Problem) -> str:
-    """What parameters owe to how the unknown loads are modelled, where no load is known; empty where one is.
+    """Warning that parameters depend on the noise model of the unknown loads; empty if a load is known.
 
-    Without a known load a parameter is seen by how large and how fast the readings are alone, which a load of another size and
-    speed explains as well (docs/measured.md, Coverage).
+    Without a known load, a different size or speed of the loads explains the readings as well (docs/measured.md, Coverage).
     """
     unknowns = problem.unknowns
     if problem.known or not unknowns.inputs or not unknowns.parameters:
         return ""
     names, loads = ", ".join(unknowns.parameters), ", ".join(unknowns.inputs)
     return (
-        f"no load is known: {names} rests on what process_noise states of {loads}, and its σ does not hold for a load that is "
-        "none such; measure one load and state it as known"
+        f"no load is known, so the estimates of {names} depend on the process_noise of {loads}, and σ is invalid for other "
+        "loads. Measure one load and set it as known"
     )
 
 
 def judged_as_stated_in_words(problem: Problem) -> str:
-    """That parameters are judged by loads as stated although a load is known, because a damping is sought with them
-    (`filter_model`); empty where they are not, or where there is the damping alone."""
+    """Warning that parameters depend on the load noise model because a damping factor is estimated, too; else empty."""
     unknowns, damping = problem.unknowns, problem.model.damping.parameter
     others = [name for name in unknowns.parameters if name != damping]
     if not problem.known or not unknowns.inputs or not others or damping not in unknowns.parameters:
         return ""
     return (
-        f"{', '.join(others)} is sought together with the damping factor {damping}: its σ rests on what process_noise states of "
-        f"{', '.join(unknowns.inputs)}; leave out {damping} to have it judged by what no load could cause"
+        f"the damping factor {damping} is also unknown, so σ of {', '.join(others)} depends on the process_noise of "
+        f"{', '.join(unknowns.inputs)}. Remove {damping} to make σ independent of this noise model"
     )
 
 
 def scheme_in_words(problem: Problem, h: float) -> str:
-    """What the time step of the filter does to the lowest mode; empty where it is exact."""
+    """Period and damping error of the first mode by the time step of the filter; empty if it is exact."""
     if problem.scheme == "exact":
         return ""
     model, at = problem.model, problem.model.reference
     bias = scheme_bias(modal_basis(model, at)[0], model.damping.at(at), h, problem.scheme)
     longer, damped = (values[0] for values in bias)
     return (
-        f"the {problem.scheme.replace('_', ' ')} step of {h:g} s lengthens the period of the first mode by "
-        f"{100 * longer:.2g} %, so that a modulus comes out {200 * longer:.2g} % off, and adds {100 * damped:.2g} % of damping"
+        f"the {problem.scheme.replace('_', ' ')} step of {h:g} s increases the period of the first mode by {100 * longer:.2g} % "
+        f"(error of a modulus {200 * longer:.2g} %) and adds {100 * damped:.2g} % of damping"
     )
 
 
 def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: float | np.ndarray = 1.0) -> np.ndarray:
-    """σ of one sample every h [s] of channels (k,) or (B, k) [unit of the channel], 1 where there is none."""
+    """σ of one sample at time step h [s] of channels (k,) or (B, k) [unit of the channel], 1 for channel −1."""
     noise_std = problem.channels.noise_std[channels] * np.sqrt(problem.h / h)
     return np.where(channels >= 0, np.asarray(noise_factor)[..., None] * noise_std, 1.0)
 
 
 def settled_under(problem: Problem, loading: Loading) -> Settled | None:
-    """How the motion of a grid filter begins where it is periodic and every load is known; None otherwise."""
+    """Periodic initial motion for the parameter grid filter if all loads are known and periodic, else None."""
     tones = loading.tones
     if tones is None or problem.unknowns.inputs or problem.method != "bank":
         return None
@@ -291,18 +283,18 @@ def settled_under(problem: Problem, loading: Loading) -> Settled | None:
     return settled_at(problem, tones.frequency, hold_of_tones(tones.frequency, loading.h)[..., None] * known[:, None])
 
 
-def settled_at(problem: Problem, frequency: np.ndarray, held: np.ndarray) -> Settled:
-    """Periodic up to REST_SHARE; frequency (k,) [rad/s], held (k, HOLD, n_known) complex [N]."""
-    return Settled(frequency, held, REST_SHARE * np.abs(problem.x).max(axis=0))
+def settled_at(problem: Problem, frequency: np.ndarray, amplitude: np.ndarray) -> Settled:
+    """Periodic motion with σ by REST_SHARE; frequency (k,) [rad/s], amplitude (k, HOLD, n_known) complex [N]."""
+    return Settled(frequency, amplitude, REST_SHARE * np.abs(problem.x).max(axis=0))
 
 
 def initial_covariance(problem: Problem, relative_std: Mapping[str, float], moving: bool) -> np.ndarray:
-    """P₀ (n*, n*): unknowns as stated, relative to amplitude and guess; every state known to be at rest up to REST_SHARE of
-    its largest training amplitude, or moving with all of it."""
+    """P₀ (n*, n*): σ of unknowns relative to amplitude or guess; σ of states by REST_SHARE, or for an unknown motion by the
+    largest training amplitude."""
     unknowns = problem.unknowns
     std = np.zeros(unknowns.size(problem.model))
     std[: problem.x.shape[1]] = (1.0 if moving else REST_SHARE) * np.abs(problem.x).max(axis=0)
-    # The rates that an input's model has beside it may be anything at first: all of them are of order one.
+    # derivatives of the inputs are unknown at first and of order one
     std[problem.x.shape[1] :] = 1.0
     std[unknowns.position(problem.model)] = [relative_std[name] for name in unknowns.names]
     return np.diag(std**2)
@@ -311,10 +303,10 @@ def initial_covariance(problem: Problem, relative_std: Mapping[str, float], movi
 def scenarios_of(
     problem: Problem, channels: np.ndarray, config: PlacementConfig, installation: np.ndarray | None = None
 ) -> tuple[Scenario, ...]:
-    """One fixed linearisation an instant and parameter sample, without a metric yet.
+    """One linearisation per instant and parameter sample, without a metric yet.
 
-    channels (pool, c): rows of train.h5 of every pool row, −1 for none; installation (m,) [unit² s]: intensity that is added to
-    the noise of every channel of train.h5 (`installation_variances`).
+    channels (pool, c): rows of train.h5 of every pool row, −1 for none; installation (m,) [unit² s]: intensity added to the noise
+    of every channel of train.h5 (`installation_variances`).
     """
     p, settings = problem, config.place
     ranges = {name: entry.range for name, entry in config.parameters.items()}
@@ -331,7 +323,7 @@ def scenarios_of(
 
 def placed_instants(problem: Problem, theta: Mapping[str, float], x: np.ndarray, config: PlacementConfig) -> np.ndarray:
     """Indices of the instants to place for, in the motion x (steps + 1, 2n) at θ [SI]."""
-    # One instant is the thesis's case: any of them, also where a parameter hardly acts.
+    # a single instant may be any, as in the thesis, even if a parameter hardly acts
     count = config.place.instants
     share, u = 0.0 if count == 1 else 0.5, instant_values(problem.u)
     return linearisation_instants(problem.model, problem.unknowns, theta, x, u, count, config.seed, share)
@@ -340,11 +332,11 @@ def placed_instants(problem: Problem, theta: Mapping[str, float], x: np.ndarray,
 def parameter_samples(
     reference: Mapping[str, float], ranges: Mapping[str, Sequence[float]], count: int, seed: int
 ) -> list[dict[str, float]]:
-    """The guess, then count − 1 points of the box of ranges, evenly by a scrambled Halton sequence; name → value [SI]."""
+    """The guess, then count − 1 points of a scrambled Halton sequence in the ranges; name → value [SI]."""
     names = sorted(reference)
     if count == 1 or not names:
         return [dict(reference)]
-    from scipy.stats import qmc  # a quarter of a second to import, which most runs need not spend
+    from scipy.stats import qmc  # slow to import
 
     low, high = (np.array([float(ranges[name][end]) for name in names]) for end in (0, 1))
     points = low + (high - low) * qmc.Halton(len(names), seed=seed).random(count - 1)
@@ -360,7 +352,7 @@ def _measured(
     F: np.ndarray,
     installation: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """H* (s, pool, c, n*) and r (s, pool, c), or without c where every pool row has one channel, at s instants."""
+    """H* (s, pool, c, n*) and r (s, pool, c) at s instants, without axis c if every pool row has one channel."""
     every, exists = problem.channels, channels >= 0
     used = np.unique(channels[exists])
     sensed = every.sensed(used)

@@ -1,4 +1,4 @@
-"""The filter of a record of a test: its set-up, and what it makes of the samples, of all channels or of some."""
+"""Set-up and run of the filter of a record, for all channels or some of them."""
 
 from __future__ import annotations
 
@@ -35,21 +35,23 @@ from strainsight.memory import require_memory
 from strainsight.records.estimated import Compared
 
 LONGEST_COMPARED = 20_000
-"""Steps of a record that is filtered by the other methods, too, and has a budget, without being asked for."""
+"""Most steps of a record with a comparison of filters and a variance budget by default."""
 FILTER = 0.4
-"""Share of the time of filter and smoother that the filter takes."""
-SHORTER = "give a part of the record at a time, or a larger machine"
+"""Share of the filter in the time of filter and smoother."""
+SHORTER = "Estimate parts of the record one after the other, or use a larger machine."
 FEW, TRIED = 20, 1000
-"""Samples that are filtered before, and that are timed."""
+"""Samples of the warm-up run, and of the timed run."""
 LONG = 20_000
-"""Steps from which on a forecast is made; shorter records are done within a minute or so."""
+"""Fewest steps for a forecast; shorter records take about a minute."""
 
 
 @dataclass(frozen=True)
 class RecordFilter:
-    """problem; tolerances, at least of the channels of the test; model at these; test; start (n*, n*) covariance of x* at t = 0;
-    settled: the motion that it begins in, None where it is not known to be periodic; record: its place among `records`,
-    which are filtered in that order; birge_ratio: as of `filter_records`, of a record that is inconsistent with the model."""
+    """Filter of one record.
+
+    tolerances: at least of the channels of the test; start (n*, n*): covariance of x* at t = 0; settled: initial motion, None
+    unless periodic; record: index among `records`, the order of filtering; birge_ratio: see `filter_records`.
+    """
 
     problem: Problem
     tolerances: Tolerated
@@ -68,25 +70,25 @@ class RecordFilter:
 
     @property
     def covariance(self) -> np.ndarray:
-        """That of x* at t = 0, the offsets behind it."""
+        """Covariance of [x*, offsets] at t = 0."""
         return np.diag(np.concatenate([np.diag(self.start), self.test.bias[self.biased] ** 2]))
 
     @property
     def considered(self) -> ConsideredParameters:
-        """Of all records; what is zeroed anew acts in this one alone."""
+        """Considered parameters of all records; zero-balance errors act in this record only."""
         considered = build_considered(self.tolerances, self.model, self.test.channels, behind=True)
         return split_by_record(considered, self.records, RENEWED)[self.record]
 
     @property
     def grid_record(self) -> GridRecord:
-        """What the grid filter is given, from a start at zero."""
+        """Input of the parameter grid filter, from a start at zero."""
         start, test = self.covariance, self.test
         states = self.model, np.zeros(len(start)), start
         return GridRecord(*states, test.known, test.values, self.considered, self.biased, self.settled)
 
     @property
     def long(self) -> bool:
-        """Whether what takes several times as long as the estimate is left out unless it is asked for."""
+        """Whether expensive extras are omitted by default."""
         return len(self.test.known) > LONGEST_COMPARED
 
     @property
@@ -95,14 +97,14 @@ class RecordFilter:
         return np.asarray(np.sqrt(self.model.noise.reshape(-1, len(self.test.labels)).mean(axis=0)))
 
     def of_channels(self, which: np.ndarray) -> RecordFilter:
-        """With some of the channels (k,)."""
+        """Restrict the filter to some channels (k,)."""
         return replace(self, model=self.model.of_channels(which), test=self.test.of_channels(which))
 
 
 @dataclass(frozen=True)
 class FilteredRecord:
-    """run and smoothed; compared: by other filters, where they were asked for; grid_run: of the grid filter. Offsets of
-    channels stand behind x*."""
+    """Results of one record: states [x*, channel offsets]; compared: None without a comparison of filters; grid_run: None for
+    other filter methods."""
 
     run: FilterRun
     smoothed: Smoothed
@@ -110,7 +112,7 @@ class FilteredRecord:
     grid_run: GridRun | None
 
     def without_sigma(self) -> FilteredRecord:
-        """NaN for σ and covariance, so that what is computed from them is NaN; other filters are not compared by theirs."""
+        """Replace σ and covariance by NaN and drop the comparison of filters."""
         run = replace(self.run, std=np.nan * self.run.std)
         return replace(self, run=run, smoothed=self.smoothed.without_sigma(), compared=None)
 
@@ -122,19 +124,18 @@ Progress = Callable[[float], None]
 def record_filters(
     config: PlacementConfig, problem: Problem, tolerances: Tolerated, tests: Sequence[Measured]
 ) -> tuple[list[RecordFilter], Tuning | None]:
-    """The filter of every record, at the channels of its test; and how noises were tuned in the last, None where they are as
-    stated."""
+    """Filter of every record at the channels of its test, and the tuning of noise levels, None if not tuned."""
     settings = config.estimate
     assert settings is not None
     std = {**config.validation.initial_std, **settings.initial_std}
     start = initial_covariance(problem, std, moving=settings.start != "rest")
-    # in the order of their names: results do not depend on that of the config
+    # sorted by name, so that results do not depend on the order in the config
     place = np.argsort(np.argsort([test.record.name for test in tests]))
     filters, tuning = [], None
     for test, record in zip(tests, place, strict=True):
         with in_record(test.record.label):
             settled = settled_in(problem, test) if settings.start == "settled" else None
-            # a stated σ is that of a sample of the file
+            # the configured σ applies to a sample of the file
             stated = test.std * np.sqrt(test.step / problem.h)
             model = replace(filter_model(problem, test.channels, test.h, stated=stated), every=test.every)
             model = with_interpolation_errors(model)
@@ -153,11 +154,10 @@ def record_filters(
 def filter_together(
     filters: Sequence[RecordFilter], wanted: Wants | None = None, progress: Progress = lambda share: None
 ) -> tuple[FilteredRecord, ...]:
-    """Filter and smoother of records that share their parameters and what is bonded, by the grid filter; of one by the filter
-    of the config. Raises InfeasibleError where the memory does not hold them.
+    """Filter and smooth records with common parameters and gauges: by the parameter grid filter, one record by the configured
+    filter. Raises InfeasibleError if the memory is insufficient.
 
-    wanted: covariances that the smoother keeps of a record, by its filter, None: all of every instant; progress: called with the
-    share of the way.
+    wanted: covariances that the smoother keeps, None: all; progress: called with the finished share.
     """
     first = filters[0]
     _require_memory(filters, some=wanted is not None)
@@ -183,8 +183,7 @@ def filter_together(
 def filter_by_consistency(
     filters: Sequence[RecordFilter], consistent: Sequence[bool], wanted: Wants | None, progress: Progress
 ) -> tuple[FilteredRecord, ...]:
-    """The records that are consistent with the model together, each of the others by itself: one that is not tells the others
-    nothing of their parameters, and the lattice of all would follow it to wherever no parameters explain it."""
+    """Filter the consistent records jointly and each inconsistent record separately, so that it does not distort the others."""
     parts = [[i for i, one in enumerate(consistent) if one], *([i] for i, one in enumerate(consistent) if not one)]
     results: dict[int, FilteredRecord] = {}
     for part in filter(None, parts):
@@ -201,7 +200,7 @@ def filter_by_consistency(
 def filter_records_on_grid(
     filters: Sequence[RecordFilter], progress: Progress = lambda share: None
 ) -> tuple[GridRun, ...]:
-    """The grid filter over the records, in the order of their places; progress: called with the share of the way."""
+    """Run the parameter grid filter over the records in the order of `record`; progress: called with the finished share."""
     order = np.argsort([each.record for each in filters])
     ratio = max(each.birge_ratio for each in filters)
     records = [filters[i].grid_record for i in order]
@@ -210,52 +209,52 @@ def filter_records_on_grid(
 
 
 def _require_memory(filters: Sequence[RecordFilter], some: bool) -> None:
-    """Of what filter and smoother take at most; some: whether a grid filter's smoother keeps some covariances alone."""
+    """Check the memory of filter and smoother; some: whether the smoother keeps only some covariances."""
     first, steps = filters[0], sum(len(each.test.known) for each in filters)
     model, m, n, k = first.model, len(first.test.labels), len(first.covariance), len(first.model.unknowns.parameters)
-    # mean and σ of filter and smoother with copies of them, and what channels read, innovate and are expected to
+    # mean and σ of filter and smoother with copies, and readings, innovations and predictions of channels
     numbers = 8 * n + 12 * m
-    beyond = len(first.considered.load)
+    missed = len(first.considered.load)
     if first.problem.method != "bank":
         numbers += (3 if k else 2) * n**2
     elif first.considered.learned:
         d, points = len(first.considered.sources(model.model.size)), max(1, 2 * k)
-        numbers += (2 * points + 2) * (n + beyond) ** 2 + d * (4 * n + 5 * m)
+        numbers += (2 * points + 2) * (n + missed) ** 2 + d * (4 * n + 5 * m)
     elif not some:
-        numbers += (n + beyond) ** 2
+        numbers += (n + missed) ** 2
     require_memory(8.0 * numbers * steps, f"{steps} steps of {n} states", SHORTER)
 
 
 def budget_in(record: RecordFilter, result: FilteredRecord) -> tuple[Shares, tuple[str, ...]]:
-    """What the variances are made of, and why there is none."""
+    """Variance budget, and the reasons if it is missing."""
     if record.records > 1:
-        return {}, ("several records: no budget of the variance",)
+        return {}, ("no variance budget: it is available for one record only",)
     if record.long:
-        return {}, (f"more than {LONGEST_COMPARED} steps: no budget of the variance",)
+        return {}, (f"no variance budget: the record has more than {LONGEST_COMPARED} steps",)
     if len(record.biased):
-        return {}, ("no budget of the variance where offsets of channels are unknown",)
+        return {}, ("no variance budget: channel offsets are estimated",)
     known = record.grid_record, record.test.channels
     return budget_of(record.problem, record.tolerances, *known, result.run, result.smoothed)
 
 
 def forecast_of(filters: Sequence[RecordFilter], wanted: Wants) -> float | None:
-    """Seconds that filter and smoother take of records, once, by those of the first samples; None where it is not long."""
+    """Forecast of the seconds of one pass of filter and smoother, timed on the first samples; None for short records."""
     steps = sum(len(each.test.known) for each in filters)
     if steps < LONG:
         return None
     few, first = (replace(filters[0], test=filters[0].test.first(count)) for count in (FEW, TRIED))
     try:
-        filter_together([few], wanted)  # what is compiled is not timed
+        filter_together([few], wanted)  # compiles before timing
         before = time.perf_counter()
         filter_together([first], wanted)
-    except (NumericalError, np.linalg.LinAlgError):  # the estimate itself says what it cannot follow
+    except (NumericalError, np.linalg.LinAlgError):  # reported by the estimate itself
         return None
     return (time.perf_counter() - before) * steps / len(first.test.known)
 
 
 def forecast_in_words(filters: Sequence[RecordFilter], seconds: float) -> str:
-    """The same as a sentence."""
+    """Sentence with the forecast."""
     steps = sum(len(each.test.known) for each in filters)
     size, unit = next((one for one in ((3600.0, "h"), (60.0, "min")) if seconds >= 1.5 * one[0]), (1.0, "s"))
     duration = f"{seconds / size:.2g} {unit}"
-    return f"filter and smoother of {steps} steps take about {duration}, by the first {TRIED} of them"
+    return f"filter and smoother of {steps} steps take about {duration} (extrapolated from {TRIED} steps)"

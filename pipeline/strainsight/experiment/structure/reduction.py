@@ -1,5 +1,5 @@
-"""The whole finite-element model of a structure (assembled, from ready matrices or from results), its modes, and its reduction to
-a few coordinates, affine in the parameters (5.1-5.10)."""
+"""Full finite-element model of a structure (assembled, from matrices or from results), its modes, and its reduction, affine in
+the parameters (5.1-5.10)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ FILES = (
     *("mesh.results.file", "mesh.results.modes.file", "mesh.results.loads.*.file"),
     *("mesh.results.second.file", "mesh.results.second.modes.file", "mesh.results.second.loads.*.file"),
 )
-"""What a stage that calls `full_model` declares."""
+"""Files declared by stages that call `full_model`."""
 
 
 def full_model(
@@ -61,12 +61,10 @@ def full_model(
     loads: Mapping[str, LoadSection] | None = None,
     by: Factorise = factorise,
 ) -> FullModel:
-    """Assemble, or read matrices where `mesh.matrices` says so, or results where `mesh.results` does; constrained and affine in
-    the parameters in any case. The mesh of an assembled model and of one from results has the densities and sections of the
-    parameters' references.
+    """Assemble the model, or import it from `mesh.matrices` or `mesh.results`; constrained, and affine in the parameters.
 
-    config: the section `mesh`, of which READS are read; loads: those whose static responses results are read for; by: who
-    factorises its stiffness.
+    config: section `mesh`, of which READS are read; loads: whose static responses are imported with results; by: factorisation of
+    the stiffness. The mesh gets densities and sections of the parameter references.
     """
     if config.results is not None:
         full = model_of_results(config, mesh, parameters, files, loads)
@@ -85,7 +83,7 @@ def full_model(
 
 
 def _with_densities(model: FiniteElementModel, parameters: Sequence[Parameter]) -> FiniteElementModel:
-    """Loads that act on mass are those of the mass at the reference."""
+    """Set densities and sections of the mesh to the references, for body forces."""
     for parameter in parameters:
         known = parameter.property != "density" or all(
             model.mesh.density_of(number) is not None for number in parameter.regions
@@ -98,14 +96,14 @@ def _with_densities(model: FiniteElementModel, parameters: Sequence[Parameter]) 
 
 
 def _whole_mass(model: FiniteElementModel) -> None:
-    """Raises UserError where densities vary that do not scale the whole mass: rigid and elastic motions of a free structure are
-    orthogonal in M at one density of its parts only."""
+    """Raises UserError if a density is estimated that does not scale the whole mass, as rigid-body modes would change with it."""
     if len(model.mass.terms) > 1 or (model.mass.terms and abs(model.mass.constant).sum() > 0):
         name = model.mass.parameters[0]
         raise UserError(
-            "the density of a part of a free structure is unknown: its rigid motions would change with it",
+            "the density of only a part of a free structure is estimated, so its rigid-body modes would change",
             key=f"parameters.{name}",
-            remedy="give a density of all regions, without point masses, or hold the structure on soft springs (mesh.supports)",
+            remedy="Estimate the density of all regions without point masses, or support the structure by soft springs "
+            "(mesh.supports).",
         )
 
 
@@ -122,15 +120,14 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
                 X = read_matrix(files[key], entry.name)
                 if X.shape != (len(node_ids),) * 2:
                     raise DeckError(
-                        f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns, {path.name} numbers {len(node_ids)}",
+                        f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns, but {path.name} has {len(node_ids)} "
+                        "unknowns",
                         where=str(files[key]),
-                        remedy="give the matrix and the numbering of one and the same set",
+                        remedy="Use matrix and numbering of the same model.",
                     )
                 X, off = symmetric(X, files[key])
             if off > NOTED:
-                notes.append(
-                    f"{files[key].name} is off symmetry by {off:.1e} of its largest entry and is made symmetric"
-                )
+                notes.append(f"{files[key].name} was made symmetric (asymmetry {off:.1e} of its largest entry)")
             terms[kind].append(Term(X, entry.parameter, 1.0 if entry.at is None else entry.at))
     with blame("mesh.matrices"):
         ready = ready_matrices(
@@ -146,48 +143,46 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
 
 
 def solver_of(config: PlacementConfig, using: Resources) -> Factorise:
-    """PARDISO here, or MUMPS in the processes of MPI."""
+    """Factorisation by PARDISO, or by MUMPS over MPI."""
     return factorise if config.solver == "direct" else OverMpi(using.notice)
 
 
 def sweep_of(config: PlacementConfig, using: Resources) -> Sweep:
-    """Of samples that are factorised each: in threads, as the solver is compiled and a model is large to send; on a cluster where
-    there is one; one after the other where every one of them has the processes of MPI."""
+    """Sweep over samples with a factorisation each: in threads or on a cluster; serial with MPI, which uses all processes."""
     if config.solver != "direct":
         return serial
     return in_threads(_fitting) if threads() > 1 else using.sweep
 
 
 def _fitting() -> int:
-    """How many at a time: of each as much beside what there is as this process has held at most, a factor included, as the
-    reference is factorised before a sweep begins."""
+    """Number of parallel samples that fit in memory, each estimated by the peak memory of this process."""
     return min(threads(), max(1, int(available_memory() / (peak_memory() or 1))))
 
 
 HELD_OUT = 3
-"""Parameter values, between those the basis was built from, at which the reduced model is checked."""
+"""Number of parameter values, not used for the basis, at which the reduced model is checked."""
 
 NO_MODES = Modes(frequency=np.zeros(0), shape=np.zeros((0, 0)))
-"""What a spectrum is where shapes change with the parameters."""
+"""Empty spectrum, if mode shapes change with the parameters."""
 
 BALANCED = 1e-9
-"""Share of a load beside its inertia below which it is rounding."""
+"""Relative load left after inertia relief below which it is a rounding error."""
 
 
 def modes_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
-    """K φ = ω² M φ of the whole model at the guess, whatever loads it."""
+    """Modes K φ = ω² M φ of the full model at the guess."""
     parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
     return _lowest(config, mesh, at_their_references(parameters), config.rom.modes, "rom.modes", using)
 
 
 def spectrum_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
-    """K φ = ω² M φ in the middle of the parameters' ranges, whatever is guessed or true: runs on one mesh share the result.
+    """Modes K φ = ω² M φ at the middle of the parameter ranges, so that runs on one mesh share the result.
 
-    Empty where shapes change with them, as of two materials or of plies: `validate` then solves for the truth at its own values.
+    Empty if shapes change with the parameters, as for two materials or plies; `validate` then solves at the true values.
     """
     count, parameters = config.validation.truth.modes, _in_the_middle(config, mesh)
     if any(shapes(mesh, number, parameter.property) for parameter in parameters for number in parameter.regions):
-        return NO_MODES  # K is no multiple of one matrix, which need not be assembled to say so
+        return NO_MODES  # no assembly needed
     return _lowest(config, mesh, parameters, count, "validate.truth.modes", using, scaled=True)
 
 
@@ -200,14 +195,14 @@ def _lowest(
     using: Resources,
     scaled: bool = False,
 ) -> Modes:
-    """Assemble, constrain, factorise, iterate. scaled: only where the parameters scale one material as a whole."""
+    """Solve for the lowest modes; scaled: empty unless the parameters only scale the matrices."""
     using.progress("assembly", 0.0)
     built = full_model(config.mesh, mesh, parameters, using.files, by=solver_of(config, using))
     model = built.model
     if scaled and not only_scales(model):
         return NO_MODES
     theta = {p.name: p.reference for p in parameters}
-    if scaled:  # a truth has as many modes as there are
+    if scaled:  # imported results may have fewer modes
         count = built.at_most(count)
     using.progress(f"{count} modes of {model.size} unknowns", 0.2)
     with blame(key):
@@ -218,7 +213,7 @@ def _lowest(
 
 
 def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]:
-    """The free material properties at the geometric mean of their ranges."""
+    """Material parameters at the geometric mean of their ranges."""
     middle_of = []
     for name, entry in config.parameters.items():
         if entry.property == DAMPING:
@@ -230,22 +225,22 @@ def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]
 
 
 def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.ndarray) -> None:
-    """Raises UserError for a load, columns of S (n_free, n_u), that a free structure follows as a whole."""
-    reference = dict.fromkeys(model.mass.parameters, 1.0)  # of one density, which is a factor of the whole mass
+    """Raises UserError for a load (column of S (n_free, n_u)) that causes only rigid-body motion of a free structure."""
+    reference = dict.fromkeys(model.mass.parameters, 1.0)  # a density scales the whole mass
     left = relief_of(model.mass.at(reference), np.asarray(model.rigid)).balanced(S)
     share = np.linalg.norm(left, axis=0) / np.linalg.norm(S, axis=0)
     for name, strained in zip(config.loads, share, strict=True):
         if strained < BALANCED:
             raise UserError(
-                "the load pulls at all mass alike: it accelerates a free structure (mesh.free) as a whole and strains nothing "
-                f"({strained:.1e} of it is left when the inertia is subtracted)",
+                "the load causes only rigid-body acceleration of the free structure (mesh.free) and no strain "
+                f"({strained:.1e} of it is left after inertia relief)",
                 key=f"loads.{name}",
-                remedy="remove the load, or hold the structure (mesh.supports) in place of mesh.free",
+                remedy="Remove the load, or add supports (mesh.supports) instead of mesh.free.",
             )
 
 
 def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resources) -> Reduced:
-    """Assemble, constrain, find the static responses (and the modes off the reference), project, check at held-out values."""
+    """Assemble, compute static responses and modes at the samples, project, and check at held-out parameter values."""
     parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
     using.progress("assembly", 0.0)
     built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
@@ -283,8 +278,8 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
         reduction = replace(reduction, model=model, basis=basis)
     free = damping_parameter(config.parameters, using.files)
     shape = np.tensordot(reduction.basis, off, axes=(0, 0))
-    kept = np.linalg.solve(reduction.model.stiffness.at(reference), shape.reshape(len(shape), -1))
-    missed = reduction.aside - reduction.basis @ kept
+    projected = np.linalg.solve(reduction.model.stiffness.at(reference), shape.reshape(len(shape), -1))
+    missed = reduction.aside - reduction.basis @ projected
     return Reduced(
         model=reduction.model if free is None else reduction.model.with_damping(*free),
         frequency=reduction.frequency,
@@ -310,39 +305,36 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
 
 
 INERTIA_NOTED, INERTIA_MOST = 0.01, 0.1
-"""Share of the reading that inertia would add: from the first on it is warned of, beyond the second refused."""
+"""Inertial share of a reading from which a static model is warned of, and refused."""
 SAMPLES = 4
-"""A period of the first mode, below which a record does not show how it swings."""
+"""Fewest samples per period of the first mode that resolve its motion."""
 
 
 def inertia_problems(train: Train, training: Training, first: float) -> Iterator[str]:
-    """What to say of the training: that inertia is left out and matters, or that it is there and cannot be seen.
+    """Warnings that neglected inertia matters, or that the time step does not resolve the dynamics.
 
-    first: frequency of the first mode [Hz]. Raises InfeasibleError where inertia would add more than a tenth.
+    first: frequency of the first mode [Hz]. Raises InfeasibleError if inertia exceeds a tenth of the reading.
     """
     if train.model == "static":
-        share = left_out(training, first)
+        share = neglected_inertia(training, first)
         words = (
-            f"inertia, which train.model: static leaves out, adds up to {100 * share:.2g} % to what these loads strain (first "
+            f"inertia, neglected by train.model: static, adds up to {100 * share:.2g} % to the strain under these loads (first "
             f"mode {first:.4g} Hz)"
         )
         if share > INERTIA_MOST:
-            raise InfeasibleError(words, key="train.model", remedy="train.model: dynamic, or slower loads")
+            raise InfeasibleError(words, key="train.model", remedy="Set train.model: dynamic, or use slower loads.")
         if share > INERTIA_NOTED:
-            yield f"{words[0].upper()}{words[1:]}: σ does not know of it."
+            yield f"{words[0].upper()}{words[1:]}; σ does not include this error."
     elif first * train.time_step * SAMPLES > 1:
         yield (
-            f"A step of {train.time_step:g} s is {first * train.time_step:.2g} periods of the first mode, {first:.4g} Hz: "
-            "readings do not show how the structure swings, and the filter allows for any swinging. If the loads are "
-            "slow, train.model: static knows them better; if not, take shorter steps."
+            f"The time step of {train.time_step:g} s is {first * train.time_step:.2g} periods of the first mode ({first:.4g} Hz) "
+            "and does not resolve the vibration. For slow loads, train.model: static is more accurate. Otherwise reduce the "
+            "time step."
         )
 
 
-def left_out(training: Training, first: float) -> float:
-    """RMS of q̈ over that of ω₁² q, the largest of all runs [-]: what inertia adds to the first mode, more than to others.
-
-    Accelerations are second differences of the coordinates, whose lengths count the energy of a motion.
-    """
+def neglected_inertia(training: Training, first: float) -> float:
+    """Inertial share RMS q̈ / RMS ω₁² q, the largest of all runs [-], an upper bound for all modes; q̈ by second differences."""
     shares = [0.0]
     for run in training.motions:
         q, h = run.coordinate, run.time[1] - run.time[0]

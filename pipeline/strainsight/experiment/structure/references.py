@@ -1,4 +1,4 @@
-"""What a config means in the terms of the kernels, and the check at `import` that all it refers to is in the mesh."""
+"""Translate config sections to model terms, and check at `import` that all references exist in the mesh."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ KINDS_OF_LOAD = (
     "loads.*.gravity",
     "loads.*.rotation",
 )
-"""Keys that say of what kind a load is, and so its unit."""
+"""Keys that determine the kind and unit of a load."""
 WHERE_LOADS_ACT = ("loads.*.node", "loads.*.set", "loads.*.deck_load", "loads.*.direction", *KINDS_OF_LOAD)
-"""Keys that `point_loads` reads."""
+"""Keys read by `point_loads`."""
 WHAT_IS_FREE = (
     "parameters.*.property",
     "parameters.*.region",
@@ -51,7 +51,7 @@ WHAT_IS_FREE = (
     "parameters.*.material",
     "parameters.*.range",
 )
-"""Keys that `parameters_of` reads, but for the guess."""
+"""Keys read by `parameters_of`, except the guess."""
 PARAMETER_UNITS = {
     "youngs_modulus": "Pa",
     "density": "kg/m^3",
@@ -66,21 +66,20 @@ PARAMETER_UNITS = {
 def parameters_of(
     config: Mapping[str, MaterialParameter], mesh: Mesh, files: Mapping[str, Path], section: MeshFile | None = None
 ) -> tuple[Parameter, ...]:
-    """The free material properties, each with the regions or springs it belongs to and its reference value [SI].
+    """Parameters of the config with their regions or springs and reference value [SI].
 
-    section: the config's `mesh`: terms of ready matrices say what belongs to a parameter, which has no regions then; with results
-    it is of all regions.
-    Raises ConfigError where a region or spring does not exist, a guess is far from the file's value or cannot be taken from
-    another run.
+    section: the config's `mesh`; with imported matrices parameters have no regions, with imported results they cover all regions.
+    Raises ConfigError for an unknown region or spring, a guess far from the value of the file, and a guess not available in the
+    other run.
     """
     parameters = []
     for name, entry in config.items():
         value, (low, high) = reference_value(name, entry.guess, files), entry.range
         if not low <= value <= high:
             raise ConfigError(
-                f"the guess of {name}, {value:.6g}, lies outside its range {low:g} to {high:g}",
+                f"the guess of {name}, {value:.6g}, is outside its range {low:g} to {high:g}",
                 key=f"parameters.{name}.range",
-                remedy="widen the range, or take the guess from another run",
+                remedy="Widen the range, or change the guess.",
             )
         if entry.property == DAMPING:
             continue
@@ -101,46 +100,46 @@ def parameters_of(
             if not 0.1 <= value / deck <= 10:
                 unit = PARAMETER_UNITS[entry.property]
                 factor, usual = {"Pa": (1e6, "MPa"), "m": (1e-3, "mm")}.get(unit, (1.0, unit))
-                remedy = "check mesh.length_unit and mesh.mass_unit, or the guess"
+                remedy = "Check mesh.length_unit and mesh.mass_unit, or the guess."
                 if unit == "1":
-                    remedy = "it multiplies what the deck has: 1.0 is that of the deck"
+                    remedy = "The parameter is a factor on the value of the deck; 1.0 leaves it unchanged."
                 elif 0.1 <= factor * value / deck <= 10:
-                    remedy = f"{value:g} {usual} are {factor * value:.4g} {unit}: give that, if it is meant"
+                    remedy = f"If you mean {value:g} {usual}, set {factor * value:.4g} {unit}."
                 raise ConfigError(
-                    f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in {place} (SI units)",
+                    f"the guess of {name} is {value:.4g}, but the value of the deck is {deck:.4g} in {place} (SI units)",
                     key=f"parameters.{name}.guess",
                     remedy=remedy,
                 )
         if entry.property == THICKNESS:
-            _require_alike(name, of_deck)
+            _require_equal_thickness(name, of_deck)
         parameters.append(Parameter(name, entry.property, regions, value, springs, entry.range, entry.material))
     return tuple(parameters)
 
 
 def damping_parameter(config: Mapping[str, MaterialParameter], files: Mapping[str, Path]) -> tuple[str, float] | None:
-    """Name and reference value [-] of the parameter that multiplies the damping; None where it is known."""
+    """Name and reference value [-] of the damping factor, None if it is not estimated."""
     for name, entry in config.items():
         if entry.property == DAMPING:
             return name, reference_value(name, entry.guess, files)
     return None
 
 
-def _require_alike(name: str, of_deck: Mapping[str, float]) -> None:
-    """Raises ConfigError for regions of different thicknesses [m]: the parameter would make them one."""
+def _require_equal_thickness(name: str, of_deck: Mapping[str, float]) -> None:
+    """Raises ConfigError for regions of different thicknesses [m], which one parameter cannot represent."""
     if max(of_deck.values()) > (1 + 1e-6) * min(of_deck.values()):
         raise ConfigError(
-            "the regions have different thicknesses: "
+            "the regions of one thickness parameter have different thicknesses: "
             + ", ".join(f"{place} {1e3 * value:.4g} mm" for place, value in of_deck.items()),
             key=f"parameters.{name}.region",
-            remedy="give each thickness a parameter of its own",
+            remedy="Use a separate parameter for each thickness.",
         )
 
 
 def places_of(
     name: str, entry: MaterialParameter, mesh: Mesh, section: MeshFile | None = None
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Ids of the regions and names of the springs that a parameter belongs to; without either, with results, all regions that
-    have elements. Raises UserError for what is not there."""
+    """Region ids and spring names of a parameter; with imported results all regions by default. Raises UserError for unknown
+    ones."""
     if section is not None and section.results is not None and entry.region is None:
         return tuple(regions_of(mesh.elements)), ()
     with blame(f"parameters.{name}.region"):
@@ -159,14 +158,14 @@ def _check_against_terms(name: str, value: float, matrices: Matrices) -> None:
     for key, term in terms:
         if term.at is not None and not 0.1 <= value / term.at <= 10:
             raise ConfigError(
-                f"the guess of {name} is {value:.4g}, the matrix was made at {term.at:.4g} (SI units)",
+                f"the guess of {name} is {value:.4g}, but the matrix was computed at {term.at:.4g} (SI units)",
                 key=f"{key}.at",
-                remedy="give both in SI units",
+                remedy="Check that both values are in SI units.",
             )
 
 
 def reference_value(name: str, guess: float | GuessFrom, files: Mapping[str, Path]) -> float:
-    """A guess [SI]: a number, or what another run estimated for the parameter of the same name (thesis 6.1.3)."""
+    """Guess [SI]: a number, or the estimate of the same parameter in another run (thesis 6.1.3)."""
     if not isinstance(guess, GuessFrom):
         return float(guess)
     key = f"parameters.{name}.guess.from"
@@ -174,15 +173,15 @@ def reference_value(name: str, guess: float | GuessFrom, files: Mapping[str, Pat
         summary = Artefact(files[key]).summary
     if f"estimate.{name}" not in summary:
         raise ArtefactError(
-            f"{files[key].name} of run '{files[key].parent.name}' estimates no parameter '{name}'",
+            f"{files[key].name} of run '{files[key].parent.name}' has no estimate of parameter '{name}'",
             key=key,
-            remedy="name a run that has it under place.estimate",
+            remedy="Choose a run with this parameter in place.estimate.",
         )
     return float(summary[f"estimate.{name}"])
 
 
 def unknown_units(config: PlacementConfig) -> dict[str, str]:
-    """The unit of every unknown, by its name."""
+    """Unit of every unknown, by name."""
     parameters = config.parameters
     return {
         name: config.loads[name].unit if name in config.loads else PARAMETER_UNITS[parameters[name].property]
@@ -191,7 +190,7 @@ def unknown_units(config: PlacementConfig) -> dict[str, str]:
 
 
 def load_units(loads: Mapping[str, LoadSection]) -> str:
-    """The unit of an array over these loads, or several."""
+    """Unit, or units, of an array over these loads."""
     return " or ".join(sorted({load.unit for load in loads.values()}))
 
 
@@ -207,19 +206,17 @@ def load_shapes(model: FiniteElementModel, config: Mapping[str, LoadSection]) ->
 def load_slopes(
     model: FiniteElementModel, config: Mapping[str, LoadSection], parameters: Sequence[Parameter]
 ) -> dict[str, np.ndarray]:
-    """∂S/∂θᵢ (n_free, n_u) [1 per unit of θ] of every density, thickness and factor of a section that a load on mass goes with: S
-    is affine in them, so that a difference is exact; but for the moment of a laminate whose mass lies off its middle, which is
-    quadratic in the thickness: there it is the slope at the reference, to 5e-4. The mesh of the model has the values at which
-    its loads act.
+    """Slopes ∂S/∂θᵢ (n_free, n_u) [1 per unit of θ] of body forces with respect to density, thickness and section factors.
 
-    Raises UserError where the density and a section of one region are free: S would be their product."""
+    S is affine in these, so that the difference is exact, except to 5e-4 for moments of unsymmetric laminates. Raises UserError
+    if density and section of one region are both estimated, as S depends on their product."""
     on_mass = [i for i, load in enumerate(point_loads(config).values()) if load.of_mass]
     slopes = {}
     for parameter in parameters if on_mass else ():
         if parameter.property in OF_MASS:
             _require_affine(parameter, parameters)
             step = 1e-3 if parameter.property == THICKNESS else 1.0
-            # a factor is one of what the mesh of the model has
+            # a factor refers to the mesh of the model
             value = (1 + step) * (parameter.reference if parameter.property in ("density", THICKNESS) else 1.0)
             more = replace(model, mesh=with_value(model.mesh, parameter.property, parameter.regions, value))
             names = [list(config)[i] for i in on_mass]
@@ -231,7 +228,7 @@ def load_slopes(
 
 
 def _require_affine(parameter: Parameter, parameters: Sequence[Parameter]) -> None:
-    """Raises UserError where the density and a thickness or factor of the section of one region are free."""
+    """Raises UserError if density and thickness or section factor of one region are both estimated."""
     for other in parameters:
         both = {parameter.property, other.property} & {"density"}
         if (
@@ -241,15 +238,15 @@ def _require_affine(parameter: Parameter, parameters: Sequence[Parameter]) -> No
             and set(parameter.regions) & {*other.regions}
         ):
             raise UserError(
-                f"{parameter.name} and {other.name} multiply each other in loads on mass (gravity, rotation)",
+                f"body forces (gravity, rotation) depend on the product of {parameter.name} and {other.name}",
                 key=f"parameters.{other.name}",
-                remedy="keep one of them, or give the load as forces",
+                remedy="Estimate only one of them, or define the load as forces.",
             )
 
 
 def point_loads(config: Mapping[str, LoadSection]) -> dict[str, PointLoad]:
-    """The loads of the config, in its order."""
-    alike = ("direction", "deck_load", "moment", "bearing", "gravity")
+    """Loads of the config in its order."""
+    common = ("direction", "deck_load", "moment", "bearing", "gravity")
     return {
         name: PointLoad(
             name,
@@ -258,23 +255,20 @@ def point_loads(config: Mapping[str, LoadSection]) -> dict[str, PointLoad]:
             pressure=bool(entry.pressure),
             factor=bool(entry.factor),
             rotation=None if entry.rotation is None else (entry.rotation.axis, entry.rotation.point),
-            **{key: getattr(entry, key) for key in alike},
+            **{key: getattr(entry, key) for key in common},
         )
         for name, entry in config.items()
     }
 
 
 def families(config: PlacementConfig) -> dict[str, Gauges | MotionSensors]:
-    """Config key → kinds of sensors in the order of `Candidates.array`: the strain gauges, the motion sensors by name.
-
-    By name, because the order in a config is none: two configs that differ only by it are the same.
-    """
+    """Config key → sensors in the order of `Candidates.array`: strain gauges, then motion sensors sorted by name."""
     others = {f"motion_sensors.{name}": config.motion_sensors[name] for name in sorted(config.motion_sensors)}
     return {"gauges": config.gauges, **others}
 
 
 def characteristic(entry: LoadSection, signal: Signal, duration: float) -> tuple[float, float]:
-    """Frequency [Hz] and amplitude that set an unknown input's process noise (5.16): as stated, else as the signal has them."""
+    """Frequency [Hz] and amplitude for the process noise of an unknown load (5.16), configured or from its signal."""
     noise = entry.process_noise
     match signal:
         case Sine():
@@ -297,8 +291,8 @@ def unknowns_of(
     typical: Mapping[str, tuple[float, float]],
     reference: Mapping[str, float],
 ) -> Unknowns:
-    """The inputs and parameters to estimate, with the scale of each: an amplitude, a guess; typical: frequency [Hz] and amplitude
-    of every input."""
+    """Loads and parameters to estimate with their scales (amplitude, guess); typical: frequency [Hz] and amplitude of every
+    load."""
     inputs = tuple(name for name in estimate if name in loads)
     return Unknowns(
         inputs=inputs,
@@ -327,10 +321,9 @@ READS = (*WHAT_IS_FREE, "parameters.*.guess", *WHERE_LOADS_ACT, *WHERE_SENSORS_A
 
 
 def check_references(config: PlacementConfig, mesh: Mesh) -> None:
-    """Nodes, sets, faces and loads of the deck that loads act on; regions and springs of parameters, and guesses far from the
-    deck's value; surfaces and zones of sensors.
+    """Check nodes, sets, faces and deck loads; regions, springs and guesses of parameters; surfaces and zones of sensors.
 
-    Raises UserError with the key of what is not there, and of a load that would change with a parameter.
+    Raises UserError with the key of an invalid reference, and for a load that would change with a parameter.
     """
     if config.mesh.matrices is None:
         known = {
@@ -351,11 +344,11 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
             if load.moment is None:
                 forces = nodal_forces(mesh, load)
                 assembled = config.mesh.matrices is None and config.mesh.results is None
-                if assembled and len(forces.nodes) and not (held := attached(mesh)[forces.nodes]).any():
-                    node = mesh.node_ids[forces.nodes[np.flatnonzero(~held)[0]]]
+                if assembled and len(forces.nodes) and not (connected := attached(mesh)[forces.nodes]).any():
+                    node = mesh.node_ids[forces.nodes[np.flatnonzero(~connected)[0]]]
                     raise UserError(
-                        f"it acts on node {node}, which belongs to no element, tie, spring or support",
-                        remedy="load a node of the structure, or tie this one to it (RBE2, RBE3, mesh.ties)",
+                        f"the load acts on node {node}, which is not connected to any element, tie, spring or support",
+                        remedy="Apply the load to a node of the structure, or tie this node to it (RBE2, RBE3, mesh.ties).",
                     )
                 if not load.of_mass:
                     _check_mass(config, mesh, forces)
@@ -365,14 +358,13 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
         return
     facets = exterior_facets(mesh)
     for key, sensors in families(config).items():
-        # what leaves no facet is named by `train`: an import is there to look at the faces
+        # an empty surface is reported by `train`
         with suppress(InfeasibleError):
             admissible(mesh, facets, **sites_of(sensors), key=key)
 
 
 def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
-    """Raise UserError where a load of the deck is made by mass that a parameter changes: its forces have been summed up with that
-    of the deck."""
+    """Raises UserError for a body force of the deck that a parameter would change, as its nodal forces are fixed."""
     for name, parameter in config.parameters.items():
         if (
             load.regions
@@ -380,14 +372,13 @@ def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
             and set(region_ids(mesh, named_regions(parameter.region))) & {*load.regions}
         ):
             raise UserError(
-                f"it is a load of the deck on mass, and would change with the {parameter.property} {name}, which is a parameter",
-                remedy="state it as `gravity` or `rotation` in place of `deck_load`, or remove the parameter",
+                f"this body force of the deck would change with the parameter {name} ({parameter.property})",
+                remedy="Define it as `gravity` or `rotation` instead of `deck_load`, or remove the parameter.",
             )
 
 
 def on_one_node(loads: Mapping[str, LoadSection], mesh: Mesh) -> tuple[str, ...]:
-    """A sentence for every force on one node of a solid or a shell: the strain beside it is that of a point, which gets larger
-    with every finer mesh, and no gauge should be placed by it. What a beam brings to a node of shells is left to the deck."""
+    """Warnings about concentrated forces on nodes of solids or shells (singular strain), except where a beam is attached."""
     solid, shell, beam = (_nodes(blocks) for blocks in (mesh.blocks, mesh.shells, mesh.beams))
     shell = np.setdiff1d(shell, beam)
     tied = {tie.reference for tie in mesh.rigid} | {tie.reference for tie in mesh.averaging}
@@ -398,14 +389,15 @@ def on_one_node(loads: Mapping[str, LoadSection], mesh: Mesh) -> tuple[str, ...]
             if node not in tied and (node in solid or node in shell):
                 what = "solid" if node in solid else "shell"
                 sentences.append(
-                    f"loads.{name} acts on node {load.node} of a {what} alone: strain beside it grows with a finer mesh. Spread "
-                    f"the force over a face (mesh.faces, loads.{name}.set), or tie its nodes to a reference node (mesh.ties)"
+                    f"loads.{name} is a concentrated force on node {load.node} of a {what}, where strain increases with mesh "
+                    f"refinement. Distribute it over a face (mesh.faces, loads.{name}.set), or tie the nodes to a reference "
+                    "node (mesh.ties)"
                 )
     return tuple(sentences)
 
 
 def beyond_range(config: PlacementConfig, mesh: Mesh) -> tuple[str, ...]:
-    """A sentence for every parameter whose value in the deck lies outside of its range."""
+    """Warnings about parameters whose value in the deck is outside their range."""
     sentences = []
     known = {
         name: entry for name, entry in config.parameters.items() if entry.property != DAMPING and not entry.springs
@@ -415,13 +407,13 @@ def beyond_range(config: PlacementConfig, mesh: Mesh) -> tuple[str, ...]:
             value, (low, high) = value_of(mesh, region, entry.property, entry.material), entry.range
             if not low <= value <= high:
                 sentences.append(
-                    f"{name} is {value:.4g} in {mesh.regions[region]} of the deck, outside parameters.{name}.range, {low:g} to "
-                    f"{high:g}: widen the range, or correct the deck, the region or the guess"
+                    f"{name} is {value:.4g} in {mesh.regions[region]} of the deck, outside parameters.{name}.range ({low:g} to "
+                    f"{high:g}). Widen the range, or correct the deck, the region or the guess"
                 )
                 break
     return tuple(sentences)
 
 
 def _nodes(blocks: Sequence[CellBlock | ShellBlock | BeamBlock]) -> np.ndarray:
-    """Nodes (indices) of elements."""
+    """Node indices of element blocks."""
     return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(block.nodes.ravel() for block in blocks)]))

@@ -1,4 +1,4 @@
-"""Modes and static responses that a config names, gathered from their files onto the nodes of the mesh."""
+"""Import of modes and static responses of another program onto the nodes of the mesh."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from strainsight.mesh.units import length_factor, mass_factor
 
 @dataclass
 class WantedResult:
-    """A step of a file that a key of the config asks for, its responses in the order of the file, and their motion."""
+    """A step of a file requested by a config key, with its responses in the order of the file and their motion."""
 
     key: str
     kind: str
@@ -47,9 +47,9 @@ def model_of_results(
     files: Mapping[str, Path],
     loads: Mapping[str, LoadSection] | None,
 ) -> FullModel:
-    """The model of `mesh.results`; loads: those of the config, None for the modes alone.
+    """Build the model of `mesh.results`; loads: of the config, None for the modes only.
 
-    Raises UserError with the key and the step for what the files lack or contradict.
+    Raises UserError with key and step for missing or inconsistent results.
     """
     stated = config.results
     assert stated is not None
@@ -81,18 +81,17 @@ def model_of_results(
 def _set_of(
     config: MeshFile,
     key: str,
-    asked: ModesOfResults,
+    section: ModesOfResults,
     loads: Mapping[str, ResponseOfLoad],
     mesh: Mesh,
     files: Mapping[str, Path],
     names: tuple[str, ...],
 ) -> tuple[GivenMotion, Results, list[str]]:
-    """Motion on the rows of the mesh, of the modes in the order of their frequencies, then of the responses in that of the
-    config, in SI units; what the files say of them; sentences on the files. key of the section that asks for both; names of all
-    loads."""
+    """Motion on the nodes of the mesh in SI units (modes by frequency, then responses in the order of the config), results, and
+    notes. key: config section; names: of all loads."""
     stated = config.results
     assert stated is not None
-    modes = WantedResult(f"{key}.modes", "mode", asked.step)
+    modes = WantedResult(f"{key}.modes", "mode", section.step)
     static = {name: WantedResult(f"{key}.loads.{name}", "static", load.step) for name, load in loads.items()}
     L, M = length_factor(config.length_unit), mass_factor(config.mass_unit)
     notes = _gather([modes, *static.values()], f"{key}.file", mesh, L, files)
@@ -114,7 +113,7 @@ def _set_of(
 
 
 def _change(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:
-    """The parameter of the second set and its two values; None without a second set."""
+    """Parameter of the second set and its two values; None without a second set."""
     if stated.second is None:
         return None
     parameter = next(one for one in parameters if one.name == stated.second.parameter)
@@ -124,8 +123,8 @@ def _change(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter])
 def _gather(
     wanted: list[WantedResult], default: str, mesh: Mesh, length: float, files: Mapping[str, Path]
 ) -> list[str]:
-    """Read every file once, and put what is wanted of it on the nodes of the mesh; default: the key of the file of all that
-    name none; length: the unit of the files [m]."""
+    """Read every file once and map the requested results onto the nodes of the mesh; default: key of the default file; length:
+    unit of the files [m]."""
     by_file: dict[Path, tuple[str, list[WantedResult]]] = {}
     for one in wanted:
         key = f"{one.key}.file" if f"{one.key}.file" in files else default
@@ -149,28 +148,28 @@ def _gather(
                     rows, missing = nodes.rows(node_ids)
                     if missing.all():
                         raise DeckError(
-                            f"none of its {len(rows)} nodes is in the mesh",
+                            f"none of the {len(rows)} nodes of the results is in the mesh",
                             where=response.where,
-                            remedy="give the mesh that the results are of",
+                            remedy="Use the mesh that belongs to these results.",
                         )
                     if response.position is not None:
                         position = length * response.position[~missing]
                         check_positions(mesh, rows[~missing], position, response.rounding, response.where)
                 motion = on_nodes(mesh, response, rows, ~missing)
                 for one in takers:
-                    one.responses.append(replace(response, motion=np.zeros((0, 3))))  # which would be there twice
+                    one.responses.append(replace(response, motion=np.zeros((0, 3))))  # stored in `motion` below
                     one.motion.append(motion)
         if missing.any():
-            notes.append(f"{path.name} has {int(missing.sum())} nodes that the mesh lacks, which are left out")
+            notes.append(f"{int(missing.sum())} nodes of {path.name} are not in the mesh and are omitted")
         if scalar_points:
-            notes.append(f"{path.name} has {scalar_points} scalar or fluid points, which are left out")
+            notes.append(f"{scalar_points} scalar or fluid points of {path.name} are omitted")
         for one in of_file:
             _check_responses(one, path, list(steps))
     return notes
 
 
 def on_nodes(mesh: Mesh, response: Response, rows: np.ndarray, present: np.ndarray) -> np.ndarray:
-    """Motion (n, 3 or 6) along the basic axes, NaN of nodes without."""
+    """Motion (n, 3 or 6) along the basic axes, NaN for nodes without results."""
     motion = np.full((len(mesh.position), response.motion.shape[1]), np.nan)
     motion[rows[present]] = response.motion[present]
     if response.along_node_axes:
@@ -181,34 +180,36 @@ def on_nodes(mesh: Mesh, response: Response, rows: np.ndarray, present: np.ndarr
 
 
 def _check_responses(wanted: WantedResult, path: Path, steps: list[str]) -> None:
-    asked = "" if wanted.step is None else f"{'titled' if isinstance(wanted.step, str) else 'step'} {wanted.step!r} "
+    of_step = (
+        "" if wanted.step is None else f" of {'title' if isinstance(wanted.step, str) else 'step'} {wanted.step!r}"
+    )
     modes, several = wanted.kind == "mode", sorted({response.step for response in wanted.responses})
     if not several:
         listed = ", ".join(steps[:8]) or "neither modes nor static responses"
         raise DeckError(
-            f"no {'modes' if modes else 'static response'} {asked}in the file",
+            f"no {'modes' if modes else 'static response'}{of_step} in the file",
             where=str(path),
             key=wanted.key,
-            remedy=f"it has {listed}{', …' if len(steps) > 8 else ''}",
+            remedy=f"The file contains {listed}{', …' if len(steps) > 8 else ''}.",
         )
     if len(several) > 1:
         raise DeckError(
             f"several steps have {'modes' if modes else 'static responses'}: {', '.join(map(str, several[:8]))}",
             where=str(path),
             key=wanted.key,
-            remedy=f"state {wanted.key}.step",
+            remedy=f"Set {wanted.key}.step.",
         )
     if not modes and len(wanted.responses) > 1:
         raise DeckError(
-            f"step {several[0]} has {len(wanted.responses)} static responses, increments of one load",
+            f"step {several[0]} has {len(wanted.responses)} static responses (load increments)",
             where=str(path),
             key=wanted.key,
-            remedy="write a linear step, of one increment",
+            remedy="Write a linear step with one increment.",
         )
 
 
 def _stacked(motion: list[np.ndarray], size: list[float], length: float) -> np.ndarray:
-    """(k, n, 3 or 6): translations in m per unit of the load, rotations in rad; the arrays of the list are let go."""
+    """Stack to (k, n, 3 or 6): translations in m per unit of the load, rotations in rad. Empties the list to save memory."""
     width = max(each.shape[1] for each in motion)
     stack = np.full((len(motion), len(motion[0]), width), np.nan)
     for i in range(len(size)):
@@ -219,7 +220,7 @@ def _stacked(motion: list[np.ndarray], size: list[float], length: float) -> np.n
 
 
 def _modal_mass(stated: ResultsSection, modes: list[Response], unit: float) -> np.ndarray | None:
-    """ΦᵀMΦ (m,) [kg m²]; unit: one of the file [kg m²]."""
+    """Modal masses ΦᵀMΦ (m,) [kg m²]; unit: of the file [kg m²]."""
     if stated.modal_mass == "mesh":
         return None
     if stated.modal_mass == "unit":
@@ -229,9 +230,9 @@ def _modal_mass(stated: ResultsSection, modes: list[Response], unit: float) -> n
 
 
 def _proportional(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
-    """What is proportional to which parameter, and the value that the results were made with.
+    """Map "stiffness" or "mass" to the parameter that scales it, and the value at which the results were computed.
 
-    Raises UserError for a property of a part alone, and where that value is not known.
+    Raises UserError for a property of only a part of the model, and if that value is unknown.
     """
     scaled = {}
     for parameter in parameters:
@@ -239,13 +240,12 @@ def _proportional(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Param
         kind, but = ("stiffness", "springs") if stiffness else ("mass", "point masses")
         elsewhere = mesh.springs if stiffness else mesh.point_masses
         if set(regions_of(mesh.elements)) - set(parameter.regions) or elsewhere:
-            part = f"the {but} of the deck have none" if elsewhere else "it is of some regions only"
+            part = f"it does not scale the {but} of the deck" if elsewhere else "it scales only some regions"
             raise UserError(
-                f"{part}, and modes and responses at one value say how they change with all {kind} alone: what a part adds to it "
-                "is not in them",
+                f"results at one value determine only the effect of a factor on the whole {kind}, but {part}",
                 key=f"parameters.{parameter.name}",
-                remedy="free a property of all regions, or a stiffness_factor of all; or give a second set that was made with "
-                "another value of it (mesh.results.second), the deck itself, or mesh.matrices",
+                remedy="Estimate a property or a stiffness_factor of all regions, or import a second set of results at another "
+                "value (mesh.results.second), the deck, or mesh.matrices.",
             )
         scaled[kind] = parameter.name, _made_with(stated, mesh, parameter)
     return scaled
@@ -260,10 +260,10 @@ def _made_with(stated: ResultsSection, mesh: Mesh, parameter: Parameter) -> floa
     known = all(mesh.material_of(number) is not None for number in parameter.regions)
     values = {read(mesh, number) for number in parameter.regions} if known else set()
     if len(values) != 1:
-        what = f"the regions have {len(values)} values of it" if values else "the mesh does not state it"
+        what = f"the regions have {len(values)} different values" if values else "the mesh does not define it"
         raise UserError(
-            f"with which {parameter.property} were the results made? {what}",
+            f"the {parameter.property} of the imported results is unknown: {what}",
             key="mesh.results.at",
-            remedy=f"state it, at: {{{parameter.name}: …}}; of parts that differ, free a stiffness_factor of all",
+            remedy=f"Set at: {{{parameter.name}: …}}, or for different values estimate a stiffness_factor of all regions.",
         )
     return values.pop()

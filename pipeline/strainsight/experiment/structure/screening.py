@@ -1,4 +1,4 @@
-"""Which candidates go on to the placement (5.2): those that say most of each unknown, beside their errors."""
+"""Screening of candidates for the placement (5.2) by the signal-to-noise ratio of each unknown."""
 
 from __future__ import annotations
 
@@ -22,29 +22,26 @@ from strainsight.sensors.installation import installation_variance
 from strainsight.sensors.screening import BEND, CLEARANCE, Screening, screen
 
 COHERENCE = 0.01
-"""Over the length of the training run: how long errors of installation are correlated in the white noise that stands for them. A
-constant error weighs as white noise of its variance over all that is averaged: the record for a parameter, less for a load. Where
-such errors are larger than the noise of a gauge, its size hardly changes the layout."""
+"""Correlation time of the white noise that replaces installation errors, relative to the training run. If these errors exceed
+the noise of a gauge, its value hardly changes the layout."""
 AT_A_TIME = 4000
-"""Gauges whose sensitivities are held in memory."""
+"""Gauges whose sensitivities are in memory at a time."""
 
 
 def avoids_errors(config: PlacementConfig) -> bool:
-    """Whether the pool and the layout are to avoid errors of installation."""
+    """Whether screening and placement avoid installation errors."""
     return config.place.installation == "avoid" and config.process_noise.rule != "as_printed"
 
 
 def installation_variances(structure: Structure, gauges: np.ndarray) -> np.ndarray:
-    """Mean square of what errors of installation add to the readings of the training motions at the guess:
+    """Mean-square effect of installation errors on the training readings at the guess:
 
         v_j of `installation_variance`,     C = mean_t q qᵀ + Σₖ mean_t qₖ qₖᵀ
 
-    qₖ is the motion that one σ of an error of a load's direction or point adds: a misplaced gauge reads the strain there
-    of what really moves. What that is beyond the coordinates stands behind them, in proportion to the load.
-    An error of installation is constant, and its share of a reading moves with the motion: a white noise of the variance v
-    that is correlated over τ has the intensity τ v. Correlation between the channels of a gauge is left out.
-    gauges: those that are wanted, ascending. Returns (cases, m) [unit²] for all channels of the training run in every load case
-    by name, (1, m) where there are none; zero for those that are not wanted.
+    qₖ: motion added by one σ of a load misalignment, with its part outside the reduced basis appended in proportion to the load.
+    White noise of variance v correlated over τ has the intensity τ v. Correlation between channels of a gauge is neglected.
+    gauges: ascending. Returns (cases, m) [unit²] for all channels in every load case, (1, m) without cases; zero for gauges that
+    are not requested.
     """
     pool, std = structure.pool, structure.installation
     moments = [_moments(structure, run) for run in structure.runs]
@@ -57,7 +54,7 @@ def installation_variances(structure: Structure, gauges: np.ndarray) -> np.ndarr
 
 
 def _moments(structure: Structure, run: TrainingRun) -> tuple[np.ndarray, np.ndarray]:
-    """C of [q, what is beyond], and of the second rates, which nothing beyond has."""
+    """C of [q, static residual], and of the accelerations, which have no residual."""
     n, motions = structure.reduced.model.size, list(_motions(structure, run))
     load = structure.training.motion_in(run.name).load[: len(motions[0][1])]
     z = np.vstack([np.hstack([x[:, :n], missed.reshape(len(x), -1)]) for _, x, missed in motions])
@@ -66,8 +63,8 @@ def _moments(structure: Structure, run: TrainingRun) -> tuple[np.ndarray, np.nda
 
 
 def _motions(structure: Structure, run: TrainingRun) -> Iterator[tuple[ReducedModel, np.ndarray, np.ndarray]]:
-    """The training run, and what one σ of every misalignment adds to it: model, x (T + 1, 2n), and what it is beyond
-    (T + 1, n_u, misalignments) [N rad or N m]."""
+    """Yield model, x (T + 1, 2n) and static residual (T + 1, n_u, misalignments) [N rad or N m] of the training run, and of one σ
+    of every misalignment."""
     reduced, motion = structure.reduced, structure.training.motion_in(run.name)
     tolerances, off = structure.tolerances, reduced.misaligned
     std = np.repeat([np.deg2rad(tolerances.load_angle), tolerances.load_position], 2)
@@ -82,12 +79,12 @@ def _motions(structure: Structure, run: TrainingRun) -> Iterator[tuple[ReducedMo
 
 
 STEP = 1e-4
-"""In ln θ, of the central difference in a parameter."""
+"""Step of the central difference in ln θ."""
 
 
 def screened_of(structure: Structure) -> Screened:
-    """Leave out what is too near to edges, supports and loads, settle the noise of every channel, drop the overloaded, take the
-    best for each unknown in every load case in turn, and thin the clusters."""
+    """Apply the clearance, set the noise, drop overloaded channels, take the best for each unknown in every load case, and thin
+    clusters."""
     config, training, pool = structure.config, structure.training, structure.pool
     rms = training.rms
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
@@ -98,7 +95,7 @@ def screened_of(structure: Structure) -> Screened:
     best = {}
     for i, (key, family) in enumerate(families(config).items()):
         of_family = pool.array == i
-        # Of candidates: one bonded in a loud place, or a corner of no finite strain, must not make all others noisier.
+        # bonded gauges and singular corners must not raise the noise of all others
         free = of_family & ~pool.bonded & clear if (of_family & ~pool.bonded).any() else of_family
         noise_std[of_family] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
         if of_family.any():
@@ -130,9 +127,11 @@ def screened_of(structure: Structure) -> Screened:
 def _screened(
     settings: Screen, pool: Candidates, near: np.ndarray, ratio: np.ndarray, strained: np.ndarray, limit: np.ndarray
 ) -> Screening:
-    """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. ratio (k, m) [-] of signal to
-    noise, of which each has its turn; near (gauges,): too near to something for the clearance; strained (m,): largest reading of
-    any grid of a channel."""
+    """Screen every kind of sensor separately.
+
+    ratio (k, m) [-]: signal-to-noise ratios, used in turn; near (gauges,): violates the clearance; strained (m,): largest reading
+    of any grid of a channel.
+    """
     keep = None if settings.keep == "all" else settings.keep
     kinds = pool.array[pool.first]
     kept, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")
@@ -160,18 +159,19 @@ def _screened(
 
 
 def _by_unknowns(structure: Structure, noise_std: np.ndarray, v: np.ndarray | None) -> np.ndarray:
-    """Signal to noise (k, m) of each unknown in every load case, over σ, and where errors of installation are avoided also over
+    """Signal-to-noise ratios (k, m) of each unknown in every load case, relative to σ, and if installation errors are avoided
+    also to
 
         √(σ² + τ v/h)
 
-    σ of a sample of the white noise that has the intensity of both; v (cases, m) of `installation_variances`. A placement has
-    layouts for either, of which it takes the better. Raises InfeasibleError where no unknown makes any channel read anything."""
+    v (cases, m): see `installation_variances`. A placement solves for both and takes the better layout. Raises InfeasibleError if
+    no unknown affects any channel."""
     alone, config = list(_alone(structure)), structure.config
     if not alone:
         raise InfeasibleError(
-            f"of {' and '.join(config.place.estimate)} alone every candidate reads 0 in the training run",
+            f"no candidate reads a signal from {' or '.join(config.place.estimate)} in the training run",
             key="place.estimate",
-            remedy="train with loads that show them: a recorded signal that is 0 says nothing of its load",
+            remedy="Use training loads that excite these unknowns, for example a recorded signal that is not zero.",
         )
     ratio = [rms / noise_std for _, rms in alone]
     if v is not None:
@@ -182,11 +182,8 @@ def _by_unknowns(structure: Structure, noise_std: np.ndarray, v: np.ndarray | No
 
 
 def _alone(structure: Structure) -> Iterator[tuple[int, np.ndarray]]:
-    """What each unknown by itself does to the readings in training: the number of the load case, and RMS over time (m,)
-
-        of the reading under a load alone,     of θ ∂y/∂θ of a parameter, by a central difference
-
-    of the unknowns that act in that case."""
+    """Yield load case and RMS reading over time (m,) for each unknown that acts in it: under a load alone, or of θ ∂y/∂θ of a
+    parameter by a central difference."""
     model, training = structure.reduced.model, structure.training
     sensing, inputs = structure.pool.quantity == ACCELERATION, model.inputs
     for case, run in enumerate(structure.runs):
@@ -213,13 +210,13 @@ def _alone(structure: Structure) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def _motion(model: ReducedModel, theta: Mapping[str, float], loading: Loading) -> Sequence[np.ndarray]:
-    """q and q̈ (T, n) under the loads."""
+    """Displacement q and acceleration q̈ (T, n) under the loads."""
     x, u = motion_of(model, theta, loading), instant_values(loading.held)
     return x[:, : model.size], accelerations(model, theta, x, u)
 
 
 def _rms(rows: np.ndarray, sensing: np.ndarray, motion: Sequence[np.ndarray]) -> np.ndarray:
-    """Of every channel (m,), without its history: ‖R rᵀ‖/√T, R of q = QR; of accelerometers, `sensing` (m,), of q̈."""
+    """RMS of every channel (m,) as ‖R rᵀ‖/√T with q = QR; for accelerometers (`sensing` (m,)) of q̈."""
     still, moving = (np.linalg.qr(history, mode="r") / np.sqrt(len(history)) for history in motion)
     rms = np.linalg.norm(rows @ still.T, axis=1)
     rms[sensing] = np.linalg.norm(rows[sensing] @ moving.T, axis=1)
@@ -227,14 +224,14 @@ def _rms(rows: np.ndarray, sensing: np.ndarray, motion: Sequence[np.ndarray]) ->
 
 
 def _noise_std(stated: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) -> float:
-    """σ of a family of sensors: as stated, or a share of its strongest candidate."""
+    """σ of a family of sensors: absolute, or relative to its strongest candidate."""
     if isinstance(stated, AbsoluteNoise):
         return stated.value
     strongest = float(rms.max())
     if strongest <= 0:
         raise ConfigError(
-            "no candidate reads anything in the training run, of which the noise would be a share",
+            "relative noise is undefined because all candidates read zero in the training run",
             key=key,
-            remedy="give {value: …}, or load the structure",
+            remedy="Set {value: …}, or load the structure.",
         )
     return stated.relative_to_strongest * strongest

@@ -1,4 +1,4 @@
-"""Loads in time, and how the motion under them begins: from rest, periodic from the first instant, or settled before it."""
+"""Load histories and initial motion: from rest, periodic, or after a settling time."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from strainsight.rom.modal_step import HOLD, simulate, steady_start
 from strainsight.rom.model import ReducedModel, modal_basis
 
 DECAYS = 3.0
-"""Decay times 1/(ζω₁) after which what a start from rest has set off counts as gone: 5 % of it are left."""
+"""Decay times 1/(ζω₁) after which the initial transient counts as decayed (5 % left)."""
 
 
 @dataclass(frozen=True)
 class Loading:
-    """Loads from t = 0 on, and before.
+    """Loads from t = 0, and during the settling time before.
 
-    held (steps, HOLD, n_u) [N] of every step of h [s]; tones: of all loads where the motion is periodic from the first
-    instant; lead (k, HOLD, n_u) [N]: the steps from rest before t = 0.
+    held (steps, HOLD, n_u) [N]: hold coefficients of all_steps step h [s]; tones: of all loads if the motion is periodic from the
+    start; lead (k, HOLD, n_u) [N]: steps from rest before t = 0.
     """
 
     held: np.ndarray
@@ -38,14 +38,13 @@ class Loading:
 
 
 def loading_of(settle: Settle, signals: Sequence[Signal], h: float, steps: int) -> Loading:
-    """The loads as `train.settle` wants them to begin:
+    """Build the loads with the start set by `train.settle`:
 
-    auto     periodic from the first instant where every signal is a sum of sines and constants, else from rest
+    auto     periodic from the start if all_steps signal is a sum of sines and constants, else from rest
     none     from rest
-    seconds  from rest so long before t = 0, rounded up to whole steps, under the same signals
+    seconds  from rest this time before t = 0, rounded up to whole steps, under the same signals
 
-    signals: of every load; h [s]; steps from t = 0 on. Raises ConfigError where a signal is not known before t = 0, and
-    InfeasibleError where one is not known to the end.
+    h [s]; steps: from t = 0. Raises ConfigError if a signal is unknown before t = 0, InfeasibleError if it ends too early.
     """
     held = hold_coefficients(signals, 0.0, h, steps)
     lead, tones = np.zeros((0, HOLD, held.shape[-1])), None
@@ -57,9 +56,11 @@ def loading_of(settle: Settle, signals: Sequence[Signal], h: float, steps: int) 
 
 
 def _lead(settle: float, signals: Sequence[Signal], h: float) -> np.ndarray:
-    remedy = "auto, none, or a record that begins so much earlier"
+    remedy = "Set train.settle to auto or none, or use a record that begins earlier."
     if any(isinstance(signal, Sweep) for signal in signals):
-        raise ConfigError(f"a sweep begins at t = 0, and {settle:g} s before it", key="train.settle", remedy=remedy)
+        raise ConfigError(
+            f"a sweep begins at t = 0 and has no settling time of {settle:g} s", key="train.settle", remedy=remedy
+        )
     count = ceil(settle / h * (1 - 1e-9))
     try:
         return hold_coefficients(signals, -count * h, h, count)
@@ -68,8 +69,10 @@ def _lead(settle: float, signals: Sequence[Signal], h: float) -> np.ndarray:
 
 
 def tones_in(held: np.ndarray, h: float, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """W (k, HOLD, n) complex, with which Σₖ Re Wₖ exp(iωₖjh) is nearest to the hold coefficients of steps j, and by how much
-    the loads at their beginnings miss that, RMS over RMS (n,); held (T, HOLD, n), h [s], frequency ω (k,) [rad/s]."""
+    """Fit W (k, HOLD, n) complex: Σₖ Re Wₖ exp(iωₖjh) approximates the hold coefficients of step j (least squares).
+
+    held (T, HOLD, n); h [s]; frequency ω (k,) [rad/s]. Returns W and the relative RMS residual of the loads (n,).
+    """
     phase = np.outer(h * np.arange(len(held)), frequency)
     columns = np.hstack([np.cos(phase), -np.sin(phase)])
     flat = held.reshape(len(held), -1)
@@ -81,19 +84,18 @@ def tones_in(held: np.ndarray, h: float, frequency: np.ndarray) -> tuple[np.ndar
 
 
 def motion_of(model: ReducedModel, theta: Mapping[str, float], loading: Loading) -> np.ndarray:
-    """x (steps + 1, 2n) = [q, q̇] from t = 0 on, exact for the held loads; theta: all parameters [SI]."""
+    """Motion x (steps + 1, 2n) = [q, q̇] from t = 0, exact for the held loads; theta: all parameters [SI]."""
     if loading.tones is not None:
         tones = loading.tones
         with blame("train.settle"):
             start = steady_start(model, theta, loading.h, tones.frequency, tones.amplitude)
         return simulate(model, theta, loading.held, loading.h, start)
-    every = np.concatenate([loading.lead, loading.held])
-    return simulate(model, theta, every, loading.h)[len(loading.lead) :]
+    all_steps = np.concatenate([loading.lead, loading.held])
+    return simulate(model, theta, all_steps, loading.h)[len(loading.lead) :]
 
 
 def decay_left(model: ReducedModel, loading: Loading) -> float:
-    """Until when [s] what the start from rest has set off counts: DECAYS/(ζω₁) of the first mode; −inf without such a start,
-    inf without damping."""
+    """End of the initial transient [s], DECAYS/(ζω₁) of the first mode; −inf for a periodic start, inf without damping."""
     if loading.tones is not None:
         return -np.inf
     lam, _ = modal_basis(model, model.reference)
@@ -102,14 +104,13 @@ def decay_left(model: ReducedModel, loading: Loading) -> float:
 
 
 def ringing_in_words(settle: Settle, loading: Loading, model: ReducedModel, instants: np.ndarray) -> str:
-    """What to know where instants (k,), by their index, lie where a start from rest still rings; empty where none does, and
-    where that start is asked for (`none`)."""
+    """Warning if instants (k,) lie in the initial transient, else empty; empty for `none`."""
     until = decay_left(model, loading)
     early = int(np.sum(loading.h * np.asarray(instants) < until))
     if settle == "none" or not early:
         return ""
-    how = "the training run is linearised while the start from rest still rings"
-    left = (
-        "which nothing damps" if np.isinf(until) else f"before {until:.3g} s, {DECAYS:g} decay times of the first mode"
+    until_words = "is undamped" if np.isinf(until) else f"lasts {until:.3g} s, {DECAYS:g} decay times of the first mode"
+    return (
+        f"{early} of {len(instants)} linearisation instants lie in the initial transient, which {until_words}. σ applies to this "
+        "motion (train.settle)."
     )
-    return f"{early} of {len(instants)} instants lie {left}: {how}, and σ holds for that motion (train.settle)."

@@ -1,4 +1,4 @@
-"""A structure whose training run is known: what the config says of it, its mesh, its reduced model, its candidates."""
+"""A structure with its config, mesh, reduced model and training run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from strainsight.sensors.walk import Skin, skin_of
 
 @dataclass(frozen=True)
 class Structure:
-    """config; files that it names, by key; mesh; reduced model; training run."""
+    """config; files: paths by config key; mesh; reduced model; training run."""
 
     config: PlacementConfig
     files: Mapping[str, Path]
@@ -42,41 +42,41 @@ class Structure:
 
     @property
     def tolerances(self) -> Tolerances:
-        """Of the config."""
+        """Tolerances of the config."""
         return tolerances_of(self.config.tolerances)
 
     @property
     def installation(self) -> InstallationStd:
-        """σ of how gauges are installed."""
+        """σ of gauge installation."""
         return installation_std(self.tolerances)
 
     @cached_property
     def runs(self) -> tuple[TrainingRun, ...]:
-        """The runs that a layout is placed for."""
+        """Training runs, one per load case."""
         return runs_of(self.config, self.reduced.model.inputs, self.files)
 
     @cached_property
     def skin(self) -> Skin:
-        """The surface of the mesh."""
+        """Surface of the mesh."""
         return skin_of(self.mesh.position, exterior_facets(self.mesh))
 
     @cached_property
     def field(self) -> np.ndarray:
-        """Displacement (3 nodes, r) per coordinate, and behind these of what they miss of misaligned loads."""
+        """Displacement (3 nodes, r) per coordinate, with the static residual of misaligned loads appended."""
         return with_missed(self.reduced.basis, self.reduced.misaligned.missed)
 
     @cached_property
     def free_thicknesses(self) -> tuple[Parameter, ...]:
-        """The parameters that are a thickness of shells."""
+        """Estimated shell thicknesses."""
         return free_thicknesses(self.config, self.mesh, self.reduced.model.reference)
 
     @cached_property
     def thickness(self) -> Thickness | None:
-        """Of the shells at the guess, which may differ from the deck; None where no thickness is free."""
+        """Shell thickness at the guess, None if no thickness is estimated."""
         return thickness_at(self.mesh, self.free_thicknesses, self.reduced.model.reference)
 
     def sensitivity(self, channels: np.ndarray) -> Sensitivity:
-        """Of some channels, to how their gauges are installed: per coordinate, and behind these as `field` has it."""
+        """Sensitivity of channels to installation errors, per column of `field`."""
         training = self.training
         if training.given is not None:
             return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))

@@ -1,4 +1,4 @@
-"""The filter run many times at once: noise levels, seeds and starting values, random sets beside the chosen one."""
+"""Studies of many filter runs: noise levels, seeds, starting values and random layouts."""
 
 from __future__ import annotations
 
@@ -29,34 +29,31 @@ from strainsight.runner.output import Table
 
 @dataclass(frozen=True)
 class Runs:
-    """Filter runs: channels (B, k), −1 for none; noise_factor (B,), start (B, unknowns) of [ũ, p]; drawn (B,): number of the
-    realisation of noise and truth, 0 the layout's own."""
+    """Filter runs: channels (B, k), −1 for none; noise_factor (B,); start (B, unknowns) of [ũ, p]; realisation (B,): number of
+    the realisation of noise and truth, 0 for the layout."""
 
     channels: np.ndarray
     noise_factor: np.ndarray
     start: np.ndarray
-    drawn: np.ndarray
+    realisation: np.ndarray
 
 
 CHOICES = 1 << 31
-"""Stream of the random numbers that choose starts and sets, apart from those of the noise."""
+"""Stream of random numbers for starts and layouts, independent of the noise."""
 
 
 def studies_of(
     trial: Trial, settings: Validate, kept: np.ndarray, allowed: np.ndarray, seed: int, sweep: Sweep = serial
 ) -> tuple[dict[str, Any], int]:
-    """The studies of `Validated` by their fields, and how many of their runs diverged:
+    """Run the studies of `Validated`; returns its fields and the number of diverged runs:
 
     noise      other noise levels
-    repeats    other noise and other starting values, and the layout installed anew where the truth is drawn
-    screened   random sets of the screened pool, on the layout's own noise
-    all        random sets of all candidates
+    repeats    other noise, starting values and, with a sampled truth, installation errors
+    screened   random layouts from the screened pool, with the noise of the layout
+    all        random layouts from all candidates
 
-    Filtered in batches of at most BATCH runs; settings: the config's validate section, kept: the screened pool, allowed: every
-    gauge that keeps the clearance.
-
-    Repeats begin at the truth plus a draw of the initial σ, so that the two differ as much as the filter takes them to: σ
-    of what the samples say little of is that of its start, and about the guess it would be judged by how good that is."""
+    settings: the validate section; kept: screened pool; allowed: all gauges that keep the clearance. Repeats start at the truth
+    plus a sample of the initial σ, as the filter assumes."""
     rng = np.random.default_rng([seed, CHOICES])
     spread = np.array([settings.initial_std[name] for name in trial.names])
     repeats, count = settings.repeats, settings.random_sets
@@ -86,13 +83,13 @@ def studies_of(
 
 
 FEWEST_SETS = 10
-"""Sets below which a rank says nothing."""
+"""Fewest random layouts for a meaningful rank."""
 
 
 @dataclass(frozen=True)
 class Rank:
-    """Of the layout among random sets, by real and by claimed error (1 is best); Spearman's correlation of the two over all
-    of them (thesis 6.3, as statistics)."""
+    """Rank of the layout among random layouts by real and by claimed error (1 is best), and Spearman's correlation of the two
+    (thesis 6.3)."""
 
     real: int
     claimed: int
@@ -100,7 +97,7 @@ class Rank:
 
 
 def rank_of(random: RandomSetErrors, name: str, real: float, claimed: float) -> Rank | None:
-    """By the errors of one unknown; None among too few sets."""
+    """Rank by the errors of one unknown; None with too few layouts."""
     errors = np.array([np.append(random.error[name], real), np.append(random.std[name], claimed)])
     known = np.isfinite(errors).all(axis=0)
     if known.sum() < FEWEST_SETS or not known[-1]:
@@ -116,28 +113,28 @@ def _runs(
     channels: np.ndarray,
     noise_factor: float | np.ndarray,
     start: np.ndarray,
-    drawn: np.ndarray | None = None,
+    realisation: np.ndarray | None = None,
 ) -> Runs:
-    """Runs with whatever is common repeated for each."""
+    """Broadcast common inputs to `count` runs."""
     return Runs(
         np.broadcast_to(channels, (count, channels.shape[-1])),
         np.broadcast_to(np.asarray(noise_factor, dtype=float), (count,)),
         np.broadcast_to(start, (count, start.shape[-1])),
-        np.zeros(count, dtype=int) if drawn is None else drawn,
+        np.zeros(count, dtype=int) if realisation is None else realisation,
     )
 
 
 BATCH = 8
-"""Runs that are one task of a sweep. Never the number of processes: the size of a batch may change the last bit of results."""
+"""Runs per task of a sweep; independent of the number of processes, as it may change the last bit of results."""
 
 
 Batch = tuple[Runs, np.ndarray, int]
-"""Runs, what their channels read without noise (T, B, k), and the seed of the config."""
+"""Runs, readings without noise (T, B, k), and the seed of the config."""
 
 
 @dataclass(frozen=True)
 class _Study:
-    """Of runs, by name of the unknown: real and claimed error (B,), estimate (T + 1, B) [SI]; the steps that lost them (B,)."""
+    """Results by unknown: real and claimed error (B,), estimate (T + 1, B) [SI]; lost (B,): step of divergence, −1 for none."""
 
     error: dict[str, np.ndarray]
     std: dict[str, np.ndarray]
@@ -151,19 +148,19 @@ def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -
         np.concatenate([_widened(part.channels, width) for part in parts.values()]),
         *(
             np.concatenate([getattr(part, key) for part in parts.values()])
-            for key in ("noise_factor", "start", "drawn")
+            for key in ("noise_factor", "start", "realisation")
         ),
     )
     batches = []
-    for at in np.array_split(np.arange(len(runs.drawn)), -(-len(runs.drawn) // BATCH)):
-        some = Runs(runs.channels[at], runs.noise_factor[at], runs.start[at], runs.drawn[at])
+    for at in np.array_split(np.arange(len(runs.realisation)), -(-len(runs.realisation) // BATCH)):
+        some = Runs(runs.channels[at], runs.noise_factor[at], runs.start[at], runs.realisation[at])
         batches.append((some, _true(trial, some), seed))
     answers: list[_Study] = sweep(_batch, batches, without_truth(trial))
     lost = np.concatenate([batch.lost for batch in answers])
     if np.all(lost >= 0):
         raise all_lost(DrivenModel(filter_model(trial.problem, runs.channels[:1], trial.h), trial.known), lost)
-    ends = np.cumsum([len(part.drawn) for part in parts.values()])
-    spans = {key: slice(end - len(part.drawn), end) for (key, part), end in zip(parts.items(), ends, strict=True)}
+    ends = np.cumsum([len(part.realisation) for part in parts.values()])
+    spans = {key: slice(end - len(part.realisation), end) for (key, part), end in zip(parts.items(), ends, strict=True)}
 
     def of(what: str, span: slice) -> dict[str, np.ndarray]:
         return {
@@ -177,22 +174,22 @@ def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -
 
 
 def _true(trial: Trial, runs: Runs) -> np.ndarray:
-    """What the runs measure without noise (T, B, k)."""
+    """Readings of the runs without noise (T, B, k)."""
     true = trial.reading(runs.channels)[1:]
     if trial.again is not None:
-        for run in np.flatnonzero(runs.drawn):
-            true[:, run, : len(trial.chosen)] = trial.again(int(runs.drawn[run]))[1:]
+        for run in np.flatnonzero(runs.realisation):
+            true[:, run, : len(trial.chosen)] = trial.again(int(runs.realisation[run]))[1:]
     return true
 
 
 def _batch(trial: Trial, batch: Batch) -> _Study:
-    """Measure with noise and filter: a task of a sweep."""
+    """Add noise and filter: one task of a sweep."""
     runs, true, seed = batch
     model = filter_model(trial.problem, runs.channels, trial.h, runs.noise_factor)
     shape = (len(true), runs.channels.shape[1])
-    noise = np.stack([sample_noise(seed, int(number), *shape) for number in runs.drawn], axis=1)
+    noise = np.stack([sample_noise(seed, int(number), *shape) for number in runs.realisation], axis=1)
     measured = true + noise * sample_std(trial.problem, runs.channels, trial.h, runs.noise_factor)
-    mean = np.zeros((len(runs.drawn), model.size))
+    mean = np.zeros((len(runs.realisation), model.size))
     mean[:, model.position] = runs.start
     run = trial.filtered(model, runs.channels, measured, mean, refuse=False).run
     values = physical(model, run.mean, run.std)
@@ -201,20 +198,20 @@ def _batch(trial: Trial, batch: Batch) -> _Study:
 
 
 def _widened(channels: np.ndarray, width: int) -> np.ndarray:
-    """Channels (B, k) with columns of none added up to a width."""
+    """Pad channels (B, k) with −1 to a width."""
     return np.pad(channels, ((0, 0), (0, width - channels.shape[1])), constant_values=-1)
 
 
 SweepTask = tuple[str, float, Trial | None, np.ndarray]
-"""One change: "time_step", "process_noise" or the name of a parameter, and its value [s] or factor [-]; the trial at another time
-step, None: the layout's own; measured (T, k) by the layout."""
+"""One change: "time_step", "process_noise" or a parameter, and its value [s] or factor [-]; the trial at another time step, None
+if unchanged; readings (T, k) of the layout."""
 
 
 def sweeps_of(trial: Trial, settings: Validate, seed: int, sweep: Sweep = serial) -> SweepTable | None:
-    """Every point of `validate.sweeps`, None without one; errors are NaN where the filter diverged.
+    """Run `validate.sweeps`, None without points; errors are NaN if the filter diverged.
 
-    Other time steps have measurements of their own; the noise of a sample then is what its intensity makes of it.
-    Raises ConfigError for a wrong parameter that is estimated or is none.
+    Measurements are simulated again for other time steps, with the same noise intensity. Raises ConfigError for a wrong parameter
+    that is estimated or unknown.
     """
     points = _points(trial, settings.sweeps)
     if not points:
@@ -243,19 +240,19 @@ def _points(trial: Trial, sweeps: Sweeps) -> list[tuple[str, float]]:
         key = f"validate.sweeps.wrong_parameters.{name}"
         if name not in trial.problem.model.parameters:
             known = ", ".join(trial.problem.model.parameters) or "none"
-            raise ConfigError(f"no parameter is named '{name}'", key=key, remedy=f"parameters: {known}")
+            raise ConfigError(f"unknown parameter '{name}'", key=key, remedy=f"Parameters: {known}.")
         if name in trial.problem.unknowns.parameters:
             raise ConfigError(
-                f"'{name}' is estimated, so the filter takes no value of it for known",
+                f"'{name}' is estimated, so it cannot have a wrong value",
                 key=key,
-                remedy="name a parameter that is not estimated",
+                remedy="Choose a parameter that is not estimated.",
             )
         points += [(name, factor) for factor in factors]
     return points
 
 
 def _swept(as_placed: Trial, task: SweepTask) -> tuple[dict[str, float], dict[str, float]]:
-    """Real and claimed error of every unknown."""
+    """Real and claimed error of every unknown for one task."""
     key, value, other, measured = task
     trial = other or as_placed
     model = filter_model(trial.problem, trial.chosen, trial.h)
@@ -273,14 +270,14 @@ def _swept(as_placed: Trial, task: SweepTask) -> tuple[dict[str, float], dict[st
 
 
 def sweep_table(swept: SweepTable) -> Table:
-    """Real beside claimed error at every point."""
+    """Table of real and claimed errors at every point."""
     words = {"time_step": "time step {:g} s", "process_noise": "process noise × {:g}"}
     rows = tuple(
         (
-            words.get(key, f"{key} taken {{:g}} of the truth").format(value),
-            *(f"{100 * swept.error[n][i]:.3g} % (claims {100 * swept.std[n][i]:.2g} %)" for n in swept.error),
+            words.get(key, f"{key} assumed {{:g}} × truth").format(value),
+            *(f"{100 * swept.error[n][i]:.3g} % (σ {100 * swept.std[n][i]:.2g} %)" for n in swept.error),
         )
         for i, (key, value) in enumerate(zip(swept.key, swept.value, strict=True))
     )
     columns = ("change", *(f"error of {name}" for name in swept.error))
-    return Table("one change of the filter at a time", columns, rows)
+    return Table("sensitivity to one change of the filter", columns, rows)

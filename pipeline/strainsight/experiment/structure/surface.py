@@ -1,4 +1,4 @@
-"""Strain and stress where no gauge is: virtual gauges, the surface in a test, and the surface at the guess under each load."""
+"""Strain and stress without gauges: virtual gauges, the surface in a test, and the surface at the guess under each load."""
 
 from __future__ import annotations
 
@@ -43,25 +43,24 @@ from strainsight.sensors.rows import channel_rows
 
 SHOWN = ("strain", "strain_std", "stress", "von_mises", "von_mises_std", "principal")
 FRAMES = 100
-"""Pictures of the surface where no time between them is stated."""
+"""Default number of frames of the surface."""
 
 
 @dataclass(frozen=True)
 class Displaced:
-    """Displacement basis (3 nodes, n + f) of n coordinates and, behind them, of the z of the smoother: what misaligned loads
-    displace beyond the coordinates."""
+    """Displacement basis (3 nodes, n + f) of n coordinates and f smoother states z, the static residuals of misaligned loads."""
 
     basis: np.ndarray
     coordinates: int
 
     def states(self, mean: np.ndarray) -> np.ndarray:
-        """Where coordinates and z (n + f,) stand among the states (..., n* + f) of a smoother."""
+        """Indices (n + f,) of coordinates and z among the states (..., n* + f) of a smoother."""
         f = self.basis.shape[1] - self.coordinates
         return np.concatenate([np.arange(self.coordinates), np.arange(mean.shape[-1] - f, mean.shape[-1])])
 
 
 def virtual_labels(entries: Sequence[NamedGauge]) -> tuple[str, ...]:
-    """Names, or "V1", "V2 45°": every grid of `estimate.virtual`."""
+    """Labels of all grids of `estimate.virtual`: names, or "V1", "V2 45°"."""
     labels = [entry.name or f"V{i + 1}" for i, entry in enumerate(entries)]
     return tuple(
         label if len(entry.angles) == 1 else f"{label} {angle:g}°"
@@ -72,8 +71,8 @@ def virtual_labels(entries: Sequence[NamedGauge]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Virtual:
-    """Grids of gauges that are not there; by coordinates and z, as those of `Displaced`: rows (g, n + f) of their strain at the
-    references, and change (g, n + f), what a free thickness adds to them."""
+    """Virtual gauges of g grids: strain operator rows (g, n + f) on coordinates and z of `Displaced` at the reference parameters,
+    and its change (g, n + f) with an estimated thickness."""
 
     pool: Candidates
     rows: np.ndarray
@@ -81,8 +80,8 @@ class Virtual:
     coordinates: int
 
     def read(self, model: FilterModel, x: np.ndarray, states: int) -> tuple[np.ndarray, np.ndarray]:
-        """What they read at the first of `states` states of the smoother (T + 1, n* + …), and rows of its errors (g, states), or
-        (T + 1, g, states) where they change with θ and the motion."""
+        """Strains at the smoother states x (T + 1, n* + …), and their operator on all `states` (g, states), or (T + 1, g,
+        states) if it depends on θ and the motion."""
         n, size, (g, width) = self.coordinates, model.size, self.rows.shape
         rows = np.zeros((g, states))
         rows[:, :n], rows[:, states - width + n :] = self.rows[:, :n], self.rows[:, n:]
@@ -95,7 +94,7 @@ class Virtual:
         return strain + x[:, size:] @ rows[:, size : x.shape[1]].T, whole
 
     def smoothed(self, model: FilterModel, run: FilterRun, smoothed: Smoothed) -> VirtualStrain:
-        """What they would have read; run: of the filter, along which the smoother has kept σ."""
+        """Smoothed strains with σ; run: of the filter, at which the smoother has linearised."""
         states = smoothed.mean.shape[-1]
         return VirtualStrain(
             strain=self.read(model, smoothed.mean[:, 0], states)[0],
@@ -107,8 +106,8 @@ class Virtual:
 
 @blame("estimate.virtual")
 def virtual_of(structure: Structure, field: Displaced) -> Virtual | None:
-    """The gauges of `estimate.virtual`, each at the nearest point of the whole surface; None without one. Raises UserError for
-    one off the surface."""
+    """Virtual gauges of `estimate.virtual`, each at the nearest point of the surface, None without any. Raises UserError for a
+    gauge off the surface."""
     config, mesh, gauges = structure.config, structure.mesh, structure.config.gauges
     entries = () if config.estimate is None else config.estimate.virtual
     if not entries:
@@ -129,8 +128,7 @@ def virtual_of(structure: Structure, field: Displaced) -> Virtual | None:
 
 @dataclass(frozen=True)
 class Skin:
-    """The surface of a reduced model: mesh, field of displacement, exterior facets, strain and stress at their middles, and the
-    thicknesses that are free."""
+    """Surface of a reduced model; model: strain and stress at the facet centres; free: estimated thicknesses."""
 
     mesh: Mesh
     field: Displaced
@@ -140,7 +138,7 @@ class Skin:
 
 
 def skin_of(mesh: Mesh, field: Displaced, parameters: Sequence[Parameter]) -> Skin:
-    """Raises DeckError where a region of the surface has no material."""
+    """Build the surface. Raises DeckError if a region of it has no material."""
     facets, free = exterior_facets(mesh), tuple(one for one in parameters if one.property == THICKNESS)
     with mesh.located():
         rows = facet_strain(mesh, facets, parameters)
@@ -153,12 +151,12 @@ def skin_of(mesh: Mesh, field: Displaced, parameters: Sequence[Parameter]) -> Sk
 
 
 def _state(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int) -> SurfaceState:
-    """Strain and stress of every exterior facet at instant k, with claimed σ where it is given."""
+    """Strain and stress of every exterior facet at instant k, with σ unless withheld."""
     free, x = model.unknowns.parameters, smoothed.mean[k, 0]
     displacing = skin.field.states(x)
     at = np.concatenate([displacing, np.arange(model.parameter_states.start, model.size)])
     theta = {name: float(value) for name, value in theta_of(model, x[: model.size]).items()}
-    # θ = guess exp(p): to first order its covariance is that of p times θ.
+    # θ = guess exp(p), so dθ = θ dp
     scale = np.concatenate([np.ones(len(displacing)), [theta[name] for name in free]])
     P = smoothed.covariance_at(k)[np.ix_(at, at)] * np.outer(scale, scale)
     return surface_state(skin.model, theta, x[displacing], P if np.isfinite(P).all() else None, free)
@@ -167,10 +165,10 @@ def _state(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int) -> Surfac
 def surface_grid(
     skin: Skin, model: FilterModel, smoothed: Smoothed, stated: Field3D | None, damage: DamageAt | None = None
 ) -> VtkHdf | None:
-    """The surface as a grid; None where neither pictures in time nor damage are asked for.
+    """Surface grid with fields in time and damage, None without either.
 
-    stated: pictures in time of displacement, strain and stress of every exterior facet, with claimed σ where it is given;
-    damage: of the facets, which all pictures show. Stress and its σ to first order in the coordinates and the estimated moduli.
+    stated: settings of the fields (displacement, strain and stress of every exterior facet, with σ unless withheld); damage: of
+    the facets. Stress and its σ are linearised in the coordinates and the estimated moduli.
     """
     if stated is None:
         return None if damage is None else damage_grid(skin, damage)
@@ -195,21 +193,20 @@ def surface_grid(
 
 
 def frames_of(stated: Field3D, time: np.ndarray) -> np.ndarray:
-    """The instants of the pictures of the surface in time, of those of the smoother (T + 1,) [s]; a hundred where no time between
-    them is stated."""
+    """Indices of the frames among the smoother's instants (T + 1,) [s]; FRAMES by default."""
     step = stated.every or time[-1] / FRAMES
     frames = np.unique(np.round(np.arange(0, time[-1] + 0.5 * step, step) / (time[1] - time[0])).astype(int))
     return frames[frames < len(time)]
 
 
 def damage_grid(skin: Skin, damage: DamageAt) -> VtkHdf:
-    """Damage and equivalent range of every exterior facet, as a grid."""
+    """Grid of damage and equivalent range of every exterior facet."""
     used, blocks, order = facet_cells(skin.facets)
     return unstructured_grid(skin.mesh.position[used], blocks, cell_data=_damage_shown(damage, order))
 
 
 def _damage_shown(damage: DamageAt | None, order: np.ndarray) -> dict[str, np.ndarray]:
-    """Of facets in the order of cells, without what is withheld."""
+    """Damage arrays in the order of cells, without withheld ones."""
     if damage is None:
         return {}
     names = {
@@ -224,7 +221,7 @@ def _damage_shown(damage: DamageAt | None, order: np.ndarray) -> dict[str, np.nd
 
 
 def moment_of(skin: Skin, record: RecordFilter, run: FilterRun, smoothed: Smoothed) -> SurfaceMoment:
-    """The surface when a channel reads most, by the offsets of the filter: the instant whose covariance `wanted_of` has kept."""
+    """Surface at the instant of the largest reading, whose covariance `wanted_of` has kept."""
     k, channel = largest(record, run.mean[-1, 0])
     then, test = (k + 1) * record.test.every, record.test
     state = _state(skin, record.model, smoothed, then)
@@ -241,15 +238,15 @@ def moment_of(skin: Skin, record: RecordFilter, run: FilterRun, smoothed: Smooth
 
 
 def largest_principal(strain: np.ndarray) -> np.ndarray:
-    """The principal strain of largest size with its sign: strain (p, 6), shears γ → (p,)."""
+    """Signed principal strain of largest magnitude (p,) from strain (p, 6) with engineering shears."""
     tensors = np.concatenate([strain[:, :3], 0.5 * strain[:, 3:]], axis=1)
     three = principal(tensors)
     return np.where(np.abs(three[:, 0]) >= np.abs(three[:, 2]), three[:, 0], three[:, 2])
 
 
 def largest(record: RecordFilter, last: np.ndarray) -> tuple[int, int]:
-    """Sample and channel of the largest reading: strains are looked at alone where there are any, else each channel beside its
-    noise. last (n,): the states at the end, offsets of channels among them."""
+    """Sample and channel of the largest reading, among strains if there are any, else relative to the noise; last (n,): final
+    states with channel offsets."""
     test, model = record.test, record.model
     offset = np.zeros(len(test.labels))
     offset[record.biased] = last[model.size :]
@@ -259,9 +256,9 @@ def largest(record: RecordFilter, last: np.ndarray) -> tuple[int, int]:
 
 
 def largest_reading(values: np.ndarray, offset: np.ndarray, scale: np.ndarray) -> tuple[int, int]:
-    """Sample and channel of the largest |reading − offset| over the scale of its channel, the first of equals.
+    """Sample and channel of the largest |reading − offset|/scale, the first of equals, (0, 0) without samples.
 
-    values (T, m), NaN where missing; offset, scale (m,). (0, 0) where there is no sample.
+    values (T, m), NaN if missing; offset, scale (m,).
     """
     size = np.abs(values - offset) / scale
     size = np.where(np.isfinite(size), size, -1.0)
@@ -272,7 +269,7 @@ def largest_reading(values: np.ndarray, offset: np.ndarray, scale: np.ndarray) -
 def resultants_of(
     loads: Mapping[str, LoadSection], inputs: Sequence[str], model: FilterModel, smoothed: Smoothed
 ) -> dict[str, Resultant]:
-    """ "0", "1", … → resultant of every place with more than one of the unknown loads, `inputs`.
+    """ "0", "1", … → resultant of every place with more than one unknown load of `inputs`.
 
     F = Σ dᵢ uᵢ over unit directions d;  σ of |F| to first order: e·D P Dᵀ·e with e = F/|F|.
     """
@@ -291,7 +288,7 @@ def resultants_of(
 
 
 def places_of(loads: Mapping[str, LoadSection], inputs: Sequence[str]) -> list[tuple[str, np.ndarray]]:
-    """Places with more than one of the unknown loads, and which of `inputs` these are (k,)."""
+    """Places with more than one unknown load, and their indices (k,) in `inputs`."""
     places: dict[str, list[int]] = {}
     for i, name in enumerate(inputs):
         load = loads[name]
@@ -301,8 +298,7 @@ def places_of(loads: Mapping[str, LoadSection], inputs: Sequence[str]) -> list[t
 
 
 def displaced(reduced: Reduced, record: RecordFilter) -> Displaced:
-    """By the coordinates of a filter, and by what misaligned loads add where it is a grid filter, which has z behind its
-    states."""
+    """Displacement basis of a record, for the parameter grid filter with the static residuals of misaligned loads."""
     basis, n = reduced.basis, reduced.basis.shape[1]
     if record.problem.method == "bank":
         basis = np.hstack([basis, field_beyond(record.tolerances.loads, record.model, reduced)])
@@ -310,39 +306,38 @@ def displaced(reduced: Reduced, record: RecordFilter) -> Displaced:
 
 
 def skin_in_test(structure: Structure, field: Displaced) -> tuple[Skin | None, tuple[str, ...]]:
-    """The surface, or None where nothing is solid or no stress known, with the reason.
+    """Surface, or None with the reason if it is not available.
 
-    Raises ConfigError where something of the surface is asked for and the mesh has no solids, DeckError
-    where they have no material.
+    Raises ConfigError if a result on the surface is configured and the mesh has no surface, DeckError if it has no material.
     """
     config, mesh, settings = structure.config, structure.mesh, structure.config.estimate
     assert settings is not None
-    asked = [f"estimate.{name}" for name in ("field", "damage") if getattr(settings, name) is not None]
+    keys = [f"estimate.{name}" for name in ("field", "damage") if getattr(settings, name) is not None]
     if not mesh.has_surface:
-        if asked:
+        if keys:
             raise ConfigError(
-                "the mesh has no solids, shells or sides of beams, and so no surface",
-                key=asked[0],
-                remedy="remove the key",
+                "the mesh has no surface, because it has no solids, shells or beams with a cross-section",
+                key=keys[0],
+                remedy="Remove the key.",
             )
         return None, ()
     try:
         return skin_of(mesh, field, parameters_of(config.parameters, mesh, structure.files, config.mesh)), ()
     except DeckError as error:
-        # A model that came as matrices needs no materials, but for this.
-        if asked:
+        # imported matrices need no materials otherwise
+        if keys:
             raise
-        return None, (f"no strain and stress of the surface: {error.what}",)
+        return None, (f"strain and stress of the surface are not available: {error.what}",)
 
 
 def wanted_of(
     config: PlacementConfig, record: RecordFilter, virtual: Virtual | None, run: FilterRun
 ) -> WantedCovariances:
-    """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
-    its pictures; run: of the filter."""
+    """Covariances needed from the smoother: of virtual gauges, of loads at one place, and of surface frames; run: of the
+    filter."""
     assert config.estimate is not None
-    beyond = len(record.considered.load) if record.problem.method == "bank" else 0  # z of a grid filter's smoother
-    states, field = len(record.covariance) + beyond, config.estimate.field
+    residuals = len(record.considered.load) if record.problem.method == "bank" else 0  # z
+    states, field = len(record.covariance) + residuals, config.estimate.field
     frames = np.zeros(0) if field is None else frames_of(field, run.time)
     most = (largest(record, run.mean[-1, 0])[0] + 1) * record.test.every
     together = [index for _, index in places_of(config.loads, record.problem.unknowns.inputs)]
@@ -354,17 +349,17 @@ def wanted_of(
 
 
 LEAST_STRAIN = 1e-6
-"""Strain that a unit load is made to reach, by thousands of its unit."""
+"""Smallest strain under a unit load; otherwise the load is multiplied by thousands."""
 MOST_LOAD = 10.0**9
-"""Of its unit: beyond it a load strains nothing."""
+"""Load, in its unit, from which it is considered to cause no strain."""
 
 
 @dataclass(frozen=True)
 class SurfaceStrain:
-    """Principal strain of largest size, with its sign, of every exterior facet at its middle (f,).
+    """Signed principal strain of largest magnitude at every exterior facet centre (f,).
 
-    load: the one that acts alone, "" : all of a training run; size [unit]: of that load; case: the load case of that run, "" as
-    stated; instant [s] of that run; free: of a structure that the load accelerates as a whole.
+    load: single load, "" for all of a training run; size [unit]: of that load; case: load case, "" for the configured loads;
+    instant [s]: of that run; free: whether the structure is free.
     """
 
     strain: np.ndarray
@@ -379,17 +374,16 @@ class SurfaceStrain:
 def surface_strains(
     mesh: Mesh, reduced: Reduced, training: Training, loads: Mapping[str, LoadSection], free: bool = False
 ) -> tuple[SurfaceStrain, ...]:
-    """ε = B Ψ q at the guess, of every load alone and of every training run at one instant; none where nothing is solid.
+    """Strain ε = B Ψ q at the guess under every single load and in every training run; empty without a surface.
 
-    A load alone: q = K⁻¹ S u at rest, u one of its unit, or as many thousands of it as reach 1 µm/m; of a `free` structure
-    (mesh.free) with the inertia of its rigid acceleration, of matrices that leave it loose none.
-    A run: its coordinates at the instant of its largest strain energy ½ qᵀKq.
+    Single load: q = K⁻¹ S u, u = 1 unit or a power of 1000 that reaches 1 µm/m, with inertia relief for a `free` structure.
+    Training run: at the instant of the largest strain energy ½ qᵀKq.
     """
     if not mesh.has_surface:
         return ()
     try:
         rows = facet_strain(mesh, exterior_facets(mesh)).matrix @ reduced.basis
-    except DeckError:  # elements whose own modes need a Poisson ratio, of a model that came as matrices
+    except DeckError:  # imported matrices without the Poisson ratio that incompatible modes need
         return ()
     model = reduced.model
     K = model.stiffness.at(model.reference)
@@ -412,7 +406,7 @@ def surface_strains(
 
 
 def _at_rest(K: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """q (inputs, r) under each load alone; none where K is singular."""
+    """Static response q (inputs, r) to each single load, empty if K is singular."""
     if np.linalg.cond(K) > 1 / np.finfo(float).eps:
         return np.empty((0, len(K)))
     return np.linalg.solve(K, shape).T

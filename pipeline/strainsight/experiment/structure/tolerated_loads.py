@@ -1,4 +1,4 @@
-"""How loads may act otherwise than the filter believes: their direction, point and gain, with σ from the tolerances."""
+"""Errors of direction, point and gain of the loads, with σ from the tolerances."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ from strainsight.sensors.candidates import ACCELERATION
 
 LOAD_GAIN = "load gain"
 BETWEEN = "load between samples"
-"""The interpolation error of a recorded load; in a filter of a test it is a known input of its own, without a shape."""
+"""Interpolation error of a recorded load; in a filter of a test it is a separate known input without a shape."""
 MISALIGNMENT = ("load direction", "load direction", "load point", "load point")
-"""What the misalignments of a load are, in a budget."""
+"""Names of the load misalignments in a budget."""
 
 
 @dataclass(frozen=True)
 class ToleratedLoads:
-    """σ times the derivatives with respect to how the loads of a model act: source (f,); load (f,) its column; shape (f, n) of
-    the input shape [1/√kg]; missed (f, k) static readings of k channels per N, beyond what the coordinates hold; std (f,) σ [rad]
-    or [m] and way (f,) the misalignment of the load, of a gain 0 and 0."""
+    """σ times the derivatives with respect to load errors.
+
+    source (f,): name in the budget; load (f,): column; std (f,) [rad] or [m] and way (f,): of the misalignment, 0 for a gain;
+    shape (f, n): change of the input shape [1/√kg]; missed (f, k): static readings of k channels per N outside the reduced basis.
+    """
 
     source: tuple[str, ...]
     load: np.ndarray
@@ -37,7 +39,7 @@ class ToleratedLoads:
 def tolerated_loads(
     tolerances: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray
 ) -> ToleratedLoads:
-    """Of all loads, as if every one were known; those that change nothing are left out. missed (k, n_u, misalignments)."""
+    """Errors of all loads, taken as known; errors without effect are omitted. missed (k, n_u, misalignments)."""
     model, off = reduced.model, reduced.misaligned.shape
     std = np.repeat([np.deg2rad(tolerances.load_angle), tolerances.load_position], 2)
     errors: list[tuple[str, int, float, int, np.ndarray, np.ndarray]] = []
@@ -63,12 +65,12 @@ def tolerated_loads(
 
 
 def interpolation_error(name: str) -> str:
-    """The input of a filter that is the interpolation error of a known load."""
+    """Name of the filter input for the interpolation error of a known load."""
     return f"{name}, {BETWEEN}"
 
 
 def with_interpolation_errors(model: FilterModel) -> FilterModel:
-    """With an input more behind the known loads for each, on which no motion and no reading depends but by a constant ν."""
+    """Append an interpolation-error input for every known load; it has no shape and acts through a constant ν only."""
     plain, errors = model.model, tuple(interpolation_error(name) for name in model.known_inputs)
 
     def wider(shape: np.ndarray) -> np.ndarray:
@@ -84,7 +86,7 @@ def with_interpolation_errors(model: FilterModel) -> FilterModel:
 
 
 def inputs_changed(loads: ToleratedLoads, model: FilterModel) -> np.ndarray:
-    """The input (f,) of a filter that each of them changes, −1 where it has none."""
+    """Filter input (f,) that each error changes, −1 without one."""
     named, known = model.model.inputs, set(model.known_inputs)
     used = known | set(model.unknowns.inputs)
 
@@ -97,12 +99,12 @@ def inputs_changed(loads: ToleratedLoads, model: FilterModel) -> np.ndarray:
 
 
 def acting(loads: ToleratedLoads, model: FilterModel) -> np.ndarray:
-    """Which of them (f′,) a filter has: only a known load has a gain, only a recorded one an interpolation error."""
+    """Errors (f′,) that apply to a filter: a gain for known loads, an interpolation error for recorded loads."""
     return np.flatnonzero(inputs_changed(loads, model) >= 0)
 
 
 def field_beyond(loads: ToleratedLoads, model: FilterModel, reduced: Reduced) -> np.ndarray:
-    """σ times the static displacement of all nodes (3 nodes, f′) per N beyond the coordinates, of those that a filter has."""
+    """σ times the static displacement of all nodes (3 nodes, f′) per N outside the reduced basis, for the errors of a filter."""
     which = acting(loads, model)
     return np.asarray(loads.std[which] * reduced.misaligned.missed[:, loads.load[which], loads.way[which]])
 
@@ -110,8 +112,10 @@ def field_beyond(loads: ToleratedLoads, model: FilterModel, reduced: Reduced) ->
 def of_loads(
     loads: ToleratedLoads, model: FilterModel, at: np.ndarray, moving: np.ndarray
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """Source, D (m, states), E (m, n_known) and change of the input shape (n, n_u), load by load; at (m,): rows of `missed`;
-    moving (m,): which channels are accelerometers. Static readings at the guess."""
+    """Yield source, D (m, states), E (m, n_known) and change of the input shape (n, n_u) of each error, at the guess.
+
+    at (m,): rows of `missed`; moving (m,): whether a channel is an accelerometer.
+    """
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
     for each, i in enumerate(inputs_changed(loads, model).tolist()):
         if i < 0:
@@ -126,5 +130,5 @@ def of_loads(
 
 
 def stacked(parts: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    """(k, *shape) of k parts, also of none."""
+    """Stack k parts to (k, *shape), also for k = 0."""
     return np.stack(parts) if parts else np.zeros((0, *shape))

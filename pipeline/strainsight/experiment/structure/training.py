@@ -1,4 +1,4 @@
-"""The training run: the reduced model under its loads, read by every candidate (5.2)."""
+"""Training run: simulate the reduced model under its loads and read every candidate (5.2)."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ from strainsight.sensors.walk import skin_of
 class TrainingRun:
     """One training run.
 
-    name of its load case, "" of the loads as stated; key of the config that it stands under; weight [-] of the case; duration,
-    time_step [s]; settle: how the motion begins; signals by load; silent: the loads that do not act.
+    name: of its load case, "" for the configured loads; key: config section; weight [-]: of the case; duration, time_step [s];
+    settle: start of the motion; signals: by load; silent: loads that do not act.
     """
 
     name: str
@@ -60,19 +60,19 @@ class TrainingRun:
     silent: frozenset[str]
 
     def loading(self) -> Loading:
-        """The loads from t = 0 on, and before."""
+        """Loads from t = 0, and before for settling."""
         steps = round(self.duration / self.time_step)
         with blame(self.key):
             return loading_of(self.settle, list(self.signals.values()), self.time_step, steps)
 
 
 def run_as_stated(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> TrainingRun:
-    """The run under the loads as stated; inputs: of the model, in its order, which may not be that of the config."""
+    """Run under the configured loads; inputs: in the order of the model."""
     return _run(config, "", TrainingCase.model_validate({}), inputs, files)
 
 
 def runs_of(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> tuple[TrainingRun, ...]:
-    """The runs that a layout is placed for: those of the load cases in the order of their names, else the one as stated."""
+    """Runs for a placement: load cases sorted by name, else the run under the configured loads."""
     cases = config.place.load_cases or {}
     return tuple(_run(config, name, cases[name], inputs, files) for name in sorted(cases)) or (
         run_as_stated(config, inputs, files),
@@ -109,8 +109,8 @@ def _run(
 def typical_of(
     config: PlacementConfig, run: TrainingRun, names: Sequence[str], files: Mapping[str, Path]
 ) -> dict[str, tuple[float, float]]:
-    """Frequency [Hz] and amplitude of some unknown loads in a run: as its case states them, else as process_noise of the load or
-    the signal have them. A silent load has those that it has as stated: its filter does not know that it is silent."""
+    """Frequency [Hz] and amplitude of unknown loads in a run, from its load case, process_noise or the signal; an inactive load
+    keeps the configured values, as its filter does not assume that it is inactive."""
     stated = config.place.load_cases[run.name].loads if run.name and config.place.load_cases else {}
     typical = {}
     for name in names:
@@ -126,34 +126,33 @@ def typical_of(
             raise ConfigError(
                 f"load '{name}' is zero throughout this case",
                 key=f"{run.key}.loads.{name}",
-                remedy=f"state {name}: none",
+                remedy=f"Set {name}: none.",
             )
         typical[name] = frequency, amplitude
     return typical
 
 
 AT_A_TIME = 1000
-"""Arms of bridges whose readings in time are held in memory."""
+"""Bridge arms whose readings in time are in memory at a time."""
 LEAST_PERIODS = 1e-3
-"""Periods of the last mode in a training run. In fewer the stiffness adds less than (2π 1e-3)²/2, a fifty-thousandth, to
-what the mass does, in every mode: no gauge tells a modulus, and the Riccati equation of 4e-5 periods is beyond double
-precision."""
+"""Fewest periods of the last mode in a training run. In shorter runs stiffness has no visible effect, and the Riccati equation
+exceeds double precision at 4e-5 periods."""
 MOST_PERIODS = 1e6
-"""Periods of the first mode in a time step: the motion is the static one to all digits."""
+"""Most periods of the first mode in a time step; beyond, the motion is static to all digits."""
 READINGS = (1e-50, 1e50)
-"""Largest reading of a training run [strain, m/s², m]: its fourth power, which covariances need, is a number."""
+"""Range of the largest reading of a training run [strain, m/s², m], so that its fourth power is finite."""
 MOST_DAMPED = 1e4
-"""Damping ratio of the mode that is damped least."""
+"""Largest damping ratio of the least damped mode."""
 SIGNAL_TO_NOISE = (1e-4, 1e9)
-"""RMS reading over σ of the best sensor. Below it nothing is learnt; above it rounding of the model is louder than σ, and
-the Riccati equation is beyond double precision from 1e11 on."""
+"""Range of RMS reading/σ of the best sensor: below there is no information, above rounding errors exceed σ, and from 1e11 the
+Riccati equation exceeds double precision."""
 
 
 def trained(
     config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resources
 ) -> tuple[Training, OnSurface | None]:
-    """Simulate the reduced model at the guess, under the loads as stated and in every load case, and read every candidate; the
-    candidates on the surface, None where their strain rows are given."""
+    """Simulate the configured loads and every load case at the guess, and read every candidate; also returns the candidates on
+    the surface, None for an imported strain operator."""
     model = reduced.model
     of_cases = [run for run in runs_of(config, model.inputs, using.files) if run.name]
     stated, *cases = (_moved(run, reduced) for run in (run_as_stated(config, model.inputs, using.files), *of_cases))
@@ -162,7 +161,7 @@ def trained(
     surface, given_rows, change, free = None, None, NO_CHANGE, free_thicknesses(config, mesh, model.reference)
     names: tuple[str, ...] = ()
     if config.gauges.given is None:
-        with np.errstate(over="ignore", invalid="ignore"):  # readings beyond all bounds are refused below
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite readings are refused below
             moments = [moved.x[:, :n].T @ moved.x[:, :n] / len(moved.x) for moved in cases or [stated]]
         surface = candidates_on_surface(mesh, config, using.files, reduced.basis, np.mean(moments, axis=0))
         pool, names = surface.candidates, surface.names
@@ -176,7 +175,7 @@ def trained(
     else:
         pool, given_rows = _given(config, mesh, using)
         names = tuple(str(number) for number in pool.element)
-        assert reduced.matrices is not None  # the config asks for matrices beside given gauges
+        assert reduced.matrices is not None  # required by the config with imported gauges
         both = given_rows @ with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
     motions = {}
@@ -211,7 +210,7 @@ def trained(
 
 @dataclass(frozen=True)
 class _Moved:
-    """A run with its motion x (steps + 1, 2n) and loads u (steps + 1, n_u) [N] at its instants."""
+    """A run with motion x (steps + 1, 2n) and loads u (steps + 1, n_u) [N]."""
 
     run: TrainingRun
     x: np.ndarray
@@ -237,7 +236,7 @@ def _read(moved: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -
 def _arm_peak(
     mesh: Mesh, training: Training, runs: Sequence[_Moved], basis: np.ndarray, thickness: Thickness | None
 ) -> np.ndarray:
-    """The largest reading of any grid of every channel (m,); of arms of bridges by rows of their own."""
+    """Largest reading of any grid of every channel (m,), for bridges of any arm."""
     pool, n = training.candidates, basis.shape[1]
     peak, grids, channel = training.peak.copy(), pool.grids, pool.channel_of_grid
     peak[pool.bridged] = 0.0
@@ -250,11 +249,13 @@ def _arm_peak(
 
 
 def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candidates, sparse.csr_array]:
-    """Gauges by their strain rows, without those in excluded zones."""
+    """Imported gauges and strain operator, without gauges in excluded zones."""
     gauges = config.gauges
     if gauges.surface != "all":
         raise ConfigError(
-            "given gauges lie on no surface of the mesh", key="gauges.surface", remedy="remove the key, or gauges.given"
+            "imported gauges do not use a surface of the mesh",
+            key="gauges.surface",
+            remedy="Remove this key or gauges.given.",
         )
     _, components = read_numbering(using.files["mesh.matrices.numbering"])
     with blame("gauges.given"):
@@ -271,77 +272,73 @@ def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candi
 
 
 def hertz(frequency: float, decimals: int) -> str:
-    """A frequency [Hz] with so many decimals, or four digits where decimals would be none or too many."""
+    """Format a frequency [Hz] with fixed decimals, or with four digits if it is very small or large."""
     return f"{frequency:.{decimals}f}" if 1 <= frequency < 1e6 else f"{frequency:.4g}"
 
 
 def refuse_damping(damping: Damping, frequency: np.ndarray) -> None:
-    """Raise InfeasibleError where every mode is damped MOST_DAMPED times as much as one that just does not swing.
-
-    frequency (modes,) [Hz].
-    """
+    """Raises InfeasibleError if every mode has a damping ratio above MOST_DAMPED; frequency (modes,) [Hz]."""
     omega = 2 * np.pi * frequency
     ratio = damping.viscous(omega**2)[0] / (2 * omega)
     if ratio.min() > MOST_DAMPED:
         least = int(np.argmin(ratio))
         raise InfeasibleError(
-            f"a damping ratio of {ratio[least]:.2g} at {frequency[least]:.4g} Hz, and no mode has less: nothing would move",
+            f"the smallest damping ratio of all modes is {ratio[least]:.2g}, at {frequency[least]:.4g} Hz (1 is critical)",
             key="damping",
-            remedy="a ratio of 1 is critical, ζ = (α/ω + βω)/2 with ω = 2πf: check alpha [1/s] and beta [s]",
+            remedy="Check alpha [1/s] and beta [s]: ζ = (α/ω + βω)/2 with ω = 2πf.",
         )
 
 
 def refuse_times(frequency: np.ndarray, duration: float, step: float, section: str = "train") -> None:
-    """Raise InfeasibleError where a training run is over before any mode swings, or all swing a million times in a step.
+    """Raises InfeasibleError if a training run is too short or its time step too long for all modes.
 
-    frequency (modes,) [Hz], ascending; duration, step [s] of the config's `section`.
+    frequency (modes,) [Hz], ascending; duration, step [s]: of the config `section`.
     """
     first, last = float(frequency[0]), float(frequency[-1])
-    units = "check mesh.length_unit, mesh.mass_unit, modulus and density"
+    units = "Check mesh.length_unit, mesh.mass_unit, modulus and density"
     if last * duration < LEAST_PERIODS:
         raise InfeasibleError(
-            f"{duration:g} s are {last * duration:.2g} periods of the last mode, {last:.4g} Hz: the structure's stiffness "
-            "is not felt in so short a run",
+            f"{duration:g} s are only {last * duration:.2g} periods of the last mode ({last:.4g} Hz), too short for an effect of "
+            "the stiffness",
             key=f"{section}.duration",
-            remedy=f"take at least {at_least(LEAST_PERIODS / last)} s, better a few periods of the first; or {units}",
+            remedy=f"{units}, or set at least {at_least(LEAST_PERIODS / last)} s, better a few periods of the first mode.",
         )
     if first * step > MOST_PERIODS:
         raise InfeasibleError(
-            f"{step:g} s are {first * step:.2g} periods of the first mode, {first:.4g} Hz: only the static response is left",
+            f"{step:g} s are {first * step:.2g} periods of the first mode ({first:.4g} Hz), so the response is static",
             key=f"{section}.time_step",
-            remedy=f"take at most {at_most(MOST_PERIODS / first)} s; or {units}",
+            remedy=f"{units}, or set at most {at_most(MOST_PERIODS / first)} s.",
         )
 
 
 def refuse_readings(readings: np.ndarray) -> None:
-    """Raise InfeasibleError where the largest readings (channels,) [strain, m/s², m] are too large or small to square twice."""
+    """Raises InfeasibleError if the largest of readings (channels,) [strain, m/s², m] is outside READINGS."""
     largest, (low, high) = float(np.abs(readings).max(initial=0.0)), READINGS
     if largest == 0 or low <= largest <= high:
         return
-    much = "more" if not largest <= high else "less"
-    limit = high if much == "more" else low
+    side, limit = ("above", high) if not largest <= high else ("below", low)
     raise InfeasibleError(
-        f"the largest reading of the training run is {largest:.2g} (strain, m/s² or m), {much} than {limit:g}",
+        f"the largest reading of the training run is {largest:.2g} (strain, m/s² or m), {side} the limit of {limit:g}",
         key="loads",
-        remedy="check the amplitude of the loads [N] and the modulus [Pa]",
+        remedy="Check the amplitude of the loads [N] and the modulus [Pa].",
     )
 
 
 def refuse_noise(best: Mapping[str, tuple[float, float]]) -> None:
-    """Raise InfeasibleError where all sensors drown in their noise, or some have next to none.
+    """Raises InfeasibleError if the noise exceeds all readings, or is negligibly small.
 
-    best: config key of a kind of sensors → its largest RMS reading and the σ of its noise [strain, m/s², m].
+    best: config key of a kind of sensors → its largest RMS reading and σ of its noise [strain, m/s², m].
     """
     low, high = SIGNAL_TO_NOISE
     key, (signal, noise) = max(best.items(), key=lambda item: item[1][0] / item[1][1] if item[1][1] else np.inf)
     if signal > high * noise:
-        of, why, limit = "of", "the model itself is rounded to more", f"at least {at_least(signal / high)}"
+        why, limit = "below the rounding error of the model", f"at least {at_least(signal / high)}"
     elif 0 < signal < low * noise:
-        of, why, limit = "times", "nothing can be learnt", f"at most {at_most(signal / low)}"
+        why, limit = "too large for any estimate", f"at most {at_most(signal / low)}"
     else:
         return
     raise InfeasibleError(
-        f"a noise of {noise:.3g} is {noise / signal:.1g} {of} the largest RMS reading, {signal:.3g}: {why}",
+        f"the noise of {noise:.3g} is {noise / signal:.1g} times the largest RMS reading ({signal:.3g}), {why}",
         key=f"{key}.noise_std",
-        remedy=f"take {limit}; it is a strain (1 µm/m is 1e-6), m/s² or m",
+        remedy=f"Set {limit}, in the unit of the reading: strain (1 µm/m is 1e-6), m/s² or m.",
     )

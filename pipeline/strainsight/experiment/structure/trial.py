@@ -1,4 +1,4 @@
-"""A validation set up: the truth and its motion, and what the filter is given."""
+"""Set-up of a validation: simulated truth, its motion, and the data of the filter."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from strainsight.loads.histories import instant_values
 
 @dataclass(frozen=True)
 class TrialRuns:
-    """run: B runs of a filter; grid_runs: what each run's grid filter found, none of another filter, None for one that failed."""
+    """run: B filter runs; grid_runs: their grid filter results, empty for other filters, None for a failed run."""
 
     run: FilterRun
     grid_runs: tuple[GridRun | None, ...]
@@ -37,13 +37,13 @@ class TrialRuns:
 
 @dataclass(frozen=True)
 class Trial:
-    """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N], loads that the filter is given;
-    truth and its motion; history: unknown's name → (T + 1,) [SI]; gauges: numbers of those of the layout, chosen (k,) their
-    channels, stopped: how many of them a sharp edge has kept from being misplaced as far as stated; covariance P₀ (n*, n*);
-    settled: how the motion of a grid filter begins where that is known;
-    units: unknown's name → unit; tolerated: what σ allows of the channels that are filtered;
-    again: number of a realisation → what the layout reads without noise (T + 1, k) where the truth is drawn anew, None where
-    nothing is drawn."""
+    """A validation.
+
+    h [s], time (T + 1,) [s]; known (T, HOLD, n_known) [N]: known loads; truth, motion: simulated; history: unknown →
+    (T + 1,) [SI]; gauges: numbers of the layout, chosen (k,): their channels; stopped: number of gauges whose position error was
+    limited by a sharp edge; covariance P₀ (n*, n*); settled: initial motion if known; units: by unknown; tolerated: tolerances of
+    the channels; again: realisation → readings without noise (T + 1, k) of a resampled truth, None without sampling.
+    """
 
     problem: Problem
     h: float
@@ -63,28 +63,28 @@ class Trial:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The unknowns."""
+        """Names of the unknowns."""
         return self.problem.unknowns.names
 
     def constant_from(self, instants: int) -> int:
-        """The instant from which a parameter's estimate is averaged: the last, as all samples are in that of a constant."""
+        """First instant of the average of a parameter estimate: the last instant for a constant parameter."""
         return instants // 2 if self.problem.drifting else instants - 1
 
     def scale(self, name: str) -> tuple[float, bool]:
-        """What errors of an unknown are relative to [SI]: the true value of a parameter, a load's own RMS, or its amplitude
-        where it is zero throughout; and whether it is."""
+        """Scale of errors of an unknown [SI]: true parameter, RMS of a load, or its amplitude if it is zero; and whether it is
+        zero."""
         if name in self.problem.unknowns.parameters:
             return self.truth.theta[name], False
         return load_scale(self.history[name], self.problem.unknowns.amplitude[name])
 
     def reading(self, channels: np.ndarray) -> np.ndarray:
-        """What channels (...) read without noise (T + 1, ...) [unit of the channel], NaN where there is none (−1)."""
+        """Readings (T + 1, ...) of channels (...) without noise [unit of the channel], NaN for channel −1."""
         needed, place = np.unique(channels, return_inverse=True)
         read = self.motion(needed)[:, place.reshape(channels.shape)]
         return np.where(channels >= 0, read, np.nan)
 
     def measured(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """What the layout reads with noise, and without (T, k)."""
+        """Readings of the layout with noise, and without (T, k)."""
         true = self.reading(self.chosen)[1:]
         return true + sample_noise(seed, 0, *true.shape) * sample_std(self.problem, self.chosen, self.h), true
 
@@ -97,10 +97,10 @@ class Trial:
         keep: Keep = "mean",
         refuse: bool = True,
     ) -> TrialRuns:
-        """The filter of the config on measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none.
+        """Run the configured filter on measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none.
 
-        start (B, n*) of x* at t = 0, None: zero; keep: whether what a smoother needs is kept; with "mean" a grid filter under
-        known loads has its parameters alone; refuse: raise NumericalError where every run fails, and not mark them lost."""
+        start (B, n*): x* at t = 0, None: zero; keep: data kept for a smoother; with "mean" and known loads the grid filter keeps
+        parameters only; refuse: raise NumericalError if every run fails, instead of marking them as diverged."""
         P, mean = self.covariance, np.zeros(model.size) if start is None else start
         if self.problem.method != "bank":
             run = by_moments(self.problem, model, mean, P, self.known, measured, keep, refuse=refuse)
@@ -125,11 +125,11 @@ class Trial:
         return TrialRuns(together(model, grid_runs, sets, len(self.known)), tuple(grid_runs))
 
     def smoothed(self, model: FilterModel, measured: np.ndarray, filtered: TrialRuns) -> Smoothed:
-        """What all samples (T, k) of the layout's channels say of every instant, from a start at zero."""
+        """Smooth all samples (T, k) of the layout's channels, from a start at zero."""
         if self.problem.method != "bank":
             return smooth(model, filtered.run)
         grid_run = filtered.grid_runs[0]
-        assert grid_run is not None  # a grid filter that fails alone is refused
+        assert grid_run is not None  # a single failed run raises
         model, considered = self._with_tolerances(model, self.chosen)
         samples = self.covariance, self.known, measured, considered
         return smooth_on_grid(GridRecord(model, np.zeros(model.size), *samples, settled=self.settled), grid_run)
@@ -140,7 +140,7 @@ class Trial:
 
 
 def _of_run(model: FilterModel, b: int) -> FilterModel:
-    """The model of one run."""
+    """Model of run b."""
     if model.H.ndim != 3:
         return model
     r, quantity = model.r, model.quantity
@@ -154,18 +154,20 @@ def _of_run(model: FilterModel, b: int) -> FilterModel:
 
 
 def without_truth(trial: Trial) -> Trial:
-    """What a filter needs, and its errors: a truth may hold the whole model, which is not sent to other processes."""
-    return replace(trial, truth=replace(trial.truth, motion=_gone, again=None, field=None), motion=_gone, again=None)
+    """Remove the simulated truth, which may contain the full model, before sending a trial to other processes."""
+    return replace(
+        trial, truth=replace(trial.truth, motion=_removed, again=None, field=None), motion=_removed, again=None
+    )
 
 
-def _gone(_of: object) -> NoReturn:
-    raise AssertionError("the truth stays in the process that simulated it")
+def _removed(_argument: object) -> NoReturn:
+    raise AssertionError("the truth is available only in the process that simulated it")
 
 
 def trial_of(
     config: PlacementConfig, problem: Problem, truth: SimulatedTruth, tolerated: Tolerated, gauges: np.ndarray
 ) -> Trial:
-    """Simulate the truth at the time step of `validate`; gauges (k,): numbers of the layout's gauges."""
+    """Simulate the truth at the time step of `validate`; gauges (k,): numbers of the layout."""
     settings, channels = config.validation, problem.channels.of(gauges)
     P = initial_covariance(problem, settings.initial_std, problem.loading.moving)
     chosen = channels[channels >= 0]
@@ -184,14 +186,14 @@ def trial_of(
 
 
 def at_step(trial: Trial, h: float, duration: float) -> Trial:
-    """The same trial with the truth simulated, and sampled, at another time step [s]."""
+    """Repeat a trial with the truth simulated and sampled at another time step [s]."""
     return replace(trial, **_in_time(trial.problem, trial.truth, trial.gauges, len(trial.chosen), h, duration))
 
 
 def _in_time(
     problem: Problem, truth: SimulatedTruth, gauges: np.ndarray, count: int, h: float, duration: float
 ) -> dict[str, Any]:
-    """Fields of a trial that its time step decides; count: channels of the gauges."""
+    """Fields of a trial that depend on its time step; count: channels of the gauges."""
     unknowns, steps = problem.unknowns, round(duration / h)
     loading = loading_of(problem.run.settle, list(problem.run.signals.values()), h, steps)
     load = instant_values(loading.held)
@@ -213,27 +215,26 @@ def _again(
 ) -> Callable[[int], np.ndarray] | None:
     if truth.again is None:
         return None
-    drawn = truth.again
+    resample = truth.again
 
     def reading(realisation: int) -> np.ndarray:
-        return drawn(realisation, gauges).motion(loading)(np.arange(count))
+        return resample(realisation, gauges).motion(loading)(np.arange(count))
 
     return reading
 
 
 def sample_noise(seed: int, realisation: int, samples: int, gauges: int) -> np.ndarray:
-    """Unit white noise (samples, gauges); realisation 0 is that of the layout's own measurement."""
+    """Unit white noise (samples, gauges); realisation 0 is used for the layout."""
     return np.random.default_rng([seed, realisation]).standard_normal((samples, gauges))
 
 
 def real_and_claimed(
     trial: Trial, model: FilterModel, mean: np.ndarray, std: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Real and claimed error of every unknown for each run: two mappings name → (B,), relative.
+    """Real and claimed relative error of every unknown: two mappings name → (B,).
 
-    A parameter: |estimate at the end − truth| and σ there; of a filter that lets it drift, their means over the last half.
-    An input: RMS error and RMS σ after the first tenth. All over the unknown's own `Trial.scale`.
-    mean, std (T + 1, B, n*) of x*.
+    Parameter: |estimate − truth| and σ at the end, for drifting parameters their means over the last half. Load: RMS error and
+    RMS σ after the first tenth. All relative to `Trial.scale`. mean, std (T + 1, B, n*): of x*.
     """
     values = physical(model, mean, std)
     real, claimed = {}, {}
@@ -249,12 +250,12 @@ def real_and_claimed(
 
 
 def scaled_error(trial: Trial, mean: np.ndarray) -> np.ndarray:
-    """Error of the unknowns in the states of x*, ũ and p = log(θ/guess): mean (T + 1, B, n*) → (T + 1, B, unknowns)."""
+    """Error (T + 1, B, unknowns) of the unknowns in the states ũ and p = log(θ/guess) of x*; mean (T + 1, B, n*)."""
     return mean[:, :, trial.problem.unknowns.position(trial.problem.model)] - scaled_truth(trial)[:, None]
 
 
 def scaled_truth(trial: Trial) -> np.ndarray:
-    """The unknowns as they are (T + 1, unknowns), in the states of x*."""
+    """True unknowns (T + 1, unknowns) in the states of x*."""
     unknowns = trial.problem.unknowns
     true = [trial.history[name] / unknowns.amplitude[name] for name in unknowns.inputs]
     true += [np.log(trial.history[name] / unknowns.guess[name]) for name in unknowns.parameters]

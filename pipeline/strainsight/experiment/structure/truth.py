@@ -1,5 +1,5 @@
-"""What really happens in a validation: a model that is not the filter's, with errors of installation, loads, damping and
-stiffness that are sampled from the tolerances; its motion, and what its gauges read.
+"""Simulated truth of a validation: a model other than the filter's, with errors of installation, loads, damping and stiffness
+sampled from the tolerances; its motion and gauge readings.
 """
 
 from __future__ import annotations
@@ -36,15 +36,14 @@ from strainsight.sensors.installation import Installation, drawn_installation, i
 from strainsight.sensors.rows import channel_matrix, channel_rows
 
 INSTALLATION, MODEL, LOADS = 1, 2, 3
-"""Streams of the random numbers of gauges, of the model and of loads, apart from those of the noise."""
+"""Streams of random numbers of gauges, model and loads, independent of the noise."""
 BY_MODE = 0.5
-"""σ of the natural frequency of one mode beside the others, over that of all alike."""
+"""σ of the frequency error of a single mode, relative to that common to all modes."""
 
 
 @dataclass(frozen=True)
 class LoadError:
-    """How a load really acts: turn (2,) [rad] about and shift (2,) [m] along two axes across it; factor [-] on the force that is
-    known of it."""
+    """Errors of a load: turn (2,) [rad] about and shift (2,) [m] along two transverse axes; factor [-] on the known force."""
 
     turn: np.ndarray
     shift: np.ndarray
@@ -52,9 +51,9 @@ class LoadError:
 
 
 def installation_of(config: PlacementConfig, pool: Candidates, realisation: int) -> Installation:
-    """Draw number `realisation` of the config's seed, 0 that of the layout's own measurement.
+    """Sample installation errors, number `realisation` of the config's seed (0 for the layout).
 
-    A place or direction that `validate.truth` states has that size, in a direction that is drawn once for all realisations.
+    A position or angle error set by `validate.truth` has this size, in a direction sampled once for all realisations.
     """
     stated = config.validation.truth
     rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
@@ -73,7 +72,7 @@ def installation_of(config: PlacementConfig, pool: Candidates, realisation: int)
 
 
 def load_error_of(config: PlacementConfig, name: str, known: bool, realisation: int) -> LoadError:
-    """Of one load, which the others do not change: its name has a stream of its own. Only a known load has a gain."""
+    """Sample the errors of one load, independent of other loads by a stream per name. Only known loads have a gain error."""
     tolerances = tolerances_of(config.tolerances)
     rng = np.random.default_rng([config.seed, realisation, LOADS, crc32(name.encode())])
     turn, shift, gain = rng.standard_normal(2), rng.standard_normal(2), rng.standard_normal()
@@ -89,17 +88,16 @@ def _some_known(config: PlacementConfig) -> bool:
 
 
 def misaligned_loads(config: PlacementConfig) -> bool:
-    """Whether their direction or point is not exact."""
+    """Whether loads have direction or point errors."""
     tolerances = tolerances_of(config.tolerances)
     return tolerances.load_angle > 0 or tolerances.load_position > 0
 
 
 def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> ReducedModel:
-    """The model with drawn damping, ζᵢ = ζ exp(sᵢ ln f) with a normal sᵢ for every mode, drawn natural frequencies,
-    ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by the mass of every mode, and one drawn scale of the stiffness, K exp(s σ).
+    """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, and stiffness K exp(s σ).
 
-    A `damping_factor` that `validate.truth` states holds for every mode and realisation. The stiffness keeps its scale where a
-    modulus is estimated.
+    s, sᵢ: standard normal, sᵢ per mode. `damping_factor` of `validate.truth` replaces sampled damping. The stiffness is unchanged
+    if a modulus is estimated.
     """
     tolerances, stated = tolerances_of(config.tolerances), config.validation.truth.damping_factor
     rng = np.random.default_rng([config.seed, realisation, MODEL])
@@ -111,7 +109,7 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
     elif tolerances.damping > 1:
         model = replace(model, damping=model.damping.scaled(factors.tolist()))
     if tolerances.frequency > 0:
-        # the coordinates are the modes
+        # coordinates are modal
         same = first_of_equal(modal_basis(model, model.reference)[0])
         f = np.exp(tolerances.frequency * (common + BY_MODE * by_mode[same]))
         model = replace(model, mass=model.mass.of_all(lambda X: X / np.outer(f, f)))
@@ -121,53 +119,53 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
 
 
 def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
-    """What is drawn with which σ; by_rows: whether the gauges are given by their strain rows, which cannot be moved or turned."""
+    """Sampled errors with σ, in words; by_rows: whether gauges are imported as a strain operator, which cannot be moved."""
     tolerances, stated, moved = tolerances_of(config.tolerances), config.validation.truth, not by_rows
-    damped = [f"ln ζ of every mode ln {tolerances.damping:g}"] * (
+    damped = [f"damping of every mode factor {tolerances.damping:g}"] * (
         tolerances.damping > 1 and stated.damping_factor is None
     )
     sources = (
         ("frequency", 100, "natural frequencies {:g} %", True),
         ("model", 100, "stiffness {:g} %", not modulus_estimated(config)),
-        ("position", 1e3, "place {:g} mm each way", moved and stated.gauge_offset is None),
-        ("angle", 1, "direction {:g}°", moved and stated.gauge_rotation is None),
+        ("position", 1e3, "position {:g} mm per axis", moved and stated.gauge_offset is None),
+        ("angle", 1, "angle {:g}°", moved and stated.gauge_rotation is None),
         ("gain", 100, "gain {:g} %", True),
         ("transverse", 100, "transverse sensitivity {:g} %", moved),
         ("offset", 1e6, "offset {:g} µm/m", True),
         ("drift", 1e6, "drift {:g} µm/m", True),
         ("temperature", 1, "temperature {:g} K", any(installation_std(tolerances).warmed)),
-        ("load_angle", 1, "direction of loads {:g}°", True),
-        ("load_position", 1e3, "point of loads {:g} mm", True),
-        ("load_gain", 100, "gain of known loads {:g} %", _some_known(config)),
+        ("load_angle", 1, "load direction {:g}°", True),
+        ("load_position", 1e3, "load point {:g} mm", True),
+        ("load_gain", 100, "known-load gain {:g} %", _some_known(config)),
     )
     sizes = ((factor * getattr(tolerances, key), words, applies) for key, factor, words, applies in sources)
     return damped + [words.format(size) for size, words, applies in sizes if size > 0 and applies]
 
 
 def varies(config: PlacementConfig) -> bool:
-    """Whether one realisation differs from another."""
+    """Whether realisations differ."""
     return bool(_sources(config, by_rows=False))
 
 
 def in_words(config: PlacementConfig, by_rows: bool) -> str:
-    """What is off, for people; by_rows: as of `_sources`. Begins with a comma."""
+    """Describe the errors of the truth, beginning with a comma; by_rows: see `_sources`."""
     stated, fixed = config.validation.truth, []
     if stated.damping_factor is not None:
         fixed.append(f"damping × {stated.damping_factor:g}")
     if by_rows:
-        fixed.append("gauges exactly in place, because given strain rows cannot be moved or turned")
+        fixed.append("gauges in their exact positions, because an imported strain operator cannot be moved")
     elif stated.gauge_offset is not None or stated.gauge_rotation is not None:
         sizes = ((stated.gauge_offset, 1e3, " mm"), (stated.gauge_rotation, 1.0, "°"))
         parts = (f"{factor * size:g}{unit}" for size, factor, unit in sizes if size is not None)
-        fixed.append(f"gauges off by {' and '.join(parts)}")
-    drawn = _sources(config, by_rows)
-    words = fixed + ([f"drawn with σ: {', '.join(drawn)}"] if drawn else [])
+        fixed.append(f"gauges misplaced by {' and '.join(parts)}")
+    sources = _sources(config, by_rows)
+    words = fixed + ([f"errors sampled with σ: {', '.join(sources)}"] if sources else [])
     return "".join(f", {text}" for text in words)
 
 
 def modulus_estimated(config: PlacementConfig) -> bool:
-    """Whether some modulus or factor of the stiffness is among the unknowns, so that one scale of the stiffness is; a factor of
-    springs, or of the section of beams, is none, and no thickness."""
+    """Whether a modulus or stiffness factor of the material is estimated; factors of springs or sections and thicknesses do not
+    count."""
     named = [config.parameters[name] for name in config.place.estimate if name in config.parameters]
     of_whole = [
         parameter
@@ -178,13 +176,16 @@ def modulus_estimated(config: PlacementConfig) -> bool:
 
 
 SimulatedMotion = Callable[[np.ndarray], np.ndarray]
-"""Channels (k,) → what they read of a simulated motion without noise (T + 1, k) [strain, m/s² or m]."""
+"""Channels (k,) → readings without noise (T + 1, k) [strain, m/s² or m]."""
 
 
 @dataclass(frozen=True)
 class ModalMotion:
-    """q, acceleration (T + 1, r): coordinates and their second rates; rows (m, r) of all channels; moving (m,): which read
-    accelerations; offset (m,) of the readings, and drift (m,) of them by the end [unit of the channel]."""
+    """Motion in reduced coordinates.
+
+    q, acceleration (T + 1, r); rows (m, r): strain operator; moving (m,): accelerometers; offset (m,), drift (m,) at the end of
+    the run [unit of the channel].
+    """
 
     q: np.ndarray
     acceleration: np.ndarray
@@ -201,10 +202,12 @@ class ModalMotion:
 
 @dataclass(frozen=True)
 class SimulatedTruth:
-    """theta: true parameter values [SI]; description for people; held (gauges,): which a sharp edge has kept from being
-    misplaced as far as asked; motion: loads, and how the motion begins → what happens under them; again: number of a
-    realisation, and gauges → the truth of these gauges, in their order, with everything drawn anew; None where nothing is
-    drawn; field: displacements of all nodes per coordinate of a `ModalMotion` (3 nodes, r), None of another."""
+    """Simulated truth.
+
+    theta: true parameters [SI]; held (gauges,): whether a sharp edge limited the position error; motion: maps a loading to a
+    simulated motion; again: maps realisation and gauges to a resampled truth of these gauges, None without sampling; field:
+    displacement of all nodes per coordinate of a `ModalMotion` (3 nodes, r), else None.
+    """
 
     theta: Mapping[str, float]
     description: str
@@ -215,14 +218,14 @@ class SimulatedTruth:
 
 
 def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, using: Resources) -> SimulatedTruth:
-    """The truth that the config asks for:
+    """Build the truth of the config:
 
-    rom    the filter's own model at the true parameters: an inverse crime, and reported as one (the thesis's case)
-    modes  `modes` modes with their static terms at the true parameters
-    rich   that, with damping, loads as they act, and gauges as installed, drawn from the tolerances by the seed
-    full   all degrees of freedom of the finite-element model in time, gauges in place
+    rom    the filter's own model at the true parameters (an inverse crime; the case of the thesis)
+    modes  `modes` modes with static corrections at the true parameters
+    rich   the same with damping, loads and gauge installation sampled from the tolerances
+    full   transient solution of the full finite-element model, gauges in their exact positions
 
-    spectrum: modes that hold at any value of the parameters, in place of those found here.
+    spectrum: modes valid for all parameter values, used instead of new ones.
     """
     config, mesh, training, reduced = structure.config, structure.mesh, structure.training, structure.reduced
     stated = config.validation.truth
@@ -242,7 +245,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     with blame("validate.truth"):
         S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":
-        words = f"the whole finite-element model in time, {values}"
+        words = f"transient solution of the full finite-element model, {values}"
         return _full(structure, damping, built, S, theta, words, modes, using, thickness)
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
     misaligned, static, aside = stated.model == "rich" and misaligned_loads(config), reduced.static, None
@@ -252,15 +255,17 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     shapes = None if spectrum is None else Snapshots(spectrum.frequency, built.in_coordinates(spectrum.shape), static)
     with blame("validate.truth.modes"):
         model, basis = modal_model(built.model, S, problem.model.inputs, theta, modes, damping, shapes, aside)
-    whole = "full model" if built.modes is None else f"results ({stated.modes} asked for, {built.modes} there)"
-    words = f"{modes} modes of the {whole} with static terms, {values}"
+    source = (
+        "full model" if built.modes is None else f"imported results ({built.modes} of {stated.modes} modes available)"
+    )
+    words = f"{modes} modes of the {source} with static corrections, {values}"
     installed = _installed(structure, built, basis, thickness)
     if stated.model == "modes":
         rows, held = installed(np.arange(pool.gauges), None)
         return replace(_modal(theta, words, held, model, rows, pool), field=partial(nodal, built.model, basis))
     words += in_words(config, by_rows=training.given is not None)
 
-    def drawn(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
+    def sample(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
         installation = installation_of(config, pool, realisation).take(pool, gauges)
         with blame("tolerances"):
             rows, held = installed(gauges, installation)
@@ -270,7 +275,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
         truth = _modal(theta, words, held, sampled, rows, part, installation)
         return replace(truth, field=partial(nodal, built.model, basis))
 
-    return replace(drawn(0, np.arange(pool.gauges)), again=drawn if varies(config) else None)
+    return replace(sample(0, np.arange(pool.gauges)), again=sample if varies(config) else None)
 
 
 def _loaded(
@@ -280,7 +285,7 @@ def _loaded(
     known: Sequence[str],
     realisation: int,
 ) -> np.ndarray:
-    """Input shape (n_free, n_u) of the loads as they act in one realisation."""
+    """Input shape (n_free, n_u) of the loads in one realisation."""
     columns = []
     for name, load in loads.items():
         off = load_error_of(config, name, name in known, realisation)
@@ -292,9 +297,9 @@ Installed = Callable[[np.ndarray, Installation | None], tuple[np.ndarray, np.nda
 
 
 def _installed(structure: Structure, built: FullModel, basis: np.ndarray, thickness: Thickness | None) -> Installed:
-    """Gauges (k,) and how they are installed, None: as meant → rows of their channels (m, r), and which (k,) an edge holds.
+    """Return a function: gauges (k,) and installation (None: nominal) → strain operator (m, r), and whether an edge limits each.
 
-    Of given strain rows only the gain can be off.
+    An imported strain operator has gain errors only.
     """
     training, pool, position = structure.training, structure.pool, structure.mesh.position
     if training.given is not None:
@@ -326,7 +331,7 @@ def _modal(
     pool: Candidates,
     installation: Installation | None = None,
 ) -> SimulatedTruth:
-    # A model of the truth has the true values for its reference; the filter's own model is taken there.
+    # evaluates the filter's own model at the true parameters, which are the reference of any other model
     at = {name: theta[name] for name in model.reference}
     exact = np.zeros(len(pool))
     zero = (exact, exact) if installation is None else (installation.offset, installation.drift)
@@ -350,14 +355,14 @@ def _full(
     using: Resources,
     thickness: Thickness | None,
 ) -> SimulatedTruth:
-    """stated: the damping; modes: how many have its ratio."""
-    # with solvers that no other truth needs
+    """Truth by a transient solution; stated: damping; modes: number of modes with the modal damping ratio."""
+    # solvers only needed here
     from strainsight.fem.factorisation import relief_of
     from strainsight.fem.transient import ViscousDamping, free_rows, modal_damping, steady_state, transient
 
     K, M = built.model.stiffness.at(theta), built.model.mass.at(theta)
     if built.model.rigid is not None:
-        S = relief_of(M, built.model.rigid).balanced(S)  # the rigid motion drifts away, and no gauge reads it
+        S = relief_of(M, built.model.rigid).balanced(S)  # gauges do not measure rigid-body motion
     if stated.kind == "modal":
         viscous = modal_damping(K, M, stated.ratio, modes, rigid=built.model.rigid)
     else:

@@ -1,4 +1,4 @@
-"""The chosen gauges put to the test on a truth that is not the filter's model (thesis 6.1)."""
+"""Validation of a layout on a simulated truth that differs from the filter's model (thesis 6.1)."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.experiment.structure.considered import budget_of, tolerated
 from strainsight.experiment.structure.filtering import (
-    beyond_ranges,
+    by_grid,
     compared,
     excluded,
     excluded_in_words,
-    grid_filter_values,
     histories,
+    out_of_ranges,
     posterior_doubts,
     posterior_numbers,
     posteriors_of,
@@ -70,18 +70,18 @@ from strainsight.sensors.screening import CLEARANCE
 from strainsight.text import csv_bytes, number
 
 SETTLED = 0.01
-"""Share of the truth that an estimate stays within once it has settled."""
+"""Relative error within which an estimate counts as settled."""
 UNITS = ("m/m", "m/s2", "m")
-"""Of strain, acceleration and displacement, as a measurement file writes them."""
+"""Units of strain, acceleration and displacement in measurement files."""
 
 
 @dataclass(frozen=True)
 class Validation:
-    """What a validation has found.
+    """Result of a validation.
 
-    trial: the truth, and what the filter is given of it; validated: histories, studies and the field; accuracy: by unknown;
-    whiteness: correlation of neighbouring innovations, verdict on them in words; diverged: runs of the studies that did;
-    without: why an unknown has no budget, a sentence each.
+    trial: truth and data of the filter; validated: histories, studies and field; accuracy: by unknown; whiteness: correlation of
+    consecutive innovations; verdict: result of the innovation check, in words; diverged: number of diverged study runs; without:
+    sentences on unknowns without a variance budget.
     """
 
     trial: Trial
@@ -94,7 +94,7 @@ class Validation:
 
     @property
     def units(self) -> dict[str, str]:
-        """Of what `validated` holds."""
+        """Units of `validated`."""
         kinds, chosen = self.trial.problem.channels.quantity, self.trial.chosen
         still = np.where(kinds == ACCELERATION, STRAIN, kinds)
         return {
@@ -107,15 +107,15 @@ class Validation:
 def validation_of(
     structure: Structure, spectrum: Modes | None, screened: Screened, gauges: np.ndarray, using: Resources
 ) -> Validation:
-    """Simulate the truth, measure it with noise, filter and smooth; then noise levels, repeats, random sets and sweeps.
+    """Simulate the truth, add noise, filter and smooth; then run noise levels, repeats, random layouts and sweeps.
 
-    spectrum: that of `spectrum_of` where the truth is made of modes; gauges (k,): numbers of the layout's gauges.
+    spectrum: from `spectrum_of` for a truth of modes; gauges (k,): numbers of the layout.
     """
     config = structure.config
     seed, settings = config.seed, config.validation
     using.progress("truth", 0.0)
     problem = problem_of(structure, screened)
-    # modes of the whole model are compiled code, which has all cores in the main thread alone; what misplaced gauges read is not
+    # the eigenvalue solver needs the main thread to use all cores
     tolerances, truth = side_by_side(
         lambda: tolerated(structure, np.arange(len(structure.pool))),
         lambda: truth_of(structure, spectrum, problem, using),
@@ -166,12 +166,12 @@ def validation_of(
 
 
 OF_SIGMA = ("std", "smoothed_std", "ratio", "rank_claimed", "rank_correlation")
-"""Numbers of the summary that σ is in."""
+"""Summary numbers that depend on σ."""
 
 
 def validation_output(structure: Structure, validation: Validation) -> Output:
-    """Datasets, with the strain of every candidate as points of a grid, numbers, tables and the measurements as a file; without σ
-    where it is withheld."""
+    """Output of a validation, with the strain of every candidate as a point grid and the measurements as a file; without σ if it
+    is withheld."""
     config = structure.config
     labels = layout_labels(structure.training.name, validation.trial.gauges)
     shown, repeats = validation.validated, validation.validated.repeats
@@ -180,7 +180,7 @@ def validation_output(structure: Structure, validation: Validation) -> Output:
     if decision.withheld:
         numbers = {key: value for key, value in numbers.items() if key.split(".")[0] not in OF_SIGMA}
         numbers |= {"out_of_range": decision.withheld, "verdict": WITHHELD}
-        # random sets and repeats, each an estimate of its own, keep their σ
+        # random layouts and repeats are separate estimates and keep their σ
         rest = {name: getattr(shown, name) for name in ("repeats", "screened", "all", "sweep")}
         shown = replace(without_sigma(shown), compared=None, budget=None, **rest)
     else:
@@ -190,7 +190,7 @@ def validation_output(structure: Structure, validation: Validation) -> Output:
         numbers |= {f"claim.{name}": every[0].result for name, every in claims.items() if every}
     units = {name: load.unit for name, load in config.loads.items()}
     field = {"true": shown.field.true, "strain": shown.field.strain, "std": shown.field.std}
-    # Where not all read strain, an array has several units.
+    # with other sensors the arrays have several units
     strains = np.all(structure.pool.quantity == STRAIN)
     grid, attributes = gauge_grid(structure.pool.position, field, dict.fromkeys(field, STRAIN_UNIT) if strains else {})
     return Output(
@@ -209,24 +209,24 @@ def validation_output(structure: Structure, validation: Validation) -> Output:
 
 
 def _decision(config: PlacementConfig, validation: Validation) -> Decision:
-    """Whether σ is given: not of parameters beyond their ranges, nor where another filter excludes the estimate."""
+    """Decide whether σ is withheld: for parameters outside their ranges, and if another filter excludes the estimate."""
     accuracy, trial = validation.validated, validation.trial
     ends = {name: (accuracy.smoothed[name][-1], accuracy.smoothed_std[name][-1]) for name in accuracy.smoothed}
-    apart = excluded(ends, grid_filter_values(accuracy.compared)) if tolerances_of(config.tolerances) == NONE else ""
-    beyond = beyond_ranges(
+    exclusion = excluded(ends, by_grid(accuracy.compared)) if tolerances_of(config.tolerances) == NONE else ""
+    exceeded = out_of_ranges(
         config, trial.problem, {name: accuracy.estimate for name, accuracy in validation.accuracy.items()}
     )
-    reasons = (excluded_in_words(apart, trial.settled is not None, "train.settle"),)
-    return Decision(reasons=reasons, out_of_range=beyond, remedy=widen(beyond))
+    reasons = (excluded_in_words(exclusion, trial.settled is not None, "train.settle"),)
+    return Decision(reasons=reasons, out_of_range=exceeded, remedy=widen(exceeded))
 
 
-def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
-    using.progress(doing, start)
-    return watched(using.sweep, lambda share: using.progress(doing, start + (end - start) * share))
+def _watched(using: Resources, activity: str, start: float, end: float) -> Sweep:
+    using.progress(activity, start)
+    return watched(using.sweep, lambda share: using.progress(activity, start + (end - start) * share))
 
 
 def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
-    """Every candidate, bonded or not, at the instant of the largest true strain."""
+    """True and estimated strain of every candidate at the instant of the largest true strain."""
     channels = trial.problem.channels
     straining = np.flatnonzero(channels.quantity == STRAIN)
     looked_at = straining if len(straining) else np.arange(len(channels.quantity))
@@ -245,7 +245,7 @@ def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
 
 
 PART = 1000
-"""Channels that are read in time at once: pools are large."""
+"""Channels evaluated at a time, to limit memory."""
 
 
 def _parts(channels: np.ndarray) -> list[np.ndarray]:
@@ -254,13 +254,12 @@ def _parts(channels: np.ndarray) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How well an unknown is known by the layout.
+    """Accuracy of an unknown with the layout.
 
-    estimate [SI]: mean over the last half of a parameter, RMS of a load; error and std: real and claimed error of the filter,
-    smoothed and smoothed_std those of the smoother, all over scale [SI]; zero: whether a load is zero throughout, so that its
-    scale is its amplitude; draws, smoothed_draws: how many independent draws error and smoothed are the RMS of, 1 of a
-    parameter; settling_time [s]: from when on a parameter stays within SETTLED of its truth, None of a load; rank and benefit:
-    among the random sets of all candidates, None for few.
+    estimate [SI]: final parameter (mean of the last half if drifting) or RMS of a load; error, std: real and claimed error of the
+    filter, smoothed, smoothed_std: of the smoother, all relative to scale [SI]; zero: whether a load is zero, so that scale is
+    its amplitude; draws, smoothed_draws: number of independent samples in the RMS, 1 for a parameter; settling_time [s]: until
+    the error of a parameter stays within SETTLED, None for a load; rank, benefit: among random layouts, None for too few.
     """
 
     estimate: float
@@ -280,7 +279,7 @@ class Accuracy:
 def accuracies(
     trial: Trial, model: FilterModel, run: FilterRun, smoothed: Smoothed, random: RandomSetErrors
 ) -> dict[str, Accuracy]:
-    """Unknown → how well it is known by the layout, whose filter and smoother have run; random: sets of all candidates."""
+    """Accuracy by unknown; random: random layouts of all candidates."""
     error, std = real_and_claimed(trial, model, run.mean, run.std)
     later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
     accuracy, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
@@ -307,15 +306,15 @@ def accuracies(
 
 
 def _draws(error: np.ndarray, std: np.ndarray) -> int:
-    """Independent draws that a load's error (T + 1,) is worth after the first tenth of the run."""
+    """Number of independent samples in a load error (T + 1,) after the first tenth of the run."""
     scaled = after_start(np.divide(error, std, out=np.full_like(error, np.nan), where=std > 0))
     return max(1, int(np.count_nonzero(np.isfinite(scaled)) / autocorrelation_time(scaled)))
 
 
 def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
-    """Time, a column a channel ("G2.3 [m/m]" is the third grid of G2) and the known loads; the first row has loads only.
+    """CSV of time, channels ("G2.3 [m/m]" is the third grid of G2) and known loads; the first row has loads only.
 
-    labels (k,) of the gauges of the layout; measured (T, m) by their channels; units of the loads.
+    labels (k,): of the gauges; measured (T, m): of their channels; units: of the loads.
     """
     channels = trial.problem.channels.of(trial.gauges)
     which, grid = np.nonzero(channels >= 0)
@@ -330,9 +329,9 @@ def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, uni
 
 
 def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
-    """Every number by its name, model: that of the truth in the config."""
+    """Summary numbers; model: of the truth in the config."""
     trial, scheme = validation.trial, scheme_in_words(validation.trial.problem, validation.trial.h)
-    stopped = f"{trial.stopped} of the layout stopped at an edge" if trial.stopped else ""
+    stopped = f"position errors of {trial.stopped} gauges limited by an edge" if trial.stopped else ""
     consistency = validation.validated.consistency
     numbers: dict[str, Scalar] = {
         "truth": model,
@@ -364,8 +363,7 @@ def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
 
 
 def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
-    """One line, first what does not hold; claims: on every unknown, the one that decides first; withheld: that there is no σ, and
-    why."""
+    """Message of one line, problems first; claims: by unknown, the decisive one first; withheld: why σ is withheld."""
     trial, problem = validation.trial, validation.trial.problem
     words = [*filter(None, (withheld, rests_on_loads_in_words(problem), judged_as_stated_in_words(problem)))]
     words += [
@@ -373,8 +371,8 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
     ]
     words += posterior_doubts(validation.validated.posterior, trial.units)
     words += [
-        f"placement brings no benefit for {name} here: {accuracy.benefit.as_well} of {accuracy.benefit.sets} random layouts of "
-        "the same size do as well"
+        f"no benefit of the placement for {name}: {accuracy.benefit.as_well} of {accuracy.benefit.sets} random layouts of "
+        "the same size are at least as accurate"
         for name, accuracy in validation.accuracy.items()
         if accuracy.benefit is not None and accuracy.benefit.result == "none"
     ]
@@ -384,7 +382,7 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
             claimed = "" if withheld else f" (claimed σ {100 * accuracy.std:.2g} %)"
             words.append(f"{value}, error {100 * accuracy.error:.2f} %{claimed}")
         else:
-            over = f" of its amplitude, {accuracy.scale:.4g} N," if accuracy.zero else ""
+            over = f" of its amplitude {accuracy.scale:.4g} N" if accuracy.zero else ""
             words.append(
                 f"{name} error {100 * accuracy.error:.1f} %{over} filtered, {100 * accuracy.smoothed:.1f} % smoothed"
             )
@@ -392,11 +390,11 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
     return "; ".join(words)
 
 
-MEDIANS = ("random sets, screened: median", "all: median")
+MEDIANS = ("random, screened (median)", "random, all (median)")
 
 
 def _table(validation: Validation, withheld: bool) -> Table:
-    """Every unknown by the layout, and the median error of random sets; withheld: whether σ is."""
+    """Table of every unknown with the layout, and the median error of random layouts."""
     trial, validated = validation.trial, validation.validated
     columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)
     rows = []
@@ -405,7 +403,7 @@ def _table(validation: Validation, withheld: bool) -> Table:
             rms, truth = "", f"{trial.truth.theta[name]:.5g}"
         else:
             rms, truth = " RMS", f"{np.sqrt(np.mean(trial.history[name] ** 2)):.5g}"
-        truth += f", in % of its amplitude, {accuracy.scale:.4g}" if accuracy.zero else ""
+        truth += f" (in % of its amplitude {accuracy.scale:.4g})" if accuracy.zero else ""
         medians = (
             f"{100 * np.nanmedian(sets.error[name]):.3f} %" if len(sets.error[name]) else "-"
             for sets in (validated.screened, validated.all)

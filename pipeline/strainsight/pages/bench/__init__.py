@@ -1,1 +1,1 @@
-"""The pages of a bench, of a bearing, and of a suite of benches."""
+"""Pages of a bench and of a bearing."""

@@ -1,4 +1,4 @@
-"""The page of a bearing alone: what holds the inner ring where, and what every ball carries; the latter by an estimate, too."""
+"""Page of a bearing: equilibrium of the inner ring, and loads of the balls, also of an estimate."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
 DISPLACEMENTS = ("x", "y", "z", "tilt about y", "tilt about z")
 DISPLACEMENT_UNITS = ("m", "m", "m", "rad", "rad")
 ROUNDING = 1e-9
-"""Share of the largest load below which a component is drawn as zero."""
+"""Share of the largest load below which a component is shown as zero."""
 LOAD_UNITS = ("N", "N", "N", "N m", "N m")
 INNER = 2
-"""The first contacts, of the two diagonals; the outer ones carry the same, but for what turning adds."""
-BELIEF = "Bands are ±2σ; but for parameters that are sought, the bearing is taken to be as the config states it."
+"""Contacts of the inner ring; those of the outer ring have the same forces except for inertia."""
+BELIEF = "Bands are ±2σ and assume the configured bearing, except for unknown parameters."
 CASE_HEAD = ("", "load", "displacement", *(f"∂/∂{name}" for name in DISPLACEMENTS))
-"""Of the table of a load case, on the page and in the terminal."""
+"""Heading of the table of a load case, on the page and in the terminal."""
 
 
 @dataclass(frozen=True)
 class LoadedBearing:
-    """A bearing in equilibrium under a load case, both by name."""
+    """Equilibrium of a bearing in a load case, both by name."""
 
     bearing: str
     case: str
@@ -42,26 +42,26 @@ class LoadedBearing:
 
     @property
     def title(self) -> str:
-        """Of tables about it."""
+        """Title of its tables."""
         return f"{self.bearing} under {self.case}"
 
     @property
     def pressure(self) -> float:
-        """The highest contact pressure [Pa]."""
+        """Highest contact pressure [Pa]."""
         return float(self.state.pressure.max())
 
     @property
     def loaded(self) -> int:
-        """How many balls carry."""
+        """Number of loaded balls."""
         return int((self.state.force > 0).any(axis=1).sum())
 
 
 def bearing_page(
     name: str, facts: Mapping[str, str], cases: Sequence[LoadedBearing], curves: Sequence[BearingDisplaced]
 ) -> str:
-    """The page as HTML text; facts: what the bearings are, by name."""
-    polar = [drawn for case in cases for drawn in ball_figures(case)]
-    bearings = table("bearings", ("bearing", "what it is"), [list(map(escape, pair)) for pair in facts.items()])
+    """HTML page; facts: name of a bearing → description."""
+    polar = [drawing for case in cases for drawing in ball_figures(case)]
+    bearings = table("bearings", ("bearing", "description"), [list(map(escape, pair)) for pair in facts.items()])
     sections = [
         section("Bearings", bearings),
         *map(_case, cases),
@@ -73,7 +73,7 @@ def bearing_page(
         worst = max(cases, key=lambda case: case.pressure)
         answer = f"The highest contact pressure is {number(worst.pressure / 1e6, 4)} MPa, in {worst.title}."
     footer = (
-        "Quasi-static contact after Hertz, rings rigid but for the contacts; the outer ring is held, x is the axis."
+        "Quasi-static Hertzian contacts with otherwise rigid rings. The outer ring is fixed; x is the bearing axis."
     )
     return document("bearing", name, name, escape(answer), sections, footer)
 
@@ -93,39 +93,39 @@ def ball_figures(case: LoadedBearing) -> list[Drawing]:
 def _polar(case: LoadedBearing, key: str, what: str, values: FloatArray, unit: str) -> Drawing:
     order = np.argsort(case.state.station)
     around = np.append(case.state.station[order], case.state.station[order][0] + 2 * np.pi)
-    drawn, axes = figure(4.6)
+    canvas, axes = figure(4.6)
     place = axes.get_subplotspec()
     axes.remove()
-    axes = drawn.add_subplot(place, projection="polar")
+    axes = canvas.add_subplot(place, projection="polar")
     axes.patch.set_visible(False)
     for contact, colour in enumerate(COLOURS):
         column = np.append(values[order, contact], values[order[0], contact])
         if np.nanmax(np.abs(np.append(column, 0.0))) > 0:
-            # the two contacts of one diagonal carry nearly the same: dashes leave the line below to be seen
+            # the two contacts of one diagonal have nearly equal values: dashes keep the lower line visible
             axes.plot(around, column, color=colour, ls="-" if contact < 2 else (0, (4, 3)), label=CONTACTS[contact])
     axes.set_title(f"{what} [{unit}]")
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        drawn.legend(handles, labels, loc="outside lower center", ncols=2)
+        canvas.legend(handles, labels, loc="outside lower center", ncols=2)
     largest = np.nanmax(np.append(values, 0.0))
     z = len(case.state.station)
     caption = (
-        f"{what.capitalize()} of the {z} balls of {case.title}, over the station of the ball: 0° is the y "
+        f"{what.capitalize()} of the {z} balls of {case.title} over the ball position: 0° is the y "
         f"axis, 90° the z axis. Largest: {number(float(largest), 4)} {unit}."
     )
     alt = f"Polar chart of the {what} of {z} balls, largest {number(float(largest), 4)} {unit}."
     return Drawing(
-        f"{key}-{case.bearing}-{case.case}", f"{case.bearing}, {case.case}: {what}", caption, alt, svg(drawn)
+        f"{key}-{case.bearing}-{case.case}", f"{case.bearing}, {case.case}: {what}", caption, alt, svg(canvas)
     )
 
 
 @styled()
 def curve_figure(curve: BearingDisplaced) -> Drawing:
-    """Load along and across one displacement."""
+    """Load along and transverse to one displacement."""
     a = curve.along
     unit = "mm" if a < 3 else "mrad"
     load = _cleared(curve.curve.load, np.abs(curve.curve.load).max())
-    drawn, forces, moments = figure(4.6, (1.0, 1.0))
+    canvas, forces, moments = figure(4.6, (1.0, 1.0))
     for axes, which, what in ((forces, range(3), "force [kN]"), (moments, range(3, 5), "moment [kN m]")):
         for i in which:
             axes.plot(1e3 * curve.curve.displacement, load[:, i] / 1e3, color=COLOURS[i % 3], label="xyzyz"[i])
@@ -136,20 +136,20 @@ def curve_figure(curve: BearingDisplaced) -> Drawing:
     largest = float(np.abs(curve.curve.load[:, a]).max())
     name = DISPLACEMENTS[a]
     caption = (
-        f"Load on the inner ring of {curve.bearing} that holds it at a displacement {name}, the other four zero. "
-        f"At most {number(largest, 4)} {LOAD_UNITS[a]} along it."
+        f"Load on the inner ring of {curve.bearing} in equilibrium at a displacement {name}, with the other four zero. "
+        f"At most {number(largest, 4)} {LOAD_UNITS[a]} along the displacement."
     )
     alt = f"Line chart of three forces and two moments over the displacement {name}."
-    return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, svg(drawn))
+    return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, svg(canvas))
 
 
 def _cleared(values: FloatArray, size: FloatArray | float) -> FloatArray:
-    """Without what is rounding beside numbers of this size."""
+    """Values, with rounding errors relative to this size set to zero."""
     return np.where(np.abs(values) > ROUNDING * size, values, 0.0)
 
 
 def case_rows(case: LoadedBearing) -> list[tuple[str, list[tuple[float, str, int]]]]:
-    """Rows below CASE_HEAD: the displacement, and its cells as value, unit and significant digits."""
+    """Rows below CASE_HEAD: displacement, and cells as value, unit and significant digits."""
     state, scale = case.state, np.sqrt(np.abs(np.diag(case.state.stiffness)))
     load, q = (_cleared(values, np.abs(values).max()).tolist() for values in (state.load, state.displacement))
     stiffness = _cleared(state.stiffness, np.outer(scale, scale)).tolist()
@@ -168,7 +168,7 @@ def _case(case: LoadedBearing) -> str:
 
 
 def balls_figures(name: str, ring: RingEstimate) -> tuple[Drawing, Drawing]:
-    """Of an estimate: force of every ball at the instant of the highest pressure, and the highest pressure in time, ±2σ."""
+    """Estimated ball forces at the instant of the highest pressure, and highest pressure over time, ±2σ."""
     return _around(name, ring.worst), _in_time(name, ring)
 
 
@@ -177,27 +177,27 @@ def _around(name: str, then: BallsThen) -> Drawing:
     order = np.argsort(then.station)
     station = np.rad2deg(then.station[order])
     force, std = then.force[order] / 1e3, then.force_std[order] / 1e3
-    drawn, axes = figure(2.6)
+    canvas, axes = figure(2.6)
     for contact in range(INNER):
         axes.plot(station, force[:, contact], color=COLOURS[contact], label=CONTACTS[contact])
         band(axes, station, force[:, contact], std[:, contact], COLOURS[contact])
     axes.set_ylabel("force [kN]")
-    axes.set_xlabel("station of the ball [°]")
+    axes.set_xlabel("ball position [°]")
     axes.set_ylim(bottom=0)
     plain_axis(axes)
     legend_above(axes)
     at = np.unravel_index(np.argmax(then.force), then.force.shape)
     caption = (
-        f"Force on each of the {len(then.station)} balls of {name} by the estimate at {number(then.time, 4)} s, "
-        f"when the pressure is highest: at most {_known(then.force[at], then.force_std[at], 'N')}"
+        f"Estimated force on each of the {len(then.station)} balls of {name} at {number(then.time, 4)} s, "
+        f"the instant of the highest pressure: at most {_known(then.force[at], then.force_std[at], 'N')}"
     )
-    title = f"{name}: what the balls carry"
-    return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", svg(drawn))
+    title = f"{name}: ball forces"
+    return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", svg(canvas))
 
 
 @styled()
 def _in_time(name: str, ring: RingEstimate) -> Drawing:
-    drawn, axes = figure(2.4)
+    canvas, axes = figure(2.4)
     axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
     band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
     axes.set_ylabel("highest pressure [MPa]")
@@ -205,16 +205,14 @@ def _in_time(name: str, ring: RingEstimate) -> Drawing:
     time_axis(axes)
     at = int(np.argmax(ring.pressure))
     caption = (
-        f"Highest contact pressure in {name} by the estimate, of all balls: at most "
+        f"Estimated highest contact pressure of all balls in {name}: at most "
         f"{_known(ring.pressure[at], ring.pressure_std[at], 'Pa')}"
     )
-    title = f"{name}: highest pressure by the estimate"
-    return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", svg(drawn))
+    title = f"{name}: estimated highest pressure"
+    return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", svg(canvas))
 
 
 def _known(value: float, std: float, unit: str) -> str:
-    """A value with its 2σ and what that takes for granted; without them where σ is withheld."""
+    """Value with 2σ and its assumption; without both if σ is withheld."""
     shown = quantity(float(value), unit, 4)
-    return (
-        f"{shown}; its σ is withheld." if np.isnan(std) else f"{shown} ± {quantity(2 * float(std), unit, 2)}. {BELIEF}"
-    )
+    return f"{shown}; σ is withheld." if np.isnan(std) else f"{shown} ± {quantity(2 * float(std), unit, 2)}. {BELIEF}"

@@ -1,6 +1,6 @@
-"""What the page of a bench shows; whoever has the artefacts fills it in.
+"""Contents of the page of a bench.
 
-Numbers are kept under the names that the stages give them in their summaries ("error.Fz"); all of them are in SI units.
+Numbers have the names of the stage summaries ("error.Fz") and SI units.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from strainsight.runner.output import Scalar
 
 @dataclass(frozen=True)
 class BenchUnknown(History):
-    """A load or a parameter that was estimated, a parameter's truth the same at every instant.
+    """Estimated load or parameter; the truth of a parameter is constant.
 
-    errors, stds (runs,): error [unit] of every run over seeds and starts, and the parameter's claimed σ [unit] or None;
-    there: the load [unit] on the bench that the measurements came from, where they came from one.
+    errors, stds (runs,): error [unit] of every run over seeds and starts, and claimed σ [unit] of a parameter or None;
+    there: load [unit] on the bench with the measurements, or None.
     """
 
     kind: Literal["input", "parameter"] = "input"
@@ -34,8 +34,8 @@ class BenchUnknown(History):
 
 @dataclass(frozen=True)
 class BenchSensor:
-    """Readings in time: time (T,) [s]; measured and expected (T, components), expected None where nothing was estimated;
-    components: what each is called; units: the unit of each; used: whether the filter was given it."""
+    """Readings: time (T,) [s]; measured and expected (T, components), expected None without an estimate; components, units: name
+    and unit of each; used: whether the filter uses the sensor."""
 
     name: str
     time: FloatArray
@@ -48,8 +48,8 @@ class BenchSensor:
 
 @dataclass(frozen=True)
 class BenchStress:
-    """Von Mises stress on the surface of a body: largest (T,) [Pa] at time (T,) [s]; element in which it is largest of all;
-    allowable [Pa], None where none is stated."""
+    """Von Mises stress on the surface of a body: largest (T,) [Pa] at time (T,) [s]; element with the largest stress;
+    allowable [Pa], None if not configured."""
 
     body: str
     time: FloatArray
@@ -59,19 +59,19 @@ class BenchStress:
 
     @property
     def share(self) -> float | None:
-        """Of the allowable that the largest stress is."""
+        """Largest stress divided by the allowable."""
         return None if self.allowable is None else float(np.max(self.largest)) / self.allowable
 
     @property
     def too_high(self) -> bool:
-        """Whether it is beyond the allowable."""
+        """Whether the stress exceeds the allowable."""
         return self.share is not None and self.share > 1
 
 
 @dataclass(frozen=True)
 class PlacedGauges:
-    """Gauges that were placed: trend of the metric; criteria: layouts by other rules, ours first, by every one of metrics; labels
-    (g,) of the gauges."""
+    """Placed gauges: trend of the metric; criteria: this layout and those of other rules, by every metric; labels (g,) of the
+    gauges."""
 
     placed: BenchPlaced
     trend: Trend
@@ -88,9 +88,12 @@ class PlacedGauges:
 
 @dataclass(frozen=True)
 class PageRun:
-    """One run: name of its config; label, note, study and group as in the suite; at: the value of the key that its study
-    varies; reached: its last stage; page: relative link to its own page or None; numbers: stage → its summary; seeds:
-    numbers of its estimates that there are once a seed, each (seeds,); warnings: sentences."""
+    """Run of a suite.
+
+    name: of its config; label, note, study, group: as in the suite; at: value of the key varied by its study;
+    reached: last stage; page: relative link to its page or None; numbers: stage → summary; seeds: numbers (seeds,) of its
+    estimates by seed; warnings: sentences.
+    """
 
     name: str
     label: str = ""
@@ -106,20 +109,21 @@ class PageRun:
 
     @property
     def summary(self) -> Mapping[str, Scalar]:
-        """The numbers of its estimates, none where nothing was estimated."""
+        """Numbers of the validation, empty without one."""
         return self.numbers.get("validate", {})
 
     def number(self, name: str) -> float | None:
-        """A number of its estimates; None where there is none of that name, true as 1."""
+        """Number of its estimates, None if it does not exist; true is 1."""
         value = self.summary.get(name)
         return None if value is None or isinstance(value, str) else float(value)
 
 
 @dataclass(frozen=True)
 class BenchPageRun(PageRun):
-    """A run of a bench, as far as it went: what it wrote, and of an estimate unknowns, sensors and channels by the others.
+    """Run of a bench, as far as it was computed.
 
-    loads: of the simulation, name → (unit, history (T,)); readings: of its sensors; turning: its drives whose motion is an angle.
+    loads: of the simulation, name → (unit, history (T,)); readings: of its sensors; turning: drives whose motion is an angle;
+    hold_out: channels predicted from the other channels.
     """
 
     simulated: Simulated | None = None
@@ -135,7 +139,7 @@ class BenchPageRun(PageRun):
 
     @property
     def summary(self) -> Mapping[str, Scalar]:
-        """The numbers of the estimate, none where there is none."""
+        """Numbers of the estimate, empty without one."""
         return self.numbers.get("estimate", {})
 
     @property
@@ -144,18 +148,18 @@ class BenchPageRun(PageRun):
         return self.estimated is not None
 
     def claim(self, name: str) -> Claim | None:
-        """Whether the estimate of an unknown keeps to its σ; None where no truth is known."""
+        """Consistency of the error of an unknown with its σ; None without a truth."""
         ratio, draws = (self.number(f"claim_{key}.{name}") for key in ("ratio", "draws"))
         return None if ratio is None or draws is None else check_ratio(ratio, int(draws))
 
     def faults(self, name: str) -> tuple[str, ...]:
-        """What is wrong with the estimate of an unknown, the gravest first, empty where nothing is."""
+        """Problems of the estimate of an unknown, most serious first."""
         words = {self.summary.get(f"{key}.{name}") for key in ("claim", "verdict")}
         words |= {LOST} if self.summary.get(f"identified.{name}") is False else set()
         return tuple(word for word in FAULTS if word in words and word != DIVERGED)
 
     @property
     def all_faults(self) -> tuple[str, ...]:
-        """What is wrong with the run, each once."""
+        """Problems of the run, each once."""
         wrong = {fault for unknown in self.unknowns for fault in self.faults(unknown.name)}
         return tuple(word for word in FAULTS if word in wrong or (word == DIVERGED and self.number("lost")))

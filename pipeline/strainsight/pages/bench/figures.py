@@ -1,4 +1,4 @@
-"""Figures of what a bench's filter made of its unknowns and sensors, of one run or of several in one figure.
+"""Figures of estimated unknowns and sensors of benches, for one run or several runs.
 
 Thesis figures 2.2 to 2.8, 3.2 to 3.9 and 4.1 to 4.6.
 """
@@ -43,21 +43,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 STROKES = ("-", (0, (5, 2)), (0, (1, 1.5)), (0, (5, 2, 1, 2)))
-"""One stroke for every round through the colours."""
+"""Stroke of each cycle through the colours."""
 ROUNDING = 1e-14
-"""Relative error below which there is none to draw on a logarithmic axis: a first guess may be the truth itself."""
+"""Smallest relative error on a logarithmic axis: a starting value may equal the truth."""
 LARGE = 0.3
-"""Share of its largest value above which a load is worth dividing by."""
+"""Share of the largest load above which a ratio is computed."""
 SAME = 0.02
-"""Share of the largest value within which two true histories are drawn as one: one may be sampled more coarsely."""
+"""Share of the largest value within which two true histories are shown as one, e.g. with different sampling."""
 
 
 @styled()
 def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
-    """Estimates of one unknown beside the truth; below, errors over the largest true value on a logarithmic axis.
+    """Estimates and truth of one unknown; below, errors relative to the largest true value on a logarithmic axis.
 
-    lines: label of the run and what is drawn of it. A single line has the band of ±2 claimed standard deviations and the claimed
-    σ beside its error, unless σ is withheld, and what it is once it is smoothed.
+    lines: label of the run and its unknown. A single line also has the ±2σ band, the claimed σ in the error panel, unless σ is
+    withheld, and the smoothed estimate.
     """
     (_, first), alone = lines[0], len(lines) == 1
     name, load = first.name, first.kind == "input"
@@ -65,7 +65,7 @@ def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown
     labels = [line_label(label, len(lines)) for label, _ in lines]
     known = [(place, history) for place, (_, history) in enumerate(lines) if history.truth is not None]
     claimed, smoothed = alone and bool(np.isfinite(first.std).any()), first.smoothed if alone else None
-    drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
+    canvas, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
     _truths(axes, [history for _, history in known], factor)
     if claimed:
         mean, std = drawable(first.mean) / factor, drawable(first.std) / factor
@@ -83,27 +83,27 @@ def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown
         _errors(below, known, alone=alone)
     time_axis((axes, *more)[-1])
     legend_of_lines(axes, labels)
-    caption = f"{name}, {'load' if load else 'parameter'}: estimate" + " beside the truth (dashed)" * bool(known)
+    caption = f"{name}, {'load' if load else 'parameter'}: estimate" + " and truth (dashed)" * bool(known)
     caption += ", with ±2 claimed standard deviations" * claimed + ", and smoothed (green)" * (smoothed is not None)
-    caption += "; below, the size of the error over the largest true value" * bool(known)
-    caption += ", and the claimed σ (dotted)" * (bool(known) and claimed)
+    caption += "; below, absolute error relative to the largest true value" * bool(known)
+    caption += ", with the claimed σ (dotted)" * (bool(known) and claimed)
     text = "; ".join(f"{label or name}: {_ending(history)}" for label, history in lines)
-    return Drawing(key, title, f"{caption}.", f"Line chart of {name} as estimated. {text}.", svg(drawn))
+    return Drawing(key, title, f"{caption}.", f"Line chart of the estimates of {name}. {text}.", svg(canvas))
 
 
 @styled()
 def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
-    """A load over the one on the bench that was measured: both above, their quotient below where the other is large."""
+    """Load on this bench and its ratio to the load on the measured bench, if the latter is large."""
     name = lines[0][1].name
     factor, unit = shown_unit(*(unknown for _, unknown in lines))
     labels = [line_label(label, len(lines)) for label, _ in lines]
-    drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
+    canvas, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
     text = []
     for place, (label, (run, unknown)) in enumerate(zip(labels, lines, strict=True)):
         measured, style = unknown.there, line_style(place)
         assert measured is not None
         large = np.abs(measured) > LARGE * largest(measured)
-        large[0] = False  # the first guess
+        large[0] = False  # the starting value
         quotient = np.full(len(measured), np.nan)
         quotient[large] = unknown.mean[large] / measured[large]
         line(axes, unknown.time, unknown.mean / factor, **style, label=label)
@@ -113,23 +113,23 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
     plain_axis(axes)
     plain_axis(below)
-    below.set_ylabel("over the load on\nthe other bench [–]")
+    below.set_ylabel("ratio to the load on\nthe other bench [–]")
     time_axis(below)
     legend_of_lines(axes, labels)
     caption = (
-        f"{name} on this bench, and over the one on the bench that was measured where that is above {number(LARGE)} of its "
-        f"maximum: {'; '.join(text) or 'nowhere'}."
+        f"{name} on this bench, and its ratio to the load on the measured bench if that load exceeds {number(LARGE)} of its "
+        f"maximum: {'; '.join(text) or 'never'}."
     )
-    return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", svg(drawn))
+    return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", svg(canvas))
 
 
 @styled()
 def runs_figure(unknown: BenchUnknown) -> Drawing:
-    """A parameter's error in every run over seeds and starts on bars of the claimed σ, relative, on a logarithmic axis."""
+    """Relative errors of an unknown in all runs over seeds and starts, with bars of the claimed σ, on a logarithmic axis."""
     assert unknown.errors is not None
     scale = 1.0 if unknown.truth is None else largest(unknown.truth)
     errors = np.abs(unknown.errors) / scale
-    drawn, axes = figure(3.0)
+    canvas, axes = figure(3.0)
     at = np.arange(1, len(errors) + 1)
     if unknown.stds is not None:
         axes.bar(at, unknown.stds / scale, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
@@ -142,37 +142,39 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     legend_above(axes)
     finite = errors[np.isfinite(errors)]
     text = f"RMS {number(rms(errors), 2)}, largest {number(float(finite.max()), 2)}" if len(finite) else "none"
-    text += f"; {len(errors) - len(finite)} lost" * (len(finite) < len(errors))
+    text += f"; {len(errors) - len(finite)} diverged" * (len(finite) < len(errors))
     what = "at the end" if unknown.kind == "parameter" else "over the second half"
     caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {text}."
-    return Drawing(f"runs-{unknown.name}", f"{unknown.name}: other seeds and starts", caption, caption, svg(drawn))
+    return Drawing(
+        f"runs-{unknown.name}", f"{unknown.name}: repeats with other seeds and starts", caption, caption, svg(canvas)
+    )
 
 
 def line(axes: Axes, time: FloatArray, values: FloatArray, **style: Any) -> None:
-    """At the instants that can be distinguished."""
+    """Plot a curve at its visible instants."""
     values = drawable(values)
     index = visible_instants(values[:, None], 240)
     axes.plot(time[index], values[index], **style)
 
 
 def line_style(place: int) -> dict[str, Any]:
-    """Colour, stroke and width of line number `place`, each thinner than those that it may cover."""
+    """Colour, stroke and width of line number `place`; later lines are thinner to keep earlier ones visible."""
     width = max(1.0, 2.0 - 0.25 * (place % len(SERIES)))
     return {"color": SERIES[place % len(SERIES)], "ls": STROKES[place // len(SERIES) % len(STROKES)], "lw": width}
 
 
 def line_label(label: str, many: int) -> str:
-    """What the legend calls one of that many lines."""
+    """Legend entry of one of `many` lines."""
     return "estimate" if many == 1 else short(label, 26)
 
 
 def legend_height(labels: Sequence[str]) -> float:
-    """Inches that a legend of long labels needs more than one of short labels."""
+    """Additional height [inch] of a legend with long labels."""
     return 0.17 * len(labels) if max(map(len, labels), default=0) > 20 else 0.0
 
 
 def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
-    """Every different true history once, the finest sampling of it."""
+    """Plot each distinct true history once, with its finest sampling."""
     shown: list[tuple[FloatArray, FloatArray]] = []
     for history in sorted(histories, key=lambda history: -len(history.time)):
         time, truth = history.time, history.truth
@@ -196,11 +198,11 @@ def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool
             line(axes, history.time, std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
     axes.set_yscale("log")
     log_ticks(axes)
-    axes.set_ylabel("|error| over\nlargest truth")
+    axes.set_ylabel("|error| relative\nto largest truth")
 
 
 def _error(axes: Axes, history: History, values: FloatArray, **style: Any) -> None:
-    """Size of the error over the largest true value, none that is rounding."""
+    """Plot the absolute error relative to the largest true value, without rounding errors."""
     assert history.truth is not None
     error = np.abs(drawable(values - history.truth)) / (largest(history.truth) or 1.0)
     error = np.where(error > ROUNDING, error, np.nan)
@@ -209,7 +211,7 @@ def _error(axes: Axes, history: History, values: FloatArray, **style: Any) -> No
 
 
 def _bulk(axes: Axes, history: History, factor: float) -> None:
-    """The y axis on the estimate and the truth: the band of the first instants may be a hundred times as wide."""
+    """Limit the y axis to the estimate and the truth: the initial band may be a hundred times wider."""
     late = slice(len(history.std) // 10, None)
     mean, reach = history.mean[late], 2 * history.std[late]
     parts = [history.mean, mean + reach, mean - reach, *([] if history.truth is None else [history.truth])]
@@ -226,19 +228,19 @@ def _ending(history: History) -> str:
 PANELS = 8
 """Most components of a sensor in one figure."""
 NONE = 1e-20
-"""A violation of constraints below this, a millionth of rounding, is none: no logarithmic axis reaches down to it."""
+"""Violation of constraints that counts as zero, a millionth of rounding, because of logarithmic axes."""
 SILENT = 1e-12
-"""Share of the largest component of a simulated sensor, below which one is none: a scale of its own would show noise."""
+"""Share of the largest component of a simulated sensor below which a component is shown as zero, to hide rounding errors."""
 
 
 @styled()
 def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[str, BenchSensor]]) -> Drawing:
-    """One component of a sensor as measured and as the estimates say it; below, the difference."""
+    """Measured and estimated component of a sensor; below, the difference."""
     first = lines[0][1]
     columns = [(label, sensor, drawable(sensor.measured[:, component])) for label, sensor in lines]
     factor, unit = sensor_unit(largest(*(values for *_, values in columns)), first.units[component])
     labels = [line_label(label, len(lines)) for label, _ in lines]
-    drawn, axes, below = figure(4.4 + legend_height(labels), (1.5, 1.0))
+    canvas, axes, below = figure(4.4 + legend_height(labels), (1.5, 1.0))
     shown: list[FloatArray] = []
     for place, (label, (_, sensor, values)) in enumerate(zip(labels, columns, strict=True)):
         index = visible_instants(values[:, None], 240)
@@ -256,24 +258,24 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
     time_axis(below)
     legend_of_lines(axes, labels)
     what = f"{first.name}, {first.components[component]}"
-    caption = f"{what}: measured, and as the estimate says it should read; below, the difference{_unused(first)}."
+    caption = f"{what}: measured and estimated; below, the difference{_unused(first)}."
     estimated = [(label, sensor) for label, sensor in lines if sensor.expected is not None]
     parts = ", ".join(f"{label or first.name} {ratio(mismatch(sensor, component))}" for label, sensor in estimated)
-    alt = f"Line chart of {what} measured and estimated; RMS of the difference over that of the reading: {parts}."
-    return Drawing(key, title, caption, alt, svg(drawn))
+    alt = f"Line chart of {what}, measured and estimated; RMS of the difference divided by RMS of the reading: {parts}."
+    return Drawing(key, title, caption, alt, svg(canvas))
 
 
 def _unused(sensor: BenchSensor) -> str:
-    return "" if sensor.used else "; the filter was not given it"
+    return "" if sensor.used else "; the filter does not use this sensor"
 
 
 @styled()
 def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
-    """All components of one sensor, the largest eight where there are more, measured and estimated, one over the other."""
+    """Measured and estimated components of one sensor in panels, at most the eight largest."""
     size = np.nanmax(np.abs(drawable(sensor.measured)), axis=0, initial=0.0)
-    kept = sorted(np.argsort(-size, kind="stable")[:PANELS].tolist())
-    drawn, *panels = figure(1.0 + 0.95 * len(kept), (1.0,) * len(kept))
-    for axes, i in zip(panels, kept, strict=True):
+    indices = sorted(np.argsort(-size, kind="stable")[:PANELS].tolist())
+    canvas, *panels = figure(1.0 + 0.95 * len(indices), (1.0,) * len(indices))
+    for axes, i in zip(panels, indices, strict=True):
         measured = drawable(sensor.measured[:, i])
         if sensor.expected is None and size[i] <= SILENT * size.max():
             measured = np.zeros_like(measured)
@@ -282,30 +284,31 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
             line(axes, sensor.time, measured / factor, color=BLUE)
         else:
             index = visible_instants(measured[:, None], 240)
-            dots(axes, sensor.time[index], measured[index] / factor, "measured" * (i == kept[0]))
-            label = "estimated" if i == kept[0] else None
+            dots(axes, sensor.time[index], measured[index] / factor, "measured" * (i == indices[0]))
+            label = "estimated" if i == indices[0] else None
             line(axes, sensor.time, sensor.expected[:, i] / factor, color=BLUE, label=label)
         plain_axis(axes)
         axes.locator_params(axis="y", nbins=3)
         axes.set_ylabel(f"{short(sensor.components[i], 9)}\n[{short(unit)}]")
     time_axis(panels[-1])
-    many = "" if len(kept) == len(sensor.components) else f" (the largest {len(kept)} of {len(sensor.components)})"
-    caption = f"Components of {sensor.name}{many} in time"
+    many = (
+        "" if len(indices) == len(sensor.components) else f" (the largest {len(indices)} of {len(sensor.components)})"
+    )
+    caption = f"Components of {sensor.name}{many} over time"
     if sensor.expected is not None:
         legend_above(panels[0])
-        text = ", ".join(f"{sensor.components[i]} {ratio(mismatch(sensor, i))}" for i in kept)
-        caption += f"; RMS of measured − estimated over RMS of measured: {text}"
-    alt = f"Line charts of {len(kept)} components of {sensor.name} in time."
-    return Drawing(key, title, f"{caption}{_unused(sensor)}.", alt, svg(drawn))
+        text = ", ".join(f"{sensor.components[i]} {ratio(mismatch(sensor, i))}" for i in indices)
+        caption += f"; RMS of measured − estimated divided by RMS of measured: {text}"
+    alt = f"Line charts of {len(indices)} components of {sensor.name} over time."
+    return Drawing(key, title, f"{caption}{_unused(sensor)}.", alt, svg(canvas))
 
 
 @styled()
 def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Drawing:
-    """NIS over the number of channels at every step, and the violation of the constraints after every correction; expected: NIS,
-    where it is known."""
-    drawn, axes, below = figure(4.2, (1.4, 1.0))
+    """NIS divided by the number of channels, and violation of the constraints after every correction; expected: NIS, if known."""
+    canvas, axes, below = figure(4.2, (1.4, 1.0))
     index, known = visible_instants(estimate.nis[:, None], 240), np.isfinite(estimate.nis)
-    dots(axes, estimate.time[1:][index], estimate.nis[index], "NIS over channels")
+    dots(axes, estimate.time[1:][index], estimate.nis[index], "NIS / channels")
     mean = float(np.mean(estimate.nis[known])) if known.any() else np.nan
     axes.axhline(mean, color=BLUE, label="mean")
     if expected is not None:
@@ -320,20 +323,20 @@ def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Draw
         below.set_yscale("log")
     dots(below, estimate.time[index], violation, "")
     log_ticks(below)
-    below.set_ylabel("constraints\nviolated by")
+    below.set_ylabel("constraint\nviolation")
     time_axis(below)
     legend_above(axes)
     worst = number(float(np.nanmax(estimate.violation, initial=0.0)), 2)
     words = "" if expected is None else f", expected {number(expected, 3)}"
     caption = (
-        f"Above, normalised innovation squared over the number of channels: mean {number(mean, 3)}{words}. Below, how far the "
-        f"constraints are violated after every correction: at most {worst}."
+        f"Above, normalised innovation squared divided by the number of channels: mean {number(mean, 3)}{words}. Below, "
+        f"violation of the constraints after every correction: at most {worst}."
     )
-    return Drawing("consistency", "Does the filter believe its sensors?", caption, caption, svg(drawn))
+    return Drawing("consistency", "Consistency of the innovations", caption, caption, svg(canvas))
 
 
 def mismatch(sensor: BenchSensor, component: int) -> float:
-    """RMS of measured − estimated over RMS of measured; NaN where nothing was measured."""
+    """RMS of measured − estimated divided by RMS of measured; NaN without measurements."""
     if sensor.expected is None:
         return float("nan")
     off = sensor.measured[:, component] - sensor.expected[:, component]
@@ -342,7 +345,7 @@ def mismatch(sensor: BenchSensor, component: int) -> float:
 
 
 def sensor_unit(size: float, unit: str) -> tuple[float, str]:
-    """Factor and unit in which readings of this size are shown: angles as displacements are."""
+    """Factor and unit for readings of this size; angles are treated like displacements."""
     if unit == "rad":
         factor, shown = reading_unit(size, "m")
         return factor, f"{shown.removesuffix('m')}rad"

@@ -1,4 +1,4 @@
-"""The page of one run of a bench: what was estimated and how well, what it rests on, how the bench moved."""
+"""Page of one bench run: estimates and their errors, motion of the bench, model and provenance."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, fig
 from strainsight.pages.chart.panels import legend_above, plain_axis, plain_ticks, time_axis
 from strainsight.pages.page.markup import bullets, figures, measure, picture, plain, table
 from strainsight.pages.page.markup import figure as card
+from strainsight.pages.page.problems import headline
 from strainsight.pages.page.sections import advice_card, document, notes_card, panel, rests_on, section
-from strainsight.pages.page.verdicts import headline
 from strainsight.pages.placement.figures import trend_figure
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
@@ -35,7 +35,7 @@ from strainsight.text import number, percent, prefix, quantity, short
 
 
 def loads_figure(time: FloatArray, every: Mapping[str, tuple[str, FloatArray]]) -> Drawing:
-    """Forces above, moments below, as they act on the bench; every: name → (unit, history (T,))."""
+    """Forces (above) and moments (below) on the bench; every: name → (unit, history (T,))."""
     largest = {name: float(np.max(np.abs(values), initial=0.0)) for name, (_, values) in every.items()}
     panels, listed = [], []
     for unit in dict.fromkeys(unit for unit, _ in every.values()):
@@ -50,7 +50,7 @@ def loads_figure(time: FloatArray, every: Mapping[str, tuple[str, FloatArray]]) 
 
 
 def bearing_figures(time: FloatArray, name: str, ring: RingMotion) -> list[Drawing]:
-    """Displacements and tilts of the inner ring; loads and highest contact pressure."""
+    """Displacements and tilts of the inner ring, its loads, and the highest contact pressure."""
     moved = _stacked(
         f"bearing-{name}-displacement",
         f"{name}: displacement of the inner ring",
@@ -59,7 +59,7 @@ def bearing_figures(time: FloatArray, name: str, ring: RingMotion) -> list[Drawi
             ("displacement [µm]", 1e6 * ring.displacement[:, :3], ("x", "y", "z")),
             ("tilt [µrad]", 1e6 * ring.displacement[:, 3:], ("y", "z")),
         ),
-        f"Displacement of the inner ring of {name} in the axes of the outer one; x is the axis.",
+        f"Displacement of the inner ring of {name} in the axes of the outer ring; x is the bearing axis.",
     )
     pressed = _stacked(
         f"bearing-{name}-load",
@@ -77,7 +77,7 @@ def bearing_figures(time: FloatArray, name: str, ring: RingMotion) -> list[Drawi
 
 
 def drive_figure(time: FloatArray, name: str, turns: bool, drive: DriveMotion) -> Drawing:
-    """Where a driven joint is, and the force or torque that it takes; turns: whether its motion is an angle."""
+    """Position of a driven joint and its drive force or torque; turns: whether its motion is an angle."""
     largest = float(np.max(np.abs(drive.force), initial=0.0))
     factor, unit = prefix(largest, "N·m" if turns else "N")
     place = ("angle [°]", np.rad2deg(drive.position)) if turns else ("position [m]", drive.position)
@@ -87,15 +87,15 @@ def drive_figure(time: FloatArray, name: str, turns: bool, drive: DriveMotion) -
         f"{name}: motion and {what} of the drive",
         time,
         ((place[0], place[1][:, None], (name,)), (f"{what} [{unit}]", drive.force[:, None] / factor, (what,))),
-        f"Motion that {name} follows, and the {what} that it takes, at most {number(largest / factor, 3)} {unit}.",
+        f"Prescribed motion of {name} and the required {what}, at most {number(largest / factor, 3)} {unit}.",
     )
 
 
 @styled()
 def stress_figure(stress: BenchStress) -> Drawing:
-    """The largest von Mises stress of every picture in time, beside the allowable where one is stated."""
+    """Largest von Mises stress over time, with the allowable if configured."""
     largest = stress.largest / 1e6
-    drawn, axes = figure(2.4)
+    canvas, axes = figure(2.4)
     axes.plot(stress.time, largest, **line_style(0), label="largest")
     if stress.allowable is not None:
         axes.axhline(stress.allowable / 1e6, color=VERMILION, ls="--", lw=1.4, label="allowable")
@@ -105,18 +105,18 @@ def stress_figure(stress: BenchStress) -> Drawing:
     legend_above(axes)
     time_axis(axes)
     words = stress_words(stress, quantity, percent, f", in element {stress.element}")
-    words += "; no allowable is stated" * (stress.allowable is None)
-    caption = f"Largest von Mises stress anywhere on {stress.body}, at {len(stress.time)} instants: {words}."
-    return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", svg(drawn))
+    words += "; no allowable stress is configured" * (stress.allowable is None)
+    caption = f"Largest von Mises stress on {stress.body} at {len(stress.time)} instants: {words}."
+    return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", svg(canvas))
 
 
 @styled()
 def random_figure(placed: BenchPlaced) -> Drawing:
-    """Expected standard deviation of every load with the layout and with random ones, over the layout's."""
+    """Expected standard deviation of every load with random layouts, relative to that of the layout."""
     expected = placed.placed.std
     known = np.flatnonzero(expected > 0)
     names = [placed.inputs[i] for i in known]
-    drawn, axes = figure(1.3 + 0.4 * len(names))
+    canvas, axes = figure(1.3 + 0.4 * len(names))
     for y, i in enumerate(known):
         others = placed.random_std[:, i] / expected[i]
         others = others[np.isfinite(others)]
@@ -129,12 +129,12 @@ def random_figure(placed: BenchPlaced) -> Drawing:
     axes.set_yticks(range(len(names)), [short(name, 16) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("expected σ over that of the placed layout [–]")
+    axes.set_xlabel("expected σ relative to the placed layout [–]")
     legend_above(axes)
     caption = (
-        "Expected standard deviation of every load with as many gauges drawn at random, over that of the placed layout."
+        "Expected standard deviation of every load with random layouts of the same size, relative to the placed layout."
     )
-    return Drawing("random", "Placed against random layouts", caption, caption, svg(drawn))
+    return Drawing("random", "Comparison with random layouts", caption, caption, svg(canvas))
 
 
 @styled()
@@ -146,8 +146,8 @@ def _stacked(
     caption: str,
     height: float = 1.5,
 ) -> Drawing:
-    """Panels one above the other, each with its label, the columns of an array and their names; height of one [inch]."""
-    drawn, *all_axes = figure(1.3 + height * len(panels), (1.0,) * len(panels))
+    """Panels from top to bottom, each with label, columns of an array and their names; height of one [inch]."""
+    canvas, *all_axes = figure(1.3 + height * len(panels), (1.0,) * len(panels))
     for axes, (label, columns, names) in zip(all_axes, panels, strict=True):
         for place, (column, name) in enumerate(zip(columns.T, names, strict=True)):
             line(axes, time, column, **line_style(place), label=name)
@@ -158,18 +158,18 @@ def _stacked(
     parts = ", ".join(
         f"{label} up to {number(float(np.nanmax(np.abs(values), initial=0.0)), 3)}" for label, values, _ in panels
     )
-    return Drawing(key, title, caption, f"Line charts: {parts}.", svg(drawn))
+    return Drawing(key, title, caption, f"Line charts: {parts}.", svg(canvas))
 
 
 STYLE = "bench/bench.css"
 FOOTER = (
-    "σ is one standard deviation. Errors and claimed σ of a bench are relative: of a load to its largest true value, of a "
-    "parameter to its true value. Bearings are quasi-static after Hertz, their rings rigid but for the contacts."
+    "σ is one standard deviation. Errors and claimed σ of a load are relative to its largest true value, those of a parameter to "
+    "its true value. Bearings are quasi-static with Hertzian contacts and otherwise rigid rings."
 )
 
 
 def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
-    """Section of the page → its figures: "unknowns", "sensors", "hold-out", "placement", "motion"."""
+    """Section → its figures: "unknowns", "sensors", "hold-out", "placement", "motion"."""
     shown: dict[str, tuple[Drawing, ...]] = {}
     kinds = {"input": "load", "parameter": "parameter"}
     if (estimate := run.estimated) is not None:
@@ -186,7 +186,7 @@ def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
         )
         shown["sensors"] = (
             *(
-                components_figure(f"sensor-{i}", f"{sensor.name}: measured against estimated", sensor)
+                components_figure(f"sensor-{i}", f"{sensor.name}: measured and estimated", sensor)
                 for i, sensor in enumerate(run.sensors)
             ),
             consistency_figure(estimate, run.number("expected_nis")),
@@ -222,8 +222,7 @@ def bench_page(
     pictures: Sequence[tuple[str, bytes]] = (),
     turned: str = "",
 ) -> str:
-    """The page as HTML text without any resource outside itself; drawings from `bench_figures`; pictures: caption, PNG;
-    turned: the section of `space_section`, or nothing."""
+    """Self-contained HTML page; drawings: from `bench_figures`; pictures: caption, PNG; turned: `space_section` or empty."""
     keys = [entry.key for entries in drawings.values() for entry in entries]
 
     def each(key: str) -> list[str]:
@@ -233,8 +232,8 @@ def bench_page(
     if run.is_estimated:
         listed = runs_table("unknowns", [(escape(run.name), run)])
         sections.append(f'<section id="answer" aria-label="answer" class="card">{listed}</section>')
-        sections.append(figures(each("unknowns"), "<h2>What was estimated</h2>"))
-        sections.append(section("Does it explain the sensors?", mismatch_table(run)) + figures(each("sensors")))
+        sections.append(figures(each("unknowns"), "<h2>Estimates</h2>"))
+        sections.append(section("Consistency with the sensors", mismatch_table(run)) + figures(each("sensors")))
         sections.append(hold_out_section(run.hold_out, each("hold-out")))
     if pictures:
         head = "Gauges and stress on the body" if run.stress is not None else "Gauges on the body"
@@ -242,20 +241,20 @@ def bench_page(
     sections.append(turned)
     if run.placement is not None:
         placed = _placed(run.placement, run.numbers.get("place", {}))
-        sections.append(f"<h2>Where the gauges go</h2>{placed}{figures(each('placement'))}")
+        sections.append(f"<h2>Gauge positions</h2>{placed}{figures(each('placement'))}")
     if run.simulated is not None:
-        lead = '<p class="lead">Simulated under the loads of the config.</p>'
-        sections.append(f"<h2>How the bench moves</h2>{lead}{figures(each('motion'))}")
+        lead = '<p class="lead">Simulation with the configured loads.</p>'
+        sections.append(f"<h2>Motion of the bench</h2>{lead}{figures(each('motion'))}")
     sections.append(rests_on({}, provenance, panel("Numbers", table("numbers", (), _facts(run)))))
     faults = [(unknown.name, run.faults(unknown.name)) for unknown in run.unknowns]
     if run.stress is not None and run.stress.too_high:
-        faults.append(("stress", ("beyond the allowable",)))
+        faults.append(("stress", ("above the allowable",)))
     title = headline(faults) + run.name
     return document("bench", run.name, title, bench_answer(run), sections, FOOTER, STYLE, turned=bool(turned))
 
 
 def _placed(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> str:
-    """The layout, what to do with it, and the same by other rules; numbers: the summary of place."""
+    """Layout, advice, and comparison with other rules; numbers: summary of place."""
     text = f'<div class="card">{placement_table(placement, numbers)}</div>'
     text += advice_card(placement.placed.advice, "h3")
     if not placement.criteria:
@@ -273,19 +272,19 @@ NAMES = {
     "coordinates": ("coordinates", ""),
     "constraints": ("constraints", ""),
     "steps": ("steps", ""),
-    "violation": ("constraints violated by at most", ""),
-    "violation_rate": ("their rates by at most", ""),
+    "violation": ("largest constraint violation", ""),
+    "violation_rate": ("largest violation of constraint rates", ""),
     "first_frequency": ("first coupled frequency", "Hz"),
-    "band": ("follows loads up to", "Hz"),
-    "turn": ("largest turn of a body in a step", "rad"),
+    "band": ("loads resolved up to", "Hz"),
+    "turn": ("largest rotation of a body in a step", "rad"),
 }
-"""Number of the simulation → what it is called, and its unit."""
+"""Key of a simulation number → its name and unit."""
 OF_ESTIMATE = {
     "method": "correction",
     "truth": "truth",
     "channels": "channels",
     "unknowns": "unknowns",
-    "violation": "constraints violated by, corrected",
+    "violation": "constraint violation after correction",
 }
 
 

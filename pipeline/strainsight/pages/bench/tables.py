@@ -1,4 +1,4 @@
-"""Numbers of benches as tables: an unknown a row, columns only for what is there."""
+"""Tables of bench results: one row per unknown, with columns only for existing numbers."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from strainsight.pages.page.markup import (
     grouped_table,
     measure,
     plain,
+    result_mark,
     share,
     table,
-    verdict_mark,
 )
-from strainsight.pages.page.verdicts import accused
+from strainsight.pages.page.problems import problem_text
 from strainsight.records.bench import Simulated
 from strainsight.runner.output import Scalar
 from strainsight.text import number
@@ -35,7 +35,7 @@ Cell = Callable[[BenchPageRun, BenchUnknown], str]
 
 
 def ratio(value: float | None, digits: int = 2) -> str:
-    """A ratio in per cent, as a plain number where it is tiny; a dash for none."""
+    """Ratio as a percentage, a small one as a number; a dash for None."""
     return "–" if value is None else data(value, text.ratio(value, digits))
 
 
@@ -44,7 +44,7 @@ def _unit(unknown: BenchUnknown) -> str:
 
 
 def _shown(key: str, shown: Callable[[float], str]) -> Cell:
-    """A number of an unknown, or a dash."""
+    """Number of an unknown, or a dash."""
 
     def cell(run: BenchPageRun, unknown: BenchUnknown) -> str:
         value = run.number(f"{key}.{unknown.name}")
@@ -62,11 +62,11 @@ def _range(run: BenchPageRun, unknown: BenchUnknown) -> str:
     return "–" if low is None or high is None else f"{plain(low)} to {plain(high)}"
 
 
-def _verdict(run: BenchPageRun, unknown: BenchUnknown) -> str:
+def _consistency(run: BenchPageRun, unknown: BenchUnknown) -> str:
     word = run.summary.get(f"verdict.{unknown.name}", run.summary.get(f"claim.{unknown.name}"))
     if not isinstance(word, str):
         return "–"
-    return word if word == NOT_TESTED else verdict_mark(word, word not in (*FAULTS, WEAK))
+    return word if word == NOT_TESTED else result_mark(word, word not in (*FAULTS, WEAK))
 
 
 YES_NO = ('<strong class="bad">no</strong>', '<strong class="good">yes</strong>')
@@ -75,7 +75,7 @@ COLUMNS: tuple[tuple[str, Cell], ...] = (
     ("largest error", _shown("largest_error", ratio)),
     ("claimed σ", _shown("std", ratio)),
     ("error / σ, all runs", _shown("ratio", lambda value: plain(value, 3))),
-    ("verdict", _verdict),
+    ("consistency", _consistency),
     ("identified", _shown("identified", lambda value: YES_NO[bool(value)])),
     ("slope", _shown("slope", lambda value: plain(value, 5))),
     ("offset", _offset("offset")),
@@ -84,18 +84,18 @@ COLUMNS: tuple[tuple[str, Cell], ...] = (
     ("mean ratio", _shown("ratio_mean", lambda value: plain(value, 5))),
     ("its range", _range),
 )
-"""Heading, what stands in the cell."""
+"""Heading, content of the cell."""
 MEANINGS = {
-    "error": "Errors and claimed σ of loads: RMS over the second half of the run, of the largest true load; of parameters: at "
-    "the end, of the true value.",
+    "error": "Errors and claimed σ of loads are RMS over the second half of the run, relative to the largest true load. Those of "
+    "parameters are final values, relative to the true value.",
     "slope": "Slope and offset: estimate = slope · truth + offset.",
-    "load ratio": "Load ratio: this bench's load over the other's, as an affine fit, and where the other is above 0.3 of its "
-    "maximum.",
-    "mismatch": "Mismatch: RMS of measured − estimated over RMS of measured, of the worst component of the sensors that the "
-    "filter was given, and of those that it was not.",
-    "NIS": "NIS: normalised innovation squared over the number of channels.",
+    "load ratio": "Load ratio: load on this bench divided by the load on the other bench, from an affine fit and, if the other "
+    "load exceeds 0.3 of its maximum, by instants.",
+    "mismatch": "Mismatch: RMS of measured − estimated divided by RMS of measured, for the worst component of the sensors that "
+    "the filter uses, and of the other sensors.",
+    "NIS": "NIS: normalised innovation squared divided by the number of channels.",
 }
-"""What columns mean, by the beginning of their headings."""
+"""Beginning of a column heading → its meaning."""
 
 
 def _mismatch(used: bool) -> Callable[[BenchPageRun], str]:
@@ -122,25 +122,25 @@ def _lost(run: BenchPageRun) -> str:
 
 SHARED: tuple[tuple[str, Callable[[BenchPageRun], str]], ...] = (
     ("mismatch", _mismatch(used=True)),
-    ("of others", _mismatch(used=False)),
+    ("other sensors", _mismatch(used=False)),
     ("NIS (expected)", _nis),
     ("lost", _lost),
 )
-"""What stands once for a run; empty where it is not there."""
+"""Columns with one cell per run, empty without a number."""
 
 
 def runs_table(name: str, entries: Sequence[tuple[str, BenchPageRun]], *, explained: bool = True) -> str:
-    """A block a run, a row an unknown, columns that say something of any of the runs; entries: heading as HTML, run.
+    """Table with a block per run and a row per unknown; entries: heading as HTML, run.
 
-    name: as of `markup.table`; explained: whether a sentence before the table says what its columns mean.
+    name: as in `markup.table`; explained: whether a caption explains the columns. Columns without any number are omitted.
     """
     estimated = [run for _, run in entries if run.is_estimated]
     columns = [
         (heading, of)
         for heading, of in COLUMNS
-        if any(_says(of(run, unknown)) for run in estimated for unknown in run.unknowns)
+        if any(_is_filled(of(run, unknown)) for run in estimated for unknown in run.unknowns)
     ]
-    shared = [(heading, of) for heading, of in SHARED if any(_says(of(run)) for run in estimated)]
+    shared = [(heading, of) for heading, of in SHARED if any(_is_filled(of(run)) for run in estimated)]
     head = ["run", "unknown", *(heading for heading, _ in (*columns, *shared))]
     bodies = []
     for heading, run in entries:
@@ -157,26 +157,26 @@ def runs_table(name: str, entries: Sequence[tuple[str, BenchPageRun]], *, explai
     return grouped_table(name, head, bodies, caption=" ".join(meanings) * explained, numeric=range(2, len(head)))
 
 
-def _says(cell: str) -> bool:
-    """Whether there is anything in a cell but a dash."""
+def _is_filled(cell: str) -> bool:
+    """Whether a cell has content other than a dash."""
     return re.sub("<[^>]*>", "", cell) not in ("", "–")
 
 
 def mismatch_table(run: BenchPageRun) -> str:
-    """Every sensor with its mismatch, component by component."""
+    """Mismatch of every sensor by component."""
     rows = []
     for sensor in run.sensors:
         parts = [(name, run.number(f"mismatch.{sensor.name}.{i}")) for i, name in enumerate(sensor.components, start=1)]
         listed = ", ".join(f"{escape(name)} {ratio(value)}" for name, value in parts if value is not None)
-        use = "given to the filter" if sensor.used else "only compared"
+        use = "in the filter" if sensor.used else "for comparison only"
         rows.append([escape(sensor.name), use, ratio(run.number(f"mismatch.{sensor.name}")), listed or "–"])
-    caption = "RMS of measured − estimated over RMS of measured."
+    caption = "RMS of measured − estimated divided by RMS of measured."
     head = ("sensor", "use", "worst", "by component")
     return table("sensors", head, rows, caption=caption, numeric=(2,)) if rows else ""
 
 
 def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> str:
-    """The layout's expected standard deviations beside those of random layouts, and where the gauges go; numbers: the summary of
+    """Expected standard deviations of the layout and of random layouts, and positions of the gauges; numbers: summary of
     place."""
     placed, units = placement.placed, placement.units
     best, rows = placed.placed, []
@@ -184,7 +184,7 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
         known = random[~np.isnan(random)]
         ends = [measure(float(end), unit, 3) for end in (known.min(), known.max())] if len(known) else ["–", "–"]
         rows.append([escape(name), measure(std, unit, 3), *ends])
-    head = ("load", "expected σ", "best random layout", "worst")
+    head = ("load", "expected σ", "best random layout", "worst random layout")
     loads = table("loads", head, rows, numeric=(1, 2, 3)) if rows else ""
     places, symbol, gauges = decimals(best.position), escape(placement.trend.metric.symbol), []
     for i, label in enumerate(placement.labels):
@@ -196,27 +196,27 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
         "gauge",
         *AXES,
         "direction",
-        f"{symbol} if it fails",
-        *(f"σ({escape(name)}) without it" for name in units),
+        f"{symbol} after failure",
+        *(f"σ({escape(name)}) without gauge" for name in units),
     ]
     caption, gap = f"{symbol} of the layout: {plain(placement.trend.final, 4)}.", placement.trend.gap
     if gap is not None:
         of = f" of all {every} candidates" if (every := numbers.get("bounded")) else ""
-        caption += f" No other layout within the limits{of} is lower by more than {ratio(max(gap, 0.0))}."
+        caption += f" No layout within the limits{of} has a value lower by more than {ratio(max(gap, 0.0))}."
     if "proven" in numbers:
-        caption += " Proven: none is better." if numbers["proven"] else " The time was too short for a proof."
+        caption += " Proven optimal." if numbers["proven"] else " Optimality was not proven within the time limit."
     return loads + table("gauges", columns, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(columns))])
 
 
 def bench_answer(run: BenchPageRun) -> str:
-    """What does not hold, what was found, up to which frequency, and how near the stress comes to the allowable."""
-    text = _moved(run.simulated) if run.simulated is not None else "Nothing was simulated."
+    """Problems, results, frequency limit, and stress relative to the allowable."""
+    text = _simulated_text(run.simulated) if run.simulated is not None else "Nothing was simulated."
     if run.is_estimated:
         text = run_answer(run)
     band = run.numbers.get("simulate", {}).get("band")
     if isinstance(band, int | float):
         shown = data(float(band), f"{number(float(band), 3)}\u00a0Hz", "Hz")
-        text += f" The time step follows loads up to {shown}."
+        text += f" The time step resolves loads up to {shown}."
     if (stress := run.stress) is None:
         return text
     words = f"on {escape(stress.body)}: {stress_words(stress, measure, share)}."
@@ -226,28 +226,30 @@ def bench_answer(run: BenchPageRun) -> str:
 
 
 def run_answer(run: BenchPageRun) -> str:
-    """What does not hold, then what the filter made of the unknowns, of a load relative to its largest true value."""
+    """Problems, then errors of the unknowns; those of a load relative to its largest true value."""
     if not run.is_estimated:
         return ""
     parts, channels = [_estimated(run, unknown) for unknown in run.unknowns], run.number("channels")
     used = sum(len(s.components) for s in run.sensors if s.used) if channels is None else int(channels)
-    text = f"{count(used)} channels tell {', '.join(parts) or 'nothing'}."
+    text = f"{count(used)} channels estimate {', '.join(parts) or 'no unknowns'}."
     elsewhere = [unknown.name for unknown in run.unknowns if unknown.there is not None]
     if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in run.sensors if sensor.used}
         listed = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
-        text = f"These loads make the bench read as the one that was measured, {', '.join(listed)}: {', '.join(parts)}."
-    return _leading(run) + text
+        text = f"These loads reproduce the readings of the measured bench, {', '.join(listed)}: {', '.join(parts)}."
+    return _problems(run) + text
 
 
-def _leading(run: BenchPageRun) -> str:
-    """What does not hold, as HTML."""
+def _problems(run: BenchPageRun) -> str:
+    """Problems as HTML."""
     lost = run.number("lost")
-    text = f'<strong class="bad">{number(lost)} run{"s" * (lost != 1)} lost.</strong> ' if lost else ""
+    text = f'<strong class="bad">{number(lost)} run{"s" * (lost != 1)} diverged.</strong> ' if lost else ""
     for unknown in run.unknowns:
         claim = run.claim(unknown.name)
         over = OVERCONFIDENT if claim is None else claim.words(plain)
-        text += accused(unknown.name, [over if fault == OVERCONFIDENT else fault for fault in run.faults(unknown.name)])
+        text += problem_text(
+            unknown.name, [over if fault == OVERCONFIDENT else fault for fault in run.faults(unknown.name)]
+        )
     return text
 
 
@@ -255,24 +257,24 @@ def _estimated(run: BenchPageRun, unknown: BenchUnknown) -> str:
     name, mean = f"<strong>{escape(unknown.name)}</strong>", unknown.mean
     error, std = run.number(f"error.{unknown.name}"), run.number(f"std.{unknown.name}")
     if error is not None:
-        return f"{name} to {ratio(error)}" + (f" at a claimed σ of {ratio(std)}" if std is not None else "")
+        return f"{name} with an error of {ratio(error)}" + (f" (claimed σ {ratio(std)})" if std is not None else "")
     if unknown.kind == "parameter":
-        return f"{name} as {measure(float(mean[-1]), _unit(unknown))}"
+        return f"{name} = {measure(float(mean[-1]), _unit(unknown))}"
     largest = np.max(np.abs(mean[len(mean) // 2 :]), initial=0.0)
-    return f"{name} as at most {measure(float(largest), _unit(unknown))} in the second half"
+    return f"{name}, at most {measure(float(largest), _unit(unknown))} in the second half"
 
 
 def stress_words(
     stress: BenchStress, shown: Callable[[float, str], str], share: Callable[[float], str], where: str = ""
 ) -> str:
-    """The largest stress, where, and how much of the allowable; shown, share: how a number and a ratio are written."""
+    """Largest stress, its position, and its ratio to the allowable; shown, share: format a number and a ratio."""
     text = f"at most {shown(float(np.max(stress.largest)), 'Pa')}{where}"
     if stress.allowable is None or stress.share is None:
         return text
     return f"{text}, {share(stress.share)} of the allowable {shown(stress.allowable, 'Pa')}"
 
 
-def _moved(motion: Simulated) -> str:
+def _simulated_text(motion: Simulated) -> str:
     steps = len(motion.time) - 1
     length = float(motion.time[-1] - motion.time[0])
     text = f"{number(length)} s in {steps} steps"

@@ -1,1 +1,1 @@
-"""Charts as SVG: their style, their panels, and themselves as files with the numbers that they draw."""
+"""Charts as SVG, and as files with their numbers."""

@@ -1,4 +1,4 @@
-"""What every figure shares: colours, axes, and one SVG writer whose bytes depend on the data alone."""
+"""Common parts of figures: colours, axes, and a deterministic SVG writer."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from strainsight.pages.arrays import FloatArray, IntArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito (2008): distinguished by colour-blind readers and in grey.
+# Okabe and Ito (2008): suitable for colour-blind readers and in grey
 BLUE, VERMILION, GREEN, ORANGE = "#0072b2", "#d55e00", "#009e73", "#e69f00"
 PURPLE, SKY, YELLOW = "#cc79a7", "#56b4e9", "#f0e442"
 INK, MUTED, GRID = "#1c2430", "#6b7480", "#dfe3e8"
 SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
-# Vermilion is kept for loads: a gauge never has the colour of an arrow.
+# vermilion is reserved for loads
 GAUGES = (BLUE, GREEN, ORANGE, PURPLE, SKY, YELLOW)
 
 STYLE: Mapping[str, Any] = {
@@ -59,14 +59,14 @@ STYLE: Mapping[str, Any] = {
     "lines.solid_capstyle": "round",
     "lines.solid_joinstyle": "round",
     "path.simplify": False,
-    # A name from a config may hold a dollar sign.
+    # names from a config may contain a dollar sign
     "text.parse_math": False,
 }
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """One figure of the page: key for its place on the page, title, caption, alternative text, SVG bytes."""
+    """One figure of a page: key, title, caption, alternative text, SVG bytes."""
 
     key: str
     title: str
@@ -76,12 +76,12 @@ class Drawing:
 
 
 def gauge_colour(index: int) -> str:
-    """The colour of gauge number `index` from 0, the same in the scene, the table and the figures."""
+    """Colour of gauge `index` (from 0), the same in pictures, tables and figures."""
     return GAUGES[index % len(GAUGES)]
 
 
 def ink_on(colour: str) -> str:
-    """Black or white, whichever has the higher contrast on `colour` (WCAG relative luminance)."""
+    """Black or white text with the higher contrast on `colour` (WCAG relative luminance)."""
     channel = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channel]
     luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
@@ -89,48 +89,47 @@ def ink_on(colour: str) -> str:
 
 
 def visible_instants(columns: FloatArray, buckets: int = 360) -> IntArray:
-    """What can be seen of curves on a common time axis: the instants (k,) at which a bucket's extremes stand.
+    """Indices (k,) of instants that represent curves: first, last, and the extremes of every bucket and column.
 
-    columns (T, c), equally spaced in time. Keeps the first and last instant and, of every bucket and column,
-    its minimum and maximum, so that no peak is lost and none is moved. Short histories are kept whole.
+    columns (T, c), equally spaced in time. No peak is lost or moved. Short histories are kept completely.
     """
     steps = len(columns)
     if steps <= 2 * buckets:
         return np.arange(steps)
     edges = np.linspace(0, steps, buckets + 1).astype(int)
-    kept = {0, steps - 1}
+    instants = {0, steps - 1}
     for start, stop in pairwise(edges):
         block = columns[start:stop]
-        kept.update((start + np.where(np.isnan(block), np.inf, block).argmin(axis=0)).tolist())
-        kept.update((start + np.where(np.isnan(block), -np.inf, block).argmax(axis=0)).tolist())
-    return np.array(sorted(kept))
+        instants.update((start + np.where(np.isnan(block), np.inf, block).argmin(axis=0)).tolist())
+        instants.update((start + np.where(np.isnan(block), -np.inf, block).argmax(axis=0)).tolist())
+    return np.array(sorted(instants))
 
 
 WIDE, SMALL = 5.2, 4.0
-"""Width of a figure, and of one among many [inch]: the page shows them so that letters are of about the same size."""
+"""Width of a figure, and of a small multiple [inch], for similar letter sizes on the page."""
 
 
 def figure(height: float = 3.4, ratios: tuple[float, ...] = (1.0,), shared: bool = True, width: float = WIDE) -> Any:
-    """An empty figure and its panels, one over the other; drawn on inside `styled()`.
+    """Empty figure with panels one above the other, to be used inside `styled()`.
 
-    height, width [inch]; shared: on one x axis, which the lowest panel labels.
+    height, width [inch]; ratios: of panel heights; shared: whether panels share the x axis.
     """
     matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    drawn = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(drawn)
-    drawn.patch.set_visible(False)
-    panels = drawn.subplots(len(ratios), sharex=shared, squeeze=False, height_ratios=ratios)[:, 0]
+    canvas = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(canvas)
+    canvas.patch.set_visible(False)
+    panels = canvas.subplots(len(ratios), sharex=shared, squeeze=False, height_ratios=ratios)[:, 0]
     for axes in panels:
         axes.patch.set_visible(False)
-    return drawn, *panels
+    return canvas, *panels
 
 
 @cache
 def matplotlib() -> Any:
-    """Matplotlib, imported without the settings of the working folder."""
+    """Import matplotlib without settings from the working folder."""
     with in_package_folder():
         import matplotlib as mpl
     return mpl
@@ -138,7 +137,7 @@ def matplotlib() -> Any:
 
 @contextmanager
 def styled(style: Mapping[str, Any] = STYLE) -> Iterator[None]:
-    """Matplotlib's defaults, whatever its settings files say, and a style, that of all figures."""
+    """Matplotlib defaults, without settings files, plus a style."""
     mpl = matplotlib()
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -146,43 +145,42 @@ def styled(style: Mapping[str, Any] = STYLE) -> Iterator[None]:
         yield
 
 
-def svg(drawn: Figure) -> bytes:
-    """SVG of a figure: no date, no creator, coordinates to a hundredth of a point, the same bytes for the same data."""
+def svg(canvas: Figure) -> bytes:
+    """Deterministic SVG of a figure, with coordinates to a hundredth of a point."""
 
     def hundredth(match: re.Match[str]) -> str:
         return f"{float(match[0]):.2f}".rstrip("0").rstrip(".")
 
     nothing: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    text = saved(drawn, format="svg", metadata=nothing).decode()
+    text = saved(canvas, format="svg", metadata=nothing).decode()
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.S)
-    # Only inside attributes: what stands between the tags is the text of tick labels.
+    # only inside attributes, not in tick labels
     text = re.sub(r'"[^"<>]*"', lambda quoted: re.sub(r"-?\d+\.\d{3,}", hundredth, quoted[0]), text)
     text = re.sub(r"font: [^;\"']*?(\d+(?:\.\d+)?px)[^;\"]*", r"font: \1 system-ui, sans-serif", text)
     image = re.sub(r"\s*\n\s*", "\n", text).encode()
-    if (figures := _KEPT.get()) is not None:
-        figures[image] = drawn
+    if (figures := _RECORDED.get()) is not None:
+        figures[image] = canvas
     return image
 
 
-_KEPT: ContextVar[dict[bytes, Figure] | None] = ContextVar("kept", default=None)
+_RECORDED: ContextVar[dict[bytes, Figure] | None] = ContextVar("recorded", default=None)
 
 
 @contextmanager
-def kept() -> Iterator[dict[bytes, Figure]]:
-    """Gather SVG → figure of all that is drawn within, for whoever wants its numbers or another format."""
+def recorded_figures() -> Iterator[dict[bytes, Figure]]:
+    """Record SVG → figure of all figures drawn in the context, for their numbers and other formats."""
     figures: dict[bytes, Figure] = {}
-    token = _KEPT.set(figures)
+    token = _RECORDED.set(figures)
     try:
         yield figures
     finally:
-        _KEPT.reset(token)
+        _RECORDED.reset(token)
 
 
-def saved(drawn: Figure, **options: Any) -> bytes:
-    """The figure as a file with these options of `savefig`. Letters are left to the reader's fonts; the one that they are
-    measured by need not have them all."""
+def saved(canvas: Figure, **options: Any) -> bytes:
+    """Figure as a file with options of `savefig`; missing glyphs are ignored, as the reader's fonts are used."""
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        drawn.savefig(buffer, **options)
+        canvas.savefig(buffer, **options)
     return buffer.getvalue()

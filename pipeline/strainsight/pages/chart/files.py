@@ -1,4 +1,4 @@
-"""The figures of a page as files of their own: SVG, PNG, and the numbers in them as CSV."""
+"""Figures of a page as files: SVG, PNG, and their numbers as CSV."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INDEX = "figures.csv"
-"""What is in the folder: file, title and caption of every figure."""
+"""Index of the folder: file, title and caption of every figure."""
 LONGEST = 80
 DPI = 200
 
 
-def figure_files(drawings: Iterable[Drawing], drawn: Mapping[bytes, Figure]) -> dict[str, bytes]:
-    """File name → content; drawn: SVG → the figure that it was written from, as `drawing.kept` gathers them."""
+def figure_files(drawings: Iterable[Drawing], figures: Mapping[bytes, Figure]) -> dict[str, bytes]:
+    """File name → content; figures: SVG → figure, from `drawing.recorded_figures`."""
     files: dict[str, bytes] = {}
     rows = []
     for drawing in drawings:
         name = file_name(drawing.key, {Path(other).stem.lower() for other in files})
-        figure = drawn[drawing.svg]
-        # The numbers first: the figure is changed for the other picture.
+        figure = figures[drawing.svg]
+        # numbers first, because writing the PNG changes the figure
         files[f"{name}.csv"] = figure_csv(figure)
         files |= {f"{name}.svg": drawing.svg, f"{name}.png": _png(figure)}
         rows.append((name, drawing.title, drawing.caption))
@@ -42,7 +42,7 @@ def figure_files(drawings: Iterable[Drawing], drawn: Mapping[bytes, Figure]) -> 
 
 
 def write_figures(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write them; figures of an earlier time that there are no more are removed, other files are left alone."""
+    """Write figure files and remove figures of an earlier run that no longer exist; other files are kept."""
     make_folder(folder.parent)
     make_folder(folder)
     index = folder / INDEX
@@ -55,36 +55,34 @@ def write_figures(folder: Path, files: Mapping[str, bytes]) -> None:
         write_file(folder / name, content)
 
 
-def file_name(key: str, taken: set[str]) -> str:
-    """A plain file name for a key, which may hold any name of a config; apart from others on any file system."""
+def file_name(key: str, used: set[str]) -> str:
+    """Valid file name for a key, unique also on case-insensitive file systems."""
     plain = re.sub(r"[^\w.-]+", "_", key).strip("._-")[:LONGEST] or "figure"
     name, count = plain, 2
-    while name.lower() in {*taken, Path(INDEX).stem}:
+    while name.lower() in {*used, Path(INDEX).stem}:
         name, count = f"{plain}-{count}", count + 1
     return name
 
 
-def _png(drawn: Figure) -> bytes:
-    """On white: the page's figures have no ground of their own, and a picture that is pasted somewhere needs one."""
+def _png(canvas: Figure) -> bytes:
+    """PNG on a white background."""
     with styled():
-        for axes in drawn.axes:
+        for axes in canvas.axes:
             axes.autoscale(False)
-            for _, places in dots_of(axes):  # lines of no length, which this renderer leaves out
+            for _, places in dots_of(axes):  # lines of zero length, which this renderer omits
                 axes.plot(*places.T, ".", color=MUTED, ms=4, alpha=0.8, zorder=1)
-        drawn.patch.set_visible(True)
-        return saved(drawn, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
+        canvas.patch.set_visible(True)
+        return saved(canvas, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
 
 
 Series = tuple[str, FloatArray, dict[str, FloatArray]]
-"""What one line, band or row of bars draws: name of its legend, x (k,), and the columns over it: what is added to the axis label
-→ (k,)."""
+"""One line, band or row of bars: legend, x (k,), and columns: suffix of the axis label → (k,)."""
 
 
-def figure_csv(drawn: Figure) -> bytes:
-    """CSV, UTF-8: a column a series in the unit of its axis, beside it its abscissa where that is another one.
+def figure_csv(canvas: Figure) -> bytes:
+    """CSV, UTF-8, with one column per series in the unit of its axis, and each different abscissa.
 
-    Headers are "legend: axis label [unit]"; of columns of the same name the further ones are numbered. Curves are as they
-    are drawn: long records are thinned to what one can see, their peaks kept.
+    Headings are "legend: axis label [unit]"; repeated names are numbered. Long records are thinned as drawn, with their peaks.
     """
     head: list[str] = []
     columns: list[list[str]] = []
@@ -94,9 +92,9 @@ def figure_csv(drawn: Figure) -> bytes:
         head.append(f"{title} ({again + 1})" if again else title)
         columns.append(cells)
 
-    below = next((axes.get_xlabel() for axes in reversed(drawn.axes) if axes.get_xlabel()), "")
+    below = next((axes.get_xlabel() for axes in reversed(canvas.axes) if axes.get_xlabel()), "")
     shown: list[FloatArray] = []
-    for axes in drawn.axes:
+    for axes in canvas.axes:
         across, up = _label(axes.get_xlabel() or below), _label(axes.get_ylabel())
         for name, x, over in _series(axes):
             if len(x) and not any(np.array_equal(x, other, equal_nan=True) for other in shown):
@@ -109,7 +107,7 @@ def figure_csv(drawn: Figure) -> bytes:
 
 
 def _series(axes: Any) -> Iterator[Series]:
-    """Everything on the axes that stands for numbers, in the order of drawing; entries of the legend alone are left out."""
+    """Yield all series on the axes in the order of drawing, without legend-only entries."""
     for container in axes.containers:
         bars = [bar for bar in container if np.isfinite(bar.get_height())]
         if not bars:
@@ -120,7 +118,7 @@ def _series(axes: Any) -> Iterator[Series]:
         yield _name(container), across, {"": ends}
     for band in axes.collections:
         for path in band.get_paths():
-            # Matplotlib goes along one edge and back along the other, with a corner before each and one to close.
+            # vertices: one edge, then the other in reverse, each after a corner, and a closing corner
             count = (len(path.vertices) - 3) // 2
             if count < 1:
                 continue
@@ -134,21 +132,21 @@ def _series(axes: Any) -> Iterator[Series]:
             continue
         if line.get_transform() == axes.transData:
             yield _name(line), x, {"": y}
-        elif y[0] == y[-1]:  # a line across the axes stands for one value
+        elif y[0] == y[-1]:  # a horizontal line represents one value
             yield _name(line), np.empty(0), {"": y[:1]}
         else:
             yield _name(line), x[:1], {}
 
 
 def dots_of(axes: Any) -> list[tuple[str, FloatArray]]:
-    """Label and places (k, 2) of everything that `panels.dots` has drawn."""
-    drawn = [patch for patch in axes.patches if str(patch.get_label()).startswith(DOTS)]
-    # Each dot is a line of no length.
-    return [(str(patch.get_label()).removeprefix(DOTS), patch.get_path().vertices[::2]) for patch in drawn]
+    """Label and positions (k, 2) of everything drawn by `panels.dots`."""
+    patches = [patch for patch in axes.patches if str(patch.get_label()).startswith(DOTS)]
+    # each dot is a line of zero length
+    return [(str(patch.get_label()).removeprefix(DOTS), patch.get_path().vertices[::2]) for patch in patches]
 
 
 def _name(artist: Any) -> str:
-    """What the legend calls it; names that begin with an underscore are matplotlib's own."""
+    """Legend label; names with a leading underscore belong to matplotlib."""
     name = str(artist.get_label() or "")
     return "" if name.startswith("_") else _label(name)
 
@@ -162,7 +160,7 @@ def _number(value: float) -> str:
 
 
 def _cells(axes: Any, values: FloatArray, named: bool) -> list[str]:
-    """Values as text; on an axis whose rows have names and no label, the names."""
+    """Values as text, or row names on an axis with named rows and no label."""
     labels = [text.get_text() for text in axes.get_yticklabels()]
     ticks = np.asarray(axes.get_yticks(), dtype=float)
     if not (named and labels and all(labels) and len(ticks) == len(labels)):

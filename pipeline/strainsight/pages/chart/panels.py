@@ -1,4 +1,4 @@
-"""What the figures do to their axes: units, limits, ticks, legends, and which part of a history to show."""
+"""Axes of figures: units, limits, ticks, legends, and the shown part of a history."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 FLAT = 1e-9
-"""Share of its size within which a curve is flat."""
+"""Relative variation below which a curve is flat."""
 LONG = 1e5
-"""Value from which tick labels are written with powers of ten."""
+"""Value from which tick labels have powers of ten."""
 
 
 def focus_on(axes: Axes, values: FloatArray, share: float = 0.02) -> None:
-    """Limit the y axis to the bulk of the values, with a margin; a flat curve keeps a visible one."""
+    """Limit the y axis to the bulk of the values, with a margin."""
     values = values[np.isfinite(values)]
     if not len(values):
         return
@@ -44,14 +44,14 @@ def focus_on(axes: Axes, values: FloatArray, share: float = 0.02) -> None:
 
 
 def legend_above(axes: Axes, columns: int = 4) -> None:
-    """The legend over the axes, where it covers no curve."""
+    """Put the legend above the axes."""
     axes.legend(
         loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.5, columnspacing=1.2
     )
 
 
 def band(axes: Axes, x: FloatArray, mean: FloatArray, std: FloatArray, colour: str, label: str = "") -> None:
-    """mean ± 2σ over x."""
+    """Draw mean ± 2σ over x."""
     axes.fill_between(x, mean - 2 * std, mean + 2 * std, color=colour, alpha=0.25, lw=0, label=label)
 
 
@@ -64,7 +64,7 @@ DOTS = "_dots:"
 
 
 def dots(axes: Axes, x: FloatArray, y: FloatArray, label: str) -> None:
-    """Many dots as one path of zero-length round-capped lines: a tenth of the bytes that as many markers take."""
+    """Draw many dots as one path of zero-length round-capped lines, with a tenth of the size of markers."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
@@ -73,7 +73,7 @@ def dots(axes: Axes, x: FloatArray, y: FloatArray, label: str) -> None:
     vertices = np.repeat(shown, 2, axis=0)
     codes = np.tile(np.array([Path.MOVETO, Path.LINETO], dtype=np.uint8), len(shown))
     style = {"color": MUTED, "lw": 2.4, "capstyle": "round"}
-    # The label tells these dots from other patches for `figure_csv`; with the underscore the legend passes over it.
+    # the label identifies the dots for `figure_csv`; the legend ignores labels with an underscore
     axes.add_patch(PathPatch(Path(vertices, codes), fill=False, alpha=0.8, label=f"{DOTS}{label}", **style))
     if label:
         axes.plot([], [], ".", color=MUTED, ms=4, label=label)
@@ -82,7 +82,7 @@ def dots(axes: Axes, x: FloatArray, y: FloatArray, label: str) -> None:
 
 
 def plain_ticks(axes: Axes, which: str) -> None:
-    """Label a logarithmic axis 0.1, 1, 10 and, where it spans less than two decades, 2 and 5 between."""
+    """Label a logarithmic axis 0.1, 1, 10, and also 2 and 5 if it spans less than two decades."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axis = axes.xaxis if which == "x" else axes.yaxis
@@ -98,13 +98,13 @@ def plain_ticks(axes: Axes, which: str) -> None:
 
 
 def legend_of_lines(axes: Axes, labels: Sequence[str]) -> None:
-    """The legend over the axes in as many columns as fit beside each other."""
+    """Put the legend above the axes in as many columns as fit."""
     longest = max(map(len, labels), default=0)
     legend_above(axes, 4 if longest <= 10 else 2 if longest <= 20 else 1)
 
 
 def plain_axis(axes: Axes) -> None:
-    """Label a linear y axis with the numbers themselves, without a power or an offset beside it; rounding stays flat."""
+    """Label a linear y axis without power or offset; rounding errors appear flat."""
     low, high = axes.get_ylim()
     size = max(abs(low), abs(high))
     if high - low < FLAT * size:
@@ -116,7 +116,7 @@ def plain_axis(axes: Axes) -> None:
 
 
 def log_ticks(axes: Axes, which: str = "y") -> None:
-    """Label a logarithmic axis with powers of ten where it spans more than three decades, else as `plain_ticks`."""
+    """Label a logarithmic axis with powers of ten if it spans more than three decades, else as `plain_ticks`."""
     plain_ticks(axes, which)
     axis = axes.xaxis if which == "x" else axes.yaxis
     low, high = axis.get_view_interval()
@@ -128,27 +128,24 @@ def log_ticks(axes: Axes, which: str = "y") -> None:
 
 
 def power_of_ten(value: float) -> str:
-    """As 10⁶."""
+    """Format as 10⁶."""
     return f"10{str(round(np.log10(value))).translate(SUPERSCRIPTS)}"
 
 
 def shown_unit(*histories: History) -> tuple[float, str]:
-    """Factor and unit in which the largest of the histories reads well."""
+    """Factor and unit for display of the largest history."""
     unit = histories[0].unit.replace("N m", "N·m")
     size = largest(*(h.mean if h.truth is None else h.truth for h in histories))
     return reading_unit(size, unit) if unit == "m" else prefix(size, unit)
 
 
 def drawable(values: FloatArray) -> FloatArray:
-    """The values with a gap wherever one is no finite number."""
+    """Replace values that are not finite by NaN."""
     return np.where(np.isfinite(values), values, np.nan)
 
 
 def last_periods(values: FloatArray) -> slice:
-    """The last four periods of an oscillation (T,), counted by crossings of its mean; at least a fiftieth of the run.
-
-    A history that hardly oscillates is shown whole.
-    """
+    """The last four periods of an oscillation (T,) by mean crossings, at least a fiftieth of the run; all without oscillation."""
     steps, finite = len(values), values[np.isfinite(values)]
     mean = np.mean(finite) if len(finite) else 0.0
     crossing = np.flatnonzero(np.diff(np.signbit(values - mean)))
@@ -157,11 +154,8 @@ def last_periods(values: FloatArray) -> slice:
 
 
 def about(values: FloatArray, near: FloatArray, periods: float = 5.0, least: int = 60, share: float = 0.6) -> slice:
-    """A few periods of an oscillation (T,) about the largest finite sample of `near` (T,), of at least so many samples; all of it
-    where that would be more than `share` of it.
-
-    A period is twice the mean distance of crossings of its mean, counted where there are samples.
-    """
+    """A few periods of an oscillation (T,) around the largest finite sample of `near` (T,), with at least `least` samples; all of
+    it if this exceeds `share`. A period is twice the mean distance of mean crossings."""
     finite, steps = values[np.isfinite(values)], len(values)
     crossings = int(np.count_nonzero(np.diff(np.signbit(finite - finite.mean())))) if len(finite) else 0
     width = max(least, round(2 * periods * len(finite) / crossings) if crossings else steps)
@@ -181,7 +175,7 @@ def overlay(
     words: str,
     measured: FloatArray | None = None,
 ) -> None:
-    """A curve in its ±2σ band where it has one, over what was measured as dots; thinned to what can be seen."""
+    """Draw a curve with its ±2σ band, if finite, and measurements as dots, thinned."""
     banded = bool(np.isfinite(std).any())
     columns = (mean, *(mean - 2 * std, mean + 2 * std) * banded, *(() if measured is None else (measured,)))
     index = visible_instants(np.column_stack(columns), 180)
@@ -193,19 +187,19 @@ def overlay(
 
 
 def estimate_figure(history: History, start: int = 0) -> Drawing:
-    """Estimate with its ±2σ band beside the truth, the whole run, or what of it follows an instant."""
+    """Estimate with ±2σ band and truth, from an instant `start` on."""
     name, image = history.name, _bands(history, slice(start, None), focus=False)
-    caption = f"Estimate of {name} over the whole run; the band is ±2 standard deviations as the filter claims them."
+    caption = f"Estimate of {name} over the whole run with its claimed ±2σ band."
     return Drawing(f"estimate-{name}", f"{name}: whole run", caption, _history_alt(history), image)
 
 
 def closing_figure(history: History, kind: str) -> Drawing:
-    """The same, close up: the last half of a parameter, the last periods of an input."""
+    """Estimate close up: last half of a parameter, last periods of a load."""
     reference = history.mean if history.truth is None else history.truth
     window = slice(len(history.time) // 2, None) if kind == "parameter" else last_periods(reference)
     image = _bands(history, window, focus=True)
     span = "last half of the run" if kind == "parameter" else "last periods"
-    caption = f"{history.name} close up: the {span}, on a scale that shows the band."
+    caption = f"{history.name} close up: {span}, scaled to the band."
     return Drawing(f"closing-{history.name}", f"{history.name}: {span}", caption, _history_alt(history), image)
 
 
@@ -219,7 +213,7 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     )
     columns = [mean, mean - 2 * std, mean + 2 * std, *(values for values in (truth, smoothed) if values is not None)]
     index = visible_instants(np.column_stack(columns))
-    drawn, axes = figure()
+    canvas, axes = figure()
     if np.isfinite(std).any():
         band(axes, time[index], mean[index], std[index], BLUE, "±2σ")
     axes.plot(time[index], mean[index], color=BLUE, label="estimate")
@@ -236,11 +230,11 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     time_axis(axes)
     axes.set_ylabel(f"{short(history.name)} [{unit}]")
     legend_above(axes)
-    return svg(drawn)
+    return svg(canvas)
 
 
 def _history_alt(history: History) -> str:
-    """The curve in words: where it ends, with what band."""
+    """Alternative text: final value with band."""
     end = quantity(float(history.mean[-1]), history.unit)
     truth = "" if history.truth is None else f", truth {quantity(float(history.truth[-1]), history.unit)}"
     sigma = f" ± {quantity(float(history.std[-1]), history.unit, 2)}" if np.isfinite(history.std[-1]) else ""
@@ -249,13 +243,13 @@ def _history_alt(history: History) -> str:
 
 @styled()
 def posterior_figure(name: str, unit: str, posterior: Posterior, truth: float | None = None) -> Drawing:
-    """Density of a parameter before and after the measurements, and its true value where that is known."""
+    """Prior and posterior density of a parameter, and its true value if known."""
     factor, shown = prefix(float(posterior.value.max()), unit)
     value = posterior.value / factor
-    drawn, axes = figure()
-    axes.fill_between(value, posterior.density, color=BLUE, alpha=0.25, lw=0, label="after the measurements")
+    canvas, axes = figure()
+    axes.fill_between(value, posterior.density, color=BLUE, alpha=0.25, lw=0, label="posterior")
     axes.plot(value, posterior.density, color=BLUE, lw=1.6, label="_")
-    axes.plot(value, posterior.prior, color=ORANGE, lw=1.4, label="before them")
+    axes.plot(value, posterior.prior, color=ORANGE, lw=1.4, label="prior")
     if truth is not None:
         axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
     axes.set(xlabel=f"{name} [{shown}]", ylabel=f"density of ln {name} [–]")
@@ -263,8 +257,8 @@ def posterior_figure(name: str, unit: str, posterior: Posterior, truth: float | 
     legend_above(axes, columns=3)
     top = quantity(float(posterior.value[np.argmax(posterior.density)]), unit)
     caption = (
-        f"What is known of {name} after the measurements of the test, beside what was known before: the narrower of the two "
-        "curves, the more they say; one with several peaks allows several values."
+        f"Posterior density of {name} after the measurements, and its prior. A narrower posterior means more information; "
+        "several peaks mean several possible values."
     )
-    alt = f"Density of {name} before and after the measurements, largest at {top}."
-    return Drawing(f"posterior-{name}", f"{name}: what the measurements leave", caption, alt, svg(drawn))
+    alt = f"Prior and posterior density of {name}, largest at {top}."
+    return Drawing(f"posterior-{name}", f"{name}: posterior density", caption, alt, svg(canvas))

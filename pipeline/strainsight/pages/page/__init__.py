@@ -1,1 +1,1 @@
-"""What every page is made of: its frame, its markup, numbers as people read them."""
+"""Common parts of pages: document, markup, formatted numbers."""

@@ -1,4 +1,4 @@
-"""Small pieces of HTML; whatever comes from a config or a deck is escaped here."""
+"""HTML elements; text from configs and decks is escaped here."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from strainsight.text import number, percent, quantity
 
 AXES = METRES.heads
 LONGEST = 20
-"""Letters of a word in a head that paper has room for: a name from a config may be longer."""
+"""Longest word in a column heading that is not broken."""
 UNFOLDED = 12
-"""Figures of a kind that are shown at once."""
+"""Figures of a kind that are shown without unfolding."""
 THEME = {"#ffffff": "var(--card)"} | {
     getattr(drawing, name.upper()): f"var(--{name})"
     for name in ("blue", "vermilion", "green", "orange", "purple", "sky", "ink", "muted", "grid")
@@ -28,24 +28,24 @@ THEME = {"#ffffff": "var(--card)"} | {
 
 
 def data(value: float, shown: str, unit: str = "") -> str:
-    """A number as people read it that keeps the exact value for machines; unit: that of the exact value."""
+    """Formatted number with its exact value; unit: of the exact value."""
     exact = str(value) if isinstance(value, int) else repr(float(value))
-    stated = f' data-unit="{escape(unit)}"' if unit else ""
-    return f'<data value="{exact}"{stated}>{escape(shown)}</data>'
+    attribute = f' data-unit="{escape(unit)}"' if unit else ""
+    return f'<data value="{exact}"{attribute}>{escape(shown)}</data>'
 
 
 def count(value: int) -> str:
-    """How many."""
+    """An integer."""
     return data(int(value), number(value))
 
 
 def share(value: float | None) -> str:
-    """A ratio in per cent, or a dash for one that was not computed."""
+    """A ratio in per cent, or a dash for None."""
     return "–" if value is None else data(value, percent(value))
 
 
 def measure(value: float | None, unit: str = "", digits: int = 4) -> str:
-    """A number with its unit, or a dash."""
+    """A number with its unit, or a dash for None."""
     return "–" if value is None else data(value, quantity(value, unit, digits), unit)
 
 
@@ -55,22 +55,22 @@ def plain(value: float, digits: int = 4) -> str:
 
 
 def links(name: str, places: Iterable[int]) -> str:
-    """Links to what has these numbers on the page: `name-1`, `name-3`."""
+    """Links to numbered targets of the page: `name-1`, `name-3`."""
     return ", ".join(f'<a href="#{name}-{i}">{i}</a>' for i in places)
 
 
-def verdict_mark(verdict: str, good: bool, bad: str = "✕") -> str:
-    """A verdict in a table, with a tick where it is good, else with the sign for a bad one."""
-    return f'<strong class="{"good" if good else "bad"} whole">{"✓" if good else bad} {verdict}</strong>'
+def result_mark(result: str, good: bool, bad: str = "✕") -> str:
+    """A result in a table with a tick if it is good, else with the character `bad`."""
+    return f'<strong class="{"good" if good else "bad"} whole">{"✓" if good else bad} {result}</strong>'
 
 
 def bullets(sentences: Iterable[str]) -> str:
-    """An escaped bullet list; nothing of nothing."""
+    """Escaped bullet list, empty without items."""
     return items(map(escape, sentences))
 
 
 def items(texts: Iterable[str]) -> str:
-    """A bullet list of HTML; nothing of nothing."""
+    """Bullet list of HTML, empty without items."""
     listed = "".join(f"<li>{text}</li>" for text in texts)
     return f"<ul>{listed}</ul>" if listed else ""
 
@@ -85,9 +85,9 @@ def table(
     numeric: Iterable[int] = (),
     foot: Sequence[str] = (),
 ) -> str:
-    """A table of cells that are HTML already; the first cell of a row heads it, `numeric` columns are flush right.
+    """Table of HTML cells; the first cell of a row is its heading, `numeric` columns are right-aligned.
 
-    name: what it is of, in plain words and unlike any other table's of the page; title, caption: HTML above it.
+    name: unique on the page; title, caption: HTML above it.
     """
     right = frozenset(numeric)
 
@@ -102,15 +102,14 @@ def table(
 def grouped_table(
     name: str, head: Sequence[str], bodies: Iterable[str], *, caption: str = "", numeric: Iterable[int] = ()
 ) -> str:
-    """A table of blocks of rows (`<tbody>…</tbody>`), which stay together when it is sorted; the rest as of `table`."""
+    """Table of blocks of rows (`<tbody>…</tbody>`) that stay together when sorted; others: see `table`."""
     return sheet(
         name, f'<table class="runs">{_head(head, frozenset(numeric))}{"".join(bodies)}</table>', caption=caption
     )
 
 
 def block(heading: str, rows: Sequence[Sequence[str]], once: Sequence[str] = (), after: int = 1) -> str:
-    """A block of `grouped_table`: heading and the numbers `once`, which follow that many cells, span all its rows; cells of rows
-    are whole (`cell`)."""
+    """Block of `grouped_table`; heading and the cells `once`, after `after` cells, span all rows; rows consist of `cell`."""
     span = f' rowspan="{len(rows)}"' if len(rows) > 1 else ""
     first = f'<th scope="rowgroup"{span}>{heading}</th>'
     shared = "".join(f'<td class="n"{span}>{text}</td>' for text in once)
@@ -122,14 +121,14 @@ def block(heading: str, rows: Sequence[Sequence[str]], once: Sequence[str] = (),
 
 
 def cell(text: str, *, right: bool = False, across: int = 1) -> str:
-    """A cell of a block; right: of a number; across: columns that it spans."""
+    """Cell of a block; right: right-aligned; across: number of columns."""
     number = ' class="n"' if right else ""
     span = f' colspan="{across}"' if across > 1 else ""
     return f"<td{number}{span}>{text}</td>"
 
 
 def _head(names: Sequence[str], right: frozenset[int]) -> str:
-    """Heads of columns; one with a word that no paper is wide enough for may be broken anywhere."""
+    """Column headings; very long words may be broken anywhere."""
     cells = ""
     for i, name in enumerate(names):
         longest = max(map(len, re.sub(r"<[^>]*>", " ", name).split()), default=0)
@@ -140,8 +139,7 @@ def _head(names: Sequence[str], right: frozenset[int]) -> str:
 
 
 def sheet(name: str, text: str, title: str = "", caption: str = "") -> str:
-    """A table's HTML in a region of its own, which scrolls where it is wider than the page; tables.js knows it by its name
-    and puts its buttons beside title and caption."""
+    """A table in a scrollable region, with title and caption; tables.js adds its buttons by name."""
     note = f'<p class="note">{caption}</p>' if caption else ""
     label = escape(name)
     return (
@@ -151,13 +149,12 @@ def sheet(name: str, text: str, title: str = "", caption: str = "") -> str:
 
 
 def pairs(name: str, entries: Iterable[tuple[str, str]]) -> str:
-    """A table of escaped names and values; name as of `table`."""
+    """Table of escaped names and values; name: see `table`."""
     return table(name, (), [(escape(key), f"<span>{escape(value)}</span>") for key, value in entries])
 
 
 def tile(name: str, value: str, rows: Sequence[tuple[str, str]] = (), after: str = "") -> str:
-    """A card with a number of the first screen: what it is of, its value, and what stands beside that value as far as it is
-    known; all as HTML."""
+    """Card with a key number: name, value and further rows that are known; all as HTML."""
     items = "".join(f"<dt>{what}</dt><dd>{text}</dd>" for what, text in rows if text != "–")
     return (
         f'<div class="card tile"><h2 class="name">{name}</h2><p class="value">{value}</p>'
@@ -166,12 +163,12 @@ def tile(name: str, value: str, rows: Sequence[tuple[str, str]] = (), after: str
 
 
 def mark(text: str, good: bool) -> str:
-    """What does hold, or does not, in a tile."""
+    """Result in a tile with tick or cross."""
     return f'<p class="mark {"good" if good else "bad"}">{"✓" if good else "✕"} {text}</p>'
 
 
 def badge(label: str, index: int, *, hollow: bool = False) -> str:
-    """A gauge's label on its own colour, or hollow in a frame of it."""
+    """A gauge label on its colour, or framed by it."""
     colour = drawing.gauge_colour(index)
     ground = "#ffffff" if hollow else colour
     style = f"background:{ground};color:{drawing.ink_on(ground)}" + f";box-shadow:inset 0 0 0 2px {colour}" * hollow
@@ -179,59 +176,55 @@ def badge(label: str, index: int, *, hollow: bool = False) -> str:
 
 
 def figure(entry: Drawing, index: int) -> str:
-    """A card with the drawing inline, in the page's colours, and its caption."""
+    """Card with an inline drawing and its caption."""
     return (
         f'<figure class="card"><h3>{escape(entry.title)}</h3>{inline_svg(entry, f"f{index}-")}'
         f"<figcaption>{escape(entry.caption)}</figcaption></figure>"
     )
 
 
-def chosen(drawings: Sequence[Drawing], *begins: str) -> list[str]:
-    """Cards of the figures whose keys begin so; a figure's number on the page is its place in `drawings`."""
+def select_figures(drawings: Sequence[Drawing], *begins: str) -> list[str]:
+    """Cards of the figures whose keys begin with one of `begins`, numbered by their index in `drawings`."""
     return [figure(entry, i) for i, entry in enumerate(drawings) if entry.key.startswith(begins)]
 
 
 def figures(cards: Iterable[str], heading: str = "", grid: str = "figures") -> str:
-    """Cards side by side below a heading; nothing where there are none. grid: "figures", or "multiples", which are smaller."""
+    """Cards side by side below a heading, empty without cards; grid: "figures", or smaller "multiples"."""
     shown = "".join(cards)
     return f'{heading}<div class="{grid}">{shown}</div>' if shown else ""
 
 
 def folded(cards: Sequence[str], grid: str = "figures", heading: str = "") -> str:
-    """Cards as of `figures`; from number UNFOLDED on they are shown on demand."""
+    """Cards as in `figures`; those after UNFOLDED are shown on demand."""
     more = figures(cards[UNFOLDED:], f"<summary>{len(cards) - UNFOLDED} more</summary>", grid)
     return figures(cards[:UNFOLDED], heading, grid) + (f"<details>{more}</details>" if more else "")
 
 
 def titled(heading: str, lead: str = "", name: str = "") -> str:
-    """A heading, and a sentence that leads what follows, where there is one; name: what links lead to."""
+    """Heading and optional lead sentence; name: link target."""
     target = f' id="{name}"' if name else ""
     return f"<h2{target}>{heading}</h2>" + f'<p class="lead">{lead}</p>' * bool(lead)
 
 
 def unfolding(summary: str, content: str) -> str:
-    """A card that shows its content on demand."""
+    """Card that shows its content on demand."""
     return f'<details class="card below"><summary>{summary}</summary>{content}</details>'
 
 
 def picture(png: bytes, alt: str, width: int, height: int) -> str:
-    """A picture of the page itself, in pixels of the page."""
+    """Embedded picture, with size in pixels of the page."""
     source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
     return f'<img alt="{escape(alt)}" width="{width}" height="{height}" src="{source}">'
 
 
 def scene(png: bytes, alt: str, label: str, width: int = 1280, height: int = 840) -> str:
-    """A picture that scrolls where it is wider than the page; label: what it is of."""
+    """Scrollable picture; label: for assistive technology."""
     shown = picture(png, alt, width, height)
     return f'<div class="scene" tabindex="0" role="region" aria-label="{escape(label)}">{shown}</div>'
 
 
 def inline_svg(entry: Drawing, prefix: str) -> str:
-    """The SVG as an element of the page: own ids under `prefix`, themed colours, alternative text, nothing to fetch.
-
-    The drawing's bytes stay a standard SVG with plain colours; here they turn into the page's variables, so that the
-    same figure reads on a light page, on a dark one and on paper.
-    """
+    """SVG as an inline element with ids under `prefix`, colours of the page theme and alternative text."""
     text = entry.svg.decode()
     text = text[text.index("<svg") :]
     head, body = text.split(">", 1)
@@ -241,22 +234,22 @@ def inline_svg(entry: Drawing, prefix: str) -> str:
     body = re.sub(r' id="([^"]*)"', lambda match: f' id="{prefix}{match[1]}"' if match[1] in used else "", body)
     body = re.sub(r'(?:xlink:)?href="#', f'href="#{prefix}', body).replace("url(#", f"url(#{prefix}")
     body = re.sub(r"#[0-9a-f]{6}\b(?=[;\"\s])", lambda match: THEME.get(match[0], match[0]), body)
-    # Text without a colour of its own is black in SVG, and would vanish on a dark page.
+    # the default text colour, black, would be invisible on a dark page
     return f'<svg {box[0] if box else ""} role="img" aria-label="{escape(entry.alt)}" fill="var(--ink)">{body}'
 
 
 def decimals(points: FloatArray, frame: PositionAxes = METRES) -> int:
-    """Decimals that show a position in the frame's unit to about a ten-thousandth of the structure's size; points (n, 3) [m]."""
+    """Decimals of positions in the frame's unit, to about 1e-4 of the structure's size; points (n, 3) [m]."""
     size = float(np.linalg.norm(np.ptp(points, axis=0))) / frame.metres
     return min(max(4 - math.floor(math.log10(size)), 0), 9) if size > 0 else 4
 
 
 def coordinates(position: FloatArray, places: int) -> str:
-    """Coordinates with that many decimals."""
+    """Coordinates with `places` decimals."""
     return " ".join(f"{round(float(value), places) + 0.0:.{places}f}".replace("-", "−") for value in position)
 
 
 def axes(position: FloatArray, places: int, frame: PositionAxes = METRES) -> list[str]:
-    """x, y and z of a position (3,) [m] as cells in the frame, with that many decimals."""
+    """x, y and z of a position (3,) [m] in the frame as cells with `places` decimals."""
     place = frame.place(position)
     return [data(float(value), coordinates(place[i : i + 1], places)) for i, value in enumerate(place)]

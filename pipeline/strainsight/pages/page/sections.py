@@ -1,5 +1,4 @@
-"""The frame of every page, one self-contained file that fetches nothing and runs nothing but its own scripts, and the sections
-that several kinds of page have; each is "" where there is nothing to show."""
+"""Self-contained HTML document, and sections common to several pages; a section without content is ""."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from strainsight.text import percent
 
 PARTS = files("strainsight.pages")
 SPACE_STYLE, SPACE_SCRIPTS = "space/space.css", ("space/draw.js", "space/view.js")
-"""Files of the page that go with a structure to turn round; the scripts run as one."""
+"""Style and scripts of the 3D view; the scripts are concatenated."""
 
 
 def document(
@@ -31,8 +30,11 @@ def document(
     *,
     turned: bool = False,
 ) -> str:
-    """HTML text of a page. kind ("gauge placement"), name of the run, title: plain text; answer, sections, footer: HTML; style: a
-    file beside page.css whose rules come after its own; turned: whether a section has a structure to turn round."""
+    """HTML text of a page.
+
+    kind ("gauge placement"), name of the run, title: plain text; answer, sections, footer: HTML; style: file with additional
+    rules; turned: whether a section has a 3D view.
+    """
     styles = ["page/page.css", *filter(None, [style]), *[SPACE_STYLE] * turned]
     css = "".join(map(text_of, styles))
     running = [text_of("page/tables.js"), *["\n".join(map(text_of, SPACE_SCRIPTS))] * turned]
@@ -56,48 +58,47 @@ def document(
 
 
 def text_of(name: str) -> str:
-    """The text of a file below `pages/`."""
+    """Text of a file below `pages/`."""
     return PARTS.joinpath(name).read_text(encoding="utf-8")
 
 
 def policy(scripts: Iterable[str]) -> str:
-    """The page's content security policy: nothing is fetched, and no script runs but these, each named by its digest;
-    whatever a name in a deck contains."""
+    """Content security policy of a page: no resources are fetched, and only these scripts run."""
     digests = (base64.b64encode(sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
     return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
 
 
 COLOURS = ("blue", "vermilion", "green", "orange", "purple", "sky", "ink")
-OTHER, REST = "all others", "muted"
-"""Sources beyond the colours, the smallest, are one part of a bar."""
+OTHER, REST = "other sources", "muted"
+"""The smallest sources, without a colour, are one part of a bar."""
 BUDGET = (
-    "Shares of the variance of the filtered estimate, of a parameter at the end of the run, of a load over its last half. noise: "
-    "of the gauges; process noise: what the loads and the motion may do beside their model; start: what is not known at first."
+    "Shares of the variance of the filtered estimate: of a parameter at the end of the run, of a load over the last half. Noise: "
+    "of the gauges. Process noise: of loads and model errors. Start: initial uncertainty."
 )
-LEAD = "The same samples and model, tolerances left out: the filters differ in what they approximate."
+LEAD = "The filters use the same samples and model without tolerances and differ in their approximations."
 FILTERS = (
-    "The grid filter is Bayes' rule up to quadrature; sigma-point and extended filter assume normal parameters and motion; the "
-    "extended one neglects the product of their errors. Ratio: the RMS error that the grid filter expects of an estimate, over "
-    "the σ claimed for it; above 2 overconfident, below 0.5 too cautious."
+    "The parameter grid filter applies Bayes' rule by quadrature. The sigma-point and extended filters assume normal "
+    "distributions, and the extended filter neglects the product of parameter and state errors. Ratio: RMS error that the grid "
+    "filter expects of an estimate / claimed σ; above 2 overconfident, below 0.5 too cautious."
 )
-DAMAGE = "Of the hottest spots of the surface, none near another, and of virtual gauges."
+DAMAGE = "Hot spots of the surface with a minimum distance, and virtual gauges."
 
 
 def section(heading: str, content: str, name: str = "", kind: str = "card", lead: str = "", more: str = "") -> str:
-    """A heading and, below it, HTML in a box of this kind; "" where there is none. name: what links lead to; lead: a sentence
-    between them; more: HTML below the box."""
+    """Heading and HTML in a box of this kind, "" without content; name: link target; lead: sentence between them; more: HTML
+    below the box."""
     box = titled(heading, lead, name) + f'<div class="{kind}">{content}</div>{more}'
     return box if content else ""
 
 
 def panel(heading: str, content: str) -> str:
-    """A card with a heading of its own, among others."""
+    """Card with a heading."""
     return f'<section class="card"><h3>{heading}</h3>{content}</section>' if content else ""
 
 
 def first_screen(tiles: str, content: str, cautions: Iterable[str]) -> str:
-    """What a reader decides from: tiles, what is beside or below them, and the cards of what to mind."""
+    """First screen: tiles, content below them, and cards with cautions."""
     return (
         f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
         f'<div class="first">{content}</div>{figures(cautions, grid="cautions")}</section>'
@@ -105,36 +106,36 @@ def first_screen(tiles: str, content: str, cautions: Iterable[str]) -> str:
 
 
 def caution(heading: str, content: str, kind: str = "notes") -> str:
-    """A card of what to mind; nothing where there is none."""
+    """Card with a caution, empty without content."""
     return f'<div class="card {kind}"><h2>{heading}</h2>{content}</div>' if content else ""
 
 
 def warnings_section(warnings: Sequence[str]) -> str:
-    """What a reader has to know, the gravest first."""
+    """Warnings, the most serious first."""
     return section("Warnings", bullets(warnings), "warnings", "card warnings")
 
 
 def advice_card(advice: Sequence[str], level: str = "h2") -> str:
-    """What to do with a layout; level: of the heading."""
-    return notes_card("What to do with this layout", bullets(advice), level)
+    """Advice on a layout; level: of the heading."""
+    return notes_card("Advice on this layout", bullets(advice), level)
 
 
 def notes_card(heading: str, content: str, level: str = "h2", kind: str = "notes advice") -> str:
-    """A card that stands alone; level: of its heading."""
+    """Separate card; level: of its heading."""
     return f'<section class="card {kind}"><{level}>{heading}</{level}>{content}</section>' if content else ""
 
 
 def rests_on(facts: Mapping[str, str], provenance: Mapping[str, str], more: str = "") -> str:
-    """Model and run, `more` panels, and provenance side by side."""
+    """Panels of model and run, `more`, and provenance."""
     first, last = (
         panel(heading, pairs(heading.lower(), entries.items()) if entries else "")
         for heading, entries in (("Model and run", facts), ("Provenance", provenance))
     )
-    return section("What it rests on", f"{first}{more}{last}", kind="panels")
+    return section("Model and provenance", f"{first}{more}{last}", kind="panels")
 
 
 def listing_section(heading: str, listed: Table | None, numeric: Iterable[int], lead: str = "") -> str:
-    """A table of the terminal; `numeric` columns are flush right."""
+    """Section with a table of the terminal; `numeric` columns are right-aligned."""
     if listed is None or not listed.rows:
         return ""
     head, *rows = ([*map(escape, row)] for row in (listed.columns, *listed.rows))
@@ -142,34 +143,33 @@ def listing_section(heading: str, listed: Table | None, numeric: Iterable[int], 
 
 
 def damage_section(listed: Table | None) -> str:
-    """Hot spots and virtual gauges."""
+    """Damage of hot spots and virtual gauges."""
     return listing_section("Fatigue damage", listed, (2, 4), DAMAGE)
 
 
-def held_mark(verdict: str) -> str:
-    """A verdict with a tick where it is consistent, else with a cross; empty where there is none."""
-    return f"{'✓' if verdict == CONSISTENT else '✕'} {verdict}" * bool(verdict)
+def consistency_mark(result: str) -> str:
+    """A result with a tick if it is consistent, else with a cross; empty without a result."""
+    return f"{'✓' if result == CONSISTENT else '✕'} {result}" * bool(result)
 
 
 def filters_section(compared: Compared | None, units: Mapping[str, str]) -> str:
-    """What other filters make of the same samples, and whether their σ allows for what the grid filter finds: a row for every
-    parameter and filter."""
+    """Comparison of filters on the same samples: one row per parameter and filter."""
     if compared is None:
         return ""
     rows = []
     for name, estimates in compared.estimate.items():
         columns = (compared.filter, estimates.tolist(), compared.std[name].tolist(), compared.ratio[name].tolist())
         for kind, estimate, std, ratio in zip(*columns, strict=True):
-            verdict = "" if kind == GRID_FILTER else classify_ratio(ratio)
-            numbers = [measure(estimate, units[name]), share(std / estimate), plain(ratio, 3) if verdict else "–"]
-            rows.append([escape(name), escape(kind), *numbers, held_mark(verdict)])
-    head = ("parameter", "filter", "estimate", "claimed σ", "ratio", "verdict")
+            result = "" if kind == GRID_FILTER else classify_ratio(ratio)
+            numbers = [measure(estimate, units[name]), share(std / estimate), plain(ratio, 3) if result else "–"]
+            rows.append([escape(name), escape(kind), *numbers, consistency_mark(result)])
+    head = ("parameter", "filter", "estimate", "claimed σ", "ratio", "consistency")
     text = table("filters compared", head, rows, caption=FILTERS, numeric=(2, 3, 4))
-    return section("By other filters", text, lead=LEAD)
+    return section("Comparison of filters", text, lead=LEAD)
 
 
 def budget_section(budget: Mapping[str, Mapping[str, float]]) -> str:
-    """Bars, their key and the table; nothing without a budget. budget: unknown's name → source → share of its variance."""
+    """Bars, legend and table of the variance budget; budget: unknown → source → share of its variance."""
     sources = dict.fromkeys(source for shares in budget.values() for source in shares)
     order = sorted(sources, key=lambda source: -max(shares.get(source, 0.0) for shares in budget.values()))
     colour = dict(zip(order, COLOURS, strict=False))
@@ -182,11 +182,11 @@ def budget_section(budget: Mapping[str, Mapping[str, float]]) -> str:
     head = ["variance of", *map(escape, order)]
     text = table("shares of the variance", head, rows, caption=BUDGET, numeric=range(1, len(head)))
     content = f'{bars}<ul class="key">{key}</ul><div class="below">{text}</div>' if budget else ""
-    return section("What the uncertainty is made of", content)
+    return section("Sources of uncertainty", content)
 
 
 def _bar(name: str, shares: Mapping[str, float], colour: Mapping[str, str]) -> str:
-    """The sources of one unknown side by side, as wide as their shares; in words for those who do not see it."""
+    """Stacked bar of the sources of one unknown, with alternative text."""
     parts = {source: shares.get(source, 0.0) for source in colour}
     parts[OTHER] = sum(value for source, value in shares.items() if source not in colour)
     largest = sorted(parts, key=lambda source: -parts[source])

@@ -1,9 +1,9 @@
-// Tables people work with: sort by a column, copy, save as CSV. Without scripts they stay plain tables.
+// Interactive tables: sort by a column, copy, save as CSV. Without scripts they are plain tables.
 
 const natural = new Intl.Collator("en", { numeric: true });
 const number = /^[-+]?(\d+\.?\d*(e[-+]?\d+)?|inf)$/i;
 
-/** The cells of some rows as a matrix: a cell that spans others' places stands in each of them. */
+/** The cells of some rows as a matrix; a spanning cell is repeated. */
 function grid(rows) {
   const cells = rows.map(() => []);
   rows.forEach((row, i) => {
@@ -17,7 +17,7 @@ function grid(rows) {
   return cells;
 }
 
-/** What a cell is sorted by: the number it begins with, else its words; undefined for "–", nothing and no number. */
+/** Sort key of a cell: its first number, else its text; undefined for "–", empty cells and NaN. */
 function sortKey(cell) {
   if (!cell || cell.colSpan > 1) return undefined;
   const text = cell.textContent.trim();
@@ -29,7 +29,7 @@ function sortKey(cell) {
   return text === "–" || text === "" ? undefined : text;
 }
 
-/** The order of two keys: numbers, then words in natural order (G2 before G10); what is undefined comes last either way. */
+/** Order of two keys: numbers, then text in natural order (G2 before G10); undefined keys are always last. */
 function compare(a, b, sense) {
   if (a === undefined || b === undefined) return (a === undefined) - (b === undefined);
   if (typeof a !== typeof b) return typeof a === "number" ? -1 : 1;
@@ -37,7 +37,7 @@ function compare(a, b, sense) {
   return sense * ((a > b) - (a < b));
 }
 
-/** What moves as one when a table is sorted: a row, or where cells span rows, the block that they stand in. */
+/** Units that are sorted: rows, or blocks if cells span rows. */
 function units(table) {
   const blocks = [...table.tBodies];
   const whole = blocks.length > 1 || blocks.some((block) => block.querySelector("[rowspan]"));
@@ -45,7 +45,7 @@ function units(table) {
   return moved.map((node) => ({ node, cells: grid(whole ? [...node.rows] : [node]) }));
 }
 
-/** Put the units in the order of a column; a block goes by its smallest entry, descending by its largest. */
+/** Sort the units by a column; a block by its smallest entry, descending by its largest. */
 function sort(table, all, column, sense) {
   const keyed = all.map(({ node, cells }) => {
     const keys = cells.map((row) => sortKey(row[column])).sort((a, b) => compare(a, b, sense));
@@ -57,7 +57,7 @@ function sort(table, all, column, sense) {
     else table.tBodies[0].append(node);
 }
 
-/** A button in every head that has a name; clicks sort it up, down, and back to the order of the page. */
+/** Add a button to every heading; clicks sort ascending, descending, and in the original order. */
 function sortable(table) {
   const all = units(table);
   if (all.length < 2) return;
@@ -79,13 +79,13 @@ function sortable(table) {
   });
 }
 
-/** Text that no spreadsheet takes for a formula. */
+/** Text that spreadsheets do not interpret as a formula. */
 function safe(text) {
   const numbers = text.split(/;? /).every((part) => number.test(part));
   return /^[=+\-@＝＋－＠]/.test(text) && !numbers ? `'${text}` : text;
 }
 
-/** A cell in words, its numbers exact: line breaks as "; ", "–" as nothing, links to elsewhere left out. */
+/** Text of a cell with exact numbers; line breaks as "; ", "–" as empty, without links to other pages. */
 function words(cell) {
   const copy = cell.cloneNode(true);
   for (const aside of copy.querySelectorAll(".aside")) aside.remove();
@@ -98,21 +98,21 @@ function words(cell) {
 /** Units of the exact numbers in a cell. */
 const unitsOf = (cell) => [...(cell?.querySelectorAll("data[data-unit]") ?? [])].map((exact) => exact.dataset.unit);
 
-/** The table as rows of text, as it is sorted now, foot last. The unit of a column's numbers stands in its head, and where
- * its rows differ in theirs, in a column behind it. */
+/** The table as rows of text in the current order, foot last. The unit of a column is added to its heading, or as another
+ * column if the rows have different units. */
 function contents(table) {
   const cells = grid([...table.rows]);
-  const stated = cells[0].map((_, j) => [...new Set(cells.flatMap((row) => unitsOf(row[j])))]);
+  const columnUnits = cells[0].map((_, j) => [...new Set(cells.flatMap((row) => unitsOf(row[j])))]);
   const line = (row, i) =>
-    stated.flatMap((found, j) => {
+    columnUnits.flatMap((names, j) => {
       const text = row[j] && row[j] !== row[j - 1] ? words(row[j]) : "";
-      if (found.length > 1) return [text, i ? (unitsOf(row[j])[0] ?? "") : `${text}, unit`];
-      return i || !found.length || text.includes("[") ? [text] : [`${text} [${found[0]}]`];
+      if (names.length > 1) return [text, i ? (unitsOf(row[j])[0] ?? "") : `${text}, unit`];
+      return i || !names.length || text.includes("[") ? [text] : [`${text} [${names[0]}]`];
     });
   return cells.map((row, i) => line(row, i).map(safe));
 }
 
-/** To the clipboard; a page that was opened as a file may have none, then by way of a selection. Returns what to say. */
+/** Copy to the clipboard; if a page opened as a file has none, by a selection. Returns the message. */
 async function copy(table, text) {
   try {
     await navigator.clipboard.writeText(text);
@@ -129,7 +129,7 @@ async function copy(table, text) {
   }
 }
 
-/** As a file that spreadsheets open: UTF-8 with its mark, commas, quotes where they are needed. */
+/** Save as CSV for spreadsheets: UTF-8 with byte-order mark. */
 function save(rows, name) {
   const quoted = (text) => (/[",;\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
   const csv = rows.map((row) => `${row.map(quoted).join(",")}\r\n`).join("");
@@ -141,14 +141,14 @@ function save(rows, name) {
   return "saved";
 }
 
-/** Copy and Save CSV beside the caption, and where it is reported that it was done. */
+/** Add the buttons Copy and Save CSV with a status message. */
 function tools(table, name, place) {
   const bar = document.createElement("div");
   bar.className = "tools";
-  const said = document.createElement("span");
-  said.className = "said";
-  said.setAttribute("role", "status");
-  bar.append(said);
+  const status = document.createElement("span");
+  status.className = "status";
+  status.setAttribute("role", "status");
+  bar.append(status);
   const add = (key, label, action) => {
     const button = document.createElement("button");
     button.type = "button";
@@ -156,8 +156,8 @@ function tools(table, name, place) {
     button.textContent = label;
     button.setAttribute("aria-label", `${label}: ${name}`);
     button.addEventListener("click", async () => {
-      said.textContent = "";
-      said.textContent = await action();
+      status.textContent = "";
+      status.textContent = await action();
       button.focus();
     });
     bar.append(button);

@@ -1,1 +1,1 @@
-"""The structure with its gauges as a still picture, drawn off-screen in a process of its own."""
+"""Picture of the structure with its gauges, rendered off-screen in a child process."""

@@ -1,4 +1,4 @@
-"""What a picture needs of a structure: triangles, mesh lines, the side to look from, colours and markers."""
+"""Geometry of pictures: triangles, mesh lines, view directions, colours and markers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from strainsight.pages.chart.drawing import matplotlib
 from strainsight.pages.picture.layout import Gauge, LoadArrow, PictureLayout
 from strainsight.text import number
 
-# Local node triples by number of facet nodes, in VTK order; facets with mid-side nodes are cut along them.
+# local node triples by number of facet nodes, in VTK order; facets with mid-side nodes are divided at these
 TRIANGLES = {
     3: ((0, 1, 2),),
     4: ((0, 1, 2), (0, 2, 3)),
@@ -25,27 +25,27 @@ OUTLINE = {3: (0, 1, 2), 4: (0, 1, 2, 3), 6: (0, 3, 1, 4, 2, 5), 8: (0, 4, 1, 5,
 
 
 def triangles(faces: IntArray) -> IntArray:
-    """Triangles (t, 3) of facets (f, 8) padded with −1, in the facets' own orientation."""
+    """Triangles (t, 3) of facets (f, 8) padded with −1, with the orientation of the facets."""
     count = np.sum(faces >= 0, axis=1)
     parts = [faces[count == k][:, np.array(local)].reshape(-1, 3) for k, local in TRIANGLES.items()]
     return np.concatenate(parts)
 
 
 def facet_of_triangle(faces: IntArray) -> IntArray:
-    """The facet (t,) that each of these triangles comes from."""
+    """Facet (t,) of each of these triangles."""
     count = np.sum(faces >= 0, axis=1)
     return np.concatenate([np.repeat(np.flatnonzero(count == k), len(local)) for k, local in TRIANGLES.items()])
 
 
 def areas(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Area (f,) [m²] of each facet, that of its triangles."""
+    """Area (f,) [m²] of each facet from its triangles."""
     a, b, c = (points[column] for column in triangles(faces).T)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return np.asarray(np.bincount(facet_of_triangle(faces), weights=area, minlength=len(faces)), dtype=float)
 
 
 def mesh_lines(faces: IntArray) -> IntArray:
-    """The facets' outlines (l, 2), through their mid-side nodes, each line once."""
+    """Outlines of the facets (l, 2) through mid-side nodes, each line once."""
     count = np.sum(faces >= 0, axis=1)
     parts = []
     for k, local in OUTLINE.items():
@@ -57,66 +57,66 @@ def mesh_lines(faces: IntArray) -> IntArray:
 
 
 def hit_by_ray(points: FloatArray, triangle: IntArray, origin: FloatArray, direction: FloatArray) -> bool:
-    """Whether the ray origin + s·direction, s > 0, meets any triangle (Möller and Trumbore, 1997)."""
+    """Whether the ray origin + s·direction, s > 0, intersects any triangle (Möller and Trumbore, 1997)."""
     a, b, c = points[triangle[:, 0]], points[triangle[:, 1]], points[triangle[:, 2]]
     p = np.cross(direction, c - a)
     det = np.einsum("ij,ij->i", b - a, p)
-    met = np.abs(det) > 1e-14 * np.abs(det).max(initial=1e-300)
-    inverse = 1.0 / np.where(met, det, 1.0)
+    crossing = np.abs(det) > 1e-14 * np.abs(det).max(initial=1e-300)
+    inverse = 1.0 / np.where(crossing, det, 1.0)
     t = origin - a
     u = np.einsum("ij,ij->i", t, p) * inverse
     q = np.cross(t, b - a)
     v = q @ direction * inverse
     s = np.einsum("ij,ij->i", c - a, q) * inverse
-    return bool(np.any(met & (u >= 0) & (v >= 0) & (u + v <= 1) & (s > 0)))
+    return bool(np.any(crossing & (u >= 0) & (v >= 0) & (u + v <= 1) & (s > 0)))
 
 
 def seen_from(
     points: FloatArray, triangle: IntArray, position: FloatArray, normal: FloatArray, view: FloatArray
 ) -> IntArray:
-    """Which gauges an eye in direction `view` (3,) sees: facing it and with nothing in between.
+    """Visibility (g,) 0 or 1 of gauges from direction `view` (3,): facing it and not hidden.
 
-    position, normal (g, 3), zero where a gauge lies on no surface and faces every way. Returns (g,) 0 or 1.
+    position, normal (g, 3); a zero normal faces every direction.
     """
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    seen = (normal @ view > 0.12) | ~np.any(normal, axis=1)
-    if not seen.any():
-        return seen.astype(int)
-    # Only triangles whose shadow along the view holds the gauge can hide it.
+    visible = (normal @ view > 0.12) | ~np.any(normal, axis=1)
+    if not visible.any():
+        return visible.astype(int)
+    # only triangles whose projection contains the gauge can hide it
     plane = np.linalg.svd(view[None])[2][1:].T
     shadow = points @ plane
     a, b, c = (shadow[triangle[:, k]] for k in range(3))
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-    for i in np.flatnonzero(seen):
+    for i in np.flatnonzero(visible):
         origin = position[i] + 1e-4 * size * (normal[i] if np.any(normal[i]) else view)
         near = ((low <= origin @ plane) & (origin @ plane <= high)).all(axis=1)
-        seen[i] = not hit_by_ray(points, triangle[near], origin, view)
-    return seen.astype(int)
+        visible[i] = not hit_by_ray(points, triangle[near], origin, view)
+    return visible.astype(int)
 
 
 def views(points: FloatArray, triangle: IntArray, position: FloatArray, normal: FloatArray) -> tuple[FloatArray, ...]:
-    """One or two directions to look from: the corner that shows most gauges and, if it misses some, one for those.
+    """One or two view directions: the corner that shows most gauges, and another one for hidden gauges.
 
-    The first of equals wins, and corners above the structure come first: people expect to look down on it.
+    Corners above the structure are preferred.
     """
     extent = np.ptp(points, axis=0)
     long = int(np.argmax(extent))
-    # Look less along the longest axis, so that a beam does not shrink to its end face.
+    # view slender structures from the side
     weight = np.array([1.0, 1.0, 0.8])
     if extent[long] > 2.5 * np.sort(extent)[1]:
         weight[long] = 0.25
     corners = [np.array([x, y, z]) * weight for z in (1, -1) for x, y in ((1, -1), (-1, -1), (1, 1), (-1, 1))]
     corners = [corner / np.linalg.norm(corner) for corner in corners]
-    seen = np.array([seen_from(points, triangle, position, normal, corner) for corner in corners])
-    first = int(np.argmax(seen.sum(axis=1)))
-    missed = seen[first] == 0
-    if not missed.any() or not seen[:, missed].any():
+    visible = np.array([seen_from(points, triangle, position, normal, corner) for corner in corners])
+    first = int(np.argmax(visible.sum(axis=1)))
+    missed = visible[first] == 0
+    if not missed.any() or not visible[:, missed].any():
         return (corners[first],)
-    return corners[first], corners[int(np.argmax(seen[:, missed].sum(axis=1)))]
+    return corners[first], corners[int(np.argmax(visible[:, missed].sum(axis=1)))]
 
 
 def at_points(values: FloatArray, faces: IntArray, points: int) -> FloatArray:
-    """Values (f,) of facets (f, 8), padded with −1, as the mean of the facets about every point (n,); NaN where none is."""
+    """Mean value at every point (n,) of the adjacent facets with values (f,); faces (f, 8) padded with −1; NaN without facets."""
     facet, column = np.nonzero(faces >= 0)
     node = faces[facet, column]
     many = np.bincount(node, minlength=points)
@@ -125,19 +125,19 @@ def at_points(values: FloatArray, faces: IntArray, points: int) -> FloatArray:
 
 
 MAP, DIVERGING = "viridis", "coolwarm"
-"""Of values of one sign, and of values about zero."""
+"""Colour maps for values of one sign, and for values of both signs."""
 STEPS = 9
-"""Colours that a bar on a page is made of."""
+"""Colours of a scale bar."""
 TAIL = 0.01
-"""Share of a surface that may have the colour of an end of its scale and more: a peak leaves the rest pale otherwise."""
+"""Share of the surface that may exceed the scale, so that a peak does not dominate it."""
 WORTH = 0.8
-"""Of the largest size: a scale that would end above it goes all the way."""
+"""Share of the largest value above which the scale is extended to it."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """quantity and unit in words; the values low and high at the ends of the bar; name of its colours; below, above: whether
-    there are values beyond an end, which have its colour."""
+    """Colour scale: quantity, unit; low, high: values at its ends; name: of the colour map; below, above: whether values exceed
+    an end."""
 
     quantity: str
     unit: str
@@ -148,12 +148,12 @@ class Scale:
     above: bool = False
 
     def share(self, values: FloatArray) -> FloatArray:
-        """Where values are on the scale, 0 to 1."""
+        """Position of values on the scale, 0 to 1."""
         return np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
 
 
 def limits(values: FloatArray) -> tuple[float, float]:
-    """From the least to the largest finite value; about zero where both signs occur."""
+    """Range of the finite values, symmetric about zero if both signs occur."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     if low < 0 < high:
@@ -162,14 +162,14 @@ def limits(values: FloatArray) -> tuple[float, float]:
 
 
 def scale_of(quantity: str, unit: str, values: FloatArray, area: FloatArray | None = None) -> Scale:
-    """The scale of these values; area (f,) [m²] of the facets that they are on: one that a peak does not stretch."""
+    """Colour scale of values; area (f,) [m²]: of the facets, to exclude peaks."""
     low, high = limits(values)
     whole = Scale(quantity, unit, low, high, DIVERGING if low < 0 < high else MAP)
     if area is None or not np.isfinite(values).any():
         return whole
     known = np.isfinite(values)
     values, area = values[known], area[known]
-    # the ends no farther from zero than the values on all but TAIL of the area
+    # limit the ends to the values on all but TAIL of the area
     order = np.argsort(np.abs(values))
     size, covered = np.abs(values)[order], np.cumsum(area[order])
     end = float(size[np.searchsorted(covered, (1 - TAIL) * covered[-1])])
@@ -180,7 +180,7 @@ def scale_of(quantity: str, unit: str, values: FloatArray, area: FloatArray | No
 
 
 def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]:
-    """(n, 3) of 0 to 255; missing: "#rrggbb" of what is no number."""
+    """Colours (n, 3) from 0 to 255; missing: "#rrggbb" for NaN."""
     share = scale.share(values)
     rgb = np.asarray(matplotlib().colormaps[scale.name](np.nan_to_num(share)), dtype=float)[..., :3]
     table = np.round(255 * rgb).astype(np.uint8)
@@ -189,12 +189,12 @@ def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]
 
 
 def stops(scale: Scale) -> NDArray[np.uint8]:
-    """(STEPS, 3) of 0 to 255: the colours at equal distances from low to high, between which a page goes straight."""
+    """Equidistant colours (STEPS, 3) from 0 to 255 of the scale, for linear interpolation."""
     return colours(scale, np.linspace(scale.low, scale.high, STEPS), "#000000")
 
 
 def scale_bar(scale: Scale) -> str:
-    """Colours from low to high with their values, in words for those who do not see them."""
+    """Scale bar with values and alternative text."""
     low, middle, high = (number(value, 3) for value in (scale.low, (scale.low + scale.high) / 2, scale.high))
     low, high = "≤\u00a0" * scale.below + low, "≥\u00a0" * scale.above + high
     ramp = ", ".join(f"#{bytes(rgb.tolist()).hex()}" for rgb in stops(scale))
@@ -207,19 +207,17 @@ def scale_bar(scale: Scale) -> str:
 
 
 EMPTY = "#ffffff"
-"""The ground of what was bonded already: its colour is left to the outline."""
+"""Fill colour of bonded gauges."""
 
 
 def shape(kind: str) -> str:
-    """The shape that stands for a kind of sensor: "bar", "star", "block" or "cone"."""
+    """Marker shape of a kind of sensor: "bar", "star", "block" or "cone"."""
     return {"rosette": "star", "accelerometer": "block", "displacement sensor": "cone"}.get(kind, "bar")
 
 
 def marker(gauge: Gauge, length: float) -> list[Any]:
-    """Meshes of one sensor: bars along what a strain gauge, a rosette or each arm of a bridge reads, a block with rods along
-    what an accelerometer reads, cones whose tip touches the point that a displacement sensor reads.
-
-    length [m] of a bar. A direction of zero is unknown: then a ball stands for a strain gauge.
+    """Meshes of one sensor: bars for strain gauges, rosettes and bridge arms, a block with rods for accelerometers, cones for
+    displacement sensors; a ball for an unknown direction. length [m]: of a bar.
     """
     import pyvista as pv
 
@@ -241,14 +239,14 @@ def marker(gauge: Gauge, length: float) -> list[Any]:
 
 
 def foil(gauge: Gauge) -> list[Any]:
-    """Meshes of the foil of a gauge as large as it is, of a bridge that of each arm; none where its size is not known."""
+    """Meshes of the carrier of a gauge, or of each bridge arm, at true scale; empty if the size is unknown."""
     long, wide = gauge.foil
     grids = gauge.grids if gauge.arms else gauge.grids[:1]
     return [_bar(*grid, long, 0.5 * wide / long) for grid in grids if long and np.any(grid[1])]
 
 
 def _bar(position: FloatArray, direction: FloatArray, normal: FloatArray, length: float, width: float) -> Any:
-    """A flat bar of this length along a direction, `width` of it to either side, just proud of the surface."""
+    """Flat bar along a direction, with half width `width` · length, slightly above the surface."""
     import pyvista as pv
 
     bar = pv.Box(bounds=np.array([-0.5, 0.5, -width, width, -0.02, 0.05]) * length)
@@ -256,7 +254,7 @@ def _bar(position: FloatArray, direction: FloatArray, normal: FloatArray, length
 
 
 def _block(position: FloatArray, directions: list[FloatArray], normal: FloatArray, side: float) -> list[Any]:
-    """A cube that sits on the surface, and a rod out of it along every direction that it reads."""
+    """Cube on the surface with a rod along every measuring direction."""
     import pyvista as pv
 
     half = 0.5 * side
@@ -272,15 +270,12 @@ def _block(position: FloatArray, directions: list[FloatArray], normal: FloatArra
 
 
 def _outward(direction: FloatArray, normal: FloatArray) -> FloatArray:
-    """The direction, turned round where it leads into the body."""
+    """Direction, reversed if it points into the body."""
     return -direction if direction @ normal < 0 else direction
 
 
 def _frame(position: FloatArray, direction: FloatArray, normal: FloatArray) -> FloatArray:
-    """Axes along the direction, across it and upright, at the position (4, 4).
-
-    Without a normal, or with one along the direction, upright is as near to z as it can be.
-    """
+    """Transformation (4, 4) with axes along the direction, transverse, and along the normal (or z if undefined)."""
     upright = normal - (normal @ direction) * direction
     if np.linalg.norm(upright) < 1e-6:
         upright = np.eye(3)[2 if abs(direction[2]) < 0.9 else 0]
@@ -293,7 +288,7 @@ def _frame(position: FloatArray, direction: FloatArray, normal: FloatArray) -> F
 
 
 def arrow(load: LoadArrow, layout: PictureLayout) -> tuple[FloatArray, FloatArray]:
-    """Start (3,) and step (3,) of a load's arrow: from the loaded point if that leads out of the body, else to it."""
+    """Start (3,) and vector (3,) of a load arrow: from the loaded point if it leads out of the body, else to it."""
     low, high = layout.points.min(axis=0), layout.points.max(axis=0)
 
     def outside(end: FloatArray) -> float:
@@ -305,13 +300,13 @@ def arrow(load: LoadArrow, layout: PictureLayout) -> tuple[FloatArray, FloatArra
 
 
 def free_end(load: LoadArrow, layout: PictureLayout) -> FloatArray:
-    """The end (3,) of a load's arrow that is not the loaded point: where its name goes."""
+    """Free end (3,) of a load arrow, for its label."""
     start, step = arrow(load, layout)
     return start if start is not load.point else start + step
 
 
 def arrow_mesh(load: LoadArrow, layout: PictureLayout) -> Any:
-    """The arrow of a load."""
+    """Mesh of a load arrow."""
     import pyvista as pv
 
     start, step = arrow(load, layout)
@@ -320,7 +315,7 @@ def arrow_mesh(load: LoadArrow, layout: PictureLayout) -> Any:
 
 
 def surface_mesh(points: FloatArray, triangle: IntArray) -> Any:
-    """Triangles (t, 3) between points (n, 3)."""
+    """Surface mesh of triangles (t, 3) between points (n, 3)."""
     import pyvista as pv
 
     return pv.PolyData(points, np.column_stack([np.full(len(triangle), 3), triangle]).ravel())

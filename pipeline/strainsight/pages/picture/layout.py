@@ -1,4 +1,4 @@
-"""The structure and the sensors on it as pages show them."""
+"""Structure and sensors for pictures and pages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from strainsight.positions import METRES, PositionAxes
 
 @dataclass(frozen=True)
 class Arm:
-    """One arm of a bridge: position (3,) [m], direction and normal (3,) unit, sign 1 or −1 of its strain, element and facet."""
+    """One bridge arm: position (3,) [m], direction and normal (3,) unit vectors, sign 1 or −1, element and facet."""
 
     position: FloatArray
     direction: FloatArray
@@ -25,22 +25,18 @@ class Arm:
 
 @dataclass(frozen=True)
 class Gauge:
-    """One gauge of the chosen set.
+    """One gauge of the layout.
 
-    label ("G1"); element, facet ids of the file, of a given gauge its number and 0;
-    position (3,) [m]; direction, normal (3,) unit vectors;
-    angle [deg] from the projected axis; nodes: ids of the facet's nodes;
-    without: unknown's name → relative standard deviation expected when this gauge is left out (inf: not observable);
-    kind ("strain gauge", "rosette", "bridge", "accelerometer", "displacement sensor"); directions (c, 3) of all its channels, the
-    first is `direction`; bonded: it was there already; peak: largest training reading of its channels [unit]; most: of
-    a bridge that of any arm, None of others; range: what it, or an arm, can measure [unit], None where not stated; unit of its
-    readings;
-    mirror: label of its mirror image, where the two were placed as one; refined, spread: change of its strain over its RMS
-    when the mesh around it is refined, when forces on nodes there are spread, None where not tested; hot: beyond its share;
-    arms: of a bridge all of them, the first of which is where the rest of this says; none of others; edges (1 or arms, 2, 2): of
-    its place, or that of every arm, distance [m] and angle [deg] to the nearest edge of the face and to the nearest across it,
-    NaN where there is none, empty where not measured; notes: what is to be looked at where it is bonded, "; " between them;
-    foil: length along its direction and width of what is bonded [m], zero where not known or not bonded.
+    label ("G1"); element, facet: ids of the file, for imported gauges number and 0; position (3,) [m]; direction, normal (3,):
+    unit vectors; angle [deg]: from the projected axis; nodes: ids of the facet's nodes;
+    without: unknown → expected relative σ without this gauge (inf: unobservable); kind: "strain gauge", "rosette", "bridge",
+    "accelerometer" or "displacement sensor"; directions (c, 3): of all channels, the first is `direction`; bonded: already
+    bonded; peak: largest training reading [unit]; most: largest of any bridge arm, else None; range: measuring range [unit],
+    None if not set; unit: of its readings; mirror: label of its mirror image in a mirrored pair;
+    refined, spread: relative change of its strain with a refined mesh, and with distributed nodal forces, None if not tested;
+    hot: whether it is a hot spot; arms: of a bridge, the first at `position`; edges (1 or arms, 2, 2): distance [m] and angle
+    [deg] to the nearest edge and to the nearest transverse edge, NaN without an edge, empty if not measured; notes: on
+    installation, separated by "; "; foil: length and width of the carrier [m], zero if unknown.
     """
 
     label: str
@@ -70,7 +66,7 @@ class Gauge:
 
     @property
     def grids(self) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-        """Position, direction and normal of all that it reads: of every arm of a bridge, else of every channel at its place."""
+        """Position, direction and normal of every bridge arm, else of every channel."""
         if self.arms:
             return [(arm.position, arm.direction, arm.normal) for arm in self.arms]
         position, normal = np.asarray(self.position, dtype=float), np.asarray(self.normal, dtype=float)
@@ -78,13 +74,13 @@ class Gauge:
 
     @property
     def channels(self) -> FloatArray:
-        """Directions of all that it reads (c, 3), one where no more are stated."""
+        """Directions of all channels (c, 3)."""
         return self.directions if len(self.directions) else np.asarray(self.direction, dtype=float).reshape(1, 3)
 
 
 @dataclass(frozen=True)
 class LoadArrow:
-    """A point load to draw: name, point (3,) [m], direction (3,), and whether its history is known to the filter."""
+    """A load arrow: name, point (3,) [m], direction (3,), and whether the load is known."""
 
     name: str
     point: FloatArray
@@ -94,12 +90,11 @@ class LoadArrow:
 
 @dataclass(frozen=True)
 class PictureLayout:
-    """The structure and what sits on it.
+    """Structure with gauges and loads.
 
-    points (n, 3) [m]; faces (f, 8) indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8
-    (by 3, 4, 6 or 8 valid entries), VTK order, outward; pool (m, 3) [m] the candidates that the
-    gauges were chosen from; fixed (k, 3) [m] clamped nodes; loose (l, 3) [m] nodes of a structure that is no solid; bars (b, 2)
-    points at the ends of what has no facets, rods and pinned beams; frame: how places are given to people.
+    points (n, 3) [m]; faces (f, 8): indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8 by number of
+    valid entries, VTK order, outward; pool (m, 3) [m]: candidates; fixed (k, 3) [m]: supported nodes; loose (l, 3) [m]: nodes
+    without solids; bars (b, 2): end points of rods and pinned beams; frame: coordinate axes for positions.
     """
 
     points: FloatArray
@@ -114,7 +109,7 @@ class PictureLayout:
 
     @property
     def size(self) -> float:
-        """The diagonal of the box around the structure [m]."""
+        """Diagonal of the bounding box [m]."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @property

@@ -65,7 +65,7 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
 
 
 def drawn_or_why(draw: Callable[[], Pictures]) -> tuple[Pictures | None, str]:
-    """What `draw` makes, or None with the sentence on why there are no pictures."""
+    """Pictures of `draw`, or None and the reason."""
     try:
         return draw(), ""
     except StrainsightError as error:
@@ -73,7 +73,7 @@ def drawn_or_why(draw: Callable[[], Pictures]) -> tuple[Pictures | None, str]:
 
 
 def answer(draw: Callable[[Any], Sequence[bytes]]) -> None:
-    """In the child process: the pictures of what comes by stdin, to stdout; what libraries print goes to stderr."""
+    """Child process: read from stdin, draw, and write pictures to stdout; library output goes to stderr."""
     end_with_parent()
     out = os.dup(1)
     os.dup2(2, 1)
@@ -83,39 +83,39 @@ def answer(draw: Callable[[Any], Sequence[bytes]]) -> None:
 
 
 def last_words(stderr: str) -> str:
-    """The last line that VTK wrote, without its colours, time stamp and place."""
+    """Last line of VTK output, without colours, time stamp and place."""
     lines = re.sub(r"\x1b\[[0-9;]*m", "", stderr).strip().splitlines()
     return f", {lines[-1].rpartition('|')[2].strip()}" if lines else ""
 
 
 WIDTH, HEIGHT = 640, 420
-"""As the page shows it [px]; the PNG has `picture.FINER` times as many pixels each way."""
+"""Size on the page [px]; the PNG has FINER times as many pixels in each direction."""
 TIME_LIMIT = 120.0
-"""For the first picture [s]."""
+"""Time limit of the first picture [s]."""
 TIME_A_PICTURE = 20.0
-"""For every further one [s]."""
+"""Time limit of every further picture [s]."""
 DOTS = 4000
-"""More of a kind cannot be distinguished."""
+"""Most dots of one kind."""
 
 
 def render(layout: PictureLayout) -> bytes:
-    """PNG of 1280 × 840 pixels on a transparent ground, for light and dark pages alike.
+    """PNG of 1280 × 840 pixels with transparent background.
 
-    Shows the facets with their edges, the candidate pool as dots, sensors as labelled marks by their kind
-    (`geometry.marker`), loads as arrows, clamped nodes as squares; two views where one corner does not show every gauge.
-    Raises StrainsightError that names the Debian packages where nothing can render.
+    Shows facets with edges, candidates as dots, labelled sensors (`geometry.marker`), loads as arrows, supported nodes as
+    squares; two views if one does not show every gauge. Raises StrainsightError with the required Debian packages if rendering
+    fails.
     """
     return render_all([layout])[0]
 
 
 def render_all(layouts: Sequence[PictureLayout]) -> list[bytes]:
-    """A picture of each, as `render` makes it, in one child process: to start it takes longer than to draw."""
+    """Pictures of several layouts as in `render`, in one child process."""
     limit = TIME_LIMIT + TIME_A_PICTURE * (len(layouts) - 1)
     return draw_apart("strainsight.pages.picture.scene", [thinned(layout) for layout in layouts], limit)
 
 
 def thinned(layout: PictureLayout) -> PictureLayout:
-    """The layout with no more dots of a kind than one can see."""
+    """Reduce the dots of each kind to at most DOTS."""
 
     def some(points: FloatArray) -> FloatArray:
         return points[:: max(1, -(-len(points) // DOTS))]
@@ -124,7 +124,7 @@ def thinned(layout: PictureLayout) -> PictureLayout:
 
 
 def look(layout: PictureLayout) -> str:
-    """A digest of what the picture shows, the same for layouts that are drawn alike."""
+    """Digest of the picture, equal for layouts that look the same."""
     words = [(g.label, g.kind, g.bonded) for g in layout.gauges], [load.name for load in layout.loads]
     places = [array for gauge in layout.gauges for grid in gauge.grids for array in grid]
     arrows = [array for load in layout.loads for array in (load.point, load.direction)]
@@ -134,27 +134,27 @@ def look(layout: PictureLayout) -> str:
     return digest.hexdigest()
 
 
-def drawn(layouts: Sequence[PictureLayout]) -> list[bytes]:
-    """In the child process: a picture of every layout of `render_all`."""
+def draw_layouts(layouts: Sequence[PictureLayout]) -> list[bytes]:
+    """Child process: draw every layout of `render_all`."""
     return [draw(layout, WIDTH, HEIGHT) for layout in layouts]
 
 
 STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"
 POOL, CLAMP = "#33475c", "#8a4fb5"
 FINER = 2
-"""Pixels of the picture for one of the page, so that it stays sharp on fine screens and on paper."""
+"""Pixels of the picture per pixel of the page, for high resolution."""
 DRAWN_FACETS = 20_000
-"""More outlines than these would turn the surface black."""
+"""Most facets with outlines."""
 CAPTION = "#7b8794"
 FONT = 10.0
-"""Size of a name [pt], 100 pixels of the page an inch."""
+"""Size of labels [pt], at 100 pixels per inch."""
 CENTRED: dict[str, Any] = {"fontsize": FONT, "ha": "center", "va": "center"}
 WIDE, HIGH, MARGIN = 4.6, 12.5, 7.5
-"""Half the width of a name is MARGIN + WIDE a letter, half its height HIGH [px]."""
+"""Half size of a label [px]: width MARGIN + WIDE per letter, height HIGH."""
 
 
 def draw(layout: PictureLayout, width: int, height: int) -> bytes:
-    """PNG bytes, for width × height pixels of the page: the layout from one corner or, where that hides a gauge, from two."""
+    """PNG bytes for width × height pixels: the layout from one corner, or from two if a gauge is hidden."""
     triangle = geometry.triangles(layout.faces)
     position, normal = layout.places
     corners = geometry.views(layout.points, triangle, position, normal)
@@ -162,7 +162,7 @@ def draw(layout: PictureLayout, width: int, height: int) -> bytes:
     slender = extent[2] > 1.6 * extent[1]
     rows, columns = (len(corners), 1) if slender else (1, len(corners))
     size = width // columns, height // rows
-    # An arrow is named in the views that show its free end, and where none does, in the first.
+    # label an arrow in the views that show its free end, else in the first
     ends = np.array([geometry.free_end(load, layout) for load in layout.loads]).reshape(-1, 3)
     facing = np.array(
         [geometry.seen_from(layout.points, triangle, ends, np.tile(eye, (len(ends), 1)), eye) for eye in corners]
@@ -170,13 +170,13 @@ def draw(layout: PictureLayout, width: int, height: int) -> bytes:
     facing[0] |= facing.sum(axis=0) == 0
     panels = []
     for corner, named in zip(corners, facing.astype(bool), strict=True):
-        seen = geometry.seen_from(layout.points, triangle, position, normal, corner).astype(bool)
-        panels.append((*_geometry(layout, triangle, corner, size), seen, named, corner))
+        visible = geometry.seen_from(layout.points, triangle, position, normal, corner).astype(bool)
+        panels.append((*_geometry(layout, triangle, corner, size), visible, named, corner))
     return labelled(layout, panels, rows, columns, size)
 
 
 def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[int, int]) -> tuple[Any, Any]:  # type: ignore[no-untyped-def]
-    """RGBA image of one view, FINER times as fine as the page, and the function points (k, 3) → pixels of the page (k, 2)."""
+    """RGBA image of one view, and the function points (k, 3) → pixels of the page (k, 2)."""
     import pyvista as pv
 
     diagonal = layout.size
@@ -185,7 +185,7 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
         light = pv.Light(light_type="camera light", intensity=strength)
         light.position = direction
         plotter.add_light(light)
-    # Lines lie in the surface: lift them towards the eye by less than a pixel's worth, so that they do not flicker.
+    # lift lines slightly above the surface to avoid artefacts
     lift = 4e-4 * diagonal * corner
     if len(triangle):
         _add_surface(plotter, layout, triangle, lift)
@@ -226,7 +226,7 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
 
 
 def _add_surface(plotter: Any, layout: PictureLayout, triangle, lift: FloatArray) -> None:  # type: ignore[no-untyped-def]
-    """Shaded facets with their outlines and the sharp edges of the body."""
+    """Add shaded facets, their outlines and sharp edges."""
     surface = geometry.surface_mesh(layout.points, triangle)
     shaded = surface.compute_normals(
         split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
@@ -241,14 +241,14 @@ def _add_surface(plotter: Any, layout: PictureLayout, triangle, lift: FloatArray
 
 
 def across(corner: FloatArray) -> FloatArray:
-    """Unit vectors to the right and up (3, 2) as one sees them from a corner, z up."""
+    """Unit vectors (3, 2) to the right and up in the view from a corner, z up."""
     right = np.cross([0.0, 0.0, 1.0], corner)
     right /= np.linalg.norm(right)
     return np.column_stack([right, np.cross(corner, right)])
 
 
 def aim(plotter: Any, middle: FloatArray, corner: FloatArray, reach: float, scale: float) -> None:
-    """Parallel view from a corner at the middle of what reaches that far [m]; scale: half the height of the view [m]."""
+    """Set a parallel view from a corner at `middle`; reach [m]: size of the scene; scale [m]: half the height of the view."""
     camera = plotter.camera
     camera.parallel_projection = True
     camera.focal_point = middle
@@ -260,7 +260,7 @@ def aim(plotter: Any, middle: FloatArray, corner: FloatArray, reach: float, scal
 
 @styled({})
 def labelled(layout: PictureLayout, panels: list[Any], rows: int, columns: int, size: tuple[int, int]) -> bytes:
-    """The views side by side or one above the other, with names, axes and a word on where one looks from."""
+    """Arrange the views with labels, axes and view direction."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -270,14 +270,14 @@ def labelled(layout: PictureLayout, panels: list[Any], rows: int, columns: int, 
     figure.patch.set_alpha(0)
     middle = layout.points.mean(axis=0)
     diagonal = layout.size
-    for place, (image, pixels, seen, named, corner) in enumerate(panels):
+    for place, (image, pixels, visible, named, corner) in enumerate(panels):
         row, column = divmod(place, columns)
         axes = figure.add_axes((column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows))
         axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none", aspect="auto")
         axes.set_axis_off()
         centre = pixels(middle[None])[0]
         labels: list[tuple[FloatArray, FloatArray, str, str, bool]] = []
-        for i in np.flatnonzero(seen).tolist():
+        for i in np.flatnonzero(visible).tolist():
             gauge, anchor = layout.gauges[i], pixels(layout.gauges[i].position[None])[0]
             up = np.array([0.0, -1.0 if anchor[1] <= centre[1] else 1.0])
             labels.append((anchor, up, short(gauge.label), gauge_colour(i), gauge.bonded))
@@ -303,10 +303,10 @@ def labelled(layout: PictureLayout, panels: list[Any], rows: int, columns: int, 
 
 
 def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size: tuple[int, int]) -> FloatArray:
-    """Where labels go: off their anchors, inside the picture, and none on another.
+    """Positions (k, 2) of labels near their anchors, inside the picture and without overlap.
 
-    anchors (k, 2) [pixel], away (k, 2) the direction each would go by itself; returns (k, 2). Labels are taken in turn;
-    each tries rings of growing distance, turning from its own direction, and takes the first place that is free.
+    anchors (k, 2) [pixel]; away (k, 2): preferred directions. Each label in turn takes the first free position on rings of
+    increasing distance.
     """
     half = np.array([[MARGIN + WIDE * len(name), HIGH] for name in names]).reshape(-1, 2)
     places: list[FloatArray] = []
@@ -332,7 +332,7 @@ def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size:
 
 
 def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tuple[int, int]) -> None:
-    """The global axes in the lower left corner."""
+    """Draw the global axes in the lower left corner."""
     base = np.array([40.0, size[1] - 38.0])
     step = 1e-3 * diagonal
     shift = pixels(middle + step * np.eye(3)) - pixels(middle[None])
@@ -345,4 +345,4 @@ def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tu
 
 
 if __name__ == "__main__":
-    answer(drawn)
+    answer(draw_layouts)

@@ -1,1 +1,1 @@
-"""The page of a placement."""
+"""Page of a placement."""

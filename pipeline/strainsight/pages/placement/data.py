@@ -1,7 +1,7 @@
-"""Everything a placement report shows, as arrays and names; whoever has the artefacts fills it in.
+"""Data of a placement page.
 
-Errors and standard deviations are relative (0.01 is one per cent) unless a unit is stated:
-of a parameter to its true value, of an input to its own RMS, or to its amplitude where it is zero throughout.
+Errors and standard deviations without a unit are relative (0.01 is one per cent): of a parameter to its true value, of a load to
+its RMS, or to its amplitude if it is zero.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from strainsight.records.placed import ByCase
 
 @dataclass(frozen=True)
 class Repeats:
-    """The estimation over other seeds and starts: error (n,), claimed_std (n,) relative, and whether the starts end together."""
+    """Estimates with other seeds and starts: error (n,), claimed_std (n,) relative, and whether the starts agree."""
 
     error: FloatArray
     claimed_std: FloatArray
@@ -31,37 +31,34 @@ class Repeats:
 
     @property
     def lost(self) -> int:
-        """How many diverged."""
+        """Number of diverged runs."""
         return int(np.count_nonzero(~np.isfinite(self.error)))
 
     @property
     def worst(self) -> float:
-        """The largest error, ∞ where one diverged."""
+        """Largest error, ∞ if a run diverged."""
         return math.inf if self.lost else float(np.max(np.abs(self.error)))
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """One thing the gauges are to tell.
+    """One unknown; values that were not computed are None.
 
-    name, unit      as the config calls it, in SI ("E", "Pa")
+    name, unit      in SI ("E", "Pa")
     kind            "input" (a load history) or "parameter" (one number)
-    guess           parameter: the value the filter started from; input: the amplitude it is scaled by [unit]
-    truth           parameter: the simulated true value; input: RMS of the true history [unit]
-    estimate        parameter: mean over the last half; input: RMS of the estimated history [unit]
-    error           relative: parameter |estimate/truth − 1|; input RMS error over its RMS, both after the first tenth
-    std             relative: one standard deviation that the filter claims for the same span
+    guess           parameter: initial value; load: amplitude [unit]
+    truth           parameter: true value; load: RMS of the true history [unit]
+    estimate        parameter: mean over the last half; load: RMS of the estimated history [unit]
+    error           relative: parameter |estimate/truth − 1|; load: RMS error, both after the first tenth
+    std             relative: σ of the filter over the same span
     smoothed_error, smoothed_std  `error` and `std` of the smoothed estimate
-    expected_std    relative: one standard deviation expected at placement, from the covariance recursion along training; with
-                    load cases in the worst one, relative to the amplitude there
-    zero            an input that is zero throughout: everything relative is over its amplitude, `guess`
-    claims          whether its σ held, first the one that decides
-    benefit         whether random layouts of the same size estimate it as well
-    withheld        whether σ is, as a parameter has left the range of the reduced model: std and smoothed_std are None
-    worst_case      name of the load case of expected_std, empty where there are none
-    repeats         the same of other seeds and starts
-
-    What was not computed is None: a placement without a validation still has a page.
+    expected_std    relative: σ expected at placement; with load cases in the worst one, relative to the amplitude there
+                    zero            whether a load is zero, so that relative values refer to its amplitude, `guess`
+    claims          calibration of σ, the decisive one first
+    benefit         comparison with random layouts of the same size
+    withheld        whether σ is withheld because a parameter is outside its range; std and smoothed_std are None
+    worst_case      load case of expected_std, empty without load cases
+    repeats         estimates with other seeds and starts
     """
 
     name: str
@@ -84,13 +81,13 @@ class Unknown:
 
     @property
     def lost(self) -> bool:
-        """Whether its starts end apart."""
+        """Whether estimates from different starts disagree."""
         return self.repeats is not None and not self.repeats.identified
 
 
 @dataclass(frozen=True)
 class MetricWords:
-    """What a layout is judged by, a variance, as a formula and in words."""
+    """Criterion of a layout as a formula and in words."""
 
     symbol: str
     meaning: str
@@ -98,11 +95,10 @@ class MetricWords:
 
 @dataclass(frozen=True)
 class Trend:
-    """The metric while gauges are taken away.
+    """Metric during elimination.
 
-    count (s,) gauges left, falling; value (s,) of the metric, dimensionless; blocks: unknown's name → (s,) its scaled
-    variance; final after exchange; metric: which one; lower_bound no set of that size can undercut;
-    gap = 1 − lower_bound / final.
+    count (s,): remaining gauges, descending; value (s,): metric, dimensionless; blocks: unknown → (s,) scaled variance; final:
+    metric after exchange; lower_bound: for layouts of the final size; gap = 1 − lower_bound / final.
     """
 
     count: IntArray
@@ -116,11 +112,10 @@ class Trend:
 
 @dataclass(frozen=True)
 class Criteria:
-    """One layout by every criterion, all from the same covariances (inf: it cannot observe everything).
+    """One layout scored by every criterion (inf: an unknown is unobservable).
 
-    rule: how it was found ("elimination, exchange", "log-determinant", "effective independence", "random, median of 10");
-    values: by every metric of `PlacementReport.metrics`, in their order; std: unknown's name → steady-state σ [SI]: a ranking
-    number, not what a filter will claim.
+    rule: its origin ("elimination, exchange", "log-determinant", "effective independence", "random, median of 10"); values: by
+    metric, in the order of `PlacementReport.metrics`; std: unknown → steady-state σ [SI], only for ranking.
     """
 
     rule: str
@@ -129,15 +124,14 @@ class Criteria:
 
     @property
     def chosen(self) -> float:
-        """The metric that the layout of the page was chosen by."""
+        """Metric of the layout."""
         return self.values[0]
 
 
 @dataclass(frozen=True)
 class ObservabilityCase:
-    """How well one set of unknowns could be distinguished: its names; excitation ("training run", "35 Hz"); condition of the
-    scaled PBH matrix at λ = 0, raw: that of the unscaled one, which orders cases by their units; lost: in words what is (nearly)
-    unobservable, empty where nothing is."""
+    """Observability of one set of unknowns: excitation ("training run", "35 Hz"); condition of the scaled PBH matrix at λ = 0,
+    raw: of the unscaled matrix; lost: weakly observable combination, in words."""
 
     unknowns: tuple[str, ...]
     excitation: str
@@ -148,10 +142,10 @@ class ObservabilityCase:
 
 @dataclass(frozen=True)
 class RandomSetErrors:
-    """The same estimation with gauges drawn at random, for one unknown.
+    """Estimates of one unknown with random layouts.
 
-    pool_label where they were drawn from; error (sets,) relative, NaN where the filter diverged;
-    history (sets, T) [unit] on the instants of the unknown's History, or None; chosen_error relative, the chosen set's.
+    pool_label: their pool; error (sets,): relative, NaN if the filter diverged; history (sets, T) [unit]: or None; chosen_error:
+    relative, of the placed layout.
     """
 
     name: str
@@ -162,14 +156,14 @@ class RandomSetErrors:
 
     @property
     def finite(self) -> FloatArray:
-        """Errors of the sets whose filter did not diverge."""
+        """Errors of layouts whose filter did not diverge."""
         return self.error[np.isfinite(self.error)]
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The estimation at other noise: level (k,), rising, = noise std over the strongest candidate's RMS (0.01 is one per cent);
-    error, std: unknown's name → (k,) relative."""
+    """Estimates at other noise levels: level (k,): noise σ / RMS of the strongest candidate, ascending; error, std: unknown →
+    (k,) relative."""
 
     level: FloatArray
     error: Mapping[str, FloatArray]
@@ -178,7 +172,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Check:
-    """NEES or NIS over its dimension (1 is ideal), the band in which that of a consistent filter stays, and the verdict."""
+    """NEES or NIS per dimension (1 is ideal), the band of a consistent filter, and the result of the check."""
 
     name: str
     value: float
@@ -188,19 +182,15 @@ class Check:
 
 @dataclass(frozen=True)
 class PlacementReport:
-    """All that the page of a placement shows.
+    """Data of a placement page.
 
-    name of the config, title for people; settings: its section `report`; frequencies [Hz] of the model at the reference;
-    metrics: every one, that of the layout first; criteria: layouts by every rule, ours first; cases: what could be
-    distinguished; observability: name → number;
-    load_cases: what the layout is placed for together, None where it is the loads as stated;
-    budget: unknown's name → source → share of the variance expected, empty where that is not known;
-    advice: sentences, what to do with the layout (how many gauges are worth it, which are redundant, limits);
-    posteriors: parameter → what the measurements leave of it; filters: parameters by the grid filter and by others;
-    truth_description: what the estimates were tested against; warnings and not_tested: sentences;
-    test: what the test of this layout said, empty before one;
-    facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
-    provenance: versions, seed, keys; assumes: rows of what the model assumes, how many, and a detail.
+    settings: config section `report`; frequencies [Hz]: at the reference; metrics: that of the layout first; criteria: layouts by
+    rule, the placed one first; cases: observability cases; observability: name → number;
+    load_cases: None for the configured loads; budget: unknown → source → share of the expected variance, may be empty;
+    advice, warnings, not_tested: sentences; posteriors: by parameter; filters: comparison; truth_description: simulated truth;
+    test: result of the test of this layout, may be empty;
+    facts: mesh, mass, pool sizes; seconds: stage → computing time [s]; provenance: versions, seed, keys; assumes: rows of model
+    assumptions.
     """
 
     name: str
@@ -235,5 +225,5 @@ class PlacementReport:
 
     @property
     def units(self) -> Mapping[str, str]:
-        """Unit of every unknown, by name."""
+        """Unit of every unknown by name."""
         return {unknown.name: unknown.unit for unknown in self.unknowns}

@@ -1,7 +1,4 @@
-"""The figures of a placement report: each turns arrays into an SVG with its caption and alternative text.
-
-The metric's trend and the estimates with their bands: thesis figures 6.1b, 6.2, 6.5b and 6.6.
-"""
+"""Figures of a placement page (thesis figures 6.1b, 6.2, 6.5b and 6.6)."""
 
 from __future__ import annotations
 
@@ -45,7 +42,7 @@ from strainsight.text import READINGS, number, percent, reading_unit, short
 
 
 def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
-    """All figures that the report has data for, in the order of the page."""
+    """All figures with data, in the order of the page."""
     unknowns = {unknown.name: unknown for unknown in report.unknowns}
     history = {entry.name: entry for entry in report.histories}
     drawings = [trend_figure(report.trend)]
@@ -69,10 +66,9 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
 
 
 def elbow(count: IntArray, value: FloatArray) -> int | None:
-    """The gauge count at the elbow of the trend: the point furthest below the chord, on logarithmic axes from 0 to 1.
+    """Gauge count at the elbow of the trend: the point furthest below the chord on normalised logarithmic axes.
 
-    count (s,), value (s,) > 0. None where the trend is straight (a furthest distance under a tenth): with independent
-    noise and no other limit the metric falls evenly, and every gauge is worth as much as the one before.
+    count (s,), value (s,) > 0. None for a straight trend (distance below a tenth), as with independent noise only.
     """
     if len(count) < 3 or not np.all(np.isfinite(value)) or value.min() <= 0 or np.ptp(value) == 0:
         return None
@@ -85,48 +81,48 @@ def elbow(count: IntArray, value: FloatArray) -> int | None:
 
 @styled()
 def trend_figure(trend: Trend) -> Drawing:
-    """The metric against the number of gauges left, the certified bound and the elbow."""
+    """Metric over the number of remaining gauges, certified bound and elbow."""
     shown = np.isfinite(trend.value)
     count, value = trend.count[shown], trend.value[shown]
     bend, keep, every, symbol = elbow(count, value), int(trend.count[-1]), int(trend.count[0]), trend.metric.symbol
-    drawn, axes = figure()
+    canvas, axes = figure()
     if len(trend.blocks) > 1:
         for (name, block), colour in zip(trend.blocks.items(), (GREEN, PURPLE, ORANGE, SKY), strict=False):
             axes.plot(trend.count, drawable(block), color=colour, lw=1.2, label=f"variance of {short(name)}")
     axes.plot(count, value, color=BLUE, lw=2, label=symbol)
-    axes.plot([keep], [trend.final], "o", color=BLUE, ms=7, label=f"chosen set: {number(trend.final)}")
+    axes.plot([keep], [trend.final], "o", color=BLUE, ms=7, label=f"chosen layout: {number(trend.final)}")
     if trend.lower_bound is not None and np.isfinite(trend.lower_bound):
-        label = f"no set of {keep} below {number(trend.lower_bound)}"
+        label = f"lower bound for {keep} gauges: {number(trend.lower_bound)}"
         axes.axhline(trend.lower_bound, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label=label)
     if bend is not None:
         at = value[count == bend][0]
         axes.plot([bend], [at], "D", mfc="none", mec=INK, ms=7, label=f"elbow: {bend} gauges")
-    # An axis without a point to show has no logarithm.
+    # a logarithmic axis needs a point
     if len(count):
         axes.set_xscale("log")
         if value.min() > 0 and value.max() > 5 * value.min():
             axes.set_yscale("log")
     plain_ticks(axes, "x")
     plain_ticks(axes, "y")
-    axes.set(xlabel="gauges left [–]", ylabel=f"metric {symbol} [–]")
+    axes.set(xlabel="remaining gauges [–]", ylabel=f"metric {symbol} [–]")
     legend_above(axes, columns=2)
     ratio = trend.final / value[0] if len(value) and value[0] > 0 else np.nan
     caption = (
-        f"{trend.metric.meaning.capitalize()} while gauges are taken away one by one, read from right to left: "
-        f"with {keep} of {every} gauges it is {number(ratio, 3)} times what all together reach."
+        f"{trend.metric.meaning.capitalize()} during elimination, from right to left: "
+        f"with {keep} of {every} gauges it is {number(ratio, 3)} times that with all gauges."
     )
     if trend.lower_bound is not None:
-        caption += " The dashed line is a certified bound: no set of that size lies below it."
+        caption += " The dashed line is a certified lower bound for layouts of this size."
     if bend is not None:
-        caption += f" The elbow, {bend} gauges, is where the trend bends most: further gauges mostly average noise."
+        caption += f" Beyond the elbow at {bend} gauges, further gauges mostly average noise."
     ends = f"{number(trend.value[0])} with {every} gauges to {number(trend.final)} with {keep}"
     alt = f"Line chart of the metric from {ends}."
-    return Drawing("trend", "What every gauge is worth", caption, alt, svg(drawn))
+    return Drawing("trend", "Metric over the number of gauges", caption, alt, svg(canvas))
 
 
 @styled()
 def signal_figure(signal: Reading) -> Drawing:
-    """Measured and estimated reading of one channel over the last periods, in µm/m, m/s² or millimetres."""
+    """Measured and estimated reading of one channel over the last periods."""
     window, colour = last_periods(signal.estimated), gauge_colour(signal.gauge)
     factor, unit = reading_unit(largest(signal.measured[window]), signal.unit)
     what = READINGS.get(signal.unit, "reading")
@@ -136,7 +132,7 @@ def signal_figure(signal: Reading) -> Drawing:
     index = np.arange(len(signal.time))[window]
     index = index[visible_instants(np.column_stack([curve[window] for curve in curves[:2]]))]
     time, (measured, estimated, std) = signal.time[index], (curve[index] for curve in curves)
-    drawn, axes, below = figure(4.1, (2.2, 1.0))
+    canvas, axes, below = figure(4.1, (2.2, 1.0))
     dots(axes, time, measured, "measured")
     if signal.truth is not None:
         truth = drawable(signal.truth)[index] / factor
@@ -149,25 +145,25 @@ def signal_figure(signal: Reading) -> Drawing:
     time_axis(below)
     legend_above(axes)
     caption = (
-        f"{what.capitalize()} at gauge {signal.label}, last periods. Below, what the filter leaves unexplained "
-        f"(RMS {number(residual, 3)} {unit} over the run) and the ±2σ band of its estimate."
+        f"{what.capitalize()} at gauge {signal.label}, last periods. Below: residual "
+        f"(RMS {number(residual, 3)} {unit} over the run) and ±2σ band of the estimate."
     )
     alt = f"Line chart of measured and estimated {what} at gauge {signal.label}, peak {peak} {unit}."
-    return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, svg(drawn))
+    return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, svg(canvas))
 
 
 POOLS = (ORANGE, PURPLE)
-"""Colours of random sets by the pool that they are drawn from."""
+"""Colours of random layouts by pool."""
 
 
 @styled()
 def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
-    """Errors of random sets as dots, one row a pool, and the chosen set's as a line."""
+    """Errors of random layouts as dots, one row per pool, and of the chosen layout as a line."""
     name, chosen = sets[0].name, sets[0].chosen_error
-    drawn, axes = figure(1.5 + 0.6 * len(sets))
+    canvas, axes = figure(1.5 + 0.6 * len(sets))
     for row, (entry, colour) in enumerate(zip(sets, POOLS, strict=False)):
         error = 100 * entry.finite
-        # A fixed fan keeps equal errors apart without a random jitter.
+        # fixed offsets separate equal errors
         fan = 0.16 * np.resize([0.0, 1.0, -1.0, 0.5, -0.5], len(error))
         axes.plot(error, row + fan, "o", color=colour, ms=6, mec="white", mew=0.6, alpha=0.9)
         if len(error):
@@ -182,27 +178,29 @@ def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
     right = axes.transAxes.inverted().transform(axes.transData.transform((100 * chosen, 0)))[0] > 0.6
     off, align = (-7, "right") if right else (7, "left")
     words = {"textcoords": "offset points", "color": BLUE, "va": "center", "ha": align}
-    axes.annotate(f"chosen set {percent(chosen)}", (100 * chosen, -0.62), (off, 0), **words)
+    axes.annotate(f"chosen layout {percent(chosen)}", (100 * chosen, -0.62), (off, 0), **words)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(f"relative error of {short(name)} [%]")
-    caption, medians = f"Error of {name} from random sets of the same size; dots are sets, the bar is their median.", []
+    caption, medians = f"Error of {name} with random layouts of the same size; the bar is their median.", []
     for entry in sets:
         better, lost = int(np.sum(entry.finite < chosen)), len(entry.error) - len(entry.finite)
         pool = "all candidates" if entry.pool_label == "all candidates" else "the screened pool"
-        caption += f" {better} of {len(entry.error)} drawn from {pool} came closer than the chosen set"
-        caption += f", {lost} diverged and are not drawn." if lost else "."
+        caption += (
+            f" {better} of {len(entry.error)} random layouts from {pool} were more accurate than the chosen layout"
+        )
+        caption += f", {lost} diverged and are not shown." if lost else "."
         if len(entry.finite):
             medians.append(f"random from {entry.pool_label} median {percent(float(np.median(entry.finite)))}")
-    caption += " This is one noise sample: a lucky set can come closer."
-    alt = f"Dot plot of errors of {name}: chosen set {percent(chosen)}; {'; '.join(medians)}"
-    return Drawing(f"random-errors-{name}", f"{name}: errors of random sets", caption, alt, svg(drawn))
+    caption += " With one noise sample a random layout can be more accurate by chance."
+    alt = f"Dot plot of errors of {name}: chosen layout {percent(chosen)}; {'; '.join(medians)}"
+    return Drawing(f"random-errors-{name}", f"{name}: errors of random layouts", caption, alt, svg(canvas))
 
 
 @styled()
 def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) -> Drawing:
-    """The estimate over time from the chosen set against those from random ones."""
+    """Estimates over time with the chosen layout and with random layouts."""
     factor, unit = shown_unit(chosen)
-    drawn, axes = figure()
+    canvas, axes = figure()
     values, count, quarter = [], 0, len(chosen.time) // 4
     for entry, colour in zip(sets, POOLS, strict=False):
         for i, curve in enumerate(() if entry.history is None else entry.history / factor):
@@ -212,7 +210,7 @@ def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) 
             values.append(curve[quarter:])
         count += 0 if entry.history is None else len(entry.error)
     index = visible_instants(chosen.mean[:, None], buckets=180)
-    axes.plot(chosen.time[index], chosen.mean[index] / factor, color=BLUE, lw=2, label="chosen set")
+    axes.plot(chosen.time[index], chosen.mean[index] / factor, color=BLUE, lw=2, label="chosen layout")
     if chosen.truth is not None:
         index, truth = visible_instants(chosen.truth[:, None], buckets=180), chosen.truth / factor
         axes.plot(chosen.time[index], truth[index], color=INK, lw=1.1, ls=(0, (5, 3)), label="truth")
@@ -222,18 +220,20 @@ def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) 
     axes.set_ylabel(f"{short(chosen.name)} [{unit}]")
     legend_above(axes)
     caption = (
-        f"Estimates of {chosen.name} from random sets, by the pool they were drawn from, beside the chosen one; "
-        "the scale shows what happens after the first quarter."
+        f"Estimates of {chosen.name} with random layouts, by pool, and with the chosen layout; "
+        "scaled to the range after the first quarter."
     )
-    alt = f"Line chart of estimates of {chosen.name} from {count} random sets and the chosen set."
-    return Drawing(f"random-histories-{chosen.name}", f"{chosen.name}: random sets over time", caption, alt, svg(drawn))
+    alt = f"Line chart of estimates of {chosen.name} with {count} random layouts and the chosen layout."
+    return Drawing(
+        f"random-histories-{chosen.name}", f"{chosen.name}: random layouts over time", caption, alt, svg(canvas)
+    )
 
 
 @styled()
 def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
-    """Error and claimed standard deviation against the gauge noise, one colour an unknown."""
+    """Error and claimed σ over the gauge noise, one colour per unknown."""
     level = 100 * noise.level
-    drawn, axes = figure()
+    canvas, axes = figure()
     for name, colour in zip(names, map(str, np.resize(SERIES, len(names))), strict=True):
         axes.plot(level, 100 * noise.std[name], "-", color=colour, lw=1.4, label=f"claimed σ({short(name)})")
         axes.plot(level, 100 * noise.error[name], "o", color=colour, ms=7, label=f"real error of {short(name)}")
@@ -246,24 +246,24 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
         plain_ticks(axes, "y")
     axes.set(xlabel="gauge noise [% of the strongest candidate's RMS]", ylabel="relative error [%]")
     legend_above(axes, columns=2)
-    caption = "Dots are what the filter got wrong, lines what it claims as one standard deviation."
+    caption = "Real errors (dots) and claimed σ (lines) of the filter."
     alt = "; ".join(
         f"at {percent(level)} noise "
         + ", ".join(f"{name} {percent(values[i])}" for name, values in noise.error.items())
         for i, level in enumerate(noise.level)
     )
-    return Drawing("noise", "More noise, less noise", caption, f"Chart of error against noise: {alt}.", svg(drawn))
+    return Drawing("noise", "Effect of gauge noise", caption, f"Chart of error over noise: {alt}.", svg(canvas))
 
 
 @styled()
 def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Drawing:
-    """Real error beside the claimed standard deviation, over seeds and starts, smallest error first; claims: on the unknown."""
+    """Real error and claimed σ over seeds and starts, smallest error first; claims: on the unknown."""
     claim = next((one for one in claims if one.of == "repeats"), None)
-    verdict = "identified" if repeats.identified else LOST
+    result = "identified" if repeats.identified else LOST
     order = np.argsort(np.abs(repeats.error))
     error, std = 100 * np.abs(repeats.error[order]), 100 * repeats.claimed_std[order]
     place = np.arange(1, len(error) + 1)
-    drawn, axes = figure()
+    canvas, axes = figure()
     wrong = claim is not None and claim.overconfident
     axes.bar(place, std, width=0.72, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
     axes.plot(place, error, "X" if wrong else "o", color=VERMILION if wrong else BLUE, ms=6, label="error")
@@ -275,13 +275,13 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set(xlabel="run, smallest error first [–]", ylabel=f"relative error of {short(name)} [%]")
     legend_above(axes)
-    caption = f"{len(error)} runs with other noise and other starting values, the truth the same. "
-    caption += f"Little more is known of it than before: {LOST}." * (verdict == LOST)
+    caption = f"{len(error)} runs with other noise and starting values and the same truth. "
+    caption += f"The measurements hardly reduce its uncertainty: {LOST}." * (result == LOST)
     if claim is not None:
-        verdict = f"{claim.result}, {verdict}"
+        result = f"{claim.result}, {result}"
         low, high = (number(edge, 2) for edge in claim.band)
         caption += (
-            f" RMS of error over claimed σ {number(claim.ratio, 3)}, {low} to {high} where σ holds: {claim.result}."
+            f" RMS of error / claimed σ: {number(claim.ratio, 3)}; {low} to {high} if σ is calibrated: {claim.result}."
         )
-    alt = f"Chart of {len(error)} repeated runs for {name}, {verdict}."
-    return Drawing(f"repeats-{name}", f"{name}: other seeds, other starts", caption, alt, svg(drawn))
+    alt = f"Chart of {len(error)} repeated runs for {name}, {result}."
+    return Drawing(f"repeats-{name}", f"{name}: other seeds and starts", caption, alt, svg(canvas))

@@ -1,4 +1,4 @@
-"""Tables of a placement: the chosen gauges, the layout beside those of other rules, load cases, and what can be distinguished."""
+"""Tables of a placement: gauges, layouts by other rules, load cases, and observability."""
 
 from __future__ import annotations
 
@@ -15,27 +15,26 @@ from strainsight.positions import PositionAxes
 from strainsight.text import number, percent, reading_unit
 
 SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
-"""Kinds that people call gauges; with others among them they are sensors."""
+"""Kinds called gauges; a layout with other kinds consists of sensors."""
 
 
 EDGES = (
-    "Nearest edges: distance to the nearest edge of the face, and the angle from it to the measuring direction, "
-    "counter-clockwise as seen from outside; below, the same of the nearest edge that runs across it."
+    "Nearest edges: distance to the nearest edge of the face, and angle from it to the measuring direction, "
+    "counter-clockwise as seen from outside. Second line: nearest transverse edge."
 )
 BONDED = (
-    "Where it is bonded: how much the strain changes over σ of the gauge's place and from end to end of its grid, over its RMS "
-    "in training, and how much room there is over it, where that is beyond the limit."
+    "Installation: relative change of strain over σ of the position and over the grid length, and free height above the gauge, "
+    "if outside the limits."
 )
 REFINED = (
-    "On a finer mesh: the change of the strain at the gauge, over its RMS in training, when the elements around it are cut in "
-    "half twice. A hot spot changes by more than its share: a corner, the end of a support, a load at a node."
+    "Refined mesh: change of the strain at the gauge relative to its training RMS, if the elements around it are halved twice. "
+    "A large change indicates a hot spot, such as a corner, the end of a support or a concentrated force."
 )
-UNOBSERVABLE = "∞: without that gauge the unknown can no longer be observed."
+UNOBSERVABLE = "∞: without this gauge the unknown is not observable."
 
 
 def gauge_table(report: PlacementReport) -> str:
-    """All gauges, one a row, in a table of where they are and one of what they read and are worth; columns that would be empty
-    are left out."""
+    """Tables of the gauges: positions, and readings with expected σ; empty columns are omitted."""
     return _where(report) + _worth(report)
 
 
@@ -64,7 +63,7 @@ def _where(report: PlacementReport) -> str:
     head = ["gauge", "kind", *frame.heads, "direction"]
     head += [f"nearest edges [{frame.unit}]", "angle to them"] * edged
     numeric = [2, 3, 4, *range(6, len(head))]
-    head += ["where it is bonded"] * noted
+    head += ["installation"] * noted
     return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
 
 
@@ -83,53 +82,49 @@ def _worth(report: PlacementReport) -> str:
         for index, gauge in enumerate(gauges)
     ]
     head = ["gauge", "number" if given(gauges) else "element", "facet", "angle"]
-    head += ["training peak"] * read + ["strain on a finer mesh"] * tested
-    foot = (
-        ["all together", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
-    )
+    head += ["training peak"] * read + ["strain with refined mesh"] * tested
+    foot = ["all gauges", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
     head += [f"expected σ({escape(name)}) without it" for name in names]
     caption = _caption_of_worth(gauges)
     return table("gauges: readings", head, rows, caption=caption, numeric=range(1, len(head)), foot=foot)
 
 
 def names_without(report: PlacementReport) -> list[str]:
-    """The unknowns of which it is known what they would be without a gauge."""
+    """Unknowns with an expected σ without each gauge."""
     return [u.name for u in report.unknowns if any(u.name in gauge.without for gauge in report.layout.gauges)]
 
 
 def expected_with_all(report: PlacementReport, names: Sequence[str]) -> list[str]:
-    """Cells with the expected σ of these unknowns with all gauges, none where it is not known."""
+    """Cells with the expected σ of these unknowns with all gauges, empty if unknown."""
     sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
     return [share(sigma[name]) for name in names] if any(sigma[name] is not None for name in names) else []
 
 
 def given(gauges: tuple[Gauge, ...]) -> bool:
-    """Whether they were given by their strain rows: they lie on no facet, and have a number where others have an element."""
+    """Whether gauges are imported by a strain operator, without facets."""
     return not any(gauge.facet for gauge in gauges)
 
 
 def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
-    """What the columns of places mean, as far as they occur."""
+    """Caption of the position table, for the columns that occur."""
     several = any(len(gauge.channels) > 1 for gauge in gauges)
-    below = "; a rosette's or triaxial sensor's further directions stand below" * several
+    below = "; further directions of rosettes and triaxial sensors are listed below" * several
     sentences = {
-        f"Places and measuring directions are in {frame.in_words()}{below}.": True,
-        "The arms of a bridge stand below one another, in the order of the signs beside its kind.": any(
-            gauge.arms for gauge in gauges
-        ),
+        f"Positions and measuring directions are in {frame.in_words()}{below}.": True,
+        "The arms of a bridge are listed in the order of their signs.": any(gauge.arms for gauge in gauges),
         EDGES: any(len(gauge.edges) for gauge in gauges),
-        "A gauge and its mirror image were placed as one.": any(gauge.mirror for gauge in gauges),
+        "A gauge and its mirror image were placed as a pair.": any(gauge.mirror for gauge in gauges),
         BONDED: any(gauge.notes for gauge in gauges),
     }
     return " ".join(text for text, occurs in sentences.items() if occurs)
 
 
 def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
-    """What the columns of readings mean, as far as they occur."""
-    ids = "Numbers are those of the table of the gauges" if given(gauges) else "Ids are those of the mesh file"
+    """Caption of the table of readings, for the columns that occur."""
+    ids = "Numbers refer to the imported table of gauges" if given(gauges) else "Ids refer to the mesh file"
     sentences = {
-        f"{ids}; angle is from the projected axis.": True,
-        "The peak is the largest reading of the training run, of what the sensor can measure.": any(
+        f"{ids}; the angle is measured from the projected axis.": True,
+        "Training peak: largest reading of the training run, relative to the measuring range.": any(
             gauge.peak is not None for gauge in gauges
         ),
         REFINED: any(gauge.refined is not None for gauge in gauges),
@@ -139,16 +134,15 @@ def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
 
 
 def _kind(gauge: Gauge) -> str:
-    """Strain gauge, rosette …; what sets it apart from the others of its kind stands below."""
+    """Kind of a gauge, with signs, bonded state and mirror image below."""
     signs = " ".join("+" if arm.sign > 0 else "−" for arm in gauge.arms)
     text = escape(gauge.kind) + f"<br>{_whole(signs)}" * bool(signs)
-    text += f"<br><strong>{_whole('bonded already')}</strong>" * gauge.bonded
+    text += f"<br><strong>{_whole('already bonded')}</strong>" * gauge.bonded
     return text + f"<br>mirrors {escape(gauge.mirror)}" * bool(gauge.mirror)
 
 
 def _ids(gauge: Gauge) -> list[str]:
-    """Element, facet and angles [deg] of all its directions: that of the first, and by how much the others are turned about the
-    normal; of a bridge elements and facets of its arms."""
+    """Cells of elements and facets (of all bridge arms), and angles [deg] of all directions about the normal."""
     first, angles = gauge.channels[0], "–"
     if gauge.kind in SINGLE:
         turn = [math.atan2(gauge.normal @ np.cross(first, other), first @ other) for other in gauge.channels]
@@ -160,7 +154,7 @@ def _ids(gauge: Gauge) -> list[str]:
 
 
 def _edges(gauge: Gauge, frame: PositionAxes) -> list[str]:
-    """Distances and angles to both edges of its place, of a bridge of all its arms: two cells."""
+    """Cells of distances and angles to both edges, for all bridge arms."""
     edges = gauge.edges.reshape(-1, 2)
     distance, angle = edges[np.isfinite(edges[:, 0])].T.tolist()
     sizes = [data(x, number(x, 4)) for x in frame.length(np.array(distance)).tolist()]
@@ -169,8 +163,7 @@ def _edges(gauge: Gauge, frame: PositionAxes) -> list[str]:
 
 
 def _reading(gauge: Gauge) -> str:
-    """The training peak against the range, in the unit of the larger; a mark where it goes beyond. Of a bridge its output,
-    and the largest strain of an arm against the range of one."""
+    """Training peak relative to the measuring range, with a mark if it is exceeded; for a bridge also of the largest arm."""
     if gauge.peak is None:
         return "–"
     finite = [size for size in (gauge.peak, gauge.most or 0.0, gauge.range or 0.0) if math.isfinite(size)]
@@ -184,21 +177,21 @@ def _reading(gauge: Gauge) -> str:
     text, peak = shown(gauge.peak), gauge.peak
     if gauge.most is not None:
         peak = gauge.most
-        text += f"<br>an arm {shown(peak)}"
+        text += f"<br>arm {shown(peak)}"
     text += f" of {shown(gauge.range, f' {unit}')}"
     if peak > gauge.range:
-        return f'{text}<br><strong class="mark bad">✕ beyond its range</strong>'
+        return f'{text}<br><strong class="mark bad">✕ range exceeded</strong>'
     used = peak / gauge.range if gauge.range > 0 else math.nan
     return f"{text}<br>{data(used, percent(used))}" if math.isfinite(used) else text
 
 
 def _changed(gauge: Gauge) -> str:
-    """How its strain changes on a finer mesh around it, and with forces on nodes spread, where there are any."""
+    """Change of strain with a refined mesh, and with distributed nodal forces."""
     if gauge.refined is None or gauge.spread is None:
         return "–"
     text = data(gauge.refined, _signed(gauge.refined))
     if gauge.spread:
-        text += f"<br>loads spread: {data(gauge.spread, _signed(gauge.spread))}"
+        text += f"<br>distributed forces: {data(gauge.spread, _signed(gauge.spread))}"
     return text + '<br><strong class="mark bad">✕ hot spot</strong>' * gauge.hot
 
 
@@ -210,17 +203,15 @@ def _whole(text: str) -> str:
     return f'<span class="whole">{text}</span>'
 
 
-STEADY = (
-    "one standard deviation of an unknown with the system held at an instant: it ranks layouts, a filter claims its own"
-)
+STEADY = "σ of an unknown for the system linearised at an instant; it ranks layouts and differs from σ of a filter"
 
 
 def criteria_table(
     trend: Trend, metrics: Sequence[MetricWords], criteria: Sequence[Criteria], unit: Mapping[str, str]
 ) -> str:
-    """Layouts by rule, the chosen one and its bound first, the others by their metric.
+    """Table of layouts by rule: the chosen layout and its bound first, the others by metric.
 
-    metrics: every one, that of the layout first; criteria: layouts, the chosen one first; unit: of every unknown."""
+    metrics: that of the layout first; criteria: layouts, the chosen one first; unit: of every unknown."""
     chosen = criteria[0].chosen if criteria else trend.final
     scale = chosen if 0 < chosen < math.inf else math.nan
     names = [name for name in unit if any(name in entry.std for entry in criteria)]
@@ -233,58 +224,55 @@ def criteria_table(
         return [*cells, *map(plain, entry.values[1:]), *(_sigma(entry.std.get(name), unit[name]) for name in names)]
 
     rule = f" ({escape(criteria[0].rule)})" if criteria else ""
-    rows = [row(f"<strong>chosen set</strong>{rule}", chosen, criteria[0] if criteria else None)]
+    rows = [row(f"<strong>chosen layout</strong>{rule}", chosen, criteria[0] if criteria else None)]
     if trend.lower_bound is not None:
         rows.append(row("certified lower bound", trend.lower_bound, None))
     rules = sorted(criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
-    head = ["layout by", escape(trend.metric.symbol), "times the chosen", *(escape(m.symbol) for m in others)]
+    head = ["layout", escape(trend.metric.symbol), "relative", *(escape(m.symbol) for m in others)]
     head += [f"steady-state σ({escape(name)})" for name in names]
-    caption = (
-        "Layouts of the same size from the same pool" + ", all scored by the same covariance" * bool(criteria) + "."
-    )
+    caption = "Layouts of the same size from the same pool" + ", scored by the same covariance" * bool(criteria) + "."
     if rules:
         caption += f" {LIMITS}"
     if any(math.isinf(value) for entry in criteria for value in (*entry.values, *entry.std.values())):
-        caption += " ∞: that layout cannot observe all unknowns."
+        caption += " ∞: an unknown is not observable with this layout."
     return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
-LIMITS = "The other rules know no limits of the layout, such as a budget, spacing or zones: what they choose may not be allowed."
+LIMITS = "The other rules ignore limits such as budget, spacing and zones, so their layouts may not be allowed."
 
 
 def criteria_meaning(metrics: Sequence[MetricWords]) -> str:
-    """What the columns of the criteria mean, as a list."""
+    """Meaning of the criteria, as a list."""
     words = [
-        (metric.symbol, metric.meaning + "; what this placement makes small" * (i == 0))
-        for i, metric in enumerate(metrics)
+        (metric.symbol, metric.meaning + "; minimised by this placement" * (i == 0)) for i, metric in enumerate(metrics)
     ]
     meanings = [
         f"<strong>{escape(name)}</strong>: {escape(text)}." for name, text in (*words, ("steady-state σ", STEADY))
     ]
-    return f"<h3>Criteria, smaller is better in all</h3>{items(meanings)}"
+    return f"<h3>Criteria (smaller is better)</h3>{items(meanings)}"
 
 
 def load_cases_table(report: PlacementReport) -> str:
-    """Load cases one a row: weight, metric, expected σ of every unknown; "" without load cases."""
+    """Table of load cases: weight, metric, expected σ of every unknown; "" without load cases."""
     cases, names = report.load_cases, list(report.units)
     if cases is None:
         return ""
     rows = []
     for i, case in enumerate(cases.name):
-        sigma = [share(float(cases.std[name][i])) if cases.acts[name][i] else "silent" for name in names]
+        sigma = [share(float(cases.std[name][i])) if cases.acts[name][i] else "inactive" for name in names]
         rows.append([escape(case), plain(float(cases.weight[i])), plain(float(cases.metric[i])), *sigma])
     expected = [f"expected σ({escape(name)})" for name in names]
     head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
     caption = (
-        "The layout serves all of them, each by its weight. σ along the training of the case, relative to the amplitude there; "
-        "the metric is that of the case alone."
+        "The layout is placed for all load cases by weight. σ is expected along the training run of the case, relative to the "
+        "amplitude of the case; the metric is that of the single case."
     )
     return table("load cases", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
 def cases_table(cases: Sequence[ObservabilityCase]) -> str:
-    """Sets of unknowns one a row, excitations side by side: condition numbers and what is lost."""
+    """Table of sets of unknowns by excitation: condition numbers and unobservable combinations."""
     excitations = list(dict.fromkeys(case.excitation for case in cases))
     grid: dict[tuple[str, ...], dict[str, ObservabilityCase]] = {}
     for case in cases:
@@ -293,23 +281,23 @@ def cases_table(cases: Sequence[ObservabilityCase]) -> str:
     for unknowns, by in grid.items():
         conditions = [plain(by[name].condition, 3) if name in by else "–" for name in excitations]
         rows.append([escape(", ".join(unknowns)) or "none", *conditions, _lost(by, len(excitations))])
-    head = ["unknown together", *map(escape, excitations), "what is lost"]
+    head = ["unknowns", *map(escape, excitations), "not observable"]
     caption = (
-        "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0, the larger the harder to distinguish. "
-        "States are scaled by their sizes in the training run, so that rows can be compared at the same excitation."
+        "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0; a larger number means weaker observability. "
+        "States are scaled by their size in the training run, so rows are comparable at the same excitation."
     )
     return table("sets of unknowns", head, rows, caption=caption, numeric=range(1, len(head) - 1))
 
 
 def _sigma(value: float | None, unit: str) -> str:
-    """σ in the unknown's unit, or in words that there is none."""
+    """σ in the unit of the unknown, or "not observable"."""
     if value is None or math.isnan(value):
         return "–"
-    return '<data value="inf">cannot observe</data>' if math.isinf(value) else measure(value, unit, 3)
+    return '<data value="inf">not observable</data>' if math.isinf(value) else measure(value, unit, 3)
 
 
 def _lost(cases: Mapping[str, ObservabilityCase], excitations: int) -> str:
-    """What is lost, once where it is the same at every excitation."""
+    """Unobservable combinations, once if equal at every excitation."""
     lost = {name: escape(case.lost) for name, case in cases.items() if case.lost}
     if len(lost) == excitations and len(texts := set(lost.values())) == 1:
         return texts.pop()

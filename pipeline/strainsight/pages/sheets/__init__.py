@@ -1,1 +1,1 @@
-"""A drawing sheet for every gauge of a layout."""
+"""Drawing sheets of the gauges of a layout."""

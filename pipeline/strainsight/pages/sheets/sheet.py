@@ -1,4 +1,4 @@
-"""The drawing sheet of a gauge: A4, for the workshop, without a date; and the sheets on a page."""
+"""Drawing sheet (A4) of a gauge for the workshop, without a date, and the sheets on a page."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from strainsight.pages.sheets import views
 from strainsight.text import short
 
 EDGE, COLUMN = 8.0, 196.0
-"""[mm] from the paper's border to the frame; where the right column begins."""
+"""[mm] from the border of the paper to the frame; position of the right column."""
 MARGIN, BETWEEN, ABOVE = 22.0, 34.0, 20.0
-"""[mm] left of the views, between them, above the upper one: for dimensions and captions."""
+"""[mm] to the left of the views, between them and above the upper view, for dimensions and captions."""
 WINDOW = (42.0, 33.0)
 """Half width and height of the detail [mm]."""
 NEAR = 2.0
-"""Lengths of the carrier within which the detail still shows the nearest edge."""
+"""Distance in carrier lengths up to which the detail shows the nearest edge."""
 
 
 def sheet_svg(sheet: views.Sheet) -> str:
-    """The sheet as an SVG text that stands alone."""
+    """Sheet as a self-contained SVG text."""
     paper = views.Paper()
     right, bottom = views.WIDTH - EDGE, views.HEIGHT - EDGE
     paper.path([(EDGE, EDGE), (right, EDGE), (right, bottom), (EDGE, bottom), (EDGE, EDGE)], views.THICK)
@@ -37,7 +37,7 @@ def sheet_svg(sheet: views.Sheet) -> str:
 
 
 def _views(paper: views.Paper, sheet: views.Sheet) -> str:
-    """The part from outside and, below it, across; returns their scale in words."""
+    """Draw the part from outside and, below, from the side; return their scale as text."""
     shown = _near_datum(sheet)
     boxes = [_extent(view, sheet, shown) for view in (sheet.front, sheet.side)]
     (low, high), (low2, high2) = boxes
@@ -49,12 +49,12 @@ def _views(paper: views.Paper, sheet: views.Sheet) -> str:
     top = EDGE + ABOVE + 0.5 * (room[1] - scale * height)
     top2 = top + scale * (high - low)[1] + BETWEEN
     for view, (near, far), y, caption in (
-        (sheet.front, boxes[0], top, "Seen from outside, along the normal"),
-        (sheet.side, boxes[1], top2, "Seen from below the upper view, the normal upward"),
+        (sheet.front, boxes[0], top, "View from outside, along the normal"),
+        (sheet.side, boxes[1], top2, "View from below, the normal upward"),
     ):
         placed = views.PlacedView(view, np.array([low[0], far[1]]), (left, y), scale)
         bottom = y + scale * float(far[1] - near[1])
-        paper.text((EDGE + 4, y - 15.5), f"{caption}, {_words(ratio)}", size=3.0)
+        paper.text((EDGE + 4, y - 15.5), f"{caption}, {_ratio_text(ratio)}", size=3.0)
         views.outline(paper, placed)
         front = view is sheet.front
         if front:
@@ -65,19 +65,19 @@ def _views(paper: views.Paper, sheet: views.Sheet) -> str:
         if shown:
             views.datum(paper, placed, sheet)
             views.from_datum(paper, placed, sheet, (bottom, left), across=front)
-    return _words(ratio)
+    return _ratio_text(ratio)
 
 
 def _detail(paper: views.Paper, sheet: views.Sheet) -> str:
-    """The gauge enlarged; returns its scale in words."""
+    """Draw the enlarged gauge; return its scale as text."""
     reach = 0.75 * sheet.carrier[0]
     if sheet.distance[0] <= NEAR * sheet.carrier[0]:
         reach = max(reach, 1.3 * float(sheet.distance[0]))
     ratio = round_factor(WINDOW[1] / reach / _millimetres(sheet))
     centre = ((COLUMN + views.WIDTH - EDGE) / 2, EDGE + 8 + WINDOW[1])
-    paper.text((COLUMN + 3, EDGE + 4), f"The gauge from outside, {_words(ratio)}", size=3.0)
+    paper.text((COLUMN + 3, EDGE + 4), f"The gauge from outside, {_ratio_text(ratio)}", size=3.0)
     views.detail(paper, sheet, centre, WINDOW, ratio * _millimetres(sheet))
-    return _words(ratio)
+    return _ratio_text(ratio)
 
 
 def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
@@ -85,24 +85,24 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
     for name, value in zip("xyz", sheet.position, strict=True):
         yield f"{name} from the datum", f"{views.size(value, sheet)} {frame.unit}"
     for k, d in enumerate(sheet.directions, start=1):
-        yield f"grid {k} along" if len(sheet.directions) > 1 else "measures along", _vector(d)
+        yield f"direction of grid {k}" if len(sheet.directions) > 1 else "measuring direction", _vector(d)
     yield "normal", _vector(sheet.normal)
-    for name, distance, angle in zip(("nearest edge", "edge across it"), sheet.distance, sheet.angle, strict=True):
+    for name, distance, angle in zip(("nearest edge", "transverse edge"), sheet.distance, sheet.angle, strict=True):
         if np.isfinite(distance):
             turn = f", at {views.degrees(angle)}" if np.isfinite(angle) else ""
             yield name, f"{views.size(distance, sheet)} {frame.unit}{turn}"
     if sheet.strain:
-        yield "grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length not stated"
+        yield "grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length unknown"
         if len(sheet.directions) == 1:
             yield (
-                "foil, as drawn",
+                "foil as shown",
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
     yield "datum in the deck", f"({_numbers(frame.origin)}) {frame.unit}"
     if not np.array_equal(frame.axes, np.eye(3)):
-        yield "its x in the deck", _vector(frame.axes[0])
-        yield "its y in the deck", _vector(frame.axes[1])
+        yield "datum x axis in the deck", _vector(frame.axes[0])
+        yield "datum y axis in the deck", _vector(frame.axes[1])
 
 
 def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> None:
@@ -111,8 +111,8 @@ def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> N
     paper.text((COLUMN + 3, top + 6), sheet.name, size=6.0, bold=True)
     paper.text((right - 3, top + 6), sheet.kind, size=3.4, anchor="end")
     lines = (
-        f"lengths in {sheet.frame.unit}; angles counter-clockwise, from outside",
-        f"{scales}, printed at 100 % on A4",
+        f"lengths in {sheet.frame.unit}; angles counter-clockwise, viewed from outside",
+        f"{scales}, at 100 % on A4",
         f"deck {short(sheet.deck, 32)}",
         f"run {short(sheet.run, 32)}, layout {sheet.layout}",
     )
@@ -121,7 +121,7 @@ def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> N
 
 
 def _extent(view: views.Projection, sheet: views.Sheet, with_datum: bool) -> tuple[FloatArray, FloatArray]:
-    """Lower left and upper right corner (2,) [unit] of what a view shows."""
+    """Lower left and upper right corner (2,) [unit] of a view."""
     points = [
         view.seen.reshape(-1, 3),
         view.hidden.reshape(-1, 3),
@@ -133,7 +133,7 @@ def _extent(view: views.Projection, sheet: views.Sheet, with_datum: bool) -> tup
 
 
 def _near_datum(sheet: views.Sheet) -> bool:
-    """Whether the datum is no farther from the part than half its size: else the views would show little but the way to it."""
+    """Whether the distance of the datum from the part is at most half its size; else the datum is not shown."""
     points = sheet.front.seen.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     off = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0))
@@ -141,11 +141,11 @@ def _near_datum(sheet: views.Sheet) -> bool:
 
 
 def _millimetres(sheet: views.Sheet) -> float:
-    """In one unit of the sheet."""
+    """Millimetres per unit of the sheet."""
     return 1e3 * sheet.frame.metres
 
 
-def _words(ratio: float) -> str:
+def _ratio_text(ratio: float) -> str:
     return f"{ratio:g}:1" if ratio >= 1 else f"1:{1 / ratio:.4g}"
 
 
@@ -158,24 +158,24 @@ def _numbers(values: FloatArray) -> str:
 
 
 LARGEST = 2_000_000
-"""[bytes] of all sheets on a page: what goes beyond is in the files alone."""
+"""Largest total size of the sheets on a page [bytes]; further sheets are in files only."""
 
 
 def sheets_section(sheets: Sequence[bytes]) -> str:
-    """HTML of the sheets, folded; "" where there are none."""
+    """Collapsed section with the sheets, empty without sheets."""
     shown, room = [], LARGEST
     for sheet in sheets:
         room -= len(sheet)
         if room < 0:
             break
-        # As wide as the page has room: millimetres are those of the file, which is to be printed.
+        # Without the size in millimetres, which is for printing: the page scales the sheet.
         text = sheet.decode()
         shown.append(f'<figure class="card">{text.replace(views.SIZE, "", 1)}</figure>')
     if not sheets:
         return ""
-    rest = f" {len(sheets) - len(shown)} more are in the files alone." * (len(shown) < len(sheets))
+    rest = f" {len(sheets) - len(shown)} more are in files only." * (len(shown) < len(sheets))
     return (
         f"<details><summary>{len(sheets)} drawing sheet{'s' * (len(sheets) > 1)} for the workshop</summary>"
-        f'<p class="note">To print them, at 100 % on A4: the files sheet-….svg beside this page.{rest}</p>'
+        f'<p class="note">For printing at 100 % on A4, use the files sheet-….svg in the folder of this page.{rest}</p>'
         f"{''.join(shown)}</details>"
     )

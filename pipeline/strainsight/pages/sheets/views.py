@@ -1,5 +1,5 @@
-"""What a drawing sheet shows of one gauge, and its views: the part from outside and across with the gauge's dimensions, and the
-gauge enlarged. Lengths and axes are those of the datum.
+"""Views of a gauge on a drawing sheet: the part from outside and from the side with dimensions of the gauge, and the enlarged
+gauge. Lengths and axes are those of the datum.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ TEXT = 3.2
 
 
 class Paper:
-    """Marks in the order in which they are drawn."""
+    """SVG elements in drawing order."""
 
     def __init__(self) -> None:
         self._marks: list[str] = []
 
     def svg(self, title: str) -> str:
-        """The sheet as an SVG element that stands alone."""
+        """Sheet as a self-contained SVG element."""
         box = f'{SIZE} viewBox="0 0 {WIDTH:g} {HEIGHT:g}"'
         style = f'font-family="Arial, Helvetica, sans-serif" fill="none" stroke="#000000" stroke-width="{THIN}"'
         ground = f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" fill="#ffffff" stroke="none"/>'
@@ -41,7 +41,7 @@ class Paper:
         return f"{head}<title>{escape(title)}</title>{ground}{''.join(self._marks)}</svg>\n"
 
     def path(self, points: Sequence[Point], width: float = THIN, dash: str = "", fill: str = "") -> None:
-        """A line through points, closed where it is filled."""
+        """Add a line through points, closed if it is filled."""
         way = "M" + "L".join(f"{_n(x)} {_n(y)}" for x, y in points) + "Z" * bool(fill)
         style = f' stroke-width="{width}"' * (width != THIN) + f' stroke-dasharray="{dash}"' * bool(dash)
         style += f' fill="{fill}"' * bool(fill)
@@ -53,7 +53,7 @@ class Paper:
     def text(
         self, at: Point, words: str, size: float = TEXT, anchor: str = "start", turn: float = 0.0, bold: bool = False
     ) -> None:
-        """Words on a white ground, their middle at this height; turn [deg] counter-clockwise."""
+        """Add text on white ground, vertically centred; turn [deg]: counter-clockwise rotation."""
         x, y = _n(at[0]), _n(at[1])
         style = f' text-anchor="{anchor}"' * (anchor != "start") + ' font-weight="bold"' * bold
         style += f' transform="rotate({_n(-turn)} {x} {y})"' * bool(turn)
@@ -63,14 +63,14 @@ class Paper:
         )
 
     def arrow(self, tip: Point, angle: float) -> None:
-        """A head whose tip points along an angle [rad], counter-clockwise from the right."""
+        """Add an arrow head with its tip at an angle [rad], counter-clockwise from the right."""
         c, s = math.cos(angle), -math.sin(angle)
         back = (tip[0] - ARROW * c, tip[1] - ARROW * s)
         sides = [(back[0] - k * SLIM * s, back[1] + k * SLIM * c) for k in (1, -1)]
         self.path([tip, *sides], fill="#000000")
 
     def ray(self, start: Point, end: Point, words: str = "", width: float = THIN) -> None:
-        """A line with a head at its end, and words beyond it."""
+        """Add a line with an arrow head at its end, followed by text."""
         if math.dist(start, end) < 1e-6:
             return
         self.path([start, end], width)
@@ -79,8 +79,8 @@ class Paper:
         if words:
             self.text(_polar(end, angle, 3.0), words, anchor="middle")
 
-    def dimension(self, a: Point, b: Point, words: str, beside: float = 2.2) -> None:
-        """A line between two points with heads at both ends, from outside where it is short; its words beside its middle."""
+    def dimension(self, a: Point, b: Point, words: str, offset: float = 2.2) -> None:
+        """Add a dimension line with arrow heads at both ends, from outside if it is short, and text next to its middle."""
         long = math.dist(a, b)
         if long < 0.05:
             return
@@ -95,7 +95,7 @@ class Paper:
         if turn <= -89.9:
             turn = 90.0
         up = math.radians(turn + 90.0)
-        middle = ((a[0] + b[0]) / 2 + beside * math.cos(up), (a[1] + b[1]) / 2 - beside * math.sin(up))
+        middle = ((a[0] + b[0]) / 2 + offset * math.cos(up), (a[1] + b[1]) / 2 - offset * math.sin(up))
         self.text(middle, words, anchor="middle", turn=turn)
 
 
@@ -104,47 +104,47 @@ def _n(value: float) -> str:
 
 
 GRAIN = 0.02
-"""[mm] Ends that are nearer than this are one."""
+"""Distance below which ends are merged [mm]."""
 Corner = tuple[int, int]
 
 
 def joined(segments: FloatArray) -> list[list[tuple[float, float]]]:
-    """Segments (s, 2, 2) [mm] as paths through their common ends, each once, without points within a straight line."""
+    """Segments (s, 2, 2) [mm] as paths through common ends, each once, without collinear points."""
     grid = np.round(np.asarray(segments, dtype=float) / GRAIN).astype(np.int64).reshape(-1, 4)
     ax, ay, bx, by = grid.T
     back = (ax > bx) | ((ax == bx) & (ay > by))
     pairs = np.where(back[:, None], grid[:, [2, 3, 0, 1]], grid)[(ax != bx) | (ay != by)]
-    beside: dict[Corner, set[Corner]] = {}
+    neighbours: dict[Corner, set[Corner]] = {}
     for x, y, x2, y2 in np.unique(pairs, axis=0).tolist():
         a, b = (x, y), (x2, y2)
-        beside.setdefault(a, set()).add(b)
-        beside.setdefault(b, set()).add(a)
-    ends = [point for point, others in beside.items() if len(others) != 2]
+        neighbours.setdefault(a, set()).add(b)
+        neighbours.setdefault(b, set()).add(a)
+    ends = [point for point, others in neighbours.items() if len(others) != 2]
     paths = []
-    for start in (*ends, *beside):
-        while beside[start]:
-            path = _walk(start, beside)
+    for start in (*ends, *neighbours):
+        while neighbours[start]:
+            path = _walk(start, neighbours)
             paths.append([(x * GRAIN, y * GRAIN) for x, y in _straightened(path)])
     return paths
 
 
-def _walk(start: Corner, beside: dict[Corner, set[Corner]]) -> list[Corner]:
-    """From a point on, until there are several ways or none; what was walked is gone."""
+def _walk(start: Corner, neighbours: dict[Corner, set[Corner]]) -> list[Corner]:
+    """Path from a point to the next branch or end; its segments are removed."""
     path = [start]
-    while beside[path[-1]] and (len(path) == 1 or len(beside[path[-1]]) == 1):
-        ahead = min(beside[path[-1]])
-        beside[path[-1]].discard(ahead)
-        beside[ahead].discard(path[-1])
+    while neighbours[path[-1]] and (len(path) == 1 or len(neighbours[path[-1]]) == 1):
+        ahead = min(neighbours[path[-1]])
+        neighbours[path[-1]].discard(ahead)
+        neighbours[ahead].discard(path[-1])
         path.append(ahead)
     return path
 
 
 def _straightened(path: list[Corner]) -> list[Corner]:
-    """Without points that are less than a grain off the line between those that are kept (Douglas and Peucker, 1973)."""
+    """Path without points closer than GRAIN to the line between the others (Douglas and Peucker, 1973)."""
     if len(path) == 2:
         return path
     x = np.array(path, dtype=float)
-    kept, spans = {0, len(path) - 1}, [(0, len(path) - 1)]
+    selected, spans = {0, len(path) - 1}, [(0, len(path) - 1)]
     while spans:
         a, b = spans.pop()
         if b - a < 2:
@@ -154,13 +154,13 @@ def _straightened(path: list[Corner]) -> list[Corner]:
         distance = np.linalg.norm(off - share[:, None] * along, axis=1)
         if distance.max() > 1:
             middle = a + 1 + int(np.argmax(distance))
-            kept.add(middle)
+            selected.add(middle)
             spans += [(a, middle), (middle, b)]
-    return [path[i] for i in sorted(kept)]
+    return [path[i] for i in sorted(selected)]
 
 
 def clipped(segments: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """What of segments (s, 2, 2) lies in a box with these corners (2,): (k, 2, 2) (Liang and Barsky, 1984)."""
+    """Parts (k, 2, 2) of segments (s, 2, 2) inside a box with these corners (2,) (Liang and Barsky, 1984)."""
     a, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         first, last = (low - a) / along, (high - a) / along
@@ -168,14 +168,14 @@ def clipped(segments: FloatArray, low: FloatArray, high: FloatArray) -> FloatArr
     still = along == 0
     enter = np.where(still, np.where(inside, -np.inf, np.inf), np.minimum(first, last)).max(axis=1).clip(0, 2)
     leave = np.where(still, np.where(inside, np.inf, -np.inf), np.maximum(first, last)).min(axis=1).clip(-1, 1)
-    kept = enter < leave
+    selected = enter < leave
     ends = np.stack([a + enter[:, None] * along, a + leave[:, None] * along], axis=1)
-    return np.asarray(ends[kept])
+    return np.asarray(ends[selected])
 
 
 @dataclass(frozen=True)
 class Projection:
-    """A view of the part: right and up (3,) unit vectors of the paper; seen, hidden (s, 2, 3) segments [unit]."""
+    """View of the part: right and up (3,) unit vectors of the paper; seen, hidden (s, 2, 3): segments [unit]."""
 
     right: FloatArray
     up: FloatArray
@@ -183,7 +183,7 @@ class Projection:
     hidden: FloatArray
 
     def flat(self, x: FloatArray) -> FloatArray:
-        """Points (..., 3) → (..., 2) on the paper, not yet to scale."""
+        """Points (..., 3) → (..., 2) on the paper, without scale."""
         return np.asarray(np.asarray(x) @ np.array([self.right, self.up]).T)
 
 
@@ -191,11 +191,11 @@ class Projection:
 class Sheet:
     """One gauge, or one arm of a bridge.
 
-    name ("G1", "G3 arm 2"); kind; run; deck: name of its file; layout: what tells this layout from another; frame: the datum;
-    position, normal (3,); directions (c, 3) of its grids; strain: whether it is bonded on; grid [unit], 0: not stated; grid_width
-    [unit], 0: not known; carrier: length and width of the foil [unit]; carrier_of: type of gauge that it is of, or "assumed";
-    distance (2,), angle (2,) [deg], foot (2, 3), along (2, 3) of the edges, NaN where there is none; element and facet, 0: on
-    none; front: seen along the normal from outside; side: seen across, with the normal upward.
+    name: "G1", "G3 arm 2"; deck: file name; layout: identifier of the layout; frame: the datum;
+    position, normal (3,); directions (c, 3) of the grids; strain: whether it is a bonded strain sensor; grid [unit], 0: unknown;
+    grid_width [unit], 0: unknown; carrier: length and width of the foil [unit]; carrier_of: gauge type or "assumed";
+    distance (2,), angle (2,) [deg], foot (2, 3), along (2, 3) of the edges, NaN without an edge; element, facet: 0 without one;
+    front: view along the normal from outside; side: transverse view with the normal upward.
     """
 
     name: str
@@ -223,7 +223,7 @@ class Sheet:
 
 
 def paper_axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Right and up (3,) of the view along a normal (3,): z upward; of a surface that faces along z x to the right."""
+    """Right and up (3,) of the view along a normal (3,): z upward, or x to the right if the normal is along z."""
     n = np.asarray(normal, dtype=float)
     if abs(n[2]) > 0.9:
         right = np.array([1.0, 0.0, 0.0]) - n[0] * n
@@ -239,18 +239,18 @@ HIDDEN = "1.6 0.9"
 CHAIN = "4 0.8 0.6 0.8"
 GREY = "#dddddd"
 SQUARE = 0.9999
-"""Cosine from which an axis of the datum lies along one of the paper."""
+"""Cosine from which an axis of the datum is parallel to one of the paper."""
 AXIS = 9.0
-"""[mm] of the arrows of the datum."""
+"""Length of the datum arrows [mm]."""
 AWAY = 9.0
-"""[mm] from a view to the dimension beside it."""
+"""Distance from a view to its dimension line [mm]."""
 USUAL_GRID = 0.375
-"""Share of a carrier that its grid takes where that is not stated."""
+"""Ratio of grid length to carrier length, if the grid length is unknown."""
 
 
 @dataclass(frozen=True)
 class PlacedView:
-    """A view on paper: what of it is at `centre` [unit] lies at the point `at` [mm]; scale [mm/unit]."""
+    """View on paper with `centre` [unit] at the point `at` [mm]; scale [mm/unit]."""
 
     view: Projection
     centre: FloatArray
@@ -258,7 +258,7 @@ class PlacedView:
     scale: float
 
     def __call__(self, x: FloatArray) -> Point:
-        """A point (3,) [unit] → [mm]."""
+        """Point (3,) [unit] → [mm]."""
         u, v = self.scale * (self.view.flat(x) - self.centre)
         return float(self.at[0] + u), float(self.at[1] - v)
 
@@ -268,25 +268,25 @@ class PlacedView:
         return np.asarray(np.array(self.at) + flat * [1, -1])
 
     def angle(self, d: FloatArray) -> float:
-        """Of a direction (3,) on the paper [rad], counter-clockwise."""
+        """Angle of a direction (3,) on the paper [rad], counter-clockwise."""
         u, v = self.view.flat(d)
         return math.atan2(float(v), float(u))
 
 
 def size(value: float, sheet: Sheet) -> str:
-    """A length in the unit of the sheet, to a hundredth of a millimetre at least."""
+    """Length in the unit of the sheet, with a resolution of at least 0.01 mm."""
     places = max(math.ceil(5 + math.log10(sheet.frame.metres) - 1e-9), 0)
     text = f"{round(float(value), places) + 0.0:.{places}f}"
     return (text.rstrip("0").rstrip(".") if places else text).replace("-", MINUS)
 
 
 def degrees(angle: float) -> str:
-    """To a tenth."""
+    """Angle rounded to 0.1°."""
     return f"{round(float(angle), 1) + 0.0:g}°".replace("-", MINUS)
 
 
 def outline(paper: Paper, placed: PlacedView) -> None:
-    """Edges of the part, those behind broken."""
+    """Draw the edges of the part; hidden edges are dashed."""
     for path in joined(placed.lines(placed.view.hidden)):
         paper.path(path, 0.13, HIDDEN)
     for path in joined(placed.lines(placed.view.seen)):
@@ -294,7 +294,7 @@ def outline(paper: Paper, placed: PlacedView) -> None:
 
 
 def datum(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
-    """The origin, and its axes as far as they lie in the paper."""
+    """Draw the origin and the axes, if they are not normal to the paper."""
     at = placed(np.zeros(3))
     paper.circle(at, 1.2)
     for i, name in enumerate("xyz"):
@@ -305,8 +305,8 @@ def datum(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
 
 
 def from_datum(paper: Paper, placed: PlacedView, sheet: Sheet, box: tuple[float, float], across: bool = True) -> None:
-    """Dimensions from the origin along axes of the datum that lie along those of the paper; box: bottom and left of the view
-    [mm]; across: the horizontal one too."""
+    """Draw dimensions from the origin along datum axes parallel to the paper axes; box: bottom and left of the view [mm];
+    across: whether the horizontal dimension is included."""
     o, g = placed(np.zeros(3)), placed(sheet.position)
     for i, name in enumerate("xyz"):
         u, v = placed.view.flat(np.eye(3)[i])
@@ -324,16 +324,16 @@ def from_datum(paper: Paper, placed: PlacedView, sheet: Sheet, box: tuple[float,
 
 
 def to_edges(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
-    """Dimensions to both edges, where they are long enough on paper to be read."""
+    """Draw dimensions to both edges, if they are long enough to be legible."""
     g = placed(sheet.position)
     for distance, foot in zip(sheet.distance, sheet.foot, strict=True):
         if np.isfinite(distance) and math.dist(g, end := placed(foot)) > 0.5:
-            paper.dimension(g, end, size(distance, sheet), beside=2.0)
+            paper.dimension(g, end, size(distance, sheet), offset=2.0)
 
 
 def foil(paper: Paper, placed: PlacedView, sheet: Sheet, axis: float = 0.0) -> None:
-    """The gauge to scale: carrier and grid of a single one, a line a grid of a rosette, a circle of what is not bonded on; axis
-    [mm] that its centre lines are longer than it."""
+    """Draw the gauge to scale: carrier and grid of a single gauge, a line per grid of a rosette, a circle for other sensors;
+    axis [mm]: extension of the centre lines."""
     g = placed(sheet.position)
     single = sheet.strain and len(sheet.directions) == 1 and np.any(sheet.directions[0])
     if single:
@@ -354,14 +354,14 @@ def foil(paper: Paper, placed: PlacedView, sheet: Sheet, axis: float = 0.0) -> N
 
 
 def profile(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
-    """The gauge from the side: its width on the surface, and the normal."""
+    """Draw the gauge from the side: its width on the surface, and the normal."""
     g, half = placed(sheet.position), max(placed.scale * sheet.carrier[0] / 2, 0.5)
     paper.path([(g[0] - half, g[1]), (g[0] + half, g[1])], 1.0)
     paper.ray(g, (g[0], g[1] - 8.0), "normal")
 
 
 def detail(paper: Paper, sheet: Sheet, centre: Point, half: tuple[float, float], scale: float) -> None:
-    """The gauge enlarged in a window, with its angle to the nearest edge and the edges that lie in the window."""
+    """Draw the enlarged gauge in a window, with its angle to the nearest edge and the edges inside the window."""
     placed = PlacedView(sheet.front, sheet.front.flat(sheet.position), centre, scale)
     low, high = np.array(centre) - half, np.array(centre) + half
     paper.path([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]), (low[0], low[1])])
@@ -371,13 +371,13 @@ def detail(paper: Paper, sheet: Sheet, centre: Point, half: tuple[float, float],
     for distance, foot in zip(sheet.distance, sheet.foot, strict=True):
         end = placed(foot)
         if np.isfinite(distance) and np.all((np.array(end) >= low) & (np.array(end) <= high)):
-            paper.dimension(centre, end, size(distance, sheet), beside=2.0)
+            paper.dimension(centre, end, size(distance, sheet), offset=2.0)
     if np.isfinite(sheet.angle[0]):
         _angle(paper, placed, sheet, min(half) - 4.0)
 
 
 def _angle(paper: Paper, placed: PlacedView, sheet: Sheet, radius: float) -> None:
-    """A line through the gauge along the edge, the measuring direction, and an arc between them."""
+    """Draw a line through the gauge along the edge, the measuring direction, and an arc between them."""
     t = placed.angle(sheet.along[0])
     if float(sheet.along[0] @ sheet.directions[0]) < 0:
         t += math.pi
@@ -396,7 +396,7 @@ def _angle(paper: Paper, placed: PlacedView, sheet: Sheet, radius: float) -> Non
 
 
 def _polar(centre: Point, angle: float, r: float) -> Point:
-    """The point at this distance, in a direction counter-clockwise from the right [rad]."""
+    """Point at this distance in a direction [rad], counter-clockwise from the right."""
     return centre[0] + r * math.cos(angle), centre[1] - r * math.sin(angle)
 
 

@@ -1,1 +1,1 @@
-"""The structure to turn round on a page: what is drawn, how it is packed, and the script that draws it."""
+"""Interactive 3D view of the structure: geometry, data and script."""

@@ -9,7 +9,7 @@ out vec3 shown;
 void main() {
   vec3 eye = turn * (low + span * position + amount * shift - centre);
   vec3 n = turn * normal;
-  // Lines and dots lie in the surface: they are drawn a little in front of it.
+  // Lines and dots are on the surface: they are drawn slightly in front of it.
   gl_Position = vec4(eye.xy * zoom + pan, -eye.z * depth - (plain > 0.0 ? 0.0015 : 0.0), 1.0);
   gl_PointSize = dotSize;
   float light = 0.44 + 0.46 * abs(n.z) + 0.2 * max(dot(n, vec3(-0.45, 0.75, 0.48)), 0.0);
@@ -25,7 +25,7 @@ void main() {
   pixel = vec4(shown, 1.0);
 }`;
 
-// What draws one frame with this WebGL 2 context, from arrays that lie one after the other in `bytes`.
+// Function that draws one frame with this WebGL 2 context, from consecutive arrays in `bytes`.
 function drawer(gl, given, bytes) {
   const program = gl.createProgram();
   for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
@@ -56,7 +56,7 @@ function drawer(gl, given, bytes) {
   point("normal", stored(take(3 * count)), gl.BYTE);
   const own = take(3 * count), plain = stored(own);
   const parts = given.parts.map((part) => ({ ...part, buffer: stored(take(4 * part.count), gl.ELEMENT_ARRAY_BUFFER) }));
-  // A place on the scale, 0 to 254, as a colour between its stops; 255: none.
+  // Colour of a position on the scale, 0 to 254, between its stops; 255: none.
   function painted(stops, places) {
     const colour = own.slice();
     places.forEach((place, i) => {

@@ -1,4 +1,4 @@
-"""What can be turned round on a page: one list of vertices, and triangles, lines and dots between them."""
+"""Geometry of the interactive 3D view: list of vertices, and triangles, lines and dots between them."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from strainsight.pages.picture.layout import Gauge, PictureLayout
 from strainsight.pages.picture.scene import CLAMP, CREASES, LINES, POOL, STEEL, thinned
 
 LENGTH = 0.034
-"""Of a gauge's bar, over the size of the structure."""
+"""Length of a gauge marker relative to the size of the structure."""
 ROUNDING = 1e-9
-"""Of the largest value of a contour: below it is none, and has no sign that a scale would show."""
+"""Share of the largest value of a contour below which a value is zero, without a sign."""
 LARGEST = 20_000
-"""Triangles: more would make the page heavy and look the same."""
+"""Most triangles: more would enlarge the page without visible benefit."""
 MOST_LINES = 30_000
-"""Mesh lines: more would turn the surface black."""
+"""Most mesh lines: more would blacken the surface."""
 CREASE = 30.0
-"""Between facets that meet at a larger angle [deg] the surface has an edge."""
+"""Angle [deg] between facets from which the surface has an edge."""
 CORNERS = {3: 3, 4: 4, 6: 3, 8: 4}
 
 
 @dataclass(frozen=True)
 class Contour:
-    """Colours of the surface: values (n,) at the layout's points, NaN where there is none, their scale; least, largest on any
-    facet."""
+    """Colours of the surface: values (n,) at the layout's points, NaN without a value; scale; least, largest: extremes of the
+    facets."""
 
     values: FloatArray
     scale: geometry.Scale
@@ -41,8 +41,8 @@ class Contour:
 
 @dataclass(frozen=True)
 class ShownState:
-    """A state in which the structure can be seen: caption; shift (n, 3) [m] of the layout's points, as large as it is to be seen,
-    empty: where they are; contour, None: plain; group: heading of the list that it is offered in."""
+    """State of the structure in the view: caption; shift (n, 3) [m] of the layout's points, as displayed, or empty;
+    contour or None; group: heading in the selection."""
 
     caption: str
     shift: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
@@ -52,9 +52,9 @@ class ShownState:
 
 @dataclass(frozen=True)
 class Drawn:
-    """One kind of primitive: index (k, 3), (k, 2) or (k,) into the vertices; colour "#rrggbb", "" for the vertices' own;
-    size of a dot [px]; group: number of the layout it belongs to, −1: to all; when: "seen" gauges as large as they are to be
-    seen, "scale" gauges as large as they are, "plain" where the surface has no contour, "" always."""
+    """One kind of primitive: index (k, 3), (k, 2) or (k,) of vertices; colour "#rrggbb", "": of the vertices; size of a dot [px];
+    group: number of its layout, −1: all; when: "seen" for enlarged gauges, "scale" for gauges at true scale, "plain" without a
+    contour, "" always."""
 
     primitive: Literal["triangles", "lines", "points"]
     index: IntArray
@@ -66,10 +66,12 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Space:
-    """position (v, 3) [m]; normal (v, 3), zero where a vertex is not shaded; colour (v, 3) 0 to 255; source (v,): the point of
-    the structure that a vertex moves with; surface: so many vertices, the first ones, are of its surface; parts in the order
-    they are drawn; anchor: of every gauge of every layout, a vertex that moves with it; eye (3,): unit vector towards the
-    first view; thinned: as in `DrawnSurface`."""
+    """Content of the view.
+
+    position (v, 3) [m]; normal (v, 3), zero for vertices without shading; colour (v, 3) 0 to 255; source (v,): point of the
+    structure that a vertex moves with; surface: number of vertices of the surface, which are first; parts: in drawing order;
+    anchor: a vertex of every gauge of every layout; eye (3,): direction of the first view; thinned: as in `DrawnSurface`.
+    """
 
     position: FloatArray
     normal: FloatArray
@@ -83,9 +85,9 @@ class Space:
 
 
 def space(layouts: Sequence[PictureLayout]) -> Space:
-    """A structure with its loads and clamps, and the gauges and candidates of one or more layouts on it.
+    """View of a structure with loads and clamps, and gauges and candidates of one or more layouts.
 
-    What the layouts share is taken from the first.
+    Common content is from the first layout.
     """
     layouts = [thinned(layout) for layout in layouts]
     shared = layouts[0]
@@ -94,9 +96,9 @@ def space(layouts: Sequence[PictureLayout]) -> Space:
     gathered = _Gathered(shared.points)
 
     def solid(mesh: Any, colour: str, anchor: FloatArray) -> IntArray:
-        drawn = mesh.triangulate().compute_normals(cell_normals=False, split_vertices=True, feature_angle=CREASE)
-        first = gathered.add(drawn.points, drawn.point_data["Normals"], colour, gathered.nearest(anchor))
-        return np.asarray(drawn.faces.reshape(-1, 4)[:, 1:] + first, dtype=np.int64)
+        shaded = mesh.triangulate().compute_normals(cell_normals=False, split_vertices=True, feature_angle=CREASE)
+        first = gathered.add(shaded.points, shaded.point_data["Normals"], colour, gathered.nearest(anchor))
+        return np.asarray(shaded.faces.reshape(-1, 4)[:, 1:] + first, dtype=np.int64)
 
     def marked(gauge: Gauge, meshes: list[Any], colour: str) -> list[IntArray]:
         anchors = [arm.position for arm in gauge.arms] or [gauge.position] * len(meshes)
@@ -126,7 +128,7 @@ def space(layouts: Sequence[PictureLayout]) -> Space:
             anchor.append(gathered.count)
             parts_of = marked(gauge, geometry.marker(gauge, LENGTH * size), gauge_colour(i))
             seen += parts_of
-            # What has no foil is drawn alike either way.
+            # Sensors without foil look equal at both scales.
             true += marked(gauge, geometry.foil(gauge), gauge_colour(i)) or parts_of
         either = any(gauge.foil[0] for gauge in layout.gauges)
         parts += [Drawn("triangles", np.concatenate(seen), group=group, when="seen" if either else "")] if seen else []
@@ -138,7 +140,7 @@ def space(layouts: Sequence[PictureLayout]) -> Space:
 
 
 def contour_of(values: FloatArray, layout: PictureLayout, quantity: str, unit: str) -> Contour:
-    """Colours of values (f,) [unit] on the layout's facets, on a scale that a peak does not stretch."""
+    """Colours of values (f,) [unit] on the layout's facets, on a scale without isolated peaks."""
     values = np.where(np.abs(values) > ROUNDING * np.abs(values).max(initial=0.0), values, 0.0)
     shown = geometry.at_points(values, layout.faces, len(layout.points))
     scale = geometry.scale_of(quantity, unit, values, geometry.areas(layout.points, layout.faces))
@@ -146,12 +148,12 @@ def contour_of(values: FloatArray, layout: PictureLayout, quantity: str, unit: s
 
 
 def vertex_shift(space: Space, shape: ShownState) -> FloatArray:
-    """The shift (v, 3) [m] of every vertex: that of the layout's point it stands for."""
+    """Shift (v, 3) [m] of every vertex, equal to that of its source point."""
     return np.asarray(shape.shift[space.source])
 
 
 class _Gathered:
-    """Vertices of all parts, one after the other."""
+    """Vertices of all parts in sequence."""
 
     def __init__(self, points: FloatArray) -> None:
         from scipy.spatial import cKDTree
@@ -161,11 +163,11 @@ class _Gathered:
         self.count = 0
 
     def nearest(self, wanted: FloatArray) -> Any:
-        """The layout's points nearest to these."""
+        """Indices of the nearest points of the layout."""
         return self._tree.query(wanted)[1]
 
     def add(self, position: Any, normal: Any, colour: str, source: Any) -> int:
-        """Take vertices of one colour; returns the number of the first."""
+        """Add vertices of one colour; return the index of the first."""
         first, many = self.count, len(position)
         rgb = np.tile(np.frombuffer(bytes.fromhex(colour[1:]), np.uint8), (many, 1))
         self._parts.append((np.asarray(position, float), np.asarray(normal, float), rgb, np.broadcast_to(source, many)))
@@ -179,8 +181,8 @@ class _Gathered:
 
 @dataclass(frozen=True)
 class DrawnSurface:
-    """position (v, 3) [m], normal (v, 3) unit vectors; triangle (t, 3), line (l, 2), crease (c, 2): indices into them;
-    source (v,): which point of the structure a vertex stands for; thinned: whether triangles were merged."""
+    """Displayed surface: position (v, 3) [m], normal (v, 3) unit vectors; triangle (t, 3), line (l, 2), crease (c, 2): vertex
+    indices; source (v,): source point of a vertex; thinned: whether triangles were merged."""
 
     position: FloatArray
     normal: FloatArray
@@ -192,9 +194,9 @@ class DrawnSurface:
 
 
 def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> DrawnSurface:
-    """points (n, 3) [m], faces (f, 8) padded with −1 → what is drawn of them: at most about `largest` triangles.
+    """Displayed surface of points (n, 3) [m] and faces (f, 8), padded with −1, with at most about `largest` triangles.
 
-    Too many are first drawn without their mid-side nodes, then merged by quadric errors (Garland and Heckbert, 1997).
+    For more, mid-side nodes are removed, then triangles are merged by quadric errors (Garland and Heckbert, 1997).
     """
     triangle = geometry.triangles(faces)
     if not len(triangle):
@@ -206,7 +208,7 @@ def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Draw
         triangle, lines = geometry.triangles(faces), geometry.mesh_lines(faces)
     used, local = np.unique(triangle, return_inverse=True)
     body = geometry.surface_mesh(points[used], local.reshape(triangle.shape))
-    body.point_data["source"] = used  # the points remember where they come from
+    body.point_data["source"] = used  # source of every point
     thinned = len(triangle) > largest
     if thinned:
         body = body.decimate(1 - largest / len(triangle))
@@ -219,7 +221,7 @@ def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Draw
     position = np.asarray(shaded.points, dtype=float)
     if thinned or len(lines) > MOST_LINES:
         lines = np.empty((0, 2), int)
-    known, first = np.unique(source, return_index=True)  # of several vertices at a point the first
+    known, first = np.unique(source, return_index=True)  # the first of several vertices at a point
     edges = body.extract_feature_edges(CREASE, manifold_edges=False, non_manifold_edges=False)
     return DrawnSurface(
         position,
@@ -233,14 +235,14 @@ def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Draw
 
 
 def straight(faces: IntArray) -> IntArray:
-    """Facets (f, 8) without their mid-side nodes."""
+    """Facets (f, 8) without mid-side nodes."""
     count = np.sum(faces >= 0, axis=1)
     corners = np.array([CORNERS.get(k, k) for k in range(9)])[count]
     return np.where(np.arange(faces.shape[1]) < corners[:, None], faces, -1)
 
 
 def _nearest(points: FloatArray, numbers: IntArray, wanted: FloatArray) -> IntArray:
-    """The number of the point that is nearest to each wanted one."""
+    """Number of the nearest point to each wanted point."""
     from scipy.spatial import cKDTree
 
     if not len(wanted):

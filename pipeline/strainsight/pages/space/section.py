@@ -1,4 +1,4 @@
-"""The section of a page in which the structure can be turned round, and its data."""
+"""Section of a page with the interactive 3D view of the structure, and its data."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ AXES = (
 )
 
 MANNERS = (
-    "Drag to turn, with Shift or the right button to move; two fingers or, after a click, the wheel to zoom. "
-    "Click a gauge to read where it is."
+    "Drag to rotate; drag with Shift or the right button to move. Zoom with two fingers or, after a click, with the wheel. "
+    "Click a gauge to show its position."
 )
 VIEWS = (
     '<span class="views"><button type="button" data-eye="home">Reset</button>'
@@ -39,7 +39,7 @@ VIEWS = (
 )
 
 TRUE_SIZE = (
-    '<button type="button" id="space-true" aria-pressed="false" title="as large as they are, to be zoomed to">Gauges to scale'
+    '<button type="button" id="space-true" aria-pressed="false" title="gauges at true scale; zoom in to see them">Gauges to scale'
     "</button>"
 )
 
@@ -47,11 +47,10 @@ TRUE_SIZE = (
 def space_section(
     layouts: Sequence[tuple[str, PictureLayout]], shapes: Sequence[ShownState] = (), name: str = "", first: int = -1
 ) -> str:
-    """HTML: the view, its buttons, a chip for every gauge and what is known of the picked one.
+    """View with buttons, a chip for every gauge, and details of the selected gauge, as HTML.
 
-    layouts: caption and gauges on one and the same structure; shapes: states that it can be seen in, offered group by group;
-    name: of the body, where there are others; first: the state it is seen in at first, −1: plain and at rest.
-    It is hidden until its script runs: without scripts, or on paper, the picture of the first screen stands for it.
+    layouts: caption and layout on one structure; shapes: selectable states by group; name: of the body, if there are several;
+    first: initial state, −1: undeformed without colours. The section is hidden until its script runs.
     """
     if not layouts or not len(layouts[0][1].points):
         return ""
@@ -59,9 +58,9 @@ def space_section(
     bars = ""
     for i, shape in enumerate(shapes):
         if (contour := shape.contour) is not None:
-            # what the surface has at least and at most: a scale about zero ends elsewhere
+            # extremes of the surface: the ends of a symmetric scale differ
             least, largest = (measure(value, contour.scale.unit, 3) for value in (contour.least, contour.largest))
-            extremes = f'<p class="note">From {least} to {largest}, by facets at their middles.</p>'
+            extremes = f'<p class="note">From {least} to {largest}, at facet centres.</p>'
             bars += f'<div data-state="{i}"{" hidden" * (i != first)}>{scale_bar(contour.scale)}{extremes}</div>'
     bar = f'<div id="space-bars" aria-live="polite">{bars}</div>' if bars else ""
     true = any(part.when == "scale" for part in model.parts)
@@ -75,9 +74,9 @@ def space_section(
     what = f"The structure with its {many} gauge{'s' * (len(gauges) != 1)}" if gauges else "The structure"
     return (
         f'<section id="space" class="card" hidden><h2>{escape(name or "The structure")} in space</h2>'
-        f'<p class="note">{MANNERS}{" The surface is thinned out for this view." * model.thinned}</p>'
+        f'<p class="note">{MANNERS}{" The mesh is simplified for this view." * model.thinned}</p>'
         f'<div class="space-frame"><div><div id="space-view" tabindex="0" role="application" aria-label="{what}: '
-        f'arrow keys turn it, plus and minus zoom, 0 goes back"><canvas></canvas>{AXES}</div>{bar}'
+        f'arrow keys rotate, plus and minus zoom, 0 resets"><canvas></canvas>{AXES}</div>{bar}'
         f'<div class="space-controls">{VIEWS}{choices}</div></div>'
         f'<div class="space-side">{_side(gauges)}</div></div></section>'
         f'<script type="application/json" id="space-data">{_data(model, gauges, shapes, first)}</script>'
@@ -85,7 +84,7 @@ def space_section(
 
 
 def _side(gauges: Sequence[Mapping[str, Any]]) -> str:
-    """A chip for every gauge, and the place for the words on the picked one."""
+    """Chips of the gauges, and the element for details of the selected gauge."""
     if not gauges:
         return ""
     chips = "".join(
@@ -96,12 +95,12 @@ def _side(gauges: Sequence[Mapping[str, Any]]) -> str:
     )
     return (
         f'<div class="chips" role="group" aria-label="gauges">{chips}</div><div id="space-picked" aria-live="polite">'
-        '<p class="note">Pick a gauge to read its place.</p></div>'
+        '<p class="note">Select a gauge to show its position.</p></div>'
     )
 
 
 def _choices(captions: Sequence[str], shapes: Sequence[ShownState], first: int) -> str:
-    """Which layout and which state is shown."""
+    """Selection of layout and state."""
 
     def options(names: Iterable[tuple[int, str]]) -> str:
         return "".join(f'<option value="{i}"{" selected" * (i == first)}>{escape(name)}</option>' for i, name in names)
@@ -125,10 +124,10 @@ def _choices(captions: Sequence[str], shapes: Sequence[ShownState], first: int) 
 
 
 def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[ShownState], first: int) -> str:
-    """What the script draws, as JSON: numbers and texts, and all arrays in one deflated, base64-coded run of bytes.
+    """Data of the script as JSON: numbers, texts, and all arrays as compressed, base64-coded bytes.
 
-    Positions are 16-bit parts of the bounding box, normals and shifts 8-bit: a pixel's worth. Of a contour the surface has a byte
-    a vertex: its place on the scale, 0 to 254, and 255 where there is no value.
+    Positions are 16-bit fractions of the bounding box; normals and shifts have 8 bits, about a pixel. A contour has one byte per
+    vertex: position on the scale from 0 to 254, 255 without a value.
     """
     low, span = model.position.min(axis=0), np.ptp(model.position, axis=0)
     span = np.where(span > 0, span, 1.0)
@@ -178,7 +177,7 @@ def _place(position: FloatArray, frame: PositionAxes, places: int) -> str:
 
 
 def _gauge(gauge: Gauge, index: int, group: int, frame: PositionAxes, places: int) -> dict[str, Any]:
-    """A gauge's mark and what its panel says."""
+    """Marker data and details of a gauge."""
     text = [("kind", gauge.kind)]
     text += [("element" if gauge.facet else "number", str(gauge.element))] * bool(gauge.element)
     text += [("facet", str(gauge.facet))] * bool(gauge.facet)
@@ -191,7 +190,7 @@ def _gauge(gauge: Gauge, index: int, group: int, frame: PositionAxes, places: in
         text.append((f"arm {k + 1}, {'+' if arm.sign > 0 else '−'}", where))
     text += [("angle", f"{number(gauge.angle, 3)}°")] * bool(gauge.element)
     text += [
-        (f"σ({name}) without it", "cannot be observed" if math.isinf(value) else percent(value))
+        (f"σ({name}) without gauge", "not observable" if math.isinf(value) else percent(value))
         for name, value in gauge.without.items()
         if not math.isnan(value)
     ]
@@ -202,5 +201,5 @@ def _gauge(gauge: Gauge, index: int, group: int, frame: PositionAxes, places: in
         "ink": ink_on(gauge_colour(index)),
         "position": np.asarray(gauge.position, dtype=float).tolist(),
         "normal": np.asarray(gauge.normal, dtype=float).tolist(),
-        "said": text,
+        "details": text,
     }

@@ -1,4 +1,4 @@
-// The structure to turn round: orthographic, z upright, drawn only when something has changed.
+// Interactive view of the structure: orthographic, z upright, drawn only after changes.
 const section = document.querySelector("#space");
 const canvas = section?.querySelector("canvas");
 const gl = canvas?.getContext("webgl2", { antialias: true, premultipliedAlpha: false });
@@ -22,7 +22,7 @@ async function start(given) {
   }
   const along = (axis, point) => axis.reduce((sum, value, i) => sum + value * (point[i] - centre[i]), 0);
 
-  // Half the height of what is seen, so that the whole box is.
+  // Half the visible height that contains the whole box.
   function reach(turn) {
     const half = (axis) => axis.reduce((sum, value, i) => sum + Math.abs(value) * span[i] / 2, 0);
     return 1.12 * Math.max(half(turn[1]), half(turn[0]) * view.clientHeight / view.clientWidth);
@@ -71,7 +71,7 @@ async function start(given) {
       if (tags[i].hidden) return;
       const moved = draw.shift(state, gauge.anchor).map((value, k) => gauge.position[k] + amount() * value);
       const [x, y] = project(turn, scale, moved), tag = tags[i];
-      // A tag stands above its gauge and above the tags that are there already, below them where the view ends.
+      // A label is above its gauge and above earlier labels, or below them at the edge of the view.
       const half = tag.offsetWidth / 2;
       let top = y - 26;
       while (!free(x, top, half)) top -= 6;
@@ -94,7 +94,7 @@ async function start(given) {
     waiting = true;
   }
 
-  // Which way the axes point, in the corner.
+  // Directions of the axes, in the corner.
   const arms = [...section.querySelectorAll("#space-axes g")];
   function triad([right, up, toward]) {
     arms.forEach((arm, k) => {
@@ -105,7 +105,7 @@ async function start(given) {
     });
   }
 
-  // Turn by the shorter way to a camera, at once where motion is not wanted.
+  // Rotate to a camera along the shorter path, at once with reduced motion.
   function go(target) {
     const from = { ...camera }, begin = performance.now();
     const turned = (target.azimuth - from.azimuth) % (2 * Math.PI);
@@ -126,7 +126,7 @@ async function start(given) {
     camera.elevation = Math.max(-1.55, Math.min(1.55, camera.elevation + down));
     ask();
   }
-  // Zoom about a place in the view, from −1 to 1.
+  // Zoom about a point in the view, from −1 to 1.
   function zoom(factor, x = 0, y = 0) {
     const size = Math.max(0.2, Math.min(200, camera.size * factor)), by = size / camera.size;
     Object.assign(camera, { size, x: x + (camera.x - x) * by, y: y + (camera.y - y) * by });
@@ -135,7 +135,7 @@ async function start(given) {
 
   function pick(i) {
     const gauge = given.gauges[i], panel = document.querySelector("#space-picked"), list = document.createElement("dl");
-    for (const [name, text] of [["gauge", gauge.label], ...gauge.said]) {
+    for (const [name, text] of [["gauge", gauge.label], ...gauge.details]) {
       list.append(element("dt", name), element("dd", text));
     }
     panel.replaceChildren(list);
@@ -149,7 +149,7 @@ async function start(given) {
       target.elevation = elevation + (elevation < 1 ? 0.25 : 0);
       if (Math.hypot(n[0], n[1]) > 1e-6) target.azimuth = Math.atan2(n[1], n[0]) + 0.4;
     }
-    // Bring it into the frame where it would be out of it.
+    // Move it into the frame if necessary.
     const turn = axes(target), scale = reach(axes(home)) / target.size;
     const x = along(turn[0], gauge.position) * view.clientHeight / view.clientWidth / scale;
     const y = along(turn[1], gauge.position) / scale;
@@ -197,7 +197,7 @@ async function start(given) {
     if (away[nearest] < 20) pick(nearest);
   });
   view.addEventListener("wheel", (event) => {
-    // The page scrolls on until the view was clicked.
+    // The page scrolls until the view is clicked.
     if (document.activeElement !== view) return;
     event.preventDefault();
     const box = view.getBoundingClientRect();
@@ -222,13 +222,13 @@ async function start(given) {
   });
 
   const choice = document.querySelector("#space-shape"), hold = document.querySelector("#space-play");
-  // A browser may keep the choice of an earlier visit.
+  // A browser may restore the selection of an earlier visit.
   if (choice) choice.value = String(state);
   const bars = [...section.querySelectorAll("#space-bars > div")];
   choice?.addEventListener("change", () => {
     state = Number(choice.value);
     phase = Math.PI / 2;
-    // A shape goes to and fro; what has a contour is of one instant.
+    // Mode shapes oscillate; states with a contour are of one instant.
     const moves = given.states[state]?.largest > 0 && !given.states[state].stops.length;
     playing = moves && !still.matches;
     hold.hidden = !moves;

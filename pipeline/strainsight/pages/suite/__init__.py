@@ -1,1 +1,1 @@
-"""The page of a suite of placements."""
+"""Page of a suite."""

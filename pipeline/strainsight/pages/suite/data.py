@@ -1,7 +1,7 @@
-"""What the page of a suite shows: runs and studies; statements and comparisons with their verdicts, sentences and tables.
+"""Contents of the page of a suite: runs, studies, statements and comparisons with their results, sentences and tables.
 
-Errors and standard deviations of placements are relative (0.01 is one per cent), as in `pages.placement.data`; numbers of
-a stage's summary are in SI units, under the names that the stage gives them ("error.Fz").
+Errors and standard deviations of placements are relative, as in `pages.placement.data`; numbers of stage summaries have SI
+units and the names of the stages ("error.Fz").
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 
 from strainsight.pages.arrays import History
 from strainsight.pages.bench.data import BenchPageRun, PageRun
-from strainsight.pages.page.markup import count, links, plain, sheet, verdict_mark
+from strainsight.pages.page.markup import count, links, plain, result_mark, sheet
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.placement.data import MetricWords, ObservabilityCase, Trend, Unknown
 from strainsight.text import number
 
 SEEDS_ASIDE = 0.1
-"""Share of seeds in which a statement may not hold."""
+"""Share of seeds that may violate a confirmed statement."""
 CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "no number"
 HOLDS, THEIRS_ONLY, OURS_ONLY, UNMEASURED = (
     "holds",
@@ -33,10 +33,10 @@ HOLDS, THEIRS_ONLY, OURS_ONLY, UNMEASURED = (
 
 @dataclass(frozen=True)
 class PlacementRun(PageRun):
-    """A placement.
+    """Run of a placement.
 
-    unknowns: what was to be estimated, with numbers where it was validated; pool: how many gauges there were to choose from, None
-    before `place`, as are trend and layout; histories, cases, frequencies [Hz] and truth_description as in `PlacementReport`.
+    unknowns: with numbers after `validate`; pool: number of candidates, None before `place`, as are trend and layout;
+    histories, cases, frequencies [Hz] and truth_description: as in `PlacementReport`.
     """
 
     unknowns: tuple[Unknown, ...] = ()
@@ -50,12 +50,12 @@ class PlacementRun(PageRun):
 
     @property
     def is_estimated(self) -> bool:
-        """Whether any of its unknowns has an estimate."""
+        """Whether any unknown has an estimate."""
         return any(unknown.error is not None for unknown in self.unknowns)
 
     @property
     def gauges(self) -> int | None:
-        """How many gauges its layout has."""
+        """Number of gauges of the layout."""
         return None if self.layout is None else len(self.layout.gauges)
 
 
@@ -64,8 +64,8 @@ SuiteRun = PlacementRun | BenchPageRun
 
 @dataclass(frozen=True)
 class SuiteStudy:
-    """A question that several runs answer: name, note; over: the key they vary or None; numbers that are drawn over it, or
-    none for the errors; runs: their places in the suite, from 0."""
+    """Comparison of several runs: name, note; over: the varied key or None; numbers: shown over the key, empty for errors;
+    runs: indices of runs in the suite."""
 
     name: str
     note: str
@@ -76,9 +76,11 @@ class SuiteStudy:
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement and the numbers that it stands or falls with: found, (place of the run, name of the number, value), once a seed
-    where there are several; above and below: bounds or None; equals: what a number that is true or false has to be; compared:
-    what it was divided by; why: in words."""
+    """Statement about numbers of runs.
+
+    found: (index of the run, name of the number, value), one per seed if there are several; above, below: bounds or None;
+    equals: required value of a true or false number; compared: name of the divisor; why: explanation.
+    """
 
     text: str
     found: tuple[tuple[int, str, float], ...]
@@ -91,29 +93,29 @@ class Statement:
 
     @property
     def seeds(self) -> dict[tuple[int, str], list[float]]:
-        """(Place of the run, name of the number) → its value of every seed."""
+        """(Index of the run, name of the number) → values of all seeds."""
         names = dict.fromkeys((place, name) for place, name, _ in self.found)
         return {key: [value for *other, value in self.found if tuple(other) == key] for key in names}
 
     @property
-    def verdict(self) -> str:
-        """Confirmed where every number is within the bounds, in nine of ten seeds where there are several; no number where one
-        is none and the others are."""
-        verdicts = [self.holds_over(values) for values in self.seeds.values()]
-        if False in verdicts:
+    def result(self) -> str:
+        """Result: confirmed if every number is within the bounds, for several seeds in at least 90 % of them; undecided if only
+        NaN prevents this."""
+        results = [self.holds_over(values) for values in self.seeds.values()]
+        if False in results:
             return CONTRADICTED
-        return UNDECIDED if None in verdicts or not verdicts else CONFIRMED
+        return UNDECIDED if None in results or not results else CONFIRMED
 
     def holds_over(self, values: Sequence[float]) -> bool | None:
-        """Whether a number holds over its seeds; None for one that is none in more than a tenth of them."""
-        verdicts = [self.holds(value) for value in values]
+        """Whether a number is within the bounds for at least 90 % of the seeds; None if only NaN prevents this."""
+        results = [self.holds(value) for value in values]
         most = SEEDS_ASIDE * len(values)
-        if verdicts.count(False) > most:
+        if results.count(False) > most:
             return False
-        return None if verdicts.count(None) + verdicts.count(False) > most else True
+        return None if results.count(None) + results.count(False) > most else True
 
     def holds(self, value: float) -> bool | None:
-        """Whether a number is within the bounds; None for what is no number."""
+        """Whether a number is within the bounds; None for NaN."""
         if math.isnan(value):
             return None
         if self.equals is not None:
@@ -123,8 +125,8 @@ class Statement:
 
 @dataclass(frozen=True)
 class SourceComparison:
-    """What a source says, where and with which number; as_printed and ours: the same measured under its settings and under ours,
-    None where it is not; why: in words."""
+    """Statement of a source with its printed number; as_printed, ours: the same with its settings and with ours, None if not
+    computed; why: explanation."""
 
     source: str
     says: str
@@ -134,27 +136,27 @@ class SourceComparison:
     why: str = ""
 
     @property
-    def verdict(self) -> str:
-        """Holds where every side that is measured is confirmed; no number where one has none and the other is not against it."""
-        verdicts = [None if side is None else side.verdict for side in (self.as_printed, self.ours)]
-        measured = [verdict for verdict in verdicts if verdict is not None]
+    def result(self) -> str:
+        """Result: holds if every computed side is confirmed; undecided if one is undecided and none is refuted."""
+        results = [None if side is None else side.result for side in (self.as_printed, self.ours)]
+        measured = [result for result in results if result is not None]
         if not measured:
             return UNMEASURED
         if UNDECIDED in measured and CONTRADICTED not in measured:
             return UNDECIDED
         if CONTRADICTED not in measured:
             return HOLDS
-        return {CONFIRMED: THEIRS_ONLY}.get(verdicts[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
+        return {CONFIRMED: THEIRS_ONLY}.get(results[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
 
 
-def unexplained(verdict: str, why: str) -> bool:
-    """Whether a verdict stands without the reason that it owes; what holds owes none."""
-    return verdict not in (CONFIRMED, HOLDS) and not why
+def unexplained(result: str, why: str) -> bool:
+    """Whether a required explanation is missing; confirmed results need none."""
+    return result not in (CONFIRMED, HOLDS) and not why
 
 
 @dataclass(frozen=True)
 class Suite:
-    """All that the page of a suite shows: its name, a title for people, the runs in order; provenance: versions, digests."""
+    """Contents of the page of a suite: name, title, runs in order; provenance: versions, digests."""
 
     name: str
     title: str
@@ -166,59 +168,59 @@ class Suite:
 
     @property
     def placements(self) -> tuple[tuple[int, PlacementRun], ...]:
-        """The runs that are placements, with their numbers from 1."""
+        """Placement runs with their numbers from 1."""
         return tuple((i, run) for i, run in enumerate(self.runs, start=1) if isinstance(run, PlacementRun))
 
     @property
     def benches(self) -> tuple[tuple[int, BenchPageRun], ...]:
-        """The runs of benches, with their numbers from 1."""
+        """Bench runs with their numbers from 1."""
         return tuple((i, run) for i, run in enumerate(self.runs, start=1) if isinstance(run, BenchPageRun))
 
 
 def metrics_of(runs: Iterable[PlacementRun]) -> tuple[MetricWords, ...]:
-    """What the layouts of these runs were chosen by, each once."""
+    """Distinct placement metrics of these runs."""
     return tuple(dict.fromkeys(run.trend.metric for run in runs if run.trend is not None))
 
 
 def metric_name(metrics: Sequence[MetricWords]) -> str:
-    """What a column of them is called: by its formula where they are all one."""
+    """Heading of a metric column: the formula of a single metric, else "metric"."""
     return metrics[0].symbol if len(metrics) == 1 else "metric"
 
 
 def metric_words(metrics: Sequence[MetricWords]) -> str:
-    """What they are, as the beginning of a sentence."""
+    """Symbols and meanings of metrics, as the beginning of a sentence."""
     return "; ".join(f"{metric.symbol}: {metric.meaning}" for metric in metrics)
 
 
-VERDICTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
-"""On a comparison."""
+RESULTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
+"""Possible results of a comparison."""
 GOOD = (CONFIRMED, HOLDS, THEIRS_ONLY, OURS_ONLY)
-STATED = ("statement", "measured", "target", "verdict")
-COMPARED = ("source", "it says", "printed", "as printed, here", "ours", "verdict")
-"""Heads of both tables."""
+STATEMENT_HEAD = ("statement", "computed", "target", "result")
+COMPARISON_HEAD = ("source", "statement", "printed", "with its settings", "with our settings", "result")
+"""Headings of both tables."""
 FEW = 3
-"""Most numbers of a claim that are shown one by one."""
+"""Most numbers of a statement that are listed individually."""
 
 
 def answer(suite: Suite) -> str:
-    """How many statements hold, which do not, and how many runs that is from."""
+    """Number of confirmed statements, the other statements, and number of runs."""
     many, estimated = len(suite.runs), sum(run.is_estimated for run in suite.runs)
     runs = f"{count(many)} run{'s' * (many != 1)}, {count(estimated)} with an estimate"
     if not suite.statements:
         return f"<strong>{runs}</strong>."
     parts = []
-    for verdict, places in _by_verdict(suite.statements, (CONFIRMED, CONTRADICTED, UNDECIDED)):
-        listed = f"<strong>{verdict}</strong> (statement{'s' * (len(places) > 1)} {links('claim', places)})"
-        parts.append(f"{count(len(places))} {verdict if verdict == CONFIRMED else listed}")
+    for result, places in _by_verdict(suite.statements, (CONFIRMED, CONTRADICTED, UNDECIDED)):
+        listed = f"<strong>{result}</strong> (statement{'s' * (len(places) > 1)} {links('claim', places)})"
+        parts.append(f"{count(len(places))} {result if result == CONFIRMED else listed}")
     return f"{_many(suite.statements, 'statement')}: {', '.join(parts)}; from {runs}."
 
 
 def comparisons_answer(suite: Suite) -> str:
-    """How many comparisons came to which verdict."""
+    """Number of comparisons by result."""
     parts = []
-    for verdict, places in _by_verdict(suite.comparisons, VERDICTS):
-        word = verdict if len(places) == 1 else verdict.replace("holds", "hold")
-        listed = f" ({links('comparison', places)})" if verdict != HOLDS else ""
+    for result, places in _by_verdict(suite.comparisons, RESULTS):
+        word = result if len(places) == 1 else result.replace("holds", "hold")
+        listed = f" ({links('comparison', places)})" if result != HOLDS else ""
         parts.append(f"{count(len(places))} {word}{listed}")
     return f"{_many(suite.comparisons, 'comparison')}: {', '.join(parts)}." if parts else ""
 
@@ -227,20 +229,20 @@ def _many(rows: Sequence[object], name: str) -> str:
     return f"<strong>{count(len(rows))} {name}{'s' * (len(rows) != 1)}</strong>"
 
 
-def _by_verdict(rows: Sequence[Statement | SourceComparison], verdicts: Sequence[str]) -> list[tuple[str, list[int]]]:
-    """Verdicts that occur, in this order, with the numbers of their rows from 1."""
-    counted = [(verdict, [i for i, row in enumerate(rows, 1) if row.verdict == verdict]) for verdict in verdicts]
-    return [(verdict, places) for verdict, places in counted if places]
+def _by_verdict(rows: Sequence[Statement | SourceComparison], results: Sequence[str]) -> list[tuple[str, list[int]]]:
+    """Occurring results in this order, with row numbers from 1."""
+    counted = [(result, [i for i, row in enumerate(rows, 1) if row.result == result]) for result in results]
+    return [(result, places) for result, places in counted if places]
 
 
 def statements_table(suite: Suite) -> str:
-    """A row a statement: what was measured where, within which bounds it would hold, and whether it does."""
+    """Table of statements: numbers, runs, bounds and results."""
     rows = [_row(suite, i, statement) for i, statement in enumerate(suite.statements, start=1)]
-    return _table("statements", "claims", STATED, rows, "Statements")
+    return _table("statements", "claims", STATEMENT_HEAD, rows, "Statements")
 
 
 def comparisons_table(suite: Suite) -> str:
-    """A row a comparison, in the order of the source: what it says, and what comes out under its settings and under ours."""
+    """Table of comparisons in the order of the source: its statement, and results with its settings and with ours."""
 
     def measured_side(statement: Statement | None) -> str:
         if statement is None:
@@ -249,14 +251,14 @@ def comparisons_table(suite: Suite) -> str:
         return f"{words}<br><small>{_runs(suite, statement)}</small>"
 
     rows = [
-        f'<tr id="comparison-{i}"><td data-label="{COMPARED[0]}">{i}. {escape(row.source)}</td>'
-        f'<th scope="row">{escape(row.says)}</th><td data-label="{COMPARED[2]}">{escape(row.printed) or "–"}</td>'
-        f'<td data-label="{COMPARED[3]}">{measured_side(row.as_printed)}</td>'
-        f'<td data-label="{COMPARED[4]}">{measured_side(row.ours)}</td>'
-        f"<td>{_mark(row.verdict)}{reason(row.verdict, row.why)}</td></tr>"
+        f'<tr id="comparison-{i}"><td data-label="{COMPARISON_HEAD[0]}">{i}. {escape(row.source)}</td>'
+        f'<th scope="row">{escape(row.says)}</th><td data-label="{COMPARISON_HEAD[2]}">{escape(row.printed) or "–"}</td>'
+        f'<td data-label="{COMPARISON_HEAD[3]}">{measured_side(row.as_printed)}</td>'
+        f'<td data-label="{COMPARISON_HEAD[4]}">{measured_side(row.ours)}</td>'
+        f"<td>{_mark(row.result)}{reason(row.result, row.why)}</td></tr>"
         for i, row in enumerate(suite.comparisons, start=1)
     ]
-    return _table("comparisons", "claims comparisons", COMPARED, rows, "Said and measured")
+    return _table("comparisons", "claims comparisons", COMPARISON_HEAD, rows, "Comparisons with the source")
 
 
 def _table(name: str, kind: str, heads: Sequence[str], rows: Sequence[str], title: str) -> str:
@@ -267,19 +269,19 @@ def _table(name: str, kind: str, heads: Sequence[str], rows: Sequence[str], titl
     return sheet(name, text, f"<h2>{title}</h2>")
 
 
-def reason(verdict: str, why: str) -> str:
-    """Why a verdict is what it is; a mark where it owes a reason and none is stated."""
-    if unexplained(verdict, why):
-        return '<p class="why"><strong class="bad">no reason is given</strong>: say <code>why</code> in the suite</p>'
+def reason(result: str, why: str) -> str:
+    """Explanation of a result; a mark if a required explanation is missing."""
+    if unexplained(result, why):
+        return '<p class="why"><strong class="bad">no explanation</strong>: add <code>why</code> in the suite</p>'
     return f'<p class="why">{escape(why)}</p>' if why else ""
 
 
 Shown = Callable[[float], str]
-"""How a number is written: `number` for people, `plain` for a page."""
+"""Format of a number: `number` for the terminal, `plain` for a page."""
 
 
 def target(statement: Statement, shown: Shown = number) -> str:
-    """The bounds in words."""
+    """Bounds as text."""
     unit = f" {statement.unit}" if statement.unit else ""
     if statement.equals is not None:
         return "yes" if statement.equals else "no"
@@ -291,8 +293,7 @@ def target(statement: Statement, shown: Shown = number) -> str:
 
 
 def measured(statement: Statement, shown: Shown = number) -> str:
-    """The numbers in words: one by one where they are few, else from which to which; of several seeds the median, and from where
-    to where nine tenths of them but the lowest lie."""
+    """Numbers as text: a few individually, more as a range; for several seeds the median and the 10 to 90 % range."""
     values = [value for _, _, value in statement.found]
     unit = f" {statement.unit}" if statement.unit else ""
     if most(statement) > 1:
@@ -311,12 +312,12 @@ def measured(statement: Statement, shown: Shown = number) -> str:
 
 
 def most(statement: Statement) -> int:
-    """Seeds of the number that has most."""
+    """Largest number of seeds."""
     return max((len(values) for values in statement.seeds.values()), default=0)
 
 
 def _spread(seeds: Sequence[Sequence[float]], shown: Shown, unit: str) -> str:
-    """Of every number, or of all where they are many: the median of its seeds, with their 10 and 90 %."""
+    """Median of the seeds with 10 and 90 % quantiles, of a few numbers individually, else as ranges."""
     finite = [np.array(values)[np.isfinite(values)] for values in seeds]
     shares = [np.quantile(values, [0.1, 0.5, 0.9]) if len(values) else np.full(3, np.nan) for values in finite]
     if len(seeds) <= FEW:
@@ -327,48 +328,52 @@ def _spread(seeds: Sequence[Sequence[float]], shown: Shown, unit: str) -> str:
 
 
 def side(statement: Statement | None, shown: Shown = number) -> str:
-    """What one side of a comparison measures, and the bounds that it is held against."""
+    """Numbers and bounds of one side of a comparison."""
     return "–" if statement is None else f"{measured(statement, shown)} ({target(statement, shown)})"
 
 
 def _few(texts: Sequence[str], between: str = ", ") -> str:
-    """The first few, and how many more there are."""
+    """First texts and number of the others."""
     more = f" and {count(len(texts) - FEW)} more" if len(texts) > FEW else ""
     return between.join(texts[:FEW]) + more
 
 
 def _runs(suite: Suite, statement: Statement) -> str:
-    """Links to the runs that a statement is measured in."""
+    """Links to the runs of a statement."""
     places = dict.fromkeys(place for place, _, _ in statement.found)
     return _few([f'<a href="#run-{i + 1}">{escape(suite.runs[i].label)}</a>' for i in places])
 
 
-def _mark(verdict: str) -> str:
-    if verdict == UNMEASURED:
-        return f"– {verdict}"
-    return verdict_mark(verdict, verdict in GOOD, "✕" if verdict == CONTRADICTED else "–")
+def _mark(result: str) -> str:
+    if result == UNMEASURED:
+        return f"– {result}"
+    return result_mark(result, result in GOOD, "✕" if result == CONTRADICTED else "–")
 
 
 def _row(suite: Suite, index: int, statement: Statement) -> str:
     names = _few(list(dict.fromkeys(escape(name) for _, name, _ in statement.found)))
     compared = f" over {escape(statement.compared)}" if statement.compared else ""
     wrong = ""
-    if statement.verdict != CONFIRMED and len(statement.found) > 1:
+    if statement.result != CONFIRMED and len(statement.found) > 1:
         bad = [
             f"{escape(suite.runs[i].label)}: {escape(name)} "
-            + (plain(values[0]) if len(values) == 1 else f"holds in {held.count(True)} of {len(values)} seeds")
+            + (
+                plain(values[0])
+                if len(values) == 1
+                else f"within the bounds in {held.count(True)} of {len(values)} seeds"
+            )
             for (i, name), values in statement.seeds.items()
             if (held := [*map(statement.holds, values)]) and statement.holds_over(values) is not True
         ]
-        wrong = f"<br><small>not in {_few(bad, '; ')}</small>"
-    wrong += reason(statement.verdict, statement.why)
+        wrong = f"<br><small>except {_few(bad, '; ')}</small>"
+    wrong += reason(statement.result, statement.why)
     seeds = most(statement)
     compared += f", median and 10 to 90 % of {count(seeds)} seeds," if seeds > 1 else ""
     safe = replace(statement, unit=escape(statement.unit))
     return (
         f'<tr id="claim-{index}"><th scope="row">{index}. {escape(statement.text)}</th>'
-        f'<td data-label="measured">{measured(safe, plain)}<br>'
+        f'<td data-label="computed">{measured(safe, plain)}<br>'
         f"<small>{names}{compared} in {_runs(suite, statement)}</small></td>"
         f'<td data-label="target">{target(safe, plain)}</td>'
-        f"<td>{_mark(statement.verdict)}{wrong}</td></tr>"
+        f"<td>{_mark(statement.result)}{wrong}</td></tr>"
     )

@@ -1,4 +1,4 @@
-"""The figures of a suite: what could be distinguished, what every gauge is worth, the estimates of all runs, its studies.
+"""Figures of a suite: observability, metric over gauges, estimates of all runs, and studies.
 
 Thesis figures 6.9; 6.10b, 6.12b and 6.14b in one; 6.11b, 6.13b and 6.15b.
 """
@@ -48,19 +48,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 TOGETHER = 6
-"""Most runs in one figure: as many as there are colours."""
+"""Most runs in one figure, equal to the number of colours."""
 WIDE = 3.0
-"""Ratio of the largest to the smallest from which an axis is logarithmic."""
+"""Ratio of the largest to the smallest value from which an axis is logarithmic."""
 
 
 def study_figures(suite: Suite, study: SuiteStudy) -> tuple[Drawing, ...]:
-    """First what the study varies, then every unknown and every sensor of its benches."""
+    """Numbers over the varied key, then unknowns and sensors of the benches."""
     place = suite.studies.index(study)
     runs = [suite.runs[i] for i in study.runs]
     drawings = [] if study.over is None else _sweeps(f"study-{place}", study, runs)
     estimated = [run for run in runs if isinstance(run, BenchPageRun) and run.is_estimated]
     groups = {"": estimated}
-    if len(estimated) > TOGETHER:  # by group where there are too many for one figure, then in their order
+    if len(estimated) > TOGETHER:  # by group if there are too many for one figure, then in order
         names = dict.fromkeys(run.group for run in estimated)
         groups = {name: [run for run in estimated if run.group == name] for name in names}
     parts = [
@@ -74,7 +74,7 @@ def study_figures(suite: Suite, study: SuiteStudy) -> tuple[Drawing, ...]:
 
 
 def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
-    """Estimates of every unknown, then every sensor as measured and as estimated."""
+    """Estimates of every unknown, then measured and estimated readings of every sensor."""
     drawings = []
     behind = f" ({group})" if group else ""
     for i, name in enumerate(dict.fromkeys(unknown.name for run in runs for unknown in run.unknowns)):
@@ -85,15 +85,15 @@ def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
     sensors = [(run.label, sensor) for run in runs for sensor in run.sensors]
     for i, name in enumerate(dict.fromkeys(sensor.name for _, sensor in sensors)):
         if shown := [entry for entry in sensors if entry[1].name == name and entry[1].expected is not None]:
-            title = f"{name}: measured against estimated{behind}"
-            # the component that moves most; a tilt counts as what it is at a metre
+            title = f"{name}: measured and estimated{behind}"
+            # the component with the largest motion; tilts are compared by their displacement at 1 m
             span = np.ptp(np.nan_to_num(shown[0][1].measured, posinf=0.0, neginf=0.0), axis=0)
             drawings.append(sensor_figure(f"{key}-sensor-{i}", title, int(np.argmax(span)), shown))
     return drawings
 
 
 def _sweeps(key: str, study: SuiteStudy, runs: Sequence[SuiteRun]) -> list[Drawing]:
-    """The numbers of the study over the key; the errors of its loads and of its parameters where it names none."""
+    """Numbers of the study over the key; by default the errors of loads and of parameters."""
     if study.numbers:
         return [_sweep(f"{key}-sweep", study, runs, study.numbers)]
     kinds = {unknown.name: unknown.kind for run in runs for unknown in run.unknowns}
@@ -107,12 +107,12 @@ def _sweeps(key: str, study: SuiteStudy, runs: Sequence[SuiteRun]) -> list[Drawi
 
 @styled()
 def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Sequence[str], what: str = "") -> Drawing:
-    """One panel a number over the varied key, one line a group; what: whose errors they are, whose claimed standard deviation is
-    dotted."""
+    """Panel for every number over the varied key, line for every group; what: kind of unknowns of the errors, with their claimed
+    σ as dotted lines."""
     groups = list(dict.fromkeys(run.group for run in runs))
     at = np.array([np.nan if run.at is None else run.at for run in runs])
     place, zero = _places(at)
-    drawn, *panels = figure(1.2 + 1.5 * len(numbers) + 0.1 * len(groups), (1.0,) * len(numbers))
+    canvas, *panels = figure(1.2 + 1.5 * len(numbers) + 0.1 * len(groups), (1.0,) * len(numbers))
     texts = []
     for axes, name in zip(panels, numbers, strict=True):
         values, label = _values(runs, name), name.replace("error.", "error of ", 1) if what else name
@@ -132,11 +132,11 @@ def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Seque
     panels[-1].set_xlabel(short(study.over or "", 48))
     if any(groups):
         legend_above(panels[0], 2)
-    caption = f"Numbers over {study.over}, one line a group of runs."
+    caption = f"Numbers over {study.over}, one line per group of runs."
     if what:
-        caption = f"Error of the {what} over {study.over}; dotted: the standard deviation that the filter claims."
+        caption = f"Error of the {what} over {study.over}; dotted: standard deviation claimed by the filter."
     title = f"{study.name}: {what or 'numbers'} over {study.over}"
-    return Drawing(key, title, caption, f"Line chart over {study.over}. {'; '.join(texts)}.", svg(drawn))
+    return Drawing(key, title, caption, f"Line chart over {study.over}. {'; '.join(texts)}.", svg(canvas))
 
 
 def _values(runs: Sequence[SuiteRun], name: str) -> FloatArray:
@@ -144,7 +144,7 @@ def _values(runs: Sequence[SuiteRun], name: str) -> FloatArray:
 
 
 def _places(at: FloatArray) -> tuple[FloatArray, float | None]:
-    """Where the values stand on the axis: as they are, but 0 beside a logarithmic axis at a third of the smallest."""
+    """Positions of the values on the axis; 0 on a logarithmic axis is at a third of the smallest value."""
     positive = at[at > 0]
     if not len(positive) or np.nanmin(at) < 0 or not (at == 0).any():
         return at, None
@@ -153,7 +153,7 @@ def _places(at: FloatArray) -> tuple[FloatArray, float | None]:
 
 
 def _over(axes: Axes, place: FloatArray, zero: float | None) -> None:
-    """A logarithmic axis where the values span more than a factor of three, ticks at the values where these are few."""
+    """Use a logarithmic axis if the values span more than a factor of three; ticks at the values if there are few."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
     finite = np.unique(place[np.isfinite(place)])
@@ -183,12 +183,12 @@ def _scale(axes: Axes, values: FloatArray) -> None:
 
 
 COLOURS = (*SERIES, MUTED)
-WRONG = "wrong or not identified"
+WRONG = "inconsistent or not identified"
 
 
 def suite_figures(report: Suite) -> tuple[Drawing, ...]:
-    """All figures that the runs have data for: "pbh", "errors", "trends", then "estimate-<run>-<unknown>" of every placement
-    and "study-<place>-…" of every study."""
+    """Figures with data: "pbh", "errors", "trends", then "estimate-<run>-<unknown>" of every placement and "study-<place>-…" of
+    every study."""
     drawings = []
     if series := series_of(report):
         drawings.append(pbh_figure(series))
@@ -207,7 +207,7 @@ def suite_figures(report: Suite) -> tuple[Drawing, ...]:
 
 @styled()
 def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
-    """Condition of the scaled PBH matrix at λ = 0: a group a set of unknowns, a colour an excitation."""
+    """Condition of the scaled PBH matrix at λ = 0; groups are sets of unknowns, colours are excitations."""
     groups = groups_of(series)
     values = np.array(
         [[entry.cases[g].condition if g in entry.cases else np.nan for entry in series] for g in groups], dtype=float
@@ -215,7 +215,7 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     known = values[np.isfinite(values) & (values > 0)]
     end = 10 ** (np.log10(known.max(initial=10.0)) * 1.22 + 0.3)
     low = min(1.0, float(known.min(initial=1.0)))
-    drawn, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
+    canvas, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
     axes.set(xscale="log", xlim=(low, end))
     step = 0.84 / len(series)
     for j, entry in enumerate(series):
@@ -237,21 +237,21 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     axes.set_xlabel("condition of the scaled PBH matrix at λ = 0 [–]")
     legend_above(axes, columns=1)
     caption = (
-        "The longer the bar, the harder the unknowns are to distinguish from each other and from the motion; a colour is "
-        "one excitation, the number at its end the condition. Compare bars of one colour. “input” is all unknown loads."
+        "Long bars: unknowns that are difficult to distinguish from each other and from the motion. Each colour is one "
+        "excitation; the number is the condition. Only bars of one colour are comparable. “input” denotes all unknown loads."
     )
     if len(known) and known.max() > SINGULAR:
-        caption += " Beyond 10¹³ the matrix is singular: no gauge can distinguish these."
+        caption += " Above 10¹³ the matrix is singular: no gauges can distinguish these unknowns."
     rows = [", ".join(_rounded(value) for value in row if not np.isnan(value)) for row in values]
     text = "; ".join(f"{group} {row}" for group, row in zip(groups, rows, strict=True))
     alt = f"Bar chart of condition numbers at {len(series)} excitations: {text}."
-    return Drawing("pbh", "Condition of every set of unknowns", caption, alt, svg(drawn))
+    return Drawing("pbh", "Condition of every set of unknowns", caption, alt, svg(canvas))
 
 
 @styled()
 def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
-    """The error of every unknown of every run on a bar up to where that of a σ that holds ends, the repeats as small dots."""
-    drawn, axes = figure(1.0 + 0.3 * len(rows))
+    """Error of every unknown of every run, with a bar of errors consistent with σ, and repeats as strokes."""
+    canvas, axes = figure(1.0 + 0.3 * len(rows))
     sizes = [max(result.error or 0.0, 1e-6) for _, result in rows]
     sizes += [result.std for _, result in rows if _reach(result) and result.std]
     low = 100 * min(sizes) / 3
@@ -264,8 +264,8 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
             off = 100 * np.abs(repeats.error[np.isfinite(repeats.error)])
             axes.plot(np.maximum(off, low), np.full(len(off), y), "|", color=MUTED, ms=7, mew=1.0)
         axes.plot(
-            max(100 * result.error, low), y, "X" if result.verdicts else "o",
-            color=SERIES[1 if result.verdicts else 0], ms=7, mec="white", mew=0.6,
+            max(100 * result.error, low), y, "X" if result.problems else "o",
+            color=SERIES[1 if result.problems else 0], ms=7, mec="white", mew=0.6,
         )  # fmt: skip
     axes.fill_between([], [], [], color=SERIES[0], alpha=0.22, lw=0, label="consistent")
     for marker, colour, label in (("o", SERIES[0], "error"), ("|", MUTED, "repeats"), ("X", SERIES[1], WRONG)):
@@ -278,17 +278,16 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     axes.set(xlabel="relative error [%]", ylabel="run and unknown")
     legend_above(axes, columns=2)
     caption = (
-        "The bar ends where the error may if the claimed σ holds: one beyond it is no bad luck. Loads are smoothed; strokes "
-        "are the repeats with other noise and other starts, which are filtered, also those of loads. Crosses are overconfident "
-        "or not identified."
+        "Bars show errors consistent with the claimed σ; larger errors are significant. Loads are smoothed. Strokes are filtered "
+        "repeats with other noise and starts. Crosses are overconfident or not identified."
     )
     text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, result in rows)
-    return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {text}.", svg(drawn))
+    return Drawing("errors", "Errors of all runs", caption, f"Chart of errors and claimed σ: {text}.", svg(canvas))
 
 
 @styled()
 def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
-    """The metric over its value with the whole pool against the gauges left, a line a run; equal lines are drawn once."""
+    """Metric relative to its value with all candidates, over the number of gauges, one line per run; equal lines once."""
     shared: list[tuple[list[int], PlacementRun, Trend]] = []
     for index, run, trend in lines:
         for numbers, _, other in shared:
@@ -299,7 +298,7 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         else:
             shared.append(([index], run, trend))
     metrics = metrics_of(run for _, run, _ in lines)
-    drawn, axes = figure(3.1 + 0.18 * len(shared))
+    canvas, axes = figure(3.1 + 0.18 * len(shared))
     top = 1.0
     for place, (numbers, run, trend) in enumerate(shared):
         colour, stroke = COLOURS[place % len(COLOURS)], STROKES[place // len(COLOURS) % len(STROKES)]
@@ -313,22 +312,22 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         axes.set_ylim(0.97, 1.1)
     plain_ticks(axes, "x")
     plain_ticks(axes, "y")
-    axes.set(xlabel="gauges left [–]", ylabel=f"{metric_name(metrics)} over all gauges' [–]")
+    axes.set(xlabel="gauges [–]", ylabel=f"{metric_name(metrics)} relative to all candidates [–]")
     legend_above(axes, columns=1)
     caption = (
-        f"{metric_words(metrics)}, while gauges are taken away, read from right to left, over its value with the whole "
-        "pool; dots are the chosen sets after exchange. A flat line: a few gauges already know all that can be known."
+        f"{metric_words(metrics)}, relative to its value with all candidates, during elimination of gauges (from right to left). "
+        "Dots are the selected layouts after exchange. A flat line means that a few gauges are as informative as all candidates."
     )
     ends = "; ".join(
         f"{numbered(tuple(numbers))} {number(trend.final / trend.value[0], 3)} times with {int(trend.count[-1])} gauges"
         for numbers, _, trend in shared
     )
     alt = f"Line chart of the metric's growth: {ends}."
-    return Drawing("trends", "What every gauge is worth", caption, alt, svg(drawn))
+    return Drawing("trends", "Metric over the number of gauges", caption, alt, svg(canvas))
 
 
 def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
-    """The estimate beside the truth with its band; a parameter after the first tenth, where the band can be seen."""
+    """Estimate with band and truth; a parameter after the first tenth, for a visible band."""
     kind = next((unknown.kind for unknown in run.unknowns if unknown.name == history.name), "parameter")
     start = len(history.time) // 10 if kind == "parameter" else 0
     drawing = estimate_figure(history, start)
@@ -343,12 +342,12 @@ def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
 
 
 def _rounded(value: float) -> str:
-    """Two or three digits, as more say nothing of a condition."""
+    """Condition number with two or three digits."""
     return number(float(f"{value:.3g}"), 2)
 
 
 def _reach(result: Result) -> float | None:
-    """The largest error that the claimed σ allows."""
+    """Largest error consistent with the claimed σ."""
     claims = {claim.of: claim for claim in result.unknown.claims}
     claim = claims.get("smoothed" if result.smoothed else "test")
     return claim.band[1] * result.std if claim and result.std and np.isfinite(result.std) else None

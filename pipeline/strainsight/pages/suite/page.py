@@ -1,4 +1,4 @@
-"""One self-contained HTML page of a suite: statements and an answer a run first, study by study, then what it rests on."""
+"""Self-contained HTML page of a suite: statements, results of runs and studies, models and provenance."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ Cards = Mapping[str, str]
 
 
 def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, bytes]) -> str:
-    """The page as HTML text without any resource outside itself but links to the runs' own pages.
+    """Self-contained HTML page with links to the pages of the runs.
 
-    drawings from `figures.suite_figures`; scenes: run's name → PNG bytes of its gauges on the structure, those there are.
+    drawings: from `figures.suite_figures`; scenes: name of a run → PNG bytes of its gauges on the structure.
     """
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
     tables = (data.comparisons_table(suite), data.statements_table(suite))
@@ -57,7 +57,7 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
     sections = (
         f'<section id="answer" aria-label="answer" class="card">{first}</section>' if first else "",
         turned,
-        figures([cards[key] for key in ("errors", "trends") if key in cards], "<h2>All runs beside each other</h2>"),
+        figures([cards[key] for key in ("errors", "trends") if key in cards], "<h2>Comparison of all runs</h2>"),
         observability_section(suite, cards),
         gauges_section(suite, scenes),
         *_studies(suite, cards),
@@ -78,7 +78,7 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
 
 
 def _studies(suite: Suite, cards: Cards) -> list[str]:
-    """Where to find which study, every one with its runs and figures, and the benches that belong to none."""
+    """List of studies, every study with its runs and figures, and benches without a study."""
     parts, items = [], ""
     for place, study in enumerate(suite.studies, start=1):
         shown = figures(card for key, card in cards.items() if key.startswith(f"study-{place - 1}-"))
@@ -94,12 +94,12 @@ def _studies(suite: Suite, cards: Cards) -> list[str]:
         heading = "Other runs" if suite.studies else "Runs"
         parts.append(f"<h2>{heading}</h2>{_benches(suite, alone, 'other runs')}")
     if suite.benches:
-        parts.append(unfolding("What the columns mean", bullets(MEANINGS.values())))
+        parts.append(unfolding("Explanation of the columns", bullets(MEANINGS.values())))
     return parts
 
 
-def _benches(suite: Suite, places: Sequence[int], name: str, drawn: str = "") -> str:
-    """The numbers of the benches among the runs at these places, the figures, and what the filter says of each in words."""
+def _benches(suite: Suite, places: Sequence[int], name: str, cards: str = "") -> str:
+    """Table, figures and sentences of the benches among the runs at these indices."""
     rows, items = [], ""
     for i, run in suite.benches:
         if i - 1 in places:
@@ -108,21 +108,21 @@ def _benches(suite: Suite, places: Sequence[int], name: str, drawn: str = "") ->
             if text := " ".join(filter(None, (run_answer(run), _remarks(run)))):
                 items += f"<li><strong>{label}</strong>: {text}</li>"
     card = f'<div class="card">{benches_table(name, rows, explained=False)}</div>' if rows else ""
-    return f"{card}{drawn}{unfolding('Run by run', f'<ul>{items}</ul>') if items else ''}"
+    return f"{card}{cards}{unfolding('Results of the runs', f'<ul>{items}</ul>') if items else ''}"
 
 
 def _remarks(run: SuiteRun) -> str:
-    """The note of a run and its warnings."""
+    """Note and warnings of a run."""
     warnings = f"<details><summary>Warnings ({len(run.warnings)})</summary>{bullets(run.warnings)}</details>"
     return f"<p>{escape(run.note)}</p>" * bool(run.note) + warnings * bool(run.warnings)
 
 
 def _placements(suite: Suite, cards: Cards) -> str:
-    """A section a placement: its answer, its note and warnings, and its estimates side by side."""
+    """Section of every placement: results, note, warnings and estimates."""
     text = ""
     for index, run in suite.placements:
         shown = [card for key, card in cards.items() if key.startswith(f"estimate-{index}-")]
-        # Three in a row, or two where three would leave a hole.
+        # Three cards in a row, or two if three would leave a gap.
         grid = "multiples" if (1 + len(shown)) % 3 == 0 else "figures"
         truth = (
             f'<p class="note">Truth: {unbroken(escape(run.truth_description))}.</p>' if run.truth_description else ""
@@ -130,15 +130,15 @@ def _placements(suite: Suite, cards: Cards) -> str:
         words = f'<div class="card"><p>{summary.run_answer(run)}</p>{truth}{_remarks(run)}</div>'
         text += (
             f'<section id="run-{index}"><h3 class="run">{index}. {escape(run.label)} '
-            f"<small>{escape(run.name)}{summary.link(run, 'its own page', ' · {}')}</small></h3>"
+            f"<small>{escape(run.name)}{summary.link(run, 'page of the run', ' · {}')}</small></h3>"
             f"{figures([words, *shown], grid=grid)}</section>"
         )
-    lead = '<p class="lead">Estimate (blue), smoothed (green), truth (dashed).</p>'
-    return f"<h2>Run by run</h2>{lead}{text}" if text else ""
+    lead = '<p class="lead">Estimate (blue), smoothed estimate (green) and truth (dashed).</p>'
+    return f"<h2>Results of the runs</h2>{lead}{text}" if text else ""
 
 
 def _facts(suite: Suite) -> str:
-    """Configs, how far they went, and the numbers of their models."""
+    """Configs, last stages, and model data."""
     tables, names, placements, benches = "", iter(("models", "benches")), [], []
     for i, run in enumerate(suite.runs, start=1):
         named = f"{i}. {escape(run.name)}", escape(run.reached)
@@ -151,21 +151,21 @@ def _facts(suite: Suite) -> str:
             shown = ["–" if not isinstance(value, int | float) else plain(float(value), 4) for value in cells]
             benches.append([*named, *shown, escape(str(run.summary.get("method") or "–"))])
     if placements:
-        tables += table(next(names), ("config", "reached", "first modes"), placements)
+        tables += table(next(names), ("config", "last stage", "first modes"), placements)
     if benches:
-        head = ("config", "reached", "coordinates", "constraints", "first frequency [Hz]", "correction")
+        head = ("config", "last stage", "coordinates", "constraints", "first frequency [Hz]", "correction")
         tables += table(next(names), head, benches, numeric=(2, 3, 4))
     provenance = pairs("provenance", suite.provenance.items())
     return (
-        f'<h2>What it rests on</h2><section class="card"><h3>Models</h3>{tables}</section>'
+        f'<h2>Models and provenance</h2><section class="card"><h3>Models</h3>{tables}</section>'
         f'<details class="card"><summary>Provenance</summary>{provenance}</details>'
     )
 
 
 def suite_space(report: Suite) -> str:
-    """HTML: the structure of the first run that has gauges, with the layouts of all runs on the same one to choose from.
+    """3D view of the structure of the first run with gauges, with a selection of the layouts of all runs on this structure.
 
-    Equal layouts are offered once, under the numbers of their runs.
+    Equal layouts occur once, with the numbers of their runs.
     """
     layouts: dict[bytes, tuple[list[int], PictureLayout]] = {}
     placed = [(index, run.layout) for index, run in report.placements if run.layout is not None]
@@ -184,37 +184,37 @@ def suite_space(report: Suite) -> str:
 
 
 def gauges_section(report: Suite, scenes: Mapping[str, bytes]) -> str:
-    """HTML: pictures of the layouts, equal ones once, and where every gauge sits; scenes: run's name → PNG."""
+    """Pictures of the distinct layouts, and gauge positions; scenes: name of a run → PNG."""
     shared: dict[bytes, list[int]] = {}
     for index, run in report.placements:
         if run.name in scenes:
             shared.setdefault(scenes[run.name], []).append(index)
     shown, more = figures(_picture(report, png, numbers) for png, numbers in shared.items()), ""
     if bodies := [_gauge_rows(index, run, run.layout) for index, run in report.placements if run.layout is not None]:
-        caption = "Gauges that stand together are redundant: they average noise, and one can replace the other."
+        caption = "Gauges close together are redundant: they reduce noise, and each can replace the other."
         head = ("run", "gauge", "element", *AXES, "nearest", "distance")
         numbers = grouped_table("gauges", head, bodies, caption=caption, numeric=(2, 3, 4, 5, 7))
-        more = unfolding("All gauges of all runs, and how near they stand to each other", numbers)
-    return f"<h2>Where the gauges go</h2>{shown}{more}" if shown or more else ""
+        more = unfolding("All gauges of all runs, with distances to the nearest gauge", numbers)
+    return f"<h2>Gauge positions</h2>{shown}{more}" if shown or more else ""
 
 
 def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
-    """One layout with the runs that have it, and how near its gauges stand to each other."""
+    """One layout with its runs, and distances between neighbouring gauges."""
     run, runs = dict(report.placements)[numbers[0]], numbered(tuple(numbers))
     title = "<br>".join(f"{index}. {escape(report.runs[index - 1].label)}" for index in numbers)
     closest: dict[frozenset[str], tuple[float, str]] = {}
     for one, (size, other) in _nearest(run.layout).items():
         closest.setdefault(frozenset((one, other)), (size, f"{one} – {other} {number(1000 * size, 3)}\u00a0mm"))
     near = "; ".join(words for _, words in sorted(closest.values(), key=lambda pair: pair[0]))
-    many = f"{run.gauges} gauges of a pool of {run.pool}" if run.gauges is not None else "the gauges"
-    alt = f"The structure with {many} of {runs}{f'; nearest to each other: {near}' * bool(near)}."
-    nearest = f"Nearest to each other: {near}." if near else ""
+    many = f"{run.gauges} gauges from {run.pool} candidates" if run.gauges is not None else "the gauges"
+    alt = f"The structure with {many} of {runs}{f'; shortest distances: {near}' * bool(near)}."
+    nearest = f"Shortest distances: {near}." if near else ""
     shown = scene(png, alt, f"picture of the gauges of {runs}")
     return f'<figure class="card"><h3>{title}</h3>{shown}<figcaption>{escape(nearest)}</figcaption></figure>'
 
 
 def _nearest(layout: PictureLayout | None) -> dict[str, tuple[float, str]]:
-    """Gauge → distance [m] to its nearest other one, and that one."""
+    """Gauge → distance [m] to the nearest other gauge, and its label."""
     gauges = () if layout is None or len(layout.gauges) < 2 else layout.gauges
     return {
         gauge.label: min(

@@ -1,1 +1,1 @@
-"""The page after a test: what its measurements say, how well they are matched, and the file that they came from."""
+"""Page of a test: estimates, residuals and measurement file."""

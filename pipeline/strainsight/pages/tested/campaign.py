@@ -1,4 +1,4 @@
-"""One self-contained HTML page of a test of several records: the table over records first, then what they share."""
+"""HTML page of a test with several records: table of the records, then common results."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from strainsight.records.estimated import CampaignRecord
 from strainsight.runner.output import Table
 
 FOOTER = (
-    "σ is one standard deviation, as the filter claims it. Parameters are the same in all records, and so are the errors of "
-    "gauges, damping and loads, which do not average away; loads, motion and zeros are each record's own."
+    "σ is one standard deviation, as claimed by the filter. Parameters and the errors of gauges, damping and loads are common to "
+    "all records, so these errors do not average out. Loads, motion and zeros differ between records."
 )
 
 
 @dataclass(frozen=True)
 class CampaignFindings:
-    """All that the page shows: records one by one, and what they share; damage of all of them, None where it was not asked
-    for. Name, unknown parameters, facts and provenance are those of any record."""
+    """Contents of the page: records, their common results, and damage of all records, None if not requested. Name, unknown
+    parameters, facts and provenance are those of the first record."""
 
     title: str
     records: tuple[Findings, ...]
@@ -34,23 +34,23 @@ class CampaignFindings:
 
     @property
     def first(self) -> Findings:
-        """The first record."""
+        """First record."""
         return self.records[0]
 
     @property
     def parameters(self) -> tuple[TestedUnknown, ...]:
-        """The unknown parameters, by all records."""
+        """Unknown parameters, estimated from all records."""
         return tuple(unknown for unknown in self.first.unknowns if unknown.kind == "parameter")
 
 
 def campaign_figures(report: CampaignFindings) -> tuple[Drawing, ...]:
-    """The density of every parameter by all records."""
+    """Density of every parameter from all records."""
     units = report.first.units
     return tuple(posterior_figure(name, units[name], posterior) for name, posterior in report.shared.posterior.items())
 
 
 def page_of_campaign(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
-    """The page as HTML text without any resource outside itself; drawings of `campaign_figures`."""
+    """Self-contained HTML page; drawings: from `campaign_figures`."""
     sections = [
         _records(report),
         _parameters(report, drawings),
@@ -77,8 +77,8 @@ def _answer(report: CampaignFindings) -> str:
 def _records(report: CampaignFindings) -> str:
     head = ["record", "date", "duration"]
     for load in report.first.loads:
-        head += [f"{escape(load.name)}, peak", "± σ there", f"{escape(load.name)}, RMS", "± σ"]
-    head += ["innovations within 2σ", "verdict"]
+        head += [f"{escape(load.name)}, peak", "± σ at peak", f"{escape(load.name)}, RMS", "± σ"]
+    head += ["innovations within 2σ", "consistency"]
     rows = []
     for record in report.records:
         row = [f'<a href="{escape(record.page)}">{escape(record.record)}</a>']
@@ -88,13 +88,13 @@ def _records(report: CampaignFindings) -> str:
             for value, std in ((peak, load.peak_std), (load.estimate, load.std)):
                 row += [measure(value, load.unit), _std(std, load.unit)]
         tone = "good" if record.consistent else "bad"
-        rows.append([*row, share(record.inside), f'<span class="{tone}">{escape(record.judged)}</span>'])
+        rows.append([*row, share(record.inside), f'<span class="{tone}">{escape(record.consistency)}</span>'])
     caption = (
-        "Each record has a page of its own. Of innovations, measured less foreseen, 95 % are within 2σ where the model "
-        "and the stated noise hold."
+        "Each record has a separate page. With a correct model and noise, 95 % of the innovations (measured − predicted) are "
+        "within 2σ."
     )
     text = table("records", head, rows, caption=caption, numeric=range(2, len(head) - 1))
-    return section("Record by record", text, "records")
+    return section("Records", text, "records")
 
 
 def _std(value: float | None, unit: str) -> str:
@@ -111,12 +111,12 @@ def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
         rows.append([escape(unknown.name), *together, *alone])
     head = ["parameter", "together", "± claimed σ"]
     head += [f"{escape(record.record)} alone" for record in report.records]
-    caption = "The most likely value by each record alone stands beside that by all of them that agree with the model."
+    caption = "Most likely value from all records that are consistent with the model, and from each record alone."
     text = table("parameters", head, rows, caption=caption, numeric=range(1, len(head)))
     doubts = bullets(doubt for unknown in report.parameters for doubt in unknown.doubts)
     warned = f'<div class="card warnings">{doubts}</div>' if doubts else ""
     cards = figures(figure(entry, i) for i, entry in enumerate(drawings))
-    return section("Parameters, the same in all records", text, "parameters", more=warned) + cards
+    return section("Parameters common to all records", text, "parameters", more=warned) + cards
 
 
 def _files(report: CampaignFindings) -> str:
@@ -126,4 +126,4 @@ def _files(report: CampaignFindings) -> str:
         cells = [escape(record.record), escape(source.file), broken_digest(source.sha256), escape(source.format)]
         rows.append([*cells, plain(file.rate), count(file.samples)])
     text = table("files", ("record", "file", "SHA-256", "format", "rate [Hz]", "samples"), rows, numeric=(4, 5))
-    return section("The files of the test", text, "file")
+    return section("Files of the test", text, "file")

@@ -1,7 +1,6 @@
-"""Everything that the page of a test shows, as arrays and names; whoever has the artefacts fills it in.
+"""Contents of the page of a test, as arrays and names.
 
-What is not known is None or empty: the page of parameters alone has no load, that of loads alone no parameter. σ is NaN or None
-where it is withheld.
+Unknown contents are None or empty, e.g. loads in a test with parameters only. σ is NaN or None if it is withheld.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from strainsight.runner.output import Table
 
 @dataclass(frozen=True)
 class Extremes:
-    """The least and the largest value of a signal [unit], NaN where it has none, and when [s]."""
+    """Minimum and maximum [unit] of a signal, NaN without samples, and their instants [s]."""
 
     low: float
     low_at: float
@@ -29,12 +28,12 @@ class Extremes:
 
     @property
     def largest(self) -> tuple[float, float]:
-        """The one of larger size, and when."""
+        """Extreme with the larger absolute value, and its instant."""
         return (self.low, self.low_at) if abs(self.low) > abs(self.high) else (self.high, self.high_at)
 
 
 def peak_of(time: FloatArray, values: FloatArray) -> Extremes:
-    """time (T,) [s], values (T,) [unit], of which those count that are finite."""
+    """Extremes of the finite values (T,) [unit] at time (T,) [s]."""
     known = np.flatnonzero(np.isfinite(values))
     if not len(known):
         return Extremes(np.nan, np.nan, np.nan, np.nan)
@@ -44,8 +43,8 @@ def peak_of(time: FloatArray, values: FloatArray) -> Extremes:
 
 @dataclass(frozen=True)
 class TestedUnknown:
-    """A load or a parameter: estimate, of a load its RMS [unit]; std [unit] one σ, None where it is withheld; peak of a load,
-    peak_std its σ where that is not withheld; doubts: sentences about it alone."""
+    """Load or parameter: estimate, for a load its RMS [unit]; std [unit]: σ, None if withheld; peak of a load, peak_std: its σ,
+    None if withheld; doubts: warnings about it."""
 
     name: str
     unit: str
@@ -58,13 +57,13 @@ class TestedUnknown:
 
     @property
     def relative(self) -> float:
-        """σ over the size of the estimate, NaN where either is not known."""
+        """σ divided by the absolute estimate, NaN if unknown."""
         return self.std / abs(self.estimate) if self.std is not None and self.estimate else np.nan
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Of a signal: density (k,) [unit²/Hz] at frequency (k,) [Hz]; level: that of the stated noise, None where there is none."""
+    """Spectrum of a signal: density (k,) [unit²/Hz] at frequency (k,) [Hz]; level: density of the configured noise or None."""
 
     name: str
     unit: str
@@ -75,7 +74,7 @@ class Spectrum:
 
 @dataclass(frozen=True)
 class Map:
-    """A quantity on every facet of the structure: values (f,) [unit], std (f,) or None where it is not known."""
+    """Quantity on every facet of the structure: values (f,) [unit], std (f,) or None."""
 
     quantity: str
     unit: str
@@ -85,8 +84,8 @@ class Map:
 
 @dataclass(frozen=True)
 class SurfaceMoment:
-    """The surface at the moment [s] of the largest reading, of the channel `label`: shift (n, 3) [m] of the layout's points, as
-    large as it is to be seen, `factor` times itself; maps."""
+    """Surface at the instant [s] of the largest reading (channel `label`): shift (n, 3) [m] of the layout's points, magnified by
+    `factor`; maps."""
 
     time: float
     label: str
@@ -97,7 +96,7 @@ class SurfaceMoment:
 
 @dataclass(frozen=True)
 class File:
-    """The file of the test as it was read: rate [Hz], first instant [s] and duration [s] of the samples; how many there are."""
+    """Measurement file: rate [Hz], first instant [s], duration [s] and number of the samples."""
 
     source: TestSource
     rate: float
@@ -108,22 +107,21 @@ class File:
 
 @dataclass(frozen=True)
 class Findings:
-    """All that the page of a test shows.
+    """Contents of the page of a test.
 
-    verdict: a sentence on the innovations, consistent: whether it is a good one; warnings: sentences, the gravest first, the
-    reason why σ is withheld before all; notes: what was done to the measurements;
-    histories: every unknown in time, resultants and known loads; load_spectra: of every unknown load; readings in the order of
-    the config, residuals: their spectra; hold_out: what gauges predict that the filter was not given, empty where none was
-    left out; checked: every channel against what the others say of it, damage: hot spots and virtual gauges, None where not asked
-    for; moment: None where the mesh has no surface; facts: what was found by which stage; record: its name, where the test
-    has several; beside: (name, page) of what there is to see of the others, page: its own; inside: share of the innovations
-    within 2σ; judged: whether the record agrees with the model and the others, in words.
+    innovations: sentence on them; consistent: whether they are consistent; warnings: most serious first, beginning with
+    the reason for a withheld σ; notes: operations on the measurements;
+    histories: unknowns over time; readings: in the order of the config; residuals: their spectra; hold_out: gauges that the
+    filter does not use; checked: every channel compared with the others; damage: hot spots and virtual gauges, None if not
+    requested; moment: None without a surface; facts: results by stage; record: its name if the test has several;
+    other_records: (name, page) of them; page: of this record; inside: share of the innovations within 2σ;
+    consistency: of the record with the model and the others.
     """
 
     name: str
     title: str
     unknowns: tuple[TestedUnknown, ...]
-    verdict: str
+    innovations: str
     consistent: bool
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
@@ -145,10 +143,10 @@ class Findings:
     facts: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     record: str = ""
-    beside: tuple[tuple[str, str], ...] = ()
+    other_records: tuple[tuple[str, str], ...] = ()
     page: str = ""
     inside: float = np.nan
-    judged: str = ""
+    consistency: str = ""
 
     @property
     def units(self) -> Mapping[str, str]:
@@ -157,5 +155,5 @@ class Findings:
 
     @property
     def loads(self) -> tuple[TestedUnknown, ...]:
-        """The unknown loads."""
+        """Unknown loads."""
         return tuple(unknown for unknown in self.unknowns if unknown.kind == "load")

@@ -1,4 +1,4 @@
-"""All figures of the page of a test, in the order of the page, and the section of channels that were held out."""
+"""Figures of the page of a test, and the section on held-out channels."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BUCKETS = 180
-"""Of a record: the least and the largest value of each are kept."""
+"""Buckets of a record; the minimum and maximum of each are shown."""
 INSIDE = 2.0
-"""Half the width of the band [σ]."""
-HOLD_OUT = "Every channel as the others predict it: the filter was not given what it is compared with."
+"""Half width of the band [σ]."""
+HOLD_OUT = "Prediction of every channel from the others; the filter does not use the predicted channel."
 
 
 def reading(value: float, unit: str, digits: int = 3) -> str:
-    """A reading as people read it, with its exact value; a dash for none."""
+    """Rounded reading with its exact value as data, a dash for NaN."""
     if math.isnan(value):
         return "–"
     factor, shown = reading_unit(abs(value), unit)
@@ -62,7 +62,7 @@ def reading(value: float, unit: str, digits: int = 3) -> str:
 
 @dataclass(frozen=True)
 class Curves:
-    """A reading as it is drawn: factor, unit; what it is; measured, estimated and std (T,) [unit]; window about its largest."""
+    """Curves of a reading: factor, unit; what: quantity; measured, estimated and std (T,) [unit]; window: around the maximum."""
 
     factor: float
     unit: str
@@ -73,14 +73,14 @@ class Curves:
     window: slice
 
     def overlay(self, axes: Axes, reading: Reading, part: slice, words: str) -> None:
-        """Measured and estimated in time."""
+        """Plot measured and estimated values over time."""
         values = (self.estimated[part], self.std[part])
         overlay(axes, reading.time[part], *values, gauge_colour(reading.gauge), words, self.measured[part])
         axes.set_ylabel(f"{self.what} [{short(self.unit)}]")
 
 
 def curves_of(reading: Reading) -> Curves:
-    """In the unit in which it is shown."""
+    """Curves in the displayed unit."""
     factor, unit = reading_unit(largest(reading.measured, reading.estimated), reading.unit)
     measured, estimated, std = (drawable(v) / factor for v in (reading.measured, reading.estimated, reading.std))
     what = READINGS.get(reading.unit, "reading")
@@ -88,7 +88,7 @@ def curves_of(reading: Reading) -> Curves:
 
 
 def _scatter(axes: Axes, time: FloatArray, values: FloatArray) -> None:
-    """Dots, or of a long record the span of what lies in every bucket: extremes alone would look like two bands of dots."""
+    """Plot dots or, for a long record, the range of the samples in every bucket."""
     if len(values) <= 2 * BUCKETS:
         dots(axes, time, values, "")
         return
@@ -97,19 +97,19 @@ def _scatter(axes: Axes, time: FloatArray, values: FloatArray) -> None:
     low = np.array([np.min(part, initial=np.inf) for part in parts])
     high = np.array([np.max(part, initial=-np.inf) for part in parts])
     low, high = (np.where(np.isfinite(low), ends, np.nan) for ends in (low, high))
-    # from one bucket to the next where both hold a sample; a line stands for one that is alone
+    # filled between neighbouring buckets with samples; a line for an isolated bucket
     axes.fill_between(time[(edges[:-1] + edges[1:]) // 2], low, high, color=MUTED, alpha=0.7, lw=0.8)
 
 
 @styled()
 def reading_figure(reading: Reading) -> Drawing:
-    """One channel: the whole record, what is left of it beside the stated noise, and a close-up about its largest reading."""
+    """One channel: whole record, residual with the configured noise, and detail around the largest reading."""
     curves, time = curves_of(reading), reading.time
     unit, factor, window = curves.unit, curves.factor, curves.window
     residual, noise = curves.measured - curves.estimated, reading.noise_std / factor
     close = window.stop - window.start < len(time)
     ratios = (1.0, 0.7, 1.2) if close else (1.2, 0.8)
-    drawn, *panels = figure(4.6 if close else 3.4, ratios, shared=False, width=SMALL)
+    canvas, *panels = figure(4.6 if close else 3.4, ratios, shared=False, width=SMALL)
     curves.overlay(panels[0], reading, slice(None), "reconstructed")
     _scatter(panels[1], time, residual)
     for edge in (-2 * noise, 2 * noise):
@@ -120,67 +120,67 @@ def reading_figure(reading: Reading) -> Drawing:
         plain_axis(axes)
         axes.set_ylabel(f"{curves.what}\n[{short(unit)}]")
         axes.margins(x=0.01)
-    panels[1].set_ylabel(f"left over\n[{short(unit)}]")
+    panels[1].set_ylabel(f"residual\n[{short(unit)}]")
     panels[0].tick_params(labelbottom=False)
     panels[1].set_xlim(panels[0].get_xlim())
     for axes in panels[1:]:
         time_axis(axes)
     legend_above(panels[0])
     left = number(rms(residual), 3)
-    caption = f"Left over {left} {unit} RMS, beside a stated noise of {number(noise, 3)} {unit} (dashed: twice that)"
-    caption += "; lowest, about the largest reading." if close else "."
+    caption = f"Residual {left} {unit} RMS; configured noise σ {number(noise, 3)} {unit} (dashed: ±2σ)"
+    caption += "; below, detail around the largest reading." if close else "."
     if reading.missing:
         caption += f" {reading.missing} of {len(time)} samples are missing."
     if reading.offset is not None:
         mean, sigma = (number(value / factor, 3) for value in reading.offset)
-        caption += f" An offset of {mean} ± {sigma} {unit} was estimated and is taken off."
+        caption += f" An estimated offset of {mean} ± {sigma} {unit} is subtracted."
     alt = f"Line chart of measured and reconstructed {curves.what} of {reading.label}, peak "
-    alt += f"{number(largest(curves.estimated), 3)} {unit}, left over {left} {unit} RMS."
-    return Drawing(f"reading-{reading.label}", reading.label, caption, alt, svg(drawn))
+    alt += f"{number(largest(curves.estimated), 3)} {unit}, residual {left} {unit} RMS."
+    return Drawing(f"reading-{reading.label}", reading.label, caption, alt, svg(canvas))
 
 
 def inside(channel: Reading) -> float:
-    """Share of the samples within ±2σ of what they were predicted, noise of the sample in σ; NaN without σ."""
+    """Share of the samples within ±2σ of the prediction, with measurement noise in σ; NaN without σ."""
     ratio = np.abs(channel.residual / channel.std)
     known = ratio[np.isfinite(ratio)]
     return float(np.mean(known <= INSIDE)) if len(known) else float("nan")
 
 
 def hold_out_figures(held: Sequence[Reading]) -> list[Drawing]:
-    """Of every channel a cross-plot and an overlay in time."""
+    """Scatter plot and time chart of every channel."""
     return [drawing for channel in held for drawing in (_cross(channel), _overlay(channel))]
 
 
 @styled()
 def _cross(reading: Reading) -> Drawing:
-    """Measured over predicted, with the line where both are the same."""
+    """Measured over predicted values, with the line of equality."""
     curves, label = curves_of(reading), reading.label
     measured, predicted, what = curves.measured, curves.estimated, curves.what
     index = visible_instants(np.column_stack([measured, predicted, measured - predicted]), 240)
     limit = 1.05 * largest(measured, predicted) or 1.0
-    drawn, axes = figure(4.2)
+    canvas, axes = figure(4.2)
     dots(axes, predicted[index], measured[index], "samples")
-    axes.plot([-limit, limit], [-limit, limit], color=INK, lw=1, ls=(0, (5, 3)), label="the same")
+    axes.plot([-limit, limit], [-limit, limit], color=INK, lw=1, ls=(0, (5, 3)), label="equal")
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
     axes.set(xlabel=f"predicted {what} [{short(curves.unit)}]", ylabel=f"measured {what} [{short(curves.unit)}]")
     legend_above(axes)
-    caption = f"{label}, measured over predicted; on the dashed line both are the same."
-    alt = f"Scatter plot of measured over predicted {what} of {label}, error {_error(reading)} of its RMS."
-    return Drawing(f"hold-out-{label}", f"{label}: measured over predicted", caption, alt, svg(drawn))
+    caption = f"{label}, measured over predicted; both are equal on the dashed line."
+    alt = f"Scatter plot of measured over predicted {what} of {label}, error {_error(reading)} of the measured RMS."
+    return Drawing(f"hold-out-{label}", f"{label}: measured over predicted", caption, alt, svg(canvas))
 
 
 @styled()
 def _overlay(reading: Reading) -> Drawing:
-    """Measured and predicted in time, about the largest reading."""
+    """Measured and predicted values over time around the largest reading."""
     curves, label = curves_of(reading), reading.label
-    drawn, axes = figure(3.4)
+    canvas, axes = figure(3.4)
     curves.overlay(axes, reading, curves.window, "predicted")
     plain_axis(axes)
     time_axis(axes)
     legend_above(axes)
-    caption = f"{label} about its largest reading: measured, and as the other channels predict it with its ±2σ band."
-    alt = f"Line chart of measured and predicted {curves.what} of {label}, error {_error(reading)} of its RMS."
-    return Drawing(f"hold-out-time-{label}", f"{label}: in time", caption, alt, svg(drawn))
+    caption = f"{label} around its largest reading: measured, and predicted from the other channels with ±2σ band."
+    alt = f"Line chart of measured and predicted {curves.what} of {label}, error {_error(reading)} of the measured RMS."
+    return Drawing(f"hold-out-time-{label}", f"{label}: over time", caption, alt, svg(canvas))
 
 
 def _error(reading: Reading) -> str:
@@ -189,7 +189,7 @@ def _error(reading: Reading) -> str:
 
 
 def hold_out_section(held: Sequence[Reading], cards: Iterable[str]) -> str:
-    """The table and the figures; nothing where no channel was left out."""
+    """Table and figures; empty without held-out channels."""
     if not held:
         return ""
     rows = []
@@ -198,27 +198,27 @@ def hold_out_section(held: Sequence[Reading], cards: Iterable[str]) -> str:
         of_size = share(error / size) if size > 0 else "–"
         over_sigma = plain(sigma, 3) if np.isfinite(sigma) else "–"
         rows.append([escape(channel.label), reading(error, channel.unit), of_size, over_sigma, share(inside(channel))])
-    head = ("channel", "RMS error", "of its RMS", "error over σ", "inside ±2σ")
-    caption = "Inside ±2σ: 95 % where σ holds; error over σ: 1."
+    head = ("channel", "RMS error", "relative to RMS", "error / σ", "within ±2σ")
+    caption = "For a correct σ, 95 % of the samples are within ±2σ, and error / σ is 1."
     text = table("hold-out", head, rows, caption=caption, numeric=range(1, 5))
     worst = min(map(inside, held))
-    least = "" if np.isnan(worst) else f" Least share inside ±2σ: {number(100 * worst, 3)} %."
+    least = "" if np.isnan(worst) else f" Smallest share within ±2σ: {number(100 * worst, 3)} %."
     return section("Hold-out", text, lead=HOLD_OUT + least) + figures(cards)
 
 
 WORDS = {
     "load": ("smoothed estimate of {}", "smoothed"),
-    "resultant": ("size of the sum of the loads at {}, smoothed", "size"),
-    "known": ("known load {} as measured", "measured"),
+    "resultant": ("magnitude of the sum of the loads at {}, smoothed", "magnitude"),
+    "known": ("measured known load {}", "measured"),
 }
-"""Kind of history → what it is, and the name of its curve."""
+"""Kind of history → its description, and the name of its curve."""
 LINES = 700
-"""More lines of a spectrum than these are drawn as the largest of neighbours."""
+"""Most lines of a spectrum; of more, the largest of neighbours are shown."""
 
 
 def figures_of_test(report: Findings) -> tuple[Drawing, ...]:
-    """Those that the report has data for; their keys begin with what they are of: "reading-", "residual-", "hold-out", "load-",
-    "known-", "resultant-", "spectrum-", "estimate-", "posterior-"."""
+    """Figures with data. Their keys begin with "reading-", "residual-", "hold-out", "load-", "known-", "resultant-", "spectrum-",
+    "estimate-" or "posterior-"."""
     loads = {entry.name for entry in report.loads}
     drawings = [reading_figure(entry) for entry in report.readings]
     drawings += hold_out_figures(report.hold_out)
@@ -235,13 +235,13 @@ def figures_of_test(report: Findings) -> tuple[Drawing, ...]:
 
 @styled()
 def load_figure(kind: str, history: History, colour: str) -> Drawing:
-    """kind: a key of WORDS; history: its mean and std are drawn, the band where σ is given."""
+    """Mean of a load history with its ±2σ band, if σ is known; kind: a key of WORDS."""
     words, curve = WORDS[kind]
     factor, unit = prefix(largest(history.mean), history.unit)
     mean, std, time = drawable(history.mean) / factor, drawable(history.std) / factor, history.time
     banded, window = bool(np.isfinite(std).any()), about(mean, mean)
     close = window.stop - window.start < len(time)
-    drawn, *panels = figure(4.4 if close else 3.2, (1.0, 1.2) if close else (1.0,), shared=False)
+    canvas, *panels = figure(4.4 if close else 3.2, (1.0, 1.2) if close else (1.0,), shared=False)
     for axes, part in zip(panels, (slice(None), window), strict=False):
         overlay(axes, time[part], mean[part], std[part], colour, curve)
         plain_axis(axes)
@@ -251,16 +251,16 @@ def load_figure(kind: str, history: History, colour: str) -> Drawing:
     legend_above(panels[0])
     value, when = peak_of(history.time, history.mean).largest
     title = words.format(history.name)
-    caption = capital(title) + " with its band of ±2 claimed standard deviations" * banded
-    caption += "; below, about the largest value." if close else "."
+    caption = capital(title) + " with a band of ±2 claimed standard deviations" * banded
+    caption += "; below, detail around the largest value." if close else "."
     caption += " σ is withheld." * (kind == "load" and not banded)
     alt = f"Line chart of the {title}, largest {quantity(value, history.unit)} at {number(when)} s."
-    return Drawing(f"{kind}-{history.name}", history.name, caption, alt, svg(drawn))
+    return Drawing(f"{kind}-{history.name}", history.name, caption, alt, svg(canvas))
 
 
 @styled()
 def spectrum_figure(spectrum: Spectrum, colour: str = BLUE) -> Drawing:
-    """√density over frequency: of a load, or of what is left of a channel beside the noise as stated."""
+    """√density over frequency of a load, or of a channel's residual with the configured noise."""
     name, root, frequency = spectrum.name, np.sqrt(spectrum.density), spectrum.frequency
     at, top = f"{number(float(frequency[np.argmax(root)]), 3)} Hz", float(np.max(root, initial=0.0))
     level = None if spectrum.level is None else float(np.sqrt(spectrum.level))
@@ -273,26 +273,26 @@ def spectrum_figure(spectrum: Spectrum, colour: str = BLUE) -> Drawing:
         factor, unit = reading_unit(max(level, top), spectrum.unit)
         if spectrum.unit == "strain":
             factor, unit = 1e-9, "nm/m"
-        key, title, label = f"residual-{name}", name, "left over"
-        words = f"at most {number(top / level if level > 0 else np.inf, 2)} times the stated noise, at {at}."
-        caption, alt = f"Left over of {name}: {words}", f"Spectrum of the residual of {name}, {words}"
+        key, title, label = f"residual-{name}", name, "residual"
+        words = f"at most {number(top / level if level > 0 else np.inf, 2)} times the configured noise, at {at}."
+        caption, alt = f"Residual of {name}: {words}", f"Spectrum of the residual of {name}, {words}"
     few = -(-len(root) // LINES)
-    if few > 1:  # the largest of every few neighbours, at its own frequency
+    if few > 1:  # the largest of neighbouring lines, at its frequency
         places = np.array([start + int(np.argmax(root[start : start + few])) for start in range(0, len(root), few)])
         frequency, root = frequency[places], root[places]
     root, noise = root / factor, (level or 0.0) / factor
-    drawn, axes = figure(3.4, width=WIDE) if level is None else figure(2.5, width=SMALL)
+    canvas, axes = figure(3.4, width=WIDE) if level is None else figure(2.5, width=SMALL)
     axes.plot(frequency, np.where(root > 0, root, np.nan), color=colour, lw=1.2, label=label)
     if level is not None:
-        axes.axhline(noise, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label="noise as stated")
+        axes.axhline(noise, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label="configured noise")
     if (root > 0).any():
         axes.set_yscale("log")
         low, high = axes.get_ylim()
-        if noise:  # a decade to either side at least, so that scatter looks like scatter
+        if noise:  # at least a decade on each side, to show the scatter to scale
             low, high = min(low, 0.1 * noise), max(high, 10 * noise)
         axes.set_ylim(max(low, 1e-5 * max(float(root.max()), noise)), high)
     log_ticks(axes)
     axes.set(xlabel="frequency [Hz]", ylabel=f"√density\n[{short(unit)}/√Hz]")
     axes.margins(x=0.01)
     legend_above(axes)
-    return Drawing(key, title, caption, alt, svg(drawn))
+    return Drawing(key, title, caption, alt, svg(canvas))

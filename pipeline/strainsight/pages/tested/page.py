@@ -1,6 +1,6 @@
-"""One self-contained HTML page of a test: what was found first, then what it rests on.
+"""Self-contained HTML page of a test: results, figures, model and provenance.
 
-What a section shows stands in `Findings`, its figures in `figures_of_test`.
+Contents of the sections are in `Findings`, figures in `figures_of_test`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from strainsight.pages.page import sections
 from strainsight.pages.page.markup import (
     badge,
     bullets,
-    chosen,
     count,
     figures,
     folded,
@@ -27,6 +26,7 @@ from strainsight.pages.page.markup import (
     measure,
     plain,
     scene,
+    select_figures,
     share,
     table,
     tile,
@@ -43,14 +43,14 @@ from strainsight.records.estimated import TestSource
 from strainsight.text import listed, number, quantity
 
 LOUD = 1.5
-"""RMS of what is left over the stated noise from which it is marked."""
+"""RMS of the residual relative to the configured noise from which it is marked."""
 SHOWN = 3
-"""Warnings on the first screen; all of them stand below."""
+"""Number of warnings on the first screen; all are listed below."""
 
 
 def answer(report: Findings) -> str:
-    """The first sentences: the gravest warning, then every unknown, from what it was found."""
-    parts = ", ".join(map(_estimated, report.unknowns))
+    """First sentences: the most serious warning, then the estimates and their source."""
+    parts = ", ".join(map(_estimate_text, report.unknowns))
     channels, samples = len(report.readings), report.file.samples
     text = f'<strong class="bad">{escape(_sentence(report.warnings[0]))}</strong> ' if report.warnings else ""
     text += f"<strong>{parts}</strong>" if parts else "<strong>No unknown was estimated</strong>"
@@ -58,23 +58,25 @@ def answer(report: Findings) -> str:
     return f"{text}, from {source} in {escape(report.file.source.file)}."
 
 
-def _estimated(unknown: TestedUnknown) -> str:
+def _estimate_text(unknown: TestedUnknown) -> str:
     load, value = unknown.kind == "load", measure(unknown.estimate, unknown.unit)
     sigma = share(unknown.relative) if not load else measure(unknown.std, unknown.unit, 2)
     sigma = "σ withheld" if unknown.std is None else f"±\u00a0{sigma}"
     top = ""
     if unknown.peak is not None:
         size, at = unknown.peak.largest
-        top = ", at most –" if math.isnan(size) else f", at most {measure(size, unknown.unit)} at {measure(at, 's')}"
+        top = ", peak –" if math.isnan(size) else f", peak {measure(size, unknown.unit)} at {measure(at, 's')}"
     return f"{escape(unknown.name)} {value}{' RMS' * load} ({sigma}){top}"
 
 
 def findings_screen(report: Findings) -> str:
-    """Every unknown, the verdict on the record, every channel, and what to mind. Every number in it is a `data` element."""
+    """Unknowns, consistency of the record, channels, and warnings. Every number is a `data` element."""
     good = report.consistent
-    words = mark(escape(_sentence(report.verdict)), good)
-    verdict = tile("the record and what was stated", "fits" if good else "does not fit", after=words)
-    return sections.first_screen("".join(map(_tile, report.unknowns)) + verdict, _channels(report), _cautions(report))
+    words = mark(escape(_sentence(report.innovations)), good)
+    consistency = tile("record, model and noise", "consistent" if good else "inconsistent", after=words)
+    return sections.first_screen(
+        "".join(map(_tile, report.unknowns)) + consistency, _channels(report), _cautions(report)
+    )
 
 
 def _tile(unknown: TestedUnknown) -> str:
@@ -86,7 +88,7 @@ def _tile(unknown: TestedUnknown) -> str:
         ("σ of its RMS", share(unknown.relative if load and known else None)),
     ]
     if (peak := unknown.peak) is not None and not math.isnan(peak.low):
-        for words, size, at in (("largest", peak.high, peak.high_at), ("least", peak.low, peak.low_at)):
+        for words, size, at in (("maximum", peak.high, peak.high_at), ("minimum", peak.low, peak.low_at)):
             rows.append((words, f"{measure(size, unknown.unit)} at {measure(at, 's')}"))
     doubts = ["σ is withheld"] * (not known) + list(unknown.doubts)
     marks = "".join(mark(escape(text), False) for text in doubts)
@@ -94,7 +96,7 @@ def _tile(unknown: TestedUnknown) -> str:
 
 
 def _channels(report: Findings) -> str:
-    """Every channel: its size, what the estimate leaves of it beside the noise, its largest reading and when."""
+    """Every channel: RMS, residual relative to the noise, largest reading and its instant."""
     rows = []
     for channel in report.readings:
         value, at = peak_of(channel.time, channel.measured).largest
@@ -113,11 +115,11 @@ def _channels(report: Findings) -> str:
         )
     text = table(
         "channels",
-        ("channel", "RMS", "left over, RMS", "of its noise", "largest reading", "at", "missing"),
+        ("channel", "RMS", "residual, RMS", "residual / noise", "largest reading", "at", "missing"),
         rows,
-        title="<h2>Channel by channel</h2>",
-        caption="Left over: measured less reconstructed. Of its noise: that over the noise as stated; one or less where the "
-        "model holds.",
+        title="<h2>Channels</h2>",
+        caption="Residual: measured − reconstructed. Residual / noise is relative to the configured noise, and 1 or less for a "
+        "correct model.",
         numeric=range(1, 7),
     )
     return f'<div class="card without">{text}</div>'
@@ -134,29 +136,30 @@ def _cautions(report: Findings) -> Iterator[str]:
 
 
 def _sentence(text: str) -> str:
-    """With a full stop."""
+    """Text with a full stop."""
     return f"{text}{'' if text.endswith(('.', '!', '?')) else '.'}"
 
 
 def extremes_section(report: Findings) -> str:
-    """The least and the largest of every load and channel, and when."""
+    """Minimum and maximum of every load and channel, with their instants."""
     loads = {load.name for load in report.loads}
     rows = [_row(load.name, "load", load, load.mean, load.std) for load in report.histories if load.name in loads]
     rows += [
-        _row(f"size of the sum at {total.name}", "loads", total, total.mean, total.std) for total in report.resultants
+        _row(f"magnitude of the sum at {total.name}", "loads", total, total.mean, total.std)
+        for total in report.resultants
     ]
     rows += [_row(load.name, "known load", load, load.mean) for load in report.known]
     for channel in report.readings:
         rows.append(_row(channel.label, "measured", channel, channel.measured))
         rows.append(_row(channel.label, "reconstructed", channel, channel.estimated, channel.std))
-    head = ("signal", "what", "least", "at [s]", "largest", "at [s]", "± σ there")
+    head = ("signal", "kind", "minimum", "at [s]", "maximum", "at [s]", "± σ at peak")
     return sections.section("Extremes", table("extremes", head, rows, numeric=range(2, 7)) if rows else "")
 
 
 def _row(
     name: str, what: str, signal: History | Reading, values: FloatArray, std: FloatArray | None = None
 ) -> list[str]:
-    """Of values of a signal the least and the largest, and σ at the one of larger size."""
+    """Minimum and maximum of a signal, and σ at the larger absolute value."""
     peak, sigma = peak_of(signal.time, values), "–"
     if std is not None and not math.isnan(peak.low):
         at = float(std[int(abs(signal.time - peak.largest[1]).argmin())])
@@ -168,46 +171,45 @@ def _row(
 
 
 def title_of(name: str, report_unknowns: tuple[str, ...]) -> str:
-    """As "beam: what the test says of side and E"."""
-    return f"{name}: what the test says of {listed(report_unknowns)}" if report_unknowns else f"{name}: the test"
+    """Title of the page, e.g. "beam: estimates of side and E"."""
+    return f"{name}: estimates of {listed(report_unknowns)}" if report_unknowns else f"{name}: test"
 
 
 FOOTER = (
-    "σ is one standard deviation, as the filter claims it. Loads and the surface are smoothed: from all samples, earlier and "
-    "later ones. Readings are reconstructed by the filter, from the samples up to each instant. Left over: measured less "
-    "reconstructed."
+    "σ is one standard deviation, as claimed by the filter. Loads and the surface are smoothed: their estimates use all samples. "
+    "Readings are reconstructed by the filter from the samples up to each instant. Residual: measured − reconstructed."
 )
 SPECTRA = (
-    "Measured less reconstructed, beside the noise as stated (dashed). Below that line noise was taken for motion or load; what "
-    "stands out above it the model does not have."
+    "Measured − reconstructed, and the configured noise (dashed). Values far below the line indicate that the filter interprets "
+    "noise as motion or load. Peaks above the line indicate effects that the model does not include."
 )
 
-READINGS = "What each channel measured, and what the estimate says that it reads; below, the difference."
-NOT_TESTED = "No gauge was held out: how well places without a gauge are predicted was not tested."
+READINGS = "Measured and reconstructed readings of each channel; below, the residual."
+NOT_TESTED = "No gauge was held out: predictions at positions without gauges were not tested."
 
 CHECKED = (
-    "RMS of each channel and of what the rest of the record says that it reads; residual over its σ is 1 where they agree. What "
-    "explains the record best is named also where the record agrees with the model, and then says little."
+    "RMS of each channel and of its prediction from the other channels. The ratio of the residual to its σ is 1 for consistent "
+    "channels. The best explanation is also listed if the record is consistent with the model; it then has little significance."
 )
 
 
 def page_of_test(
     report: Findings, drawings: tuple[Drawing, ...], pictures: tuple[bytes, ...] = (), problem: str = ""
 ) -> str:
-    """The page as HTML text without any resource outside itself.
+    """Self-contained HTML page.
 
-    drawings from `figures_of_test`; pictures: PNG of `views_of`, or none with the sentence on why.
+    drawings: from `figures_of_test`; pictures: PNG files of `views_of`, empty with the reason in `problem`.
     """
-    links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.beside)
+    links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.other_records)
     parts = (
-        f'<p class="lead">Record {escape(report.record)}. The others: {links}.</p>' * bool(links),
+        f'<p class="lead">Record {escape(report.record)}. Other records: {links}.</p>' * bool(links),
         findings_screen(report),
-        folded(chosen(drawings, "reading-"), "multiples", titled("Measured and reconstructed", READINGS)),
-        sections.listing_section("Every channel beside the others", report.checked, range(1, 5), CHECKED),
-        hold_out_section(report.hold_out, chosen(drawings, "hold-out-")),
+        folded(select_figures(drawings, "reading-"), "multiples", titled("Measured and reconstructed", READINGS)),
+        sections.listing_section("Channels predicted from the others", report.checked, range(1, 5), CHECKED),
+        hold_out_section(report.hold_out, select_figures(drawings, "hold-out-")),
         _residuals(report, drawings),
-        figures(chosen(drawings, "load-", "resultant-", "spectrum-", "known-"), "<h2>Loads</h2>"),
-        figures(chosen(drawings, "estimate-", "posterior-"), "<h2>Parameters</h2>"),
+        figures(select_figures(drawings, "load-", "resultant-", "spectrum-", "known-"), "<h2>Loads</h2>"),
+        figures(select_figures(drawings, "estimate-", "posterior-"), "<h2>Parameters</h2>"),
         extremes_section(report),
         field_section(report, pictures, problem),
         space_of(report),
@@ -222,72 +224,72 @@ def page_of_test(
 
 
 def _residuals(report: Findings, drawings: tuple[Drawing, ...]) -> str:
-    shown = folded(chosen(drawings, "residual-"), "multiples")
+    shown = folded(select_figures(drawings, "residual-"), "multiples")
     known = {spectrum.name for spectrum in report.residuals}
     if missing := ", ".join(channel.label for channel in report.readings if channel.label not in known):
-        shown += f'<p class="note">None of {escape(missing)}: too few samples follow one another.</p>'
-    return titled("Spectra of what is left over", SPECTRA) + shown if shown else ""
+        shown += f'<p class="note">No spectrum of {escape(missing)}: too few consecutive samples.</p>'
+    return titled("Spectra of the residuals", SPECTRA) + shown if shown else ""
 
 
 def _file(report: Findings) -> str:
-    """What a reader needs to know, a year later, of where the numbers come from."""
+    """Measurement file, its channels and its processing."""
     file, source = report.file, report.file.source
     facts = [
         ("file", escape(source.file)),
         ("SHA-256", broken_digest(source.sha256)),
-        ("size", _size_in_words(source.bytes)),
+        ("size", _size_text(source.bytes)),
         ("format", escape(source.format)),
-        ("date", escape(source.date) or "not stated (estimate.date)"),
+        ("date", escape(source.date) or "not configured (estimate.date)"),
         ("sample rate", quantity(file.rate, "Hz")),
         ("record", f"{number(file.duration)} s from {number(file.start)} s, {number(file.samples, 12)} samples"),
     ]
     columns = zip(source.channel, source.measures, source.unit, strict=True)
-    rows = [[*map(escape, words), escape(_calibration_in_words(source, i))] for i, words in enumerate(columns)]
-    channels = table("calibration", ("channel", "measures", "unit in the file", "what was done to it"), rows)
-    panels = panel("The file", table("file", (), facts)) + panel("Its channels", channels)
-    panels += panel("What was done to the record", bullets(report.notes))
-    return sections.section("The file of the test", panels, "file", "panels")
+    rows = [[*map(escape, words), escape(_calibration_text(source, i))] for i, words in enumerate(columns)]
+    channels = table("calibration", ("channel", "measures", "unit in the file", "processing"), rows)
+    panels = panel("File", table("file", (), facts)) + panel("Channels", channels)
+    panels += panel("Processing of the record", bullets(report.notes))
+    return sections.section("Measurement file", panels, "file", "panels")
 
 
 def broken_digest(sha256: str) -> str:
-    """A digest that a line may break every 16 digits."""
+    """Digest with possible line breaks every 16 digits."""
     return "<wbr>".join(sha256[i : i + 16] for i in range(0, len(sha256), 16))
 
 
-def _size_in_words(size: int) -> str:
-    """Bytes as people read them."""
+def _size_text(size: int) -> str:
+    """Bytes in a readable unit."""
     units = ((1e9, "GB"), (1e6, "MB"), (1e3, "kB"))
     rounded = next((f"{number(size / factor, 3)} {unit}" for factor, unit in units if size >= factor), "")
     return f"{rounded} ({number(size, 12)} bytes)" if rounded else f"{number(size, 12)} bytes"
 
 
-def _calibration_in_words(source: TestSource, i: int) -> str:
-    """What was done to channel i of the file, in the order in which it was done."""
+def _calibration_text(source: TestSource, i: int) -> str:
+    """Processing of channel i of the file, in order."""
     unit, delay, zero = source.unit[i], source.delay[i], source.zero[i]
     ratio = "" if np.isnan(source.poisson_ratio[i]) else f", ν {source.poisson_ratio[i]:g}"
     steps = {
-        f"less {source.offset[i]:g} {unit}": source.offset[i],
-        f"less {source.drift[i]:g} {unit} a second": source.drift[i],
-        f"less its mean from {zero[0]:g} to {zero[1]:g} s": np.isfinite(zero).all(),
-        "sign turned": source.sign[i] < 0,
+        f"minus {source.offset[i]:g} {unit}": source.offset[i],
+        f"minus {source.drift[i]:g} {unit} per second": source.drift[i],
+        f"minus its mean from {zero[0]:g} to {zero[1]:g} s": np.isfinite(zero).all(),
+        "sign reversed": source.sign[i] < 0,
         f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}": source.bridge[i],
         f"times {source.scale[i]:g}": source.scale[i] != 1,
-        f"moved by {abs(delay):g} s, {'late' if delay > 0 else 'early'} in the file": delay,
+        f"shifted by {abs(delay):g} s ({'late' if delay > 0 else 'early'} in the file)": delay,
     }
-    return "; ".join(step for step, done in steps.items() if done) or "nothing was done"
+    return "; ".join(step for step, done in steps.items() if done) or "none"
 
 
 SIZE = (1000, 600)
-"""Of a map [px]; the page shows it at about half of that."""
+"""Size of a map [px]; the page shows it at about half."""
 
 
 def views_of(report: Findings) -> tuple[View, ...]:
-    """A view of every map of the moment, to be drawn as a picture; none where there is no moment."""
+    """View of every map, empty without a surface."""
     moment = report.moment
     if moment is None:
         return ()
     panel = f"t = {moment.time:.5g} s, displacement × {moment.factor:g}"
-    # Names of loads at one node would stand on one another; the view in space has the arrows.
+    # Names of loads at one node would overlap; the 3D view has the arrows.
     bare = replace(report.layout, loads=())
     style: dict[str, Any] = {"on": FACETS, "size": SIZE, "bar": False}
     return tuple(
@@ -297,16 +299,16 @@ def views_of(report: Findings) -> tuple[View, ...]:
 
 
 def field_section(report: Findings, pictures: Sequence[bytes], problem: str) -> str:
-    """Maps side by side; nothing where the mesh has no surface. pictures: of every map, or none with the sentence on why."""
+    """Maps of the surface, empty without one; pictures: of every map, empty with the reason in `problem`."""
     moment, cards = report.moment, ""
     if moment is None:
         return ""
     for shown, png in zip(moment.maps, pictures, strict=False):
-        # about zero where both signs occur, a peak beyond its ends
+        # symmetric about zero if both signs occur; peaks may exceed the scale
         area = areas(report.layout.points, report.layout.faces)
         name, scale = shown.quantity, scale_of(shown.quantity, shown.unit, shown.values, area)
         alt = (
-            f"{name} of the surface at {number(moment.time)} s, in colours from {number(scale.low, 3)} to "
+            f"{name} of the surface at {number(moment.time)} s, colour scale from {number(scale.low, 3)} to "
             f"{number(scale.high, 3)} {shown.unit}."
         )
         image = f"{scene(png, alt, f'picture: {name}', *SIZE)}{scale_bar(scale)}"
@@ -315,13 +317,13 @@ def field_section(report: Findings, pictures: Sequence[bytes], problem: str) -> 
     if not pictures:
         words = f"<p><strong>No picture.</strong> {escape(problem)}</p>" if problem else ""
         cards = f'<div class="card">{words}{"".join(f"<p>{_extremes(shown)}</p>" for shown in moment.maps)}</div>'
-    lead = f"The whole surface at {measure(moment.time, 's')}, the moment of the largest reading "
+    lead = f"Surface at {measure(moment.time, 's')}, the instant of the largest reading "
     lead += f"({escape(moment.label)}), smoothed."
     return sections.section("Strain and stress of the surface", cards, kind="figures", lead=lead)
 
 
 def space_of(report: Findings) -> str:
-    """The structure to turn round, coloured by each map of the moment, the last of them first."""
+    """Interactive 3D view of the structure with each map as colours, beginning with the last."""
     moment, layout = report.moment, report.layout
     if moment is None:
         return space_section([("", layout)])
@@ -330,15 +332,17 @@ def space_of(report: Findings) -> str:
     for shown in reversed(moment.maps):
         contour = contour_of(shown.values, layout, shown.quantity, shown.unit)
         shapes.append(ShownState(f"{shown.quantity} {when}", contour=contour, group=group))
-    moved = ShownState(f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Moved")
+    moved = ShownState(f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Displaced")
     return space_section([("", layout)], [*shapes, moved], first=0)
 
 
 def _extremes(shown: Map) -> str:
-    """The extremes of a map, with σ at the largest where it is known."""
+    """Extremes of a map, with σ at the largest absolute value if known."""
     values, unit = shown.values, shown.unit
     text = f"From {measure(float(values.min()), unit)} to {measure(float(values.max()), unit)}"
     if shown.std is not None:
         at = max(int(np.argmax(values)), int(np.argmin(values)), key=lambda i: abs(values[i]))
-        text += f"; largest size {measure(float(values[at]), unit)} ± {measure(float(shown.std[at]), unit, 2)}"
-    return f"{text}, by facets at their middles."
+        text += (
+            f"; largest absolute value {measure(float(values[at]), unit)} ± {measure(float(shown.std[at]), unit, 2)}"
+        )
+    return f"{text}, at facet centres."

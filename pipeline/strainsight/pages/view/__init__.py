@@ -1,1 +1,1 @@
-"""What `strainsight view` shows, in a window or as a picture."""
+"""Pictures and windows of `strainsight view`."""

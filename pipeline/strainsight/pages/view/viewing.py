@@ -1,4 +1,4 @@
-"""What `strainsight view` shows, as a PNG or in a window: either way drawn with PyVista by a child process, this module."""
+"""Pictures and windows of `strainsight view`, drawn with PyVista by a child process that runs this module."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from strainsight.processes import inherited, python
 from strainsight.text import short
 
 POINTS, FACETS, DOTS = "points", "facets", "dots"
-"""Where the values of a panel stand."""
+"""Locations of the values of a panel."""
 NO_DISPLAY = 3
-"""Exit code of the process that draws, where the display did not give it a window."""
+"""Exit code of the child process if the display cannot open a window."""
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of the structure: title; values (n,), (f,) or (d,) where the view says, none: plain; shift (n, 3) [m] of the
-    points, none: where they are."""
+    """One picture of the structure: title; values (n,), (f,) or (d,) at the locations of the view, or empty; shift (n, 3) [m] of
+    the points, or empty."""
 
     title: str = ""
     values: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -45,11 +45,11 @@ class Panel:
 
 @dataclass(frozen=True)
 class View:
-    """A structure in one or more panels side by side.
+    """Structure in one or more panels.
 
-    title; layout: structure, gauges, loads, grey dots (its pool); panels, all with as many values; quantity, unit: of the
-    scalar bar; on: "points", "facets" or "dots"; dots (d, 3) [m]: coloured ones, where values stand on them;
-    size: width and height of its picture [px]; bar: whether the scalar bar is in it.
+    layout: structure, gauges, loads, grey dots (its pool); panels: with equal numbers of values; quantity, unit: of the scalar
+    bar; on: "points", "facets" or "dots"; dots (d, 3) [m]: coloured dots, if values are on dots; size: width and height of the
+    picture [px]; bar: whether it includes the scalar bar.
     """
 
     title: str
@@ -78,48 +78,48 @@ def exaggerated(points: FloatArray, shift: FloatArray) -> float:
 
 CHILD = "strainsight.pages.view.viewing"
 TIME_LIMIT = 300.0
-"""For a screenshot [s]."""
+"""Time limit of a screenshot [s]."""
 
 
 def screenshots(views: Sequence[View]) -> list[bytes]:
-    """PNG of each view on white, by one child process. Raises StrainsightError that names the Debian packages where nothing can
-    render."""
+    """PNG of each view on white, from one child process. Raises StrainsightError with the required Debian packages if rendering
+    is impossible."""
     return scene.draw_apart(CHILD, [replace(view, layout=scene.thinned(view.layout)) for view in views], TIME_LIMIT)
 
 
 def window(view: View) -> None:
-    """Show the view until its window is closed. Raises UserError without a display, StrainsightError if the window crashes."""
+    """Show the view in a window until it is closed. Raises UserError without a display, StrainsightError after a crash."""
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise _no_display("there is no display to open a window on")
-    # By stdin and not by a file: nothing is left behind where this process is interrupted.
+        raise _no_display("no display available for a window")
+    # By stdin, not by a file: an interrupted process leaves no file.
     shown = pickle.dumps(replace(view, layout=scene.thinned(view.layout)))
     done = subprocess.run(python(CHILD), env=inherited(), cwd=FOLDER, input=shown, stderr=subprocess.PIPE, check=False)
     if done.returncode == NO_DISPLAY:
-        raise _no_display("the display does not answer")
+        raise _no_display("the display does not respond")
     if done.returncode:
         text = scene.last_words(done.stderr.decode(errors="replace"))
         raise StrainsightError(
-            f"the window broke off (exit code {done.returncode}{text})",
-            remedy="draw it into a file instead: --screenshot FILE.png",
+            f"the window crashed (exit code {done.returncode}{text})",
+            remedy="Save a picture instead: --screenshot FILE.png.",
         )
 
 
 def _no_display(what: str) -> UserError:
-    return UserError(what, remedy="draw it into a file: --screenshot FILE.png")
+    return UserError(what, remedy="Save a picture instead: --screenshot FILE.png.")
 
 
 BAR = {
     "color": INK, "vertical": False, "position_x": 0.28, "position_y": 0.02, "width": 0.6, "height": 0.1,
     "title_font_size": 16, "label_font_size": 14, "n_labels": 4, "fmt": "%.3g",
 }  # fmt: skip
-"""Of a scalar bar."""
+"""Options of the scalar bar."""
 LINES, POOL = "#5d6a79", "#7b8794"
 LENGTH = 0.07
-"""Of a gauge's arrow, over the size of the structure."""
+"""Length of a gauge arrow relative to the size of the structure."""
 
 
 def carried(layout: PictureLayout, panel: Panel) -> PictureLayout:
-    """The layout with its points displaced; gauges and loads go with the points nearest to them."""
+    """Layout with displaced points; gauges and loads move with the nearest points."""
     if not len(panel.shift):
         return layout
     from scipy.spatial import cKDTree
@@ -147,7 +147,7 @@ def carried(layout: PictureLayout, panel: Panel) -> PictureLayout:
 def add_panel(
     plotter: Any, view: View, layout: PictureLayout, panel: Panel, triangle: IntArray, bar: int | None
 ) -> None:
-    """Structure, dots, gauges and loads of one panel; bar: number of its scalar bar, None: without one."""
+    """Add structure, dots, gauges and loads of one panel; bar: number of its scalar bar or None."""
     import pyvista as pv
 
     points = layout.points
@@ -162,7 +162,7 @@ def add_panel(
         else:
             values = panel.values[geometry.facet_of_triangle(layout.faces)]
             shown = plotter.add_mesh(surface, scalars=values, preference="cell", **coloured)
-        # Lines and dots lie in the surface: it is drawn a little behind them.
+        # Lines and dots are on the surface: it is drawn slightly behind them.
         shown.mapper.SetResolveCoincidentTopologyToPolygonOffset()
         shown.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(2.0, 2.0)
         if len(layout.faces) <= scene.DRAWN_FACETS:
@@ -186,14 +186,14 @@ def add_panel(
 
 
 def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
-    """How values are coloured, about zero where they have both signs, with a scalar bar of their own; on facets a peak lies
-    beyond its ends, and the title says how large it is."""
+    """Colour options of values, symmetric about zero if both signs occur, and scalar bar; peaks on facets may exceed the scale,
+    and are then in the title."""
     area = geometry.areas(view.layout.points, view.layout.faces) if view.on == FACETS else None
     scale = geometry.scale_of(view.quantity, view.unit, panel.values, area)
-    # VTK keeps one bar a title: spaces, which nobody sees, distinguish the panels' bars. The line feed keeps the title off
+    # VTK has one bar per title: trailing spaces distinguish the bars of the panels. The line feed separates the title from
     # the numbers.
     ends = np.array([np.nanmin(panel.values), np.nanmax(panel.values)])[[scale.below, scale.above]]
-    beyond = f", beyond its ends {' and '.join(f'{end:.3g}' for end in ends)}" if len(ends) else ""
+    beyond = f", extremes {' and '.join(f'{end:.3g}' for end in ends)}" if len(ends) else ""
     title = f"{view.quantity} [{view.unit}]{beyond}{' ' * (bar or 0)}\n"
     return {
         "cmap": scale.name,
@@ -207,8 +207,7 @@ def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
 
 
 def gauge_arrows(gauge: Gauge, length: float) -> list[Any]:
-    """An arrow through the place along everything that the sensor reads, of a bridge one at each arm, lifted off the surface by
-    its own thickness."""
+    """Arrows through the position along all measuring directions, for a bridge one at each arm, slightly above the surface."""
     import pyvista as pv
 
     form: dict[str, Any] = {"scale": length, "shaft_radius": 0.05, "tip_radius": 0.13, "tip_length": 0.32}
@@ -221,11 +220,11 @@ def gauge_arrows(gauge: Gauge, length: float) -> list[Any]:
     return arrows or [pv.Sphere(radius=0.15 * length, center=bases[0][0])]
 
 
-def add_names(plotter: Any, layout: PictureLayout, seen: NDArray[np.bool_], through: bool = True) -> None:
-    """Ids of the gauges that are seen, and names of loads; through: ids are drawn over what stands before them."""
+def add_names(plotter: Any, layout: PictureLayout, visible: NDArray[np.bool_], through: bool = True) -> None:
+    """Add labels of visible gauges and names of loads; through: whether labels are drawn over objects in front of them."""
     size = layout.size
     position, normal = layout.places
-    for i in map(int, np.flatnonzero(seen)):
+    for i in map(int, np.flatnonzero(visible)):
         gauge = layout.gauges[i]
         mark = f"{short(gauge.label)}{' (bonded)' if gauge.bonded else ''}"
         at = position[i] + size * (0.6 * LENGTH * gauge.channels[0] + 0.02 * normal[i])
@@ -252,29 +251,29 @@ def _name(plotter: Any, point: FloatArray, text: str, colour: str, through: bool
 
 
 def plain(text: str) -> str:
-    """A text of a config as VTK shows it: two dollar signs would start a formula."""
+    """Text of a config for VTK, which would interpret two dollar signs as a formula."""
     return text.replace("$", "＄").replace("|", "¦") if text.count("$") > 1 or "|" in text else text
 
 
 def font() -> str:
-    """A font with Greek and most other letters, which VTK's own lacks."""
+    """Font with Greek and most other letters, missing from the font of VTK."""
     import matplotlib as mpl
 
     return str(Path(mpl.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf"))
 
 
 OF_A_SCREEN = 0.9
-"""What a window may take of it, which leaves its frame and a task bar."""
+"""Share of the screen for a window, without its frame and a task bar."""
 WINDOWLESS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
-"""What VTK falls back on where the display does not answer: it would draw, nobody would see it, and all would seem well."""
+"""Fallback classes of VTK without a display: they draw an invisible window without an error."""
 LOOK = 500
-"""Between two looks for the process that asked for the window [ms]."""
+"""Interval of checks for the parent process [ms]."""
 
 
 def draw(view: View, off_screen: bool) -> Any:
-    """The plotter with everything in it.
+    """Plotter with all panels.
 
-    A screenshot of one panel shows it from a second side where the first hides a gauge; in a window one turns it.
+    A screenshot of one panel has a second view if a gauge is hidden in the first.
     """
     import pyvista as pv
 
@@ -285,7 +284,7 @@ def draw(view: View, off_screen: bool) -> Any:
         corners = corners[:1]
     cells = [(panel, corner, corner is corners[0]) for panel in view.panels for corner in corners]
     rows, columns = _grid(len(cells), layout.points)
-    # Light from the eye alone: a colour is never brighter than that of the scalar bar.
+    # Light from the viewer only: colours are never brighter than in the scalar bar.
     plotter: Any = pv.Plotter(
         off_screen=off_screen, window_size=list(view.size), shape=(rows, columns), border=False, lighting="none"
     )
@@ -298,15 +297,15 @@ def draw(view: View, off_screen: bool) -> Any:
     plotter.enable_anti_aliasing("msaa", multi_samples=8)
     for place, (panel, corner, first) in enumerate(cells):
         plotter.subplot(*divmod(place, columns))
-        # What one sees is found on the structure as it is: a place on the displaced one may lie under its facets.
-        seen = (
+        # Visibility is computed on the undeformed structure: displaced positions may be below the facets.
+        visible = (
             geometry.seen_from(layout.points, triangle, position, normal, corner)
             if off_screen
             else np.ones(len(position))
         )
         moved = carried(layout, panel)
         add_panel(plotter, view, moved, panel, triangle, place if first and view.bar else None)
-        add_names(plotter, moved, seen.astype(bool), through=off_screen)
+        add_names(plotter, moved, visible.astype(bool), through=off_screen)
         size = width // columns, height // rows
         _add_title(plotter, view.title if place == 0 else "", panel.title if first else "", size)
         plotter.add_axes(color=INK, line_width=2, viewport=(0, 0, 0.14, 0.14 * width / height * rows / columns))
@@ -317,15 +316,14 @@ def draw(view: View, off_screen: bool) -> Any:
 
 
 def fitting(screen: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
-    """Width and height of a window of this size [px] or, so that all of it is on the screen (width, height; zero: not known),
-    smaller."""
+    """Width and height [px] of a window, reduced to fit the screen (width, height; zero: unknown)."""
     shares = [OF_A_SCREEN * room / wanted for room, wanted in zip(screen, size, strict=True) if room > 0]
     share = min(1.0, *shares) if shares else 1.0
     return int(share * size[0]), int(share * size[1])
 
 
 def _add_title(plotter: Any, title: str, below: str, size: tuple[int, int]) -> None:
-    """One or two lines in the upper left corner, in letters of the same size whatever the panel's (width, height)."""
+    """Add one or two lines in the upper left corner, with a font size independent of the panel size (width, height)."""
     for i, (text, points) in enumerate(filter(lambda line: line[0], ((title, 11), (below, 10))), start=1):
         words = shorten(text, size[0] // (points + 1), placeholder=" …")
         at = (8 / size[0], 1 - (4 + 24 * i) / size[1])
@@ -333,7 +331,7 @@ def _add_title(plotter: Any, title: str, below: str, size: tuple[int, int]) -> N
 
 
 def _grid(count: int, points: FloatArray) -> tuple[int, int]:
-    """Rows and columns: a slender structure is wide, its pictures go one over the other."""
+    """Rows and columns of the panels; those of a slender structure are stacked."""
     extent = np.sort(np.ptp(points, axis=0))
     if count <= 2:
         return (count, 1) if extent[2] > 1.6 * extent[1] else (1, count)
@@ -342,14 +340,14 @@ def _grid(count: int, points: FloatArray) -> tuple[int, int]:
 
 
 def _aim(plotter: Any, layout: PictureLayout, corner: FloatArray, size: tuple[int, int]) -> None:
-    """Parallel view from a corner, z up, everything inside between title and scalar bar; size: pixels of the panel."""
+    """Set a parallel view from a corner, z up, with the structure between title and scalar bar; size: of the panel [px]."""
     ends = [geometry.free_end(load, layout) for load in layout.loads]
     shown = np.concatenate([layout.points, np.array(ends, dtype=float).reshape(-1, 3)])
     axes = scene.across(corner)
     spread = shown @ axes
     wide, high = np.ptp(spread, axis=0)
     top, bottom = 64 / size[1], 0.13 + 27 / size[1]
-    # The whole panel is 2 × scale high, what is left between title and bar less.
+    # The panel has a height of 2 × scale, the space between title and bar is smaller.
     scale = 0.5 * max(1.06 * high / (1 - top - bottom), 1.14 * wide * size[1] / size[0])
     centre = (spread.min(axis=0) + spread.max(axis=0)) / 2
     middle = axes @ (centre + np.array([0.0, scale * (top - bottom)])) + (shown.mean(axis=0) @ corner) * corner
@@ -357,8 +355,8 @@ def _aim(plotter: Any, layout: PictureLayout, corner: FloatArray, size: tuple[in
 
 
 def show(plotter: Any, title: str, parent: int) -> None:
-    """Show it until its window is closed, Ctrl-C is pressed or the process that asked for it (its number) is gone."""
-    # VTK waits for events in C: Python's own handler would have its turn after the window is closed.
+    """Show the window until it is closed, Ctrl-C is pressed or the parent process (its number) has ended."""
+    # VTK waits for events in C: the Python handler would run only after the window is closed.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if plotter.render_window.GetClassName() in WINDOWLESS:
         sys.exit(NO_DISPLAY)
@@ -373,8 +371,8 @@ def show(plotter: Any, title: str, parent: int) -> None:
     plotter.show(title=title)
 
 
-def drawn(views: Sequence[View]) -> list[bytes]:
-    """A picture of every view."""
+def draw_views(views: Sequence[View]) -> list[bytes]:
+    """Pictures of all views."""
     pictures = [BytesIO() for _ in views]
     for view, picture in zip(views, pictures, strict=True):
         plotter = draw(view, off_screen=True)
@@ -384,9 +382,9 @@ def drawn(views: Sequence[View]) -> list[bytes]:
 
 
 def main(asked: str = "") -> None:
-    """Show the view that comes by stdin until its window is closed, or draw it off-screen."""
+    """Show the view from stdin in a window until it is closed, or draw it off-screen."""
     if asked == scene.OFF_SCREEN:
-        scene.answer(drawn)
+        scene.answer(draw_views)
         return
     parent = os.getppid()
     view: View = pickle.load(sys.stdin.buffer)

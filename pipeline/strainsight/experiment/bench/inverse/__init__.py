@@ -1,1 +1,1 @@
-"""What the estimate of a bench is made of: unknowns, truth, filter, comparison."""
+"""Estimate of a bench: unknowns, truth, filter, comparison."""

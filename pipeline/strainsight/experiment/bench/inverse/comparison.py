@@ -1,4 +1,4 @@
-"""An estimate of a bench beside what is true: histories as they are written, and how good they are in numbers."""
+"""Comparison of a bench estimate with the truth: histories and error numbers."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from strainsight.records.bench import (
 )
 
 Numbers = dict[str, float | bool]
-"""Of a summary, by name."""
+"""Summary numbers by name."""
 NONE = 1e-9
-"""Share of σ below which the true load is none at all."""
+"""Load relative to σ below which the true load is zero."""
 SETTLING = 0.1
-"""Share of the record, from its start, that fits and quotients leave out: there the first guess is forgotten."""
+"""Initial share of the record that fits and quotients omit."""
 RELATIVE = 5
 """Components of a relative motion."""
 STILL = 0.01
-"""Share of the largest component of its unit below which one hardly moves."""
+"""Share of the largest component of its unit below which a component is nearly at rest."""
 LARGE = 0.3
-"""Share of its largest value above which a load is divided by another: near zero a quotient says nothing."""
+"""Share of its largest value from which a load is used as divisor."""
 
 
 def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> Numbers:
-    """slope and offset [N, N m] of the fit estimate = slope · true + offset, settled; the rms error and the mean σ over the
-    second half, and the largest error, over the largest |true|. true, estimate, std (T,) after the start."""
+    """Numbers of a load: fit estimate = slope · true + offset [N, N m]; RMS error, mean σ (second half) and largest error,
+    relative to the largest |true|. true, estimate, std (T,)."""
     slope, offset = _fit(*_settled(true, estimate))
     largest = float(np.abs(true).max())
     off = estimate - true
     fit: Numbers = {f"slope.{name}": slope, f"offset.{name}": offset}
     if largest <= NONE * float(std.max()):
-        return fit  # errors of a load that is none are no share of it
+        return fit  # no relative errors of a zero load
     return fit | {
         f"error.{name}": float(np.sqrt(np.mean(off[len(off) // 2 :] ** 2))) / largest,
         f"largest_error.{name}": float(np.abs(off).max()) / largest,
@@ -50,12 +50,12 @@ def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndar
 
 
 def smoothed_name(name: str) -> str:
-    """What a load is called in claims once it is smoothed."""
+    """Name of a smoothed load in claims."""
     return f"smoothed.{name}"
 
 
 def history_numbers(name: str, estimate: np.ndarray, std: np.ndarray) -> Numbers:
-    """Of a load that nobody knows: RMS and largest size of its estimate, and RMS of σ [N, N m], settled. (T,) each."""
+    """Numbers of a load without known truth: RMS and largest value of the estimate, RMS of σ [N, N m]; (T,) each."""
     estimate, std = _settled(estimate, std)
     return {
         f"rms.{name}": float(np.sqrt(np.mean(estimate**2))),
@@ -65,8 +65,8 @@ def history_numbers(name: str, estimate: np.ndarray, std: np.ndarray) -> Numbers
 
 
 def ratio_numbers(name: str, elsewhere: np.ndarray, estimate: np.ndarray) -> Numbers:
-    """A load here over the one of the other bench: RMS over RMS, second half; settled, an affine fit, and the quotient where the
-    other is large. (T,) each."""
+    """Ratio of a load to that of the other bench: RMS ratio (second half), affine fit, and quotient where the other is large;
+    (T,) each."""
     here, other = (float(np.linalg.norm(load[len(load) // 2 :])) for load in (estimate, elsewhere))
     elsewhere, estimate = _settled(elsewhere, estimate)
     slope, offset = _fit(elsewhere, estimate)
@@ -83,8 +83,8 @@ def ratio_numbers(name: str, elsewhere: np.ndarray, estimate: np.ndarray) -> Num
 
 
 def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> Numbers:
-    """rms of measured − expected over that of measured, of every component (T, components) and of the worst; a component that
-    hardly moves counts beside the largest of its unit (of a pair of metres and radians: x, y, z, then tilts)."""
+    """RMS of measured − expected relative to RMS of measured, of every component (T, components) and of the worst; components
+    nearly at rest are relative to the largest of their unit."""
     known = np.isfinite(measured)
     off, whole = _rms(measured - expected, known), _rms(measured, known)
     for kind in (slice(3), slice(3, None)) if whole.size == RELATIVE else (slice(None),):
@@ -98,13 +98,13 @@ def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> N
 
 
 def size_numbers(name: str, elsewhere: np.ndarray, expected: np.ndarray) -> Numbers:
-    """rms of what each component of a sensor reads here over that of what it reads on the other bench (T, components)."""
+    """RMS ratio of the readings of each component (T, components) to those on the other bench."""
     known = np.isfinite(elsewhere) & np.isfinite(expected)
     return _by_component(f"size.{name}", _shares(_rms(expected, known), _rms(elsewhere, known)))
 
 
 def _rms(x: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Of every component of x (T, components), where it is known."""
+    """RMS of every component of x (T, components) over known samples."""
     return np.asarray(np.sqrt(np.sum(np.where(known, x, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)))
 
 
@@ -121,8 +121,8 @@ def _settled(*histories: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """slope, offset of y over x; a constant x has the slope of their means and no offset."""
-    size = float(np.abs(x).max(initial=0.0)) or 1.0  # of a load of 1e-200 N the square is none
+    """Slope and offset of y over x; for constant x the ratio of the means and no offset."""
+    size = float(np.abs(x).max(initial=0.0)) or 1.0  # avoids underflow of squares
     x = x / size
     spread = x - x.mean()
     if not np.any(np.abs(spread) > 1e-9):
@@ -132,17 +132,17 @@ def _fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 
 SETTLING_TIME = "settling_time"
-"""Of a parameter; infinite where it never settles."""
+"""Settling time of a parameter, infinite if it never settles."""
 SETTLED = 1e-3
-"""Share of the truth that a parameter stays within once it has settled: a bearing's geometry is known to a per cent before."""
+"""Relative error within which a parameter counts as settled."""
 LEARNED = 0.5
-"""Share of its first σ below which a parameter counts as learned."""
+"""Ratio of final to initial σ below which a parameter counts as identified."""
 
 
 @dataclass(frozen=True)
 class BenchComparison:
-    """record: what is written; numbers: of every load, parameter and sensor, those that are finite; claims: whether the
-    estimate of every unknown keeps to its σ, where the truth is known."""
+    """record: datasets; numbers: finite summary numbers of loads, parameters and sensors; claims: calibration of σ of unknowns
+    with known truth."""
 
     record: BenchEstimated
     numbers: Numbers
@@ -150,7 +150,7 @@ class BenchComparison:
 
 
 def compare(result: BenchEstimation) -> BenchComparison:
-    """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
+    """Compare the first run in time and the final values of all runs; without numbers and claims of a withheld σ."""
     problem, filtered = result.problem, result.filtered
     loads, parameters = list(problem.estimate.inputs), problem.unknowns.free
     numbers = run_numbers(result, 0)
@@ -188,7 +188,7 @@ def compare(result: BenchEstimation) -> BenchComparison:
 
 
 def run_numbers(result: BenchEstimation, run: int) -> Numbers:
-    """Errors of loads and parameters whose truth is known, and mismatches of sensors, in one run, a seed's first."""
+    """Errors of unknowns with known truth, and mismatches of sensors, in the first run of a seed."""
     problem, seed, numbers = result.problem, run // result.starts, Numbers()
     for name, (estimate, std) in result.values.items():
         if name not in result.truths:
@@ -206,8 +206,7 @@ def run_numbers(result: BenchEstimation, run: int) -> Numbers:
 
 
 def numbers_of_seeds(result: BenchEstimation) -> dict[str, np.ndarray]:
-    """Name → the number of every seed (seeds,) by its first start, NaN of a seed that diverged: of loads, parameters, innovations
-    and sensors, as in the summary. None of a single seed."""
+    """Summary number → values of every seed (seeds,) at its first start, NaN if diverged; empty for a single seed."""
     nis, each = result.filtered.nis[len(result.filtered.nis) // 2 :], []
     for run in range(0, result.measured.shape[1], result.starts):
         lost = result.filtered.lost[run] >= 0
@@ -217,12 +216,12 @@ def numbers_of_seeds(result: BenchEstimation) -> dict[str, np.ndarray]:
 
 
 def _late(values: np.ndarray) -> np.ndarray:
-    """The second half of a history (T + 1, ...)."""
+    """Second half of a history (T + 1, ...)."""
     return values[len(values) // 2 :]
 
 
 def _load_numbers(result: BenchEstimation, name: str) -> Numbers:
-    """Of an unknown load: over all runs, smoothed, beside the other bench, or by itself where nobody knows it."""
+    """Numbers of an unknown load: over all runs, smoothed, relative to the other bench, or without a reference."""
     (estimate, std), true = result.values[name], result.truths.get(name)
     numbers, elsewhere = Numbers(), result.reality.elsewhere.get(name)
     if true is not None:
@@ -239,14 +238,14 @@ def _load_numbers(result: BenchEstimation, name: str) -> Numbers:
 
 
 def _claims(result: BenchEstimation, numbers: Numbers) -> dict[str, Claim]:
-    """Whether the estimate of every unknown whose truth is known keeps to its σ, of a load that is none no claim."""
+    """Calibration of σ of every unknown with known truth, except zero loads."""
     claims: dict[str, Claim | None] = {}
     for name, off in result.errors.items():
         std = result.values[name][1]
         if name in result.problem.unknowns.free:
             claims[name] = claim_of(
                 off[-1], std[-1], samples_per_draw=result.starts
-            )  # starts within a seed are one draw
+            )  # starts of a seed count as one sample
             continue
         if f"error.{name}" in numbers:
             claims[name] = claim_in_time(_late(off), _late(std), starts=result.starts)
@@ -258,15 +257,15 @@ def _claims(result: BenchEstimation, numbers: Numbers) -> dict[str, Claim]:
 
 
 def _parameter_numbers(result: BenchEstimation, name: str, claim: Claim | None) -> Numbers:
-    """Of a parameter: whether it is identified, and over all runs."""
+    """Numbers of a parameter: whether it is identified, and statistics over all runs."""
     (estimate, std), starts, numbers = result.values[name], result.starts, Numbers()
     last, sigma, unknowns = estimate[-1], std[-1], result.problem.unknowns
-    apart = starts > 1 and bool(not_identified(last[:starts], sigma[:starts]))
+    spread = starts > 1 and bool(not_identified(last[:starts], sigma[:starts]))
     learned = bool(np.all(sigma[:starts] < LEARNED * unknowns.std[unknowns.free.index(name)]))
     wrong = starts > 1 and claim is not None and claim.overconfident
     withheld = np.isfinite(last).any() and not np.isfinite(sigma).any()
     if not withheld:
-        numbers[f"identified.{name}"] = learned and not apart and not wrong
+        numbers[f"identified.{name}"] = learned and not spread and not wrong
     if name not in result.truths:
         return numbers | {f"estimate.{name}": float(last[0]), f"rms_std.{name}": float(sigma[0])}
     off, true = result.errors[name][-1], float(result.truths[name][-1, 0])
@@ -295,14 +294,14 @@ def _parameter_history(result: BenchEstimation, name: str) -> ParameterHistory:
 
 
 def _ends(result: BenchEstimation, name: str) -> ParameterRuns:
-    """Where all runs of a parameter start and end."""
+    """Start and end of all runs of a parameter."""
     (estimate, std), off = result.values[name], result.errors.get(name)
     error = None if off is None else off[-1]
     return ParameterRuns(start=estimate[0], estimate=estimate[-1], std=std[-1], error=error)
 
 
 def _measured(result: BenchEstimation, name: str, seed: int) -> np.ndarray:
-    """What a sensor of the filter read in the first start of a seed, or another one without noise (T, components)."""
+    """Readings (T, components) of a sensor in the first run of a seed, without noise if the filter does not use it."""
     if (used := result.problem.used.channels.get(name)) is not None:
         return result.measured[:, seed * result.starts, used]
     readings = result.reality.readings[:, :, result.problem.sensors.channels[name]]

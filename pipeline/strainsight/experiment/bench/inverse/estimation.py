@@ -1,5 +1,5 @@
-"""Loads and parameters of a bench from its sensors, by Kalman filters on the implicit step (thesis 2-4); its channels by the
-others, and what its sensors cannot tell.
+"""Estimate loads and parameters of a bench by Kalman filters on the implicit step (thesis 2-4), with hold-out test and
+observability check.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.filtering import (
     FilteredRuns,
     by_extended,
+    by_grid,
     predicted,
     ring_watch,
     rings_estimated,
-    run_grid_filter,
 )
 from strainsight.experiment.bench.inverse.problem import (
     BenchProblem,
@@ -43,13 +43,15 @@ from strainsight.records.estimated import HoldOut
 
 @dataclass(frozen=True)
 class FilteredBench:
-    """The `System` of a bench, all seeds at once from their first starts: y (T, B, m) of all runs; trial_with: the filter with
-    some channels (m,); mean (T + 1, size) of the first run, where the others have to tell the unknowns.
+    """Hold-out `System` of a bench, all seeds at their first starts.
+
+    y (T, B, m): measurements of all runs; trial_with: filter with some channels (m,); mean (T + 1, size): of the first run, for
+    the observability check.
 
         ŷ = h(x̂),     σ² = H P Hᵀ + R + Σₖ (H Sₖ − Dₖ x̂ − oₖ)²
 
-    x̂, P filtered from the other channels up to this sample, its own offset among the states with what is known of it beforehand;
-    R of one sample; S what installation of the others leaves x̂ off by, D x̂ + o what its own does to the reading (`considered`).
+    x̂, P: filtered from the other channels up to this sample, with the prior of its offset; R: of one sample; S: error of x̂ by
+    installation of the others; D x̂ + o: error of the reading by its installation (`considered`).
     """
 
     trial: BenchTrial
@@ -71,7 +73,7 @@ class FilteredBench:
 
     @property
     def parts(self) -> Sequence[np.ndarray]:
-        """A gauge with all its grids, a component of another sensor."""
+        """Channels of one gauge with all grids, or one component of another sensor."""
         parts: list[np.ndarray] = []
         for name, channels in self.trial.problem.used.channels.items():
             sensor = self.trial.problem.config.sensors[name]
@@ -82,34 +84,39 @@ class FilteredBench:
         return parts
 
     def by_others(self, part: np.ndarray) -> tuple[Sequence[tuple[np.ndarray, np.ndarray]], str]:
-        """None where the others cannot tell the unknowns, or a filter diverges."""
+        """Predict from the other channels; empty if they cannot determine the unknowns, or the filter diverges."""
         others = self.available.copy()
         others[part] = False
         if not others.any():
-            return (), "there is no other"
+            return (), "no other channel"
         try:
             trial = self.trial_with(others)
             list(undistinguished(trial, self.mean))
             seeds = slice(None, None, len(trial.problem.unknowns.starts))
             mean, std, lost = predicted(trial.of_runs(seeds), self.measured[0], part)
         except (ConfigError, NumericalError) as error:
-            return (), f"without it {error.key}: {error.what}" if error.key else f"without it: {error.what}"
+            return (
+                (),
+                f"without this channel, {error.key}: {error.what}"
+                if error.key
+                else f"without this channel: {error.what}",
+            )
         if lost.any():
-            return (), f"without it {lost.sum()} of {len(lost)} runs diverge"
+            return (), f"without this channel {lost.sum()} of {len(lost)} runs diverge"
         return ((mean, std),), ""
 
 
 INSTANTS = 5
-"""Of the run, evenly, at which the sensors are asked whether they tell the unknowns."""
+"""Number of instants of the observability check."""
 MISSED = 0.05
-"""Share of a load that the step may get wrong."""
+"""Largest share of a load that the time step may not resolve."""
 TURN = 0.1
-"""[rad] that a body may turn in a step which is linearised half-way."""
+"""Largest rotation of a body per step [rad]."""
 
 
 def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
-    """Combinations of unknowns that no sensor separates at any of a few instants of the first run, mean (T + 1, size); raises
-    ConfigError, where the config does not allow for them."""
+    """Notes on combinations of unknowns that are unobservable along the first run, mean (T + 1, size). Raises ConfigError unless
+    the config allows them."""
     model, estimate = replace(trial.model, R=np.where(trial.available, trial.model.R, np.inf)), trial.problem.estimate
     finite = np.flatnonzero(np.isfinite(mean).all(axis=1))
     if not len(finite):
@@ -119,42 +126,41 @@ def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
         try:
             combinations.append(indistinct(model, mean[k], min(k, len(model.known) - 1), trial.problem.names))
         except NumericalError:
-            return  # nothing separates what decays from what does not: no statement
+            return  # undecidable
         if not combinations[-1]:
             return
     words = "; ".join(combinations[0])
     if not estimate.allow_unobservable:
         raise ConfigError(
-            f"the sensors cannot tell {words}, at none of {len(combinations)} instants of the run",
+            f"the sensors cannot determine {words} at any of {len(combinations)} instants of the run",
             key="estimate.inputs" if estimate.inputs else "estimate.parameters",
-            remedy="give the filter another sensor, make one of them known, or set estimate.allow_unobservable: true",
+            remedy="Add a sensor, set one of them as known, or set estimate.allow_unobservable: true.",
         )
-    yield f"the sensors cannot tell {words}: what is given of each rests on its first σ alone"
+    yield f"the sensors cannot determine {words}: their estimates rest on the initial σ"
 
 
 def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
-    """Loads that the step does not follow, and bodies that turn too far in it, mean, std (T + 1, size) of the first run; raises
-    ConfigError, where the config does not allow for them.
+    """Notes on loads that the time step does not resolve, and bodies that rotate too far per step; mean, std (T + 1, size) of the
+    first run. Raises ConfigError unless the config allows them.
 
-    A step that is taken for true gets wrong what its loads have above its band (`load_error`): of a load that is known more than
-    MISSED; of one that is only estimated, whose spectrum is also that of its errors, more than its σ besides.
+    Limits: MISSED for a known load; for an estimated load also its σ, as its spectrum includes errors.
     """
     config, h = trial.problem.config, trial.model.h
     doubts = [
-        f"{name} turns by {turn:.2g} rad in a step of {h:g} s, which is linearised for at most {TURN:g}"
+        f"{name} rotates by {turn:.2g} rad in a step of {h:g} s; the limit of linearisation is {TURN:g} rad"
         for name, turn in turns_in_a_step(trial.problem.bench, mean[:, trial.model.v], h).items()
         if turn > TURN
     ]
     if not corrects(config):
         doubts = list(_missed(trial, reality, mean, std))
     if doubts and not trial.problem.estimate.allow_unfollowed:
-        made_up_for = "" if corrects(config) or config.driven else "method.step_error: estimated, "
+        step_error = "" if corrects(config) or config.driven else "set method.step_error: estimated, "
         raise ConfigError(
             doubts[0],
             key="estimate.time_step",
-            remedy=f"take a smaller estimate.time_step, {made_up_for}or set estimate.allow_unfollowed: true",
+            remedy=f"Reduce estimate.time_step, {step_error}or set estimate.allow_unfollowed: true.",
         )
-    yield from (f"{text}: σ does not allow for that" for text in doubts)
+    yield from (f"{text}; σ does not include this error" for text in doubts)
 
 
 def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
@@ -179,19 +185,17 @@ def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarr
         size, claimed = float(np.std(load)), float(np.median(std[1:, model.u[at[0]]])) if len(at) else 0.0
         if known or not len(at) or share * size > claimed:
             yield (
-                f"the step of {h:g} s follows loads up to {resolved_frequency(frequency, h, method):.3g} Hz, and of "
-                f"{name} it gets "
-                f"{100 * share:.2g} % wrong"
+                f"the time step of {h:g} s resolves loads up to "
+                f"{resolved_frequency(frequency, h, method):.3g} Hz and does not resolve {100 * share:.2g} % of {name}"
             )
 
 
 @dataclass(frozen=True)
 class BenchEstimation:
-    """What a filter made of a reality.
+    """Result of an estimate.
 
-    measured (T, B, m); filtered; reading (T + 1, seeds, all channels) of every sensor at the
-    estimate of a seed's first start; rings: what every bearing does, by the first run of an extended filter; without: every
-    channel by the others, where that was asked for; notes: doubts. Sentences.
+    measured (T, B, m); reading (T + 1, seeds, all channels): predicted readings at the first start of each seed; rings: bearings
+    in the first run of an extended filter; without: hold-out test, None if not configured; notes: sentences.
     """
 
     trial: BenchTrial
@@ -209,13 +213,13 @@ class BenchEstimation:
 
     @property
     def starts(self) -> int:
-        """Runs of one seed."""
+        """Number of runs of one seed."""
         return len(self.problem.unknowns.starts)
 
     @cached_property
     def values(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Unknown → its estimate and σ in every run (T + 1, B), loads before parameters, NaN where the run diverges; σ of a
-        parameter is √(s P_ξξ sᵀ), s = ∂θ/∂ξ."""
+        """Unknown → estimate and σ in every run (T + 1, B), loads before parameters, NaN after divergence; σ of a parameter is
+        √(s P_ξξ sᵀ), s = ∂θ/∂ξ."""
         unknowns, model, mean = self.problem.unknowns, self.trial.model, self.filtered.mean
         values = {}
         for name, at in zip(self.problem.estimate.inputs, model.u, strict=True):
@@ -231,16 +235,14 @@ class BenchEstimation:
 
     @cached_property
     def smoothed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Load → its estimate by all samples and σ in the first run (T + 1,), σ NaN where it is withheld; none of a grid
-        filter."""
+        """Load → smoothed estimate and σ in the first run (T + 1,), σ NaN if withheld; empty for the parameter grid filter."""
         loads = self.filtered.smoothed
         each = () if loads is None else zip(loads.mean.T, loads.std.T, strict=True)
         return dict(zip(self.problem.estimate.inputs, each, strict=False))
 
     @cached_property
     def truths(self) -> dict[str, np.ndarray]:
-        """Unknown → its true value in every run (T + 1, B), of those where it is known: truths are one for all or one a seed,
-        starts run within a seed."""
+        """Unknown → true value in every run (T + 1, B), if known; truths are common or per seed."""
         unknowns, runs, inputs = self.problem.unknowns, self.measured.shape[1], self.reality.inputs
         true = {name: inputs[:, :, at] for name, at in zip(self.problem.estimate.inputs, unknowns.inputs, strict=True)}
         for name, at in zip(unknowns.free, unknowns.coordinates.free, strict=True):
@@ -250,24 +252,24 @@ class BenchEstimation:
 
     @cached_property
     def errors(self) -> dict[str, np.ndarray]:
-        """Unknown → its error in every run (T + 1, B), of those whose truth is known."""
+        """Unknown → error in every run (T + 1, B), if the truth is known."""
         return {name: self.values[name][0] - true for name, true in self.truths.items()}
 
     @property
     def held_out(self) -> tuple[LeftOut, ...]:
-        """What the others say of every channel, over all seeds; none where that was not asked for."""
+        """Hold-out results of every channel over all seeds, empty if not configured."""
         return left_out(self.without, channel_labels(self.problem.used), self.measured[:, :: self.starts])
 
 
 def estimate_bench(
     bench: Bench, other: Simulated | None, truths: BenchTruths | None, using: Resources
 ) -> BenchEstimation:
-    """Simulate or take the measurements, run the filter on them; other: the bench of `estimate.measured`; truths: by another
-    integrator, where these stand for reality."""
+    """Simulate or read the measurements and run the filter; other: bench of `estimate.measured`; truths: from another integrator,
+    None otherwise."""
     problem = problem_of(bench, using.files)
     estimate, among = problem.estimate, problem.among
     reality = reality_of(problem, other, truths, using)
-    largest, first, available = np.zeros(len(among)), None, _given(problem)
+    largest, first, available = np.zeros(len(among)), None, _configured_channels(problem)
     if reality is not None:
         read, first = reality.readings[:, :, among], reality.first
         largest = np.nan_to_num(np.abs(read)).max(axis=(0, 1))
@@ -289,8 +291,8 @@ def estimate_bench(
         using.progress(what, 0.3 + 0.7 * (until + (1 - until) * share))
 
     watch = ring_watch(bench, trial.model, problem.steps)
-    uses_grid = estimate.method.parameters == "bank" and problem.unknowns.free
-    filtered = run_grid_filter(trial, y, filtering) if uses_grid else by_extended(trial, y, filtering, watch)
+    on_grid = estimate.method.parameters == "uses_grid" and problem.unknowns.free
+    filtered = by_grid(trial, y, filtering) if on_grid else by_extended(trial, y, filtering, watch)
     mean = filtered.mean[:, 0]
     doubts = (*undistinguished(trial, mean), *unfollowed(trial, reality, mean, filtered.std[:, 0]))
     without = None
@@ -304,12 +306,11 @@ def estimate_bench(
 
 
 NOISE = 1
-"""Last word of the seed of every run's noise; a trailing zero would be no word at all."""
+"""Last word of the seed for noise, not zero because trailing zeros have no effect."""
 
 
 def _samples(trial: BenchTrial, reality: Reality) -> np.ndarray:
-    """What the filter is given (T, B, m), NaN of channels that it has not: noise is drawn anew for every seed, the same for all
-    starts of one."""
+    """Measurements (T, B, m) with noise sampled per seed, the same for all starts; NaN for channels not available."""
     problem, estimate, seed = trial.problem, trial.problem.estimate, trial.problem.config.seed
     read, runs = reality.readings[:, :, problem.among], estimate.runs
     shape = (problem.steps, runs, len(trial.noise))
@@ -318,15 +319,15 @@ def _samples(trial: BenchTrial, reality: Reality) -> np.ndarray:
         draws = [np.random.default_rng((seed, run, NOISE)).standard_normal(shape[::2]) for run in range(runs)]
         y += trial.noise * np.stack(draws, axis=1)
         if estimate.measured is None:
-            y += trial.offsets.drawn(*shape, seed)
+            y += trial.offsets.sample(*shape, seed)
             if problem.errors and reality.q is not None:
                 y += misread(problem.bench, problem.used, problem.errors, reality.q, runs)
     y[:, :, ~trial.available] = np.nan
     return np.repeat(y, len(problem.unknowns.starts), axis=1)
 
 
-def _given(problem: BenchProblem) -> np.ndarray:
-    """Which channels (m,) of its sensors the filter has: of those that take a layout the components that are in it."""
+def _configured_channels(problem: BenchProblem) -> np.ndarray:
+    """Channels (m,) that the filter uses; for sensors with a layout only the components in it."""
     channels = np.ones(len(problem.used.zeroed), dtype=bool)
     for name, entry in problem.estimate.sensors.items():
         if entry.layout is not None:
@@ -338,8 +339,8 @@ def _given(problem: BenchProblem) -> np.ndarray:
 
 
 def _expected(trial: BenchTrial, mean: np.ndarray) -> np.ndarray:
-    """What all sensors read by the estimate of the first start of every seed (T + 1, seeds, channels), zeroed ones less their
-    zero by the parameters of that instant, those of the filter with their offsets; NaN where the run diverges."""
+    """Predicted readings (T + 1, seeds, channels) of all sensors at the first start of every seed, with zeroing and offsets; NaN
+    after divergence."""
     problem, model, sensors = trial.problem, trial.model, trial.problem.sensors
     zero = free_zero(problem, sensors)
     constant = zero_of(problem, sensors, problem.unknowns.starts[0]) if zero is None else 0.0
@@ -347,7 +348,7 @@ def _expected(trial: BenchTrial, mean: np.ndarray) -> np.ndarray:
     reading = np.full((*first.shape[:2], len(sensors.zeroed)), np.nan)
     for at in np.ndindex(first.shape[:2]):
         if np.isfinite(x := first[at]).all():
-            taken_off = constant if zero is None else zero(x[model.xi])[0]
-            reading[at] = model.read(sensors.readings, x, at[0])[0] - taken_off
+            zero_reading = constant if zero is None else zero(x[model.xi])[0]
+            reading[at] = model.read(sensors.readings, x, at[0])[0] - zero_reading
             reading[at][problem.among[trial.offsets.at]] += x[model.size :]
     return reading

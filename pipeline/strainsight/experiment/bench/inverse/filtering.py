@@ -1,6 +1,4 @@
-"""The filter of a bench: an extended one over loads and parameters, or a grid of them over the parameters; what the balls of its
-bearings carry by the estimate, with σ.
-"""
+"""Filters of a bench: extended filter over loads and parameters, or parameter grid filter; ball loads with σ."""
 
 from __future__ import annotations
 
@@ -30,37 +28,36 @@ from strainsight.records.estimated import EXTENDED, GRID_FILTER, Compared
 from strainsight.records.record import record_from
 
 LARGEST = 1e9
-"""Bytes that a smoother may keep of a filter."""
+"""Largest memory for smoothing [bytes]."""
 
 
 @dataclass(frozen=True)
 class SmoothedLoads:
-    """mean, std (T + 1, nu) of the unknown loads of the first run, by all samples [N, N m]; std NaN where it is withheld."""
+    """Smoothed unknown loads of the first run: mean, std (T + 1, nu) [N, N m], std NaN if withheld."""
 
     mean: np.ndarray
     std: np.ndarray
 
 
 def keep_for(model: AugmentedStep, steps: int) -> tuple[Keep, tuple[str, ...]]:
-    """What a filter of so many steps has to keep for `smoothed_loads`, and a note where that is too much."""
+    """Data to keep for `smoothed_loads`, and a note if they are too large."""
     if not len(model.inputs):
         return "mean", ()
-    # covariance, Jacobian and process noise, and the rows of the measurement
+    # covariance, Jacobian, process noise and measurement rows
     size = 8.0 * steps * model.size * (3 * model.size + model.channels)
     if size <= LARGEST:
         return "first", ()
     return "mean", (
-        f"loads are not smoothed: {steps} steps of {model.size} states take {size / 1e9:.3g} GB, at most {LARGEST / 1e9:.3g}; "
-        "loads.csv has the filter's; a shorter estimate.duration or a longer estimate.time_step has them smoothed",
+        f"loads.csv contains filtered loads: smoothing {steps} steps of {model.size} states needs {size / 1e9:.3g} GB, the limit "
+        f"is {LARGEST / 1e9:.3g} GB. To smooth, reduce estimate.duration or increase estimate.time_step",
     )
 
 
 def smoothed_loads(model: AugmentedStep, whole: StepModel, run: FilterRun) -> SmoothedLoads | None:
-    """None where nothing was kept, or the first run diverged; whole: the model of the run, with offsets behind its states.
+    """Smoothed loads, None without stored data or if the first run diverged; whole: model of the run with offsets.
 
-    σ is withheld of loads that are smooth where the filter allows for what its step leaves out: of that it takes every step's
-    share for new, and the smoother of a smooth load averages what comes again and again as if it went out. Against another
-    integrator errors were up to twice σ.
+    σ of smooth loads is withheld if the filter estimates the step error, as it assumes independent step errors; real errors were
+    up to twice σ.
     """
     if run.covariance is None or run.jacobian is None or run.lost[0] >= 0:
         return None
@@ -69,21 +66,23 @@ def smoothed_loads(model: AugmentedStep, whole: StepModel, run: FilterRun) -> Sm
     smoothed = smooth_first(whole, run)
     std = smoothed.std[:, 0, model.u]
     if model.corrected:
-        # smooth are those with more states than the load itself
+        # smooth load models have several states
         std[:, np.diff(np.append(model.loads.first, model.loads.size)) > 1] = np.nan
     return SmoothedLoads(smoothed.mean[:, 0, model.u], std)
 
 
 Progress = Callable[[float], None]
-"""Called with the share that is done."""
+"""Called with the finished share."""
 
 
 @dataclass(frozen=True)
 class FilteredRuns:
-    """mean, std (T + 1, B, size) of x, behind it the offsets, NaN in diverged runs; joint (T + 1, b, k, k) covariance of loads
-    and parameters; nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; compared: the
-    parameters of the first run by the grid filter and by the extended filter; smoothed: loads of the first run, of an extended
-    filter; notes in words."""
+    """Filtered runs.
+
+    mean, std (T + 1, B, size): of [x, offsets], NaN after divergence; joint (T + 1, b, k, k): covariance of loads and parameters;
+    nis (T, B): per channel; lost (B,): step of divergence, −1 for none; compared: parameters of the first run by both filters;
+    smoothed: loads of the first run of an extended filter; notes: sentences.
+    """
 
     mean: np.ndarray
     std: np.ndarray
@@ -96,16 +95,16 @@ class FilteredRuns:
 
 
 def per_channel(nis: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Over the number of channels (T, B) that were measured, of y (T, B, m)."""
+    """NIS divided by the number of measured channels of y (T, B, m)."""
     return np.asarray(nis / np.maximum(np.isfinite(y).sum(axis=2), 1))
 
 
 Watch = Callable[[int, np.ndarray, np.ndarray], None]
-"""As of `filter_runs`: step, x (B, N) and P (B, N, N)."""
+"""Callback of `filter_runs`: step, x (B, N) and P (B, N, N)."""
 
 
 def by_extended(trial: BenchTrial, y: np.ndarray, progress: Progress, watch: Watch | None = None) -> FilteredRuns:
-    """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too."""
+    """Run the extended filter on all runs y (T, B, m); other forms of the update may diverge without an error."""
     keep, notes = keep_for(trial.model, len(y))
     D, o = trial.installed
     if errors := D.shape[1]:
@@ -119,18 +118,17 @@ def by_extended(trial: BenchTrial, y: np.ndarray, progress: Progress, watch: Wat
         S = considered(run, y, trial.model.R, D, o)
         std, of_unknowns = np.sqrt(std**2 + np.sum(S**2, axis=3)), S[:, :, trial.model.position]
         joint = joint + of_unknowns @ np.swapaxes(of_unknowns, 2, 3)
-        # what later samples say does not undo an error that all of them have
+        # later samples have the same constant error
         smoothed = None if smoothed is None else replace(smoothed, std=np.full_like(smoothed.std, np.nan))
     return FilteredRuns(run.mean, std, joint, per_channel(run.nis, y), run.lost, smoothed=smoothed, notes=notes)
 
 
 def considered(run: FilterRun, y: np.ndarray, R: np.ndarray, D: np.ndarray, o: np.ndarray) -> np.ndarray:
-    """S (T + 1, B, N, k): what σ of every constant error of the readings, (D x + o) ν, leaves the estimate off by, where the gain
-    knows nothing of it:
+    """S (T + 1, B, N, k): error of the estimate per σ of considered constant reading errors (D x + o) ν (Schmidt-Kalman):
 
         Sₖ₊₁ = (1 − K H) A Sₖ + K (D x̂ + o),     K = P Hᵀ R⁻¹,     σ² = diag(P + S Sᵀ)
 
-    run: kept for all runs; y (T, B, m) with NaN where missing, R (m,); D (m, k, n) on the first n states, o (m, k).
+    run: with all data kept; y (T, B, m), NaN if missing; R (m,); D (m, k, n): on the first n states; o (m, k).
     Source: Schmidt; Gelb, Applied Optimal Estimation (1974), section 7.2.
     """
     assert run.covariance is not None
@@ -149,8 +147,8 @@ def considered(run: FilterRun, y: np.ndarray, R: np.ndarray, D: np.ndarray, o: n
 
 
 def predicted(trial: BenchTrial, y: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Readings (T, B, k) of some channels (k,) by all others of y (T, B, m), their σ with the noise of a sample, and which runs
-    (B,) diverge."""
+    """Predict readings (T, B, k) of channels (k,) from all others of y (T, B, m); returns mean, σ including noise, and diverged
+    runs (B,)."""
     D, o = trial.installed
     others = y.copy()
     others[:, :, part] = np.nan
@@ -162,7 +160,7 @@ def predicted(trial: BenchTrial, y: np.ndarray, part: np.ndarray) -> tuple[np.nd
         S, model = considered(run, others, trial.model.R, D, o), trial.offsets.model(trial.model)
         of_part = np.einsum("mkn,tbn->tbmk", D[part], run.mean[1:, :, : D.shape[2]]) + o[part]
         for k in range(len(y)):
-            # the run keeps no row of a channel that is missing
+            # the run has no rows of missing channels
             x = np.where(np.isfinite(run.mean[k + 1]), run.mean[k + 1], run.mean[0])
             H = model.measure(x, k)[1][:, part]
             variance[k] += np.sum((H @ S[k + 1] - of_part[k]) ** 2, axis=2)
@@ -170,39 +168,37 @@ def predicted(trial: BenchTrial, y: np.ndarray, part: np.ndarray) -> tuple[np.nd
 
 
 def _refuse_large(trial: BenchTrial, y: np.ndarray) -> None:
-    """What errors of gauges leave is found from the covariances of all runs."""
+    """Check the memory for gauge errors, which needs the covariances of all runs."""
     steps, runs, size = len(y), y.shape[1], trial.model.size + len(trial.offsets.at)
     needed = 8.0 * steps * runs * size * (3 * size + y.shape[2] + trial.installed[0].shape[1])
     if needed > LARGEST:
         raise ConfigError(
-            f"{steps} steps of {runs} runs with {size} states take {needed / 1e9:.3g} GB, at most {LARGEST / 1e9:.3g}",
+            f"{steps} steps of {runs} runs with {size} states need {needed / 1e9:.3g} GB; the limit is {LARGEST / 1e9:.3g} GB",
             key="estimate.tolerances",
-            remedy="take fewer runs, a shorter estimate.duration, or leave tolerances out",
+            remedy="Reduce the number of runs or estimate.duration, or remove the tolerances.",
         )
 
 
-def run_grid_filter(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRuns:
-    """One run after the other on y (T, B, m), and the extended filter on the first one's samples beside it."""
+def by_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRuns:
+    """Run the parameter grid filter on each run of y (T, B, m), and the extended filter on the first run for comparison."""
     runs = y.shape[1]
 
     def progress_of(run: int) -> Progress:
         return lambda share: progress((run + share) / runs)
 
-    grid_runs = [
-        _filter_on_grid(trial.of_runs(slice(run, run + 1)), y[:, run], progress_of(run)) for run in range(runs)
-    ]
+    grid_runs = [_run_grid(trial.of_runs(slice(run, run + 1)), y[:, run], progress_of(run)) for run in range(runs)]
     mean, std, joint, nis = (
         np.stack([getattr(grid_run, key) for grid_run in grid_runs], axis=1) for key in ("mean", "std", "joint", "nis")
     )
     for k, states in enumerate(mean[1:], start=1):
-        # a mean of states that the joints allow is none itself, by the square of what they differ
+        # a mean of admissible states violates the constraints in second order
         states[:] = trial.offsets.projected(trial.model)(states, k)
     nis, lost = per_channel(nis, y), np.full(runs, -1)
     notes: tuple[str, ...] = ()
     if without := sum(grid_run.without for grid_run in grid_runs):
         tried = sum(len(grid_run.weight) for grid_run in grid_runs)
         notes = (
-            f"{without} of {tried} points of the parameters have no weight: filters there diverged or found no start",
+            f"{without} of {tried} parameter grid points have no weight, because their filters diverged or found no start",
         )
     return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, grid_runs[0]), notes=notes)
 
@@ -217,7 +213,7 @@ def _filter(
     watch: Watch | None = None,
     keep: Keep = "mean",
 ) -> FilterRun:
-    """start x, P: by default that of the trial."""
+    """Run the extended filter; start: x and P, by default of the trial."""
     offsets, method = trial.offsets, trial.problem.estimate.method
     once = method.update in ("one_shot", "as_printed")
     return filter_runs(
@@ -225,7 +221,7 @@ def _filter(
         *(start or (trial.start, trial.covariance)),
         y,
         keep,
-        form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
+        form="square_root",  # the Joseph form may lose definiteness of P at small noise
         iterations=1 if once else method.iterations,
         through_step=not once,
         damped=method.update != "undamped",
@@ -236,8 +232,8 @@ def _filter(
     )
 
 
-def _filter_on_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> StepGridRun:
-    """On the samples y (T, m) of one run."""
+def _run_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> StepGridRun:
+    """Run the parameter grid filter on samples y (T, m) of one run."""
 
     def filters(x: np.ndarray, P: np.ndarray, samples: np.ndarray) -> FilterRun:
         return _filter(trial, np.repeat(samples[:, None], len(x), axis=1), (x, P), refuse=False)
@@ -248,7 +244,7 @@ def _filter_on_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> Ste
 
 
 def _compared(trial: BenchTrial, y: np.ndarray, grid_run: StepGridRun) -> Compared:
-    """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
+    """Compare the final parameters of the first run; NaN if the extended filter diverged."""
     unknowns, at, model = trial.problem.unknowns, trial.model.xi, trial.model
     p, k = model.coordinates.size, len(unknowns.inputs)
     try:
@@ -266,18 +262,18 @@ def _compared(trial: BenchTrial, y: np.ndarray, grid_run: StepGridRun) -> Compar
 
 
 INSTANTS = 100
-"""Instants, evenly from start to end, at which balls are looked at."""
+"""Number of instants at which ball loads are evaluated."""
 
 Carried = Callable[[np.ndarray], BallLoads]
-"""(d, ξ) (5 + p,), five displacements of the inner ring and the parameters → what the balls carry."""
+"""(d, ξ) (5 + p,), displacements of the inner ring and parameters → ball loads."""
 
 
 @dataclass(frozen=True)
 class RingWatch:
-    """Gathers, of the first run of a filter, the displacements d = ρ(q) of every bearing with the parameters ξ, and their
-    covariance J P Jᵀ, J = [∇ρ on q, 1 on ξ].
+    """Record displacements d = ρ(q) of every bearing and parameters ξ in the first run, with covariance J P Jᵀ, J = [∇ρ on q, 1
+    on ξ].
 
-    rows of every bearing, by the name of its force; mean (T + 1, 5 + p), covariance (T + 1, 5 + p, 5 + p) by that name.
+    By force name: rows; mean (T + 1, 5 + p), covariance (T + 1, 5 + p, 5 + p).
     """
 
     model: AugmentedStep
@@ -292,21 +288,21 @@ class RingWatch:
         rho, G, *_ = relation_rows(model.system.products, x[model.q], x[model.v])
         for name, rows in self.rows.items():
             J = np.zeros((5 + p, len(x)))
-            # one that takes from motion feels its turn, too
+            # drag relations beyond the five displacements are not needed
             J[:5, model.q], J[5:, model.xi] = G[rows][:5], np.eye(p)
             self.mean[name][k] = np.concatenate([rho[rows][:5], x[model.xi]])
             self.covariance[name][k] = J @ P @ J.T
 
 
 def ring_watch(bench: Bench, model: AugmentedStep, steps: int) -> RingWatch:
-    """Of all bearings of the bench, in so many steps."""
+    """Recorder for all bearings of the bench over `steps` steps."""
     k, rows = 5 + model.coordinates.size, {name: element.rows for name, (element, _) in bench.rings.items()}
     mean = {name: np.full((steps + 1, k), np.nan) for name in rows}
     return RingWatch(model, rows, mean, {name: np.full((steps + 1, k, k), np.nan) for name in rows})
 
 
 def rings_estimated(bench: Bench, watch: RingWatch) -> dict[str, RingEstimate]:
-    """Every bearing by the estimate; none of one whose run diverged."""
+    """Bearing loads from the estimated states; bearings of diverged runs are omitted."""
     coordinates, h = watch.model.coordinates, watch.model.h
     return {
         name: _ring(h * np.arange(len(mean)), mean, watch.covariance[name], _carried(bench, coordinates, name))
@@ -338,8 +334,8 @@ def spread(mean: np.ndarray, covariance: np.ndarray, carried: Carried) -> tuple[
 
         σ² = Σ_k ¼ (g(m + s_k) − g(m − s_k))²,     Σ_k s_k s_kᵀ = P
 
-    exact where g is straight; by differences as long as the σ of d and ξ, so that a contact that opens within them counts.
-    mean (5 + p,), covariance P (5 + p, 5 + p). NaN where a displaced bearing cannot be.
+    by differences over one σ of d and ξ, to include contacts that open. mean (5 + p,), covariance P (5 + p, 5 + p). NaN if a
+    displaced bearing is infeasible.
     """
     force, pressure = 0.0, 0.0
     for s in covariance_factor(covariance).T:
@@ -354,7 +350,7 @@ def spread(mean: np.ndarray, covariance: np.ndarray, carried: Carried) -> tuple[
 
 
 def _carried(bench: Bench, coordinates: ParameterCoordinates, name: str) -> Carried:
-    """Of one bearing, with the parameters of it that are free."""
+    """Ball-load function of one bearing with its estimated parameters."""
     element, bearing = bench.rings[name]
     properties = [bench.system.parameters[at].split(".")[-1] for at in element.parameters]
     places = [PARAMETERS.index(key) for key in properties]

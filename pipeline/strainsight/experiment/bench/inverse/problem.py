@@ -1,4 +1,4 @@
-"""The problem of a bench's estimate: unknowns, sensors, loads; and what the bench at rest says before a filter runs."""
+"""Estimation problem of a bench: unknowns, sensors, loads, and checks at rest before the filter runs."""
 
 from __future__ import annotations
 
@@ -33,10 +33,12 @@ from strainsight.ordering import first_of_largest
 
 @dataclass(frozen=True)
 class BenchUnknowns:
-    """inputs (nu,): places of the unknown loads in `system.inputs`, with σ at the start and of their change in a step [N, N m];
-    loads: how they move;
-    parameters: name in the config → name in the system; free: those of them that are estimated; starts (s, nθ): what the
-    filter takes θ for, one row a start; std, increment (p,) of the free ones [m, Pa]; coordinates of them."""
+    """Unknowns of a bench.
+
+    inputs (nu,): indices of the unknown loads in `system.inputs`, std_u, increment_u: σ at the start and per step [N, N m];
+    loads: random-walk models; parameters: name in the config → name in the system; free: estimated ones; starts (s, nθ): initial
+    θ, one row per start; std, increment (p,): of estimated parameters [m, Pa]; coordinates: of these.
+    """
 
     inputs: np.ndarray
     std_u: np.ndarray
@@ -51,15 +53,15 @@ class BenchUnknowns:
 
 
 def corrects(config: BenchConfig) -> bool:
-    """Whether the filter allows for what its step leaves out: as in a test, unless the truth is made by that very step."""
+    """Whether the filter estimates the step error: as in a test, unless the truth uses the same step."""
     estimate = config.estimator
     by_own_step = estimate.measured is None and estimate.truth.model == "own"
     return corrects_in_a_test(config) and (estimate.method.step_error is not None or not by_own_step)
 
 
 def corrects_in_a_test(config: BenchConfig) -> bool:
-    """The same where the bench itself moves: where it is asked to, else unless step or noise are the thesis's, which takes the
-    step for true, or a joint is driven: along the motions that a drive leaves the bench is not linear in a step."""
+    """Whether the filter estimates the step error in a test: as configured, by default with second-order steps and without
+    printed noise or driven joints."""
     stated, printed = config.estimator.method.step_error, config.estimator.method.noise == "as_printed"
     if stated is not None or printed:
         return stated == "estimated"
@@ -67,7 +69,7 @@ def corrects_in_a_test(config: BenchConfig) -> bool:
 
 
 def free_properties(estimate: BenchEstimateSection) -> dict[str, tuple[str, ...]]:
-    """Bearing → its properties that the estimate names, in the order of PARAMETERS."""
+    """Bearing → estimated properties, in the order of PARAMETERS."""
     free: dict[str, list[str]] = {}
     for entry in estimate.parameters.values():
         if entry.bearing is not None and entry.property is not None:
@@ -76,12 +78,12 @@ def free_properties(estimate: BenchEstimateSection) -> dict[str, tuple[str, ...]
 
 
 def parameter_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
-    """Pa of a modulus, m of what a bearing has."""
+    """Units of parameters: Pa for moduli, m for bearing properties."""
     return {name: "Pa" if config.estimator.parameters[name].bearing is None else "m" for name in names}
 
 
 def unknowns_of(bench: Bench, h: float) -> BenchUnknowns:
-    """What the config's `estimate` says, h [s] the filter's step: σ a step is σ a second times h where it asks for that."""
+    """Unknowns of `estimate`; h [s]: filter step, multiplies increments given per second."""
     config, system, estimate = bench.config, bench.system, bench.config.estimator
     a_step = h if estimate.increments == "second" else 1.0
     places = {
@@ -119,7 +121,7 @@ def unknowns_of(bench: Bench, h: float) -> BenchUnknowns:
 
 
 def load_process_of(config: BenchConfig, increments: np.ndarray, h: float) -> LoadProcess:
-    """Of all unknown loads in their order, in steps of h [s]; increments of `increments_of`."""
+    """Random-walk models of all unknown loads in steps of h [s]; increments: see `increments_of`."""
     models, amplitudes = [], []
     for name, entry in config.estimator.inputs.items():
         frequency, amplitude = (1.0, 1.0) if entry.model == "random_walk" else typical_of(config, name)
@@ -129,8 +131,8 @@ def load_process_of(config: BenchConfig, increments: np.ndarray, h: float) -> Lo
 
 
 def increments_of(config: BenchConfig, h: float) -> np.ndarray:
-    """σ (nu,) of the change of every unknown load in a step of h [s] [N, N m]: as stated; of a walk that states none a √(κωh), of
-    the other models about aωh, at most a."""
+    """σ (nu,) of the change of every unknown load per step h [s] [N, N m]: configured, else a √(κωh) for a random walk and
+    min(aωh, a) for other models."""
     estimate, increments = config.estimator, []
     for name, entry in estimate.inputs.items():
         if entry.increment is not None:
@@ -144,7 +146,7 @@ def increments_of(config: BenchConfig, h: float) -> np.ndarray:
 
 
 def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
-    """Frequency [Hz] and amplitude [N, N m] of an unknown load: as stated, else of the sine that its history is."""
+    """Frequency [Hz] and amplitude [N, N m] of an unknown load: configured, else of its sine signal."""
     entry, force = config.estimator.inputs[name], config.forces[name]
     assert isinstance(force, Load)
     sine = force.signal if isinstance(force.signal, SineSection) else None
@@ -160,10 +162,12 @@ InTime = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class BenchProblem:
-    """bench; sensors: all of them, used: those of the filter; errors: of its gauges; unknowns; h [s]: the filter's step; loads,
-    drives: as stated, in time; known (T + 1, width): all loads as the filter knows them, guesses in the columns of unknown ones;
-    heaviest (width,): loads under which a parameter has to be felt; zeroing (width,): those under which gauges were zeroed at
-    rest, which a test knows."""
+    """Estimation problem of a bench.
+
+    sensors: all, used: of the filter; errors: installation errors of its gauges; h [s]: filter step; loads, drives: configured
+    histories; known (T + 1, width): all loads, guesses for unknown ones; heaviest (width,): loads for the observability check;
+    zeroing (width,): loads at which gauges were zeroed.
+    """
 
     bench: Bench
     sensors: Sensors
@@ -191,23 +195,23 @@ class BenchProblem:
 
     @property
     def time(self) -> np.ndarray:
-        """(T + 1,) [s]."""
+        """Instants (T + 1,) [s]."""
         return self.h * np.arange(len(self.known))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The unknowns, loads before parameters."""
+        """Names of the unknowns, loads before parameters."""
         return (*self.estimate.inputs, *self.unknowns.free)
 
     @property
     def among(self) -> np.ndarray:
-        """Channels of the filter among those of all sensors (m,)."""
+        """Indices of the filter's channels among those of all sensors (m,)."""
         every = np.arange(len(self.sensors.zeroed))
         return np.concatenate([every[self.sensors.channels[name]] for name in self.used.channels])
 
 
 def problem_of(bench: Bench, files: Mapping[str, Path]) -> BenchProblem:
-    """As `estimate` asks; the bench with its free properties as parameters."""
+    """Set up the estimation problem of `estimate`; the bench has its estimated properties as parameters."""
     config, estimate, h = bench.config, bench.config.estimator, bench.config.filter_step
     sensors, unknowns = sensors_of(bench), unknowns_of(bench, h)
     used = some_of(bench, sensors, list(estimate.sensors))
@@ -224,13 +228,13 @@ def problem_of(bench: Bench, files: Mapping[str, Path]) -> BenchProblem:
 
 
 FITS, SETTLED = 20, 1e-9
-"""Gauss-Newton steps to loads at rest, and the share of their σ below which they are found."""
+"""Most Gauss-Newton steps for loads at rest, and convergence tolerance relative to their σ."""
 HALVINGS = 12
-"""How often a step of them is halved that explains less, or that no rest carries."""
+"""Most halvings of a step."""
 
 
 def zero_of(problem: BenchProblem, sensors: Sensors, theta: np.ndarray) -> np.ndarray:
-    """What zeroed channels read when they were zeroed (channels,), by a bench with these parameters; 0 for the others."""
+    """Readings (channels,) at zeroing with these parameters, 0 for channels that are not zeroed."""
     if not sensors.zeroed.any():
         return np.zeros(len(sensors.zeroed))
     with blame("estimate"):
@@ -240,7 +244,7 @@ def zero_of(problem: BenchProblem, sensors: Sensors, theta: np.ndarray) -> np.nd
 
 
 def free_zero(problem: BenchProblem, sensors: Sensors) -> Zero | None:
-    """The same for every trial value of the parameters; None where none is estimated, none zeroed, or the start no rest."""
+    """Readings at zeroing as a function of the parameters; None without estimated parameters, zeroed channels or equilibrium."""
     unknowns, bench = problem.unknowns, problem.bench
     if not (sensors.zeroed.any() and unknowns.free and problem.config.simulate.start == "equilibrium"):
         return None
@@ -249,11 +253,11 @@ def free_zero(problem: BenchProblem, sensors: Sensors) -> Zero | None:
 
 
 def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Loads (nu,) under which the bench at rest reads what was measured first, by damped Gauss-Newton from the guess:
+    """Loads (nu,) that explain the first readings at rest, by damped Gauss-Newton from the guess:
 
-    min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
+    min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs without a configured guess
 
-    first y₀ (m,), NaN where nothing was measured.
+    first y₀ (m,), NaN if not measured.
     """
     bench, unknowns = problem.bench, problem.unknowns
     free = [i for i, entry in enumerate(problem.estimate.inputs.values()) if entry.guess is None]
@@ -261,7 +265,7 @@ def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, n
     std, theta = unknowns.std_u[free], unknowns.starts[0]
 
     def misfit(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is to be explained by a change of the loads, and its slopes."""
+        """Residual and its derivatives with respect to the loads."""
         q, v = start_of(bench.at(theta), u)
         by_u, _ = static_response(bench.system, q, u, theta)
         read, H, _ = problem.used.readings.read(q, v, at_rest(bench.system, u))
@@ -284,7 +288,7 @@ def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, n
             try:
                 tried = misfit(trial)
             except (NumericalError, UserError):
-                continue  # no rest under loads that go too far
+                continue  # no equilibrium under these loads
             if np.linalg.norm(tried[0]) < np.linalg.norm(r):
                 u, (r, slopes) = trial, tried
                 break
@@ -294,9 +298,9 @@ def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, n
 
 
 def moved_at_rest(problem: BenchProblem, under: tuple[np.ndarray, ...]) -> tuple[np.ndarray, NumericalError | None]:
-    """What one σ of every unknown, or of its change in a step, moves every reading by at rest (m, nu + p): the most of all
-    these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest. With the error
-    of loads, the first ones aside, under which no rest was found: they may move more."""
+    """Effect (m, nu + p) of one σ of every unknown, or of its change per step, on every reading at rest, the largest under these
+    loads, as a stiffness has an effect only under load. Zeros without an initial equilibrium. Also returns the error of loads
+    after the first for which no equilibrium was found."""
     bench, unknowns, channels = problem.bench, problem.unknowns, problem.used.readings
     unsolved: NumericalError | None = None
     most = np.zeros((len(channels.channels), len(unknowns.std_u) + len(unknowns.std)))
@@ -313,7 +317,7 @@ def moved_at_rest(problem: BenchProblem, under: tuple[np.ndarray, ...]) -> tuple
             if i == 0:
                 raise
             unsolved = error if isinstance(error, NumericalError) else unsolved
-            continue  # loads that rest cannot carry say nothing
+            continue  # no equilibrium under these loads
         response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, unknowns.coordinates.free]], axis=1)
         most = np.maximum(most, np.abs(channels.read(q, v, at_rest(bench.system, u))[1] @ response) * std)
     return most, unsolved

@@ -1,4 +1,4 @@
-"""A bench's filter before it runs: its model, where it starts, the noise of its channels."""
+"""Set-up of a bench filter: model, initial state, and noise of its channels."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from strainsight.experiment.bench.sensors import Sensors, rows_of
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import start_covariance, white_force
 
-DRAWN = 4
-"""Last word of the seed by which a seed's offsets are drawn."""
+OFFSET_STREAM = 4
+"""Last word of the seed for sampled offsets."""
 
 
 @dataclass(frozen=True)
 class ChannelOffsets:
-    """at (k,): channels that have an offset; std (k,): σ of it at the start, walk (k,): of its change in a step [unit of
+    """Estimated channel offsets: at (k,): channels; std (k,): σ at the start, walk (k,): σ of the change per step [unit of
     each]."""
 
     at: np.ndarray
@@ -39,27 +39,27 @@ class ChannelOffsets:
     walk: np.ndarray
 
     def model(self, base: AugmentedStep) -> StepModel:
-        """Of [x, b]."""
+        """Model of [x, b] with offsets b."""
         return Biased(base, self.at, self.walk**2) if len(self.at) else base
 
     def behind(self, x: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x (…, size) with offsets of zero behind, and P (…, size, size) with theirs."""
+        """Append zero offsets to x (…, size) and their covariance to P (…, size, size)."""
         whole = np.concatenate([x, np.zeros((*x.shape[:-1], len(self.at)))], axis=-1)
         return whole, bordered(P, np.diag(self.std**2)) if len(self.at) else P
 
     def projected(self, base: AugmentedStep) -> Callable[[np.ndarray, int], np.ndarray]:
-        """That of the state, with offsets as they are."""
+        """Projection of the state onto the constraints, with unchanged offsets."""
 
         def project(x: np.ndarray, k: int) -> np.ndarray:
             return np.concatenate([base.projected(x[:, : base.size], k), x[:, base.size :]], axis=1)
 
         return project
 
-    def drawn(self, steps: int, runs: int, channels: int, seed: int) -> np.ndarray:
-        """What every channel reads too much (steps, runs, channels), anew for every run."""
+    def sample(self, steps: int, runs: int, channels: int, seed: int) -> np.ndarray:
+        """Sample the offsets (steps, runs, channels), independently for every run."""
         offsets = np.zeros((steps, runs, channels))
         for run in range(runs if len(self.at) else 0):
-            draw = np.random.default_rng((seed, run, DRAWN))
+            draw = np.random.default_rng((seed, run, OFFSET_STREAM))
             first = self.std * draw.standard_normal(len(self.at))
             offsets[:, run, self.at] = first + np.cumsum(
                 self.walk * draw.standard_normal((steps, len(self.at))), axis=0
@@ -68,7 +68,7 @@ class ChannelOffsets:
 
 
 def offsets_of(problem: BenchProblem) -> ChannelOffsets:
-    """As `estimate.sensors` states them."""
+    """Channel offsets of `estimate.sensors`."""
     std, rate = np.zeros((2, len(problem.used.zeroed)))
     for name, part in problem.used.channels.items():
         entry = problem.estimate.sensors[name]
@@ -78,26 +78,27 @@ def offsets_of(problem: BenchProblem) -> ChannelOffsets:
 
 
 FLOOR = 1e-8
-"""Share of a sensor's largest reading that its noise is raised to: a tenth of that is the rounding of a step, which a filter
-would try to explain."""
+"""Smallest noise relative to the largest reading of a sensor, ten times the rounding error of a step."""
 SPAN = 1e-7
-"""Share of what a load or parameter may move a reading by that its noise is raised to: squared, the digits of a number."""
+"""Smallest noise relative to the effect of one σ of an unknown, to limit the condition number."""
 NOTHING = 1e-12
-"""Least noise of a channel, as of one that reads nothing at all [its unit]."""
+"""Smallest noise of a channel [its unit]."""
 FAR = 100.0
-"""Times that a stated noise may be raised by; beyond, it is a unit that is wrong."""
+"""Largest factor by which the configured noise may be raised; above, the unit is probably wrong."""
 FELT = 1e-3
-"""σ of its noise by which one σ of an unknown must move a reading to be felt."""
+"""Smallest effect of one σ of an unknown on a reading, relative to the noise, for observability."""
 STILL = 1e-9
-"""Share of its largest rate below which a drive stands still."""
+"""Rate relative to the largest below which a drive is at rest."""
 
 
 @dataclass(frozen=True)
 class BenchTrial:
-    """available (m,): channels of the problem's filter that it has; model; start (B, size), covariance (B, size, size): of every
-    run, seeds outside and starts inside, with `offsets` of channels behind, of which the model knows nothing; guess (width,):
-    loads at the start; noise (m,) σ of the readings; installed: D, o of `rows_of`; notes: what was done to the config's wishes,
-    in words."""
+    """Filter of a bench, ready to run.
+
+    available (m,): channels that are measured; start (B, size), covariance (B, size, size): of every run, seeds outer and starts
+    inner, offsets appended to the states of the model; guess (width,): loads at the start; noise (m,): σ of the readings;
+    installed: D, o of `rows_of`; notes: sentences.
+    """
 
     problem: BenchProblem
     available: np.ndarray
@@ -111,8 +112,7 @@ class BenchTrial:
     notes: tuple[str, ...]
 
     def begin(self, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x and its covariance at the start, as of `start`, of parameters ξ (B, p) that are known; NaN where rest is
-        not found."""
+        """Initial x and covariance for known parameters ξ (B, p), NaN if no equilibrium is found."""
         model = self.model
         x, P = np.full((len(xi), model.size), np.nan), np.zeros((len(xi), model.size, model.size))
         for i, values in enumerate(xi):
@@ -125,22 +125,22 @@ class BenchTrial:
         return self.offsets.behind(x, P)
 
     def of_runs(self, runs: slice) -> BenchTrial:
-        """With these runs alone, and nothing that was remembered."""
+        """Select runs."""
         model = replace(self.model, offset=self.model.offset[runs])
         return replace(self, model=model, start=self.start[runs], covariance=self.covariance[runs])
 
 
 def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | None, available: np.ndarray) -> BenchTrial:
-    """The filter of `estimate`; largest (m,) reading of every channel without noise; first (m,): what was measured at the start,
-    which guesses that the config leaves open have to explain at rest; available (m,): the channels that the filter has.
+    """Set up the filter of `estimate`.
 
-    Every start is the one of the simulation, with what the filter takes the parameters and loads for; where it is an
-    equilibrium, its covariance says what badly known loads and parameters do to it.
+    largest (m,): largest reading of every channel without noise; first (m,): first readings, for open guesses of loads at rest;
+    available (m,): channels that are measured. Every start is that of the simulation with the filter's parameters and loads; at
+    an equilibrium the covariance includes their uncertainty.
     """
     config, estimate, bench, unknowns = problem.config, problem.estimate, problem.bench, problem.unknowns
     used, errors, guess, runs = problem.used, problem.errors, problem.known[0].copy(), problem.estimate.runs
     rates = np.abs(problem.known[:, bench.system.drives.rates])
-    # no drive moves at the start, beside how it moves later
+    # drives at rest at the start
     still = bool(np.all(rates[0] <= STILL * rates.max(axis=0, initial=0.0)))
     model = AugmentedStep(
         bench.system, used.readings, np.zeros(len(largest)), config.simulate.method,
@@ -163,7 +163,7 @@ def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | Non
     offsets, installed = offsets_of(problem), rows_of(bench, used, errors, at_zero)
     if first is not None and config.simulate.start == "equilibrium":
         first = np.where(available, first, np.nan)
-        first[offsets.at] = np.nan  # what it reads too much would be taken for a load
+        first[offsets.at] = np.nan  # an offset would be taken for a load
         guess = loads_at_rest(problem, guess, first, noise)
     begins = [_start(problem, model, guess, theta, unknowns.std) for theta in unknowns.starts]
     states, covariances = zip(*begins, strict=True)
@@ -179,7 +179,7 @@ def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | Non
 def _start(
     problem: BenchProblem, model: AugmentedStep, guess: np.ndarray, theta: np.ndarray, std: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """x (size,) and its covariance at the start, of parameters θ (nθ,) known to std (p,)."""
+    """Initial x (size,) and covariance for parameters θ (nθ,) with std (p,)."""
     unknowns = problem.unknowns
     with blame("estimate"):
         q, v = start_of(problem.bench.at(theta), guess)
@@ -193,15 +193,15 @@ def _start(
 def _noise(
     estimate: BenchEstimateSection, used: Sensors, largest: np.ndarray, moved: np.ndarray
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """σ of every channel (m,), and which were raised; moved (m,): by one σ of an unknown."""
+    """σ of every channel (m,), and notes on raised ones; moved (m,): effect of one σ of an unknown."""
     noise, notes = np.empty(len(largest)), []
     least = np.maximum(np.maximum(FLOOR * largest, SPAN * moved), NOTHING)
     for name, part in used.channels.items():
-        stated = np.broadcast_to(np.asarray(estimate.sensors[name].noise, dtype=float), part.stop - part.start)
-        noise[part] = np.maximum(stated, least[part])
-        if not (raised := stated < least[part]).any():
+        configured = np.broadcast_to(np.asarray(estimate.sensors[name].noise, dtype=float), part.stop - part.start)
+        noise[part] = np.maximum(configured, least[part])
+        if not (raised := configured < least[part]).any():
             continue
-        low, high = float(stated[raised].min()), float(least[part][raised].max())
+        low, high = float(configured[raised].min()), float(least[part][raised].max())
         if low > 0 and high > FAR * low:
             key, by_unknown, read = (
                 f"estimate.sensors.{name}.noise",
@@ -209,34 +209,31 @@ def _noise(
                 float(largest[part].max()),
             )
             raise _too_quiet(key, low, by_unknown, read)
-        notes.append(
-            f"the noise of {name} is raised from {low:.3g} to {high:.3g}, below which a filter only explains rounding"
-        )
+        notes.append(f"the noise of {name} was raised from {low:.3g} to {high:.3g}, to exceed rounding errors")
     return noise, tuple(notes)
 
 
 def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:
-    """The error for a stated noise far below what rounding leaves of the reading, of what an unknown moves it by, or of none."""
-    what, remedy = f"{noise:g} is less than {NOTHING:g}, the least of a channel", "take larger loads and noises"
+    """Error for a noise far below the rounding error of the readings or of the effect of unknowns."""
+    what, remedy = f"{noise:g} is below the smallest noise of {NOTHING:g}", "Increase loads and noise."
     if max(SPAN * moved, FLOOR * largest) >= NOTHING:
         by_unknown = SPAN * moved >= FLOOR * largest
-        what, reach = ("one σ of an unknown moves it by", moved) if by_unknown else ("it reads up to", largest)
-        what = f"{what} {reach:.3g}, {reach / noise:.1e} times its noise of {noise:g}: more digits than a number has"
-        remedy = (
-            f"check the units of {'guesses, std and increments' if by_unknown else 'the loads'}, or take smaller ones"
+        what, reach = ("effect of one σ of an unknown", moved) if by_unknown else ("largest reading", largest)
+        what = (
+            f"the noise of {noise:g} is below rounding errors ({what} {reach:.3g}, {reach / noise:.1e} times the noise)"
         )
+        remedy = f"Check the units of {'guesses, std and increments' if by_unknown else 'the loads'}, or reduce them."
     return ConfigError(what, key=key, remedy=remedy)
 
 
 def _felt(
     problem: BenchProblem, available: np.ndarray, moved: np.ndarray, unsolved: NumericalError | None
 ) -> tuple[str, ...]:
-    """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise, by
-    channels that are available (m,); unsolved: raised in place of a refusal, where an unknown may be felt under loads of which
-    rest was not found.
+    """Refuse an unknown without effect on any sensor at rest, and return notes on sensors without any effect.
 
-    Where the start is no equilibrium, a sensor measures a velocity or an acceleration, or drives or gravity take the bench to
-    other poses, rest says nothing: `undistinguished` asks along the run.
+    moved (m, nu + p): effect in σ of the noise; available (m,): measured channels; unsolved: error raised instead, if no
+    equilibrium was found under some loads. Not applicable without an initial equilibrium, with sensors of velocity or
+    acceleration, or if drives or gravity change the pose; then `undistinguished` checks along the run.
     """
     config, estimate, unknowns, channels = problem.config, problem.estimate, problem.unknowns, problem.used.channels
     sensors = [config.sensors[name] for name, part in channels.items() if available[part].any()]
@@ -254,13 +251,13 @@ def _felt(
             if unsolved is not None:
                 raise unsolved
             raise ConfigError(
-                f"no sensor feels it: one σ of it ({std:.3g}) moves every reading by less than {FELT:g} σ of its noise",
+                f"no sensor measures this unknown: one σ ({std:.3g}) changes every reading by less than {FELT:g} σ of its noise",
                 key=f"estimate.{name}",
-                remedy="give the filter a sensor on a body that it deforms or moves, make it known, or set "
-                "estimate.allow_unobservable: true",
+                remedy="Add a sensor on a body that it deforms or moves, set it as known, or set "
+                "estimate.allow_unobservable: true.",
             )
     return tuple(
-        f"{name} feels none of the unknowns: no σ of one moves it by more than {FELT:g} σ of its noise"
+        f"{name} does not measure any unknown: one σ of each changes it by less than {FELT:g} σ of its noise"
         for name, part in channels.items()
         if moved[part].max(initial=0.0) < FELT and available[part].any()
     )

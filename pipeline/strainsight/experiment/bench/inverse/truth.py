@@ -1,4 +1,4 @@
-"""What stands for reality in a bench's estimate: its own simulation, finer or not, or what another bench's sensors read."""
+"""Truth and measurements of a bench estimate: simulation, another bench, or a file."""
 
 from __future__ import annotations
 
@@ -35,19 +35,21 @@ QUANTITY = {
     "strain": "strain",
     "1": "ratio",
 }
-"""Unit of a component → what a channel of a file has to be of."""
-DRAWN = 2
-"""Last word of the seed of every drawn truth."""
+"""Unit of a component → required quantity of a channel of a file."""
+TRUTH_STREAM = 2
+"""Last word of the seed for sampled truths."""
 FEW = 1e-6
-"""Share of a step by which two clocks may differ."""
+"""Largest difference of two time steps, relative to a step."""
 
 
 @dataclass(frozen=True)
 class Reality:
-    """inputs (T + 1, r, nu) of the system, r = 1 or one a run [N, N m]; theta (r, nθ); readings (T, r, all channels) of every
-    sensor at h, 2h, …, NaN where nothing was read; q (T + 1, r, n) of one that is simulated; first (m,): what the filter's
-    channels read at 0, of one that is measured; elsewhere: loads of the other bench (T + 1,) by input; done: what was done to
-    measurements from a file."""
+    """Truth and readings of an estimate.
+
+    inputs (T + 1, r, nu): of the system, r = 1 or per run [N, N m]; theta (r, nθ); readings (T, r, all channels): at h, 2h, …,
+    NaN if missing; q (T + 1, r, n): if simulated; first (m,): readings at 0, if measured; elsewhere: loads of the other bench (T
+    + 1,) by input; done: notes on measurements from a file.
+    """
 
     inputs: np.ndarray
     theta: np.ndarray
@@ -61,8 +63,8 @@ class Reality:
 def reality_of(
     problem: BenchProblem, other: Simulated | None, truths: BenchTruths | None, using: Resources
 ) -> Reality | None:
-    """As `estimate` asks: measured in a file or on the other bench, by another integrator (truths), or by the bench's steps,
-    finer or not; None of one that is drawn from the filter's own model (`drawn_reality`)."""
+    """Build the truth of `estimate`: from a file, another bench, another integrator (truths), or a simulation; None for a truth
+    sampled from the filter's own model (`drawn_reality`)."""
     truth, measured = problem.estimate.truth, problem.estimate.measured
     if isinstance(measured, FromFile):
         read, done = from_file(problem, measured, using.files["estimate.measured.file"])
@@ -77,7 +79,7 @@ def reality_of(
 
 
 def _measured(problem: BenchProblem, read: Mapping[str, np.ndarray], **more: Any) -> Reality:
-    """Of what sensors read at 0, h, … (T + 1, components); no load or parameter is known."""
+    """Measurements at 0, h, … (T + 1, components), without known loads and parameters."""
     sensors, system = problem.sensors, problem.bench.system
     readings = np.full((problem.steps, 1, len(sensors.zeroed)), np.nan)
     for name, values in read.items():
@@ -88,7 +90,7 @@ def _measured(problem: BenchProblem, read: Mapping[str, np.ndarray], **more: Any
 
 
 def _simulated(problem: BenchProblem, substeps: int, using: Resources) -> Reality:
-    """The bench with its own parameters, integrated with h/substeps."""
+    """Simulate the bench with time step h/substeps."""
     bench, h, count = problem.bench, problem.h / substeps, problem.steps * substeps
     fine = h * np.arange(count + 1)
     u = problem.loads(fine)
@@ -102,7 +104,7 @@ def _simulated(problem: BenchProblem, substeps: int, using: Resources) -> Realit
 
 
 def _by_integrator(problem: BenchProblem, truths: BenchTruths) -> Reality:
-    """The first histories, one a run where there are several, at 0, h, … of the filter."""
+    """Sample the first histories, one per run if there are several, at 0, h, … of the filter."""
     every = round(problem.h / (truths.time[1] - truths.time[0]))
     rows = slice(0, every * problem.steps + 1, every)
     inputs = np.stack([truths.inputs[name][rows] for name in problem.bench.system.inputs], axis=2)
@@ -114,7 +116,7 @@ def _by_integrator(problem: BenchProblem, truths: BenchTruths) -> Reality:
 def _as_read(
     problem: BenchProblem, motions: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], second: np.ndarray
 ) -> Reality:
-    """Motions q, v, u (T + 1, ...) with what all sensors read in them; second (T + 1, nd): p̈ of driven joints."""
+    """Read all sensors in motions q, v, u (T + 1, ...); second (T + 1, nd): p̈ of driven joints."""
     bench, sensors = problem.bench, problem.sensors
     readings = []
     for motion in motions:
@@ -127,7 +129,7 @@ def _as_read(
 
 
 def drawn_reality(trial: BenchTrial) -> Reality:
-    """Drawn truths; sensors that the filter has not are not read."""
+    """Sample truths from the filter's own model; only its sensors are read."""
     problem, runs = trial.problem, trial.problem.estimate.runs
     states = slice(trial.model.size)
     start, P = trial.start[:runs, states], trial.covariance[:runs, states, states]
@@ -138,15 +140,14 @@ def drawn_reality(trial: BenchTrial) -> Reality:
 
 
 def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
-    """Truths of the filter's own model: the start from N(x̂, P), inputs, parameters and disturbance from its noise before a step
-    and after it.
+    """Sample truths of the filter's own model: start from N(x̂, P), then process noise in every step.
 
-    start (B, size), P (B, size, size), known (T + 1, width). The drawn starts are put back on the constraints.
-    Raises NumericalError where a drawn step cannot be solved.
+    start (B, size), P (B, size, size), known (T + 1, width). Starts are projected onto the constraints. Raises NumericalError if
+    a step cannot be solved.
     """
     steps = len(known) - 1
     x = np.empty((runs, model.size))
-    draws = [np.random.default_rng((seed, run, DRAWN)) for run in range(runs)]
+    draws = [np.random.default_rng((seed, run, TRUTH_STREAM)) for run in range(runs)]
     for run, draw in enumerate(draws):
         which = run % len(start)
         spread = covariance_factor(P[which])
@@ -167,8 +168,8 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
             x = model.projected(x + np.array(moved), k + 1)
         if not np.all(np.isfinite(x)):
             raise NumericalError(
-                f"a drawn truth cannot be stepped at {k * model.h:g} s",
-                remedy="give smaller increments, or a smaller std at the start",
+                f"the simulation of a sampled truth failed at {k * model.h:g} s",
+                remedy="Reduce the increments, or the initial std.",
             )
         inputs[k + 1][:, model.inputs] = x[:, model.u]
         readings[k] = model.measure(x, k)[0]
@@ -179,26 +180,26 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
 def from_run(
     problem: BenchProblem, settings: FromRun, other: Simulated
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """What another bench's sensors read and its loads at 0, h, … (T + 1, components) and (T + 1,), by own names: of sensors that
-    the filter is not given those that the other bench has of the same kind and size, to be compared with its readings.
+    """Readings (T + 1, components) and loads (T + 1,) of another bench at 0, h, …, by the names of this bench; sensors not used
+    by the filter are read for comparison if they match.
 
-    Lengths are multiplied by `scale`: the displacements of a relative motion, positions, velocities and accelerations, not
-    tilts, strains or axes. Raises ConfigError for a sensor or an instant that it lacks, and for one of another kind.
+    Lengths, velocities and accelerations are multiplied by `scale`. Raises ConfigError for a missing sensor or instant, and for a
+    sensor of another kind.
     """
     key, clock, h, steps = "estimate.measured.from", other.time, problem.h, problem.steps
     pace = clock[1] - clock[0]
     every = round(h / pace)
     if abs(every * pace - h) > FEW * pace or every < 1:
         raise ConfigError(
-            f"its samples are {pace:g} s apart, which does not divide the filter's step of {h:g} s",
+            f"the time step of the other run, {pace:g} s, does not divide the filter's step of {h:g} s",
             key=key,
-            remedy=f"set estimate.time_step to a multiple of {pace:g}",
+            remedy=f"Set estimate.time_step to a multiple of {pace:g} s.",
         )
     if every * steps > len(clock) - 1:
         raise ConfigError(
-            f"it ends after {clock[-1]:g} s, the estimate after {h * steps:g} s",
+            f"the other run ends after {clock[-1]:g} s, the estimate after {h * steps:g} s",
             key=key,
-            remedy=f"set estimate.duration to at most {clock[-1]:g}",
+            remedy=f"Set estimate.duration to at most {clock[-1]:g} s.",
         )
     rows = every * np.arange(steps + 1)
     read = {}
@@ -207,54 +208,55 @@ def from_run(
         wanted = settings.sensors.get(name, name)
         if not used and name not in settings.sensors and wanted not in other.sensors:
             continue
-        values = _there(other.sensors, "sensor", wanted, f"estimate.measured.sensors.{name}")
+        values = _entry_of(other.sensors, "sensor", wanted, f"estimate.measured.sensors.{name}")
         unit = record.unit_of(other, "sensors", wanted)
         if (unit, values.shape[1]) == (unit_of(entry), channels):
             read[name] = np.array(values[rows], dtype=float)
             read[name][:, : 3 if units_of(entry)[0].startswith("m") else 0] *= settings.scale
         elif used:
             raise ConfigError(
-                f"'{name}' has {channels} channels in {unit_of(entry)}, sensors/{wanted} there {values.shape[1]} in {unit}",
+                f"'{name}' has {channels} channels in {unit_of(entry)}, but sensors/{wanted} of the other run has "
+                f"{values.shape[1]} in {unit}",
                 key="estimate.measured",
-                remedy="name a sensor of the same kind and size under estimate.measured.sensors",
+                remedy="Assign a sensor of the same kind and size in estimate.measured.sensors.",
             )
     loads = {}
     for name, load_unit in load_units(problem.config, problem.estimate.inputs).items():
         wanted = settings.inputs.get(name, name)
         if name not in settings.inputs and wanted not in other.inputs:
             continue
-        loads[name] = _there(other.inputs, "input", wanted, f"estimate.measured.inputs.{name}")[rows]
+        loads[name] = _entry_of(other.inputs, "input", wanted, f"estimate.measured.inputs.{name}")[rows]
         if (unit := record.unit_of(other, "inputs", wanted)) != load_unit:
             raise ConfigError(
-                f"'{name}' is in {load_unit}, '{wanted}' there in {unit}",
+                f"'{name}' has the unit {load_unit}, but '{wanted}' of the other run has {unit}",
                 key=f"estimate.measured.inputs.{name}",
-                remedy="name a load of the same kind",
+                remedy="Assign a load of the same kind.",
             )
     return read, loads
 
 
-def _there(entries: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
+def _entry_of(entries: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
     if name not in entries:
-        remedy = did_you_mean(name, list(entries), f"it has {', '.join(entries)}")
-        raise ConfigError(f"that run has no {kind} '{name}'", key=key, remedy=remedy)
+        remedy = did_you_mean(name, list(entries), f"The run has {', '.join(entries)}.")
+        raise ConfigError(f"the other run has no {kind} '{name}'", key=key, remedy=remedy)
     return entries[name]
 
 
 def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Readings at 0, h, … (T + 1, components) of every sensor, NaN where nothing was measured, and what was done to them.
+    """Readings at 0, h, … (T + 1, components) of every sensor from a file, NaN if not measured, and notes.
 
-    The first sample of the file is the start. Raises ConfigError for a channel of another quantity, a sensor with another number
-    of components, and a file that ends before the estimate.
+    The first sample of the file is the start. Raises ConfigError for a channel of another quantity, a wrong number of components,
+    and a file that is too short.
     """
     wanted: dict[str, Channel] = {}
     steps, counts = problem.steps, {name: problem.used.count(name) for name in problem.used.channels}
     for name, count in counts.items():
         entries, key = settings.channels[name], f"{SECTION}.channels.{name}"
-        if len(entries) != count:  # of a placed layout nobody knew before
+        if len(entries) != count:  # the size of a placed layout is not known to the config
             raise ConfigError(
-                f"{len(entries)} channels for {count} components",
+                f"{len(entries)} channels are assigned to {count} components",
                 key=key,
-                remedy="give a channel for each, in their order; null where one was not measured",
+                remedy="Assign one channel per component, in order, and null if it was not measured.",
             )
         wanted |= {f"{key}.{i}": entry for i, entry in enumerate(entries) if entry is not None}
     signals = signals_of(settings, SECTION, path, wanted, step=problem.h)
@@ -263,7 +265,7 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
         raise ConfigError(
             f"the file ends after {end:.6g} s, the estimate after {problem.h * steps:.6g} s",
             key=f"{SECTION}.file",
-            remedy=f"set estimate.duration to at most {end:.6g}",
+            remedy=f"Set estimate.duration to at most {end:.6g} s.",
         )
     read = {name: np.full((steps + 1, count), np.nan) for name, count in counts.items()}
     for (key, entry), quantity, values in zip(wanted.items(), signals.quantities, signals.values.T, strict=True):
@@ -272,27 +274,27 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
         kind = QUANTITY[units[int(component) % len(units)]]
         if quantity != kind:
             raise ConfigError(
-                f"the channel is in {entry.unit}, {quantity}, but component {int(component) + 1} of {name} is of the kind {kind}",
+                f"the channel has the unit {entry.unit} ({quantity}), but component {int(component) + 1} of {name} is a {kind}",
                 key=f"{key}.unit",
-                remedy="check the unit, and the order of the components",
+                remedy="Check the unit and the order of the components.",
             )
         read[name][:, int(component)] = values[: steps + 1]
     more = len(signals.time) - 1 - steps
-    notes = [f"{more} samples of the file behind the end of the estimate were left out"] if more else []
+    notes = [f"{more} samples of the file after the end of the estimate were ignored"] if more else []
     return read, (*signals.notes, *notes)
 
 
 BEGIN = 3
-"""Last word of the seed by which instants of the histories are drawn."""
+"""Last word of the seed for sampled start times of the histories."""
 
 
 def truths_of(bench: Bench, truth: BenchTruth, duration: float, using: Resources) -> BenchTruths:
-    """Histories r = 0, 1, … of u_r(t) = u(τ_r + t) + u(0) − u(τ_r), τ₀ = 0 and τ_r drawn evenly from [0, `within`]: all begin in
-    the same state under the same loads."""
+    """Histories r = 0, 1, … of u_r(t) = u(τ_r + t) + u(0) − u(τ_r), τ₀ = 0 and τ_r uniform in [0, `within`]; all start in the
+    same state under the same loads."""
     h, steps, system = truth.step, round(duration / truth.step), bench.system
     begin = np.zeros(truth.histories)
     begin[1:] = np.random.default_rng((bench.config.seed, BEGIN)).uniform(0.0, truth.within, truth.histories - 1)
-    # on the instants of the step, so that what is straight between samples is so in every step
+    # on the time steps, to keep piecewise-linear loads linear within steps
     begin = h * np.round(begin / h)
     time, loads, motions = h * np.arange(steps + 1), loads_of(bench, using.files), []
     first = loads(time[:1])[0]

@@ -1,4 +1,4 @@
-"""What an estimate of a bench is good for: the verdict on every unknown, warnings, and whether σ is given."""
+"""Consistency check of a bench estimate: result for every unknown, warnings, and whether σ is withheld."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ from strainsight.runner.output import Output, Scalar, Table, warnings_table
 from strainsight.text import csv_bytes, number
 
 HARDLY = 0.5
-"""σ of a load over its largest value above which it is weakly observable."""
+"""σ of a load relative to its largest value above which it is weakly observable."""
 MATCHES = 0.01
-"""Mismatch of a sensor up to which one bench moves as the other."""
+"""Largest mismatch of a sensor for benches with the same motion."""
 REMEDY = (
-    "set bodies.*.moduli.*.value nearer to it, keep more modes (bodies.*.modes), or look for a load, unit, support or "
-    "sensor that is not as stated"
+    "set bodies.*.moduli.*.value nearer to the estimate, keep more modes (bodies.*.modes), or check loads, units, supports and "
+    "sensors"
 )
-"""Of a modulus that came out beyond its `reach`."""
+"""Remedy for a modulus outside its `reach`."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What an estimate is check_ratio by.
+    """Input of the consistency check.
 
-    estimation: with σ, whether or not that is withheld; numbers: the summary's; claims by unknown, where the truth is known;
-    beyond: parameters outside their ranges, whose σ and that of all others then say nothing."""
+    estimation: with σ, even if withheld; numbers: of the summary; claims: by unknown with known truth; beyond: parameters outside
+    their ranges, which invalidates all σ."""
 
     estimation: BenchEstimation
     numbers: Mapping[str, Scalar]
@@ -78,41 +78,41 @@ class Evidence:
 
     @cached_property
     def left_out(self) -> tuple[Claim, ...]:
-        """On the channels by the others."""
+        """Claims on hold-out predictions."""
         return tuple(row.claim for row in self.estimation.held_out if row.claim is not None)
 
     @property
     def size(self) -> str:
-        """The verdict on the innovations; empty where there is none."""
+        """Result of the innovation check, empty without innovations."""
         nis, late = self._number("nis"), self.estimation.filtered.nis
         innovations = int(np.isfinite(late[len(late) // 2 :, 0]).sum()) * int(self._number("channels"))
         return check_ratio(np.sqrt(nis), innovations).result if nis >= 0 else ""
 
     @property
     def against(self) -> tuple[str, ...]:
-        """Unknowns of no known truth where sensors contradict the model, whatever else is wrong with them."""
-        # errors of gauges are in σ, and not in what innovations are held against
+        """Unknowns without known truth if sensors are inconsistent with the model."""
+        # innovations do not include gauge errors
         against = self.size == OVERCONFIDENT and self.estimate.tolerances is None
         against |= any(claim.overconfident for claim in self.left_out)
         return tuple(name for name in self.names if against and name not in self.claims)
 
     @property
     def decision(self) -> Decision:
-        """Of a test, whether it is consistent with the model; of any run, whether parameters left their ranges."""
+        """Decision on σ: consistency with the model in a test, and parameters outside their ranges."""
         estimate, words = self.estimate, ""
         if self.in_test and self.against:
-            more = "" if estimate.hold_out is not None else ", estimate.hold_out: each says which channel it is"
-            check = f"check channels, units and noise of estimate.measured{more}"
-            words = f"{INCONSISTENT}: {self._contradicted}: {check}"
-        return Decision(words, accept=estimate.accept, out_of_range=self.beyond, remedy=REMEDY)
+            more = "" if estimate.hold_out is not None else ", or set estimate.hold_out: each to find the channel"
+            check = f"Check channels, units and noise of estimate.measured{more}"
+            words = f"{INCONSISTENT}: {self._contradicted}. {check}"
+        return Decision(words, accept=estimate.accept, out_of_range=self.out_of_range, remedy=REMEDY)
 
     @property
     def _contradicted(self) -> str:
         return f"{', '.join(self.against)} {'is' if len(self.against) == 1 else 'are'} {SENSORS_DISAGREE}"
 
     def verdict(self, name: str) -> str:
-        """What is wrong with the estimate of an unknown, the gravest alone; else how error and σ compare, of a known truth,
-        or whether sensors that were left out bear it out."""
+        """Most serious problem of an unknown; else the calibration of σ if the truth is known, or the result of the hold-out
+        test."""
         claim = self.claims.get(name)
         applies = {
             DIVERGED: self._number("lost") > 0,
@@ -127,75 +127,75 @@ class Evidence:
         return next((word for word, holds in applies.items() if holds), sound)
 
     def overconfident(self) -> list[str]:
-        """A sentence for every claim that does not hold."""
+        """Sentence for every overconfident claim."""
         subjects = {name: name for name in self.names}
         subjects |= {smoothed_name(name): f"the smoothed estimate of {name}" for name in self.names}
         wrong = {key: claim for key, claim in self.claims.items() if claim.overconfident}
         return [f"{subjects[key]} is {claim.words(number)}" for key, claim in wrong.items()]
 
     def warnings(self) -> Iterator[str]:
-        """Where the claim of an estimate does not hold, and why."""
+        """Warnings about overconfident, unobservable or inconsistent estimates."""
         estimate, lost = self.estimate, self.estimation.filtered.lost
         if (diverged := lost[lost >= 0]).size:
             yield f"{len(diverged)} of {len(lost)} runs diverged, the first after {diverged.min()} steps"
         if not self.beyond:
             yield from self.overconfident()
             yield from (
-                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of the largest load; give other sensors, or "
-                "make a load known"
+                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of the largest load. Use other sensors, or "
+                "set a load as known"
                 for name in self.names
                 if self._share(name) > HARDLY
             )
             yield from (
-                f"{name} is not identified: its starts end further apart than one draw may be off (3.2 σ), its σ has not halved, "
-                "or it is wrong beyond it"
+                f"{name} is not identified: estimates from different starts differ by more than 3.2 σ, σ has not halved, or the "
+                "error exceeds σ"
                 for name in self.names
                 if self.numbers.get(f"identified.{name}") is False
             )
-        # Slow loads make innovations smaller, down to (m − n)/m: a warning only for a truth that the filter's model could make.
+        # slow loads reduce innovations, down to (m − n)/m, so warn only for a truth of the filter's own model
         if self.size == OVERCONFIDENT or (estimate.truth.model == "walk" and self.size == TOO_CAUTIOUS):
             nis = self._number("nis")
             off, noises = ("larger", "small") if nis > 1 else ("smaller", "large")
-            tolerances = "; what gauges are off (estimate.tolerances) is in σ, and not in this claim"
+            tolerances = ". Gauge errors (estimate.tolerances) are included in σ, but not in this check"
             yield (
-                f"innovations are {np.sqrt(max(nis, 1 / nis)):.3g} times {off} than the filter claims: its model is not the "
+                f"innovations are {np.sqrt(max(nis, 1 / nis)):.3g} times {off} than predicted: the model differs from the "
                 f"bench, or increments, disturbance or noise are too {noises}{tolerances * bool(estimate.tolerances)}"
             )
         for name in estimate.sensors if estimate.measured is not None else ():
             if (mismatch := self._number(f"mismatch.{name}")) > MATCHES:
                 where = "in the test" if self.in_test else f"on {getattr(estimate.measured, 'run', '')}"
-                yield f"these loads do not make {name} read as {where}: it is {100 * mismatch:.3g} % off"
+                yield f"with the estimated loads, {name} differs by {100 * mismatch:.3g} % from its reading {where}"
 
     def message(self, numbers: Mapping[str, Scalar], units: Mapping[str, str], decision: Decision) -> str:
-        """One line: what does not hold, then what is known of every unknown, of a load relative to its largest true value, with σ
-        as far as `decision` gives it; numbers that are shown; units of the unknowns."""
+        """Message of one line: problems, then the accuracy of every unknown (loads relative to the largest true value), with σ
+        unless withheld; numbers: shown ones; units: of the unknowns."""
         estimates, estimate, with_sigma = [], self.estimate, not decision.withheld
         of = defaultdict(lambda: np.nan, {key: float(n) for key, n in numbers.items() if not isinstance(n, str)})
         for name in self.names:
             if f"error.{name}" in of:
                 sigma = f" (σ {100 * of[f'std.{name}']:.2g} %)" if with_sigma else ""
-                estimates.append(f"{name} to {100 * of[f'error.{name}']:.2g} %{sigma}")
+                estimates.append(f"{name} error {100 * of[f'error.{name}']:.2g} %{sigma}")
             elif f"ratio_slope.{name}" in of:
                 slope, offset = of[f"ratio_slope.{name}"], of[f"ratio_offset.{name}"]
-                estimates.append(f"{name} = {slope:.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}")
+                estimates.append(f"{name} = {slope:.3g} × load of the other bench {'+-'[offset < 0]} {abs(offset):.3g}")
             elif f"rms_std.{name}" in of or not with_sigma:
                 kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
                 sigma = f" ± {of[f'rms_std.{name}']:.2g}" if with_sigma else ""
                 estimates.append(f"{name} {kind}{of[f'{value}.{name}']:.4g}{sigma} {units[name]}")
         if estimate.measured is not None:
             worst = max((of[f"mismatch.{name}"] for name in estimate.sensors), default=np.nan)
-            estimates.insert(0, f"sensors {100 * worst:.2g} % off")
+            estimates.insert(0, f"sensor mismatch {100 * worst:.2g} %")
         if "hold_out.inside" in of:
-            estimates.append(f"sensors by the others: {100 * of['hold_out.inside']:.3g} % within 2σ")
+            estimates.append(f"sensors predicted from the others: {100 * of['hold_out.inside']:.3g} % within 2σ")
         parts = [decision.message] if decision.message else []
         parts += [] if self.beyond else self.overconfident()
         parts += [f"{name} is not identified" for name in self.names if of[f"identified.{name}"] == 0]
         parts += [self._contradicted] * bool(self.against and decision.trusted)
-        parts.append(", ".join(estimates) or "nothing comparable")
+        parts.append(", ".join(estimates) or "no reference for comparison")
         return f"{'; '.join(parts)}; {numbers['method']}, {numbers['truth']}"
 
     def _share(self, name: str) -> float:
-        """σ of a load over its largest value; NaN of a load that is nothing, and of a parameter."""
+        """σ of a load relative to its largest value, NaN for a zero load and for parameters."""
         if name not in self.estimate.inputs:
             return np.nan
         if f"std.{name}" in self.numbers:
@@ -208,10 +208,7 @@ class Evidence:
 
 
 def bench_out_of_range(estimation: BenchEstimation) -> dict[str, str]:
-    """Modulus → that it came out beyond its `reach`, for those that did; of all runs, the first that did.
-
-    Laws of bearings are exact at every diameter, radius and preload that their own checks let pass.
-    """
+    """Modulus → sentence for estimates outside its `reach`, from the first such run. Bearing laws have no range."""
     problem = estimation.problem
     ranges = {name: ends for body in problem.bench.reduced.values() for name, ends in body.reach.items()}
     beyond: dict[str, str] = {}
@@ -225,8 +222,7 @@ def bench_out_of_range(estimation: BenchEstimation) -> dict[str, str]:
 
 
 def estimated_without_sigma(estimation: BenchEstimation, beyond: Mapping[str, str]) -> BenchEstimation:
-    """The estimate with every σ withheld: NaN; beyond: where no parameter left its range, what the others say of a channel keeps
-    its σ, because that claim is what is tested."""
+    """Replace every σ by NaN; the hold-out test keeps its σ, unless parameters are outside their ranges."""
     filtered, rings = without_sigma(estimation.filtered), without_sigma(estimation.rings)
     filtered = replace(filtered, joint=np.full_like(filtered.joint, np.nan), compared=None)
     without = without_sigma(estimation.without) if beyond else estimation.without
@@ -234,7 +230,7 @@ def estimated_without_sigma(estimation: BenchEstimation, beyond: Mapping[str, st
 
 
 def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
-    """Datasets, numbers, tables and loads.csv of an estimate, its σ withheld where it is not to be trusted."""
+    """Output of an estimate, with σ withheld if it is not reliable."""
     estimate, problem, beyond = estimation.problem.estimate, estimation.problem, bench_out_of_range(estimation)
     result = compare(estimation)
     evidence = Evidence(estimation, bench_numbers(estimation, result), result.claims, beyond)
@@ -277,16 +273,16 @@ def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
 
 
 METHODS = {
-    "iterated": "iterated with the step inside",
-    "one_shot": "one-shot, put back onto the constraints",
-    "undamped": "iterated without damping",
-    "as_printed": "one-shot as printed, on no constraints",
+    "iterated": "iterated update including the time step",
+    "one_shot": "single update, projected onto the constraints",
+    "undamped": "iterated update without damping",
+    "as_printed": "single update as printed, without projection",
 }
 TRUTHS = {
-    "fine": "the bench with h/{substeps}",
-    "other": "the bench by Radau's method",
-    "own": "the filter's own step",
-    "walk": "drawn from the filter's own model",
+    "fine": "simulated with time step h/{substeps}",
+    "other": "simulated by the Radau method",
+    "own": "simulated with the time step of the filter",
+    "walk": "sampled from the filter's own model",
 }
 COLUMNS = {
     "inputs": ("slope", "offset", "error", "std", "smoothed_error", "smoothed_std"),
@@ -294,26 +290,26 @@ COLUMNS = {
     "parameters": ("error", "std", "ratio"),
     "measured": ("rms", "estimate", "largest", "rms_std"),
 }
-"""Numbers in the table of the unknowns."""
+"""Summary numbers in the table of the unknowns."""
 
 
 def loud_sensors(estimate: BenchEstimateSection, record: BenchEstimated) -> Iterator[str]:
-    """Of the sensors whose noise exceeds everything that they read by the estimate."""
+    """Warnings about sensors whose noise exceeds all predicted readings."""
     for name, settings in estimate.sensors.items():
         noise, expected = float(np.min(settings.noise)), record.sensors[name].expected
         largest = float(np.max(np.abs(expected), initial=0.0))
         if noise > largest:
             key = f"estimate.sensors.{name}.noise"
-            yield f"the noise of {name}, {noise:.3g}, exceeds its largest reading, {largest:.3g}: check {key}"
+            yield f"the noise of {name} ({noise:.3g}) exceeds its largest reading ({largest:.3g}): check {key}"
 
 
 def bench_disagreements(estimation: BenchEstimation) -> list[str]:
-    """Where the extended filter does not allow for what the grid filter finds, and when it is the grid filter that is wrong."""
+    """Warnings about an overconfident extended filter, and about the limits of the parameter grid filter."""
     words = disagreements_in_words(estimation.filtered.compared)
     if words and estimation.problem.estimate.inputs:
         words.append(
-            "a grid filter also weighs parameters by how much the unknown loads vary: if they vary less than their increments, "
-            "the grid filter is wrong; make a load known, or correct the increments"
+            "the parameter grid filter also depends on the increments of unknown loads and is biased if the loads change less. "
+            "Set a load as known, or correct the increments"
         )
     return words
 
@@ -335,7 +331,7 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
         "violation": float(np.nanmax(result.record.violation)),
         "method": METHODS[estimate.method.update]
         + (", Q* as printed" if estimate.method.noise == "as_printed" else "")
-        + ("" if filtered.compared is None else ", a grid filter over parameters"),
+        + ("" if filtered.compared is None else ", parameter grid filter"),
         "truth": _truth(estimate),
         **result.numbers,
         **{
@@ -378,16 +374,16 @@ def unknowns_table(
         if load is not None and load.smoothed is not None and load.smoothed_std is None:
             cells.append("smoothed σ withheld")
         rows.append((name, verdicts.get(name, ""), *cells))
-    title = "unknowns, errors and σ over the largest true value"
+    title = "unknowns: errors and σ relative to the largest true value"
     if in_test or estimation.reality.elsewhere:
-        title = "unknowns, settled" if in_test else "unknowns"
+        title = "unknowns after settling" if in_test else "unknowns"
     width = max((len(row) for row in rows), default=2)
     filled = tuple((*row, *[""] * (width - len(row))) for row in rows)
-    return Table(title, ("unknown", "verdict", *[""] * (width - 2)), filled)
+    return Table(title, ("unknown", "consistency", *[""] * (width - 2)), filled)
 
 
 def offsets_table(record: BenchEstimated, units: Mapping[str, str]) -> tuple[Table, ...]:
-    """Of every component that has an offset: what it reads too much at the end."""
+    """Table of final offsets of every component with an offset."""
     rows = [
         (name, str(k), f"{bias:.4g}", "withheld" if np.isnan(std) else f"{std:.3g}", units[f"sensor {name}"])
         for name, match in record.sensors.items()
@@ -395,14 +391,11 @@ def offsets_table(record: BenchEstimated, units: Mapping[str, str]) -> tuple[Tab
         for k, (bias, std) in enumerate(zip(match.bias, match.bias_std, strict=True), start=1)
         if std != 0 and np.isfinite(bias)
     ]
-    return (Table("offsets at the end", ("sensor", "component", "offset", "σ", "unit"), tuple(rows)),) if rows else ()
+    return (Table("final offsets", ("sensor", "component", "offset", "σ", "unit"), tuple(rows)),) if rows else ()
 
 
 def command_history(record: BenchEstimated) -> bytes:
-    """loads.csv: what a test rig has to do to the bench, time [s] and every load [N, N m], smoothed where it was.
-
-    A rig moves the bench after the record, so that what later samples say of a load is known by then.
-    """
+    """loads.csv: command history for a test rig, time [s] and every load [N, N m], smoothed if available."""
     loads = [history.estimate if history.smoothed is None else history.smoothed for history in record.inputs.values()]
     rows = ([f"{x:.9g}" for x in (instant, *(load[k] for load in loads))] for k, instant in enumerate(record.time))
     return csv_bytes([["time", *record.inputs], *rows])

@@ -1,1 +1,1 @@
-"""What the placement on a bench is made of: pool, linear bench, layouts."""
+"""Placement on a bench: pool, linearised bench, layouts."""

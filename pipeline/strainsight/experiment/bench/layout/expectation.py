@@ -1,4 +1,4 @@
-"""A body of a bench at rest, linearised: scenarios that rank gauges on it, and what a filter on them comes to claim."""
+"""Linearised bench at rest: scenarios that rank gauges on a body, and the expected σ of a filter."""
 
 from __future__ import annotations
 
@@ -23,16 +23,14 @@ from strainsight.placement.scenario import Scenario
 Pose = tuple[np.ndarray, np.ndarray]
 """Coordinates q and inputs u of the system at rest."""
 DISTURBED = 1e-3
-"""[m/s²] White acceleration of every body that gauges are ranked with where the filter has none or less: without any, motions
-that nothing damps have no steady covariance."""
+"""Smallest white acceleration [m/s²] of every body for the ranking, as undamped motions have no steady covariance without it."""
 
 
 @dataclass(frozen=True)
 class PlacedBody:
-    """The bench of a body that gauges are placed on, at the guess of its parameters.
+    """Bench with the body on which gauges are placed, at the parameter guess.
 
-    files of the config; unknowns of the filter; mesh of the body and basis (3 nodes, r) displacement per
-    coordinate.
+    files: of the config; unknowns: of the filter; mesh: of the body; basis (3 nodes, r): displacement per coordinate.
     """
 
     config: BenchConfig
@@ -45,7 +43,7 @@ class PlacedBody:
 
     @property
     def loads(self) -> tuple[str, ...]:
-        """The unknown loads in the order of the system."""
+        """Unknown loads in the order of the system."""
         return tuple(name for name in self.bench.system.inputs if name in self.config.estimator.inputs)
 
     @property
@@ -55,23 +53,23 @@ class PlacedBody:
 
     @property
     def acceleration(self) -> float:
-        """[m/s²] Of the white force of the filter."""
+        """White acceleration of the filter [m/s²]."""
         return float(self.config.estimator.disturbance)
 
     @property
     def modal(self) -> slice:
-        """Coordinates of the body among those of the system."""
+        """Modal coordinates of the body among those of the system."""
         return self.bench.system.modal(self.place.body)
 
     @property
     def columns(self) -> tuple[list[int], np.ndarray]:
-        """Places of the loads in the system's inputs, and ∂θ/∂ξ (nθ, p)."""
+        """Indices of the loads in the system's inputs, and ∂θ/∂ξ (nθ, p)."""
         coordinates, inputs = self.unknowns.coordinates, self.bench.system.inputs
         by_xi = coordinates.theta(coordinates.xi(self.bench.theta))[1]
         return [inputs.index(name) for name in self.loads], by_xi
 
     def linear(self, pose: Pose, increment: np.ndarray) -> LinearBench:
-        """The bench about a pose; increment (unknowns,) of each in a step."""
+        """Linearise about a pose; increment (unknowns,): σ per step."""
         config, (places, by_xi) = self.config, self.columns
         corrected, method = corrects_in_a_test(config), config.simulate.method
         printed, (q, u) = config.estimator.method.noise == "as_printed", pose
@@ -80,39 +78,38 @@ class PlacedBody:
 
 
 def poses_of(body: PlacedBody, instants: Sequence[float]) -> list[Pose]:
-    """The static equilibrium at each instant [s], whatever the simulation starts from, with its loads and drives at rest; each is
-    sought from the one before."""
+    """Static equilibrium at each instant [s] with its loads and drives at rest, each starting from the previous one."""
     bench = body.bench
     u = loads_of(bench, body.files)(np.array(instants))
     u[:, bench.system.drives.rates] = 0.0
     with blame("simulate"):
         q = start_of(bench.simulated(start="equilibrium"), u[0])[0]
     poses = [(q, u[0])]
-    for instant, held in zip(instants[1:], u[1:], strict=True):
+    for instant, inputs in zip(instants[1:], u[1:], strict=True):
         try:
-            q = static_equilibrium(bench.system, q, held, bench.theta)[0]
+            q = static_equilibrium(bench.system, q, inputs, bench.theta)[0]
         except (InfeasibleError, NumericalError) as error:
             raise type(error)(f"at {instant:.4g} s {error.what}", key="place.poses", remedy=error.remedy) from error
-        poses.append((q, held))
+        poses.append((q, inputs))
     return poses
 
 
 @dataclass(frozen=True)
 class Known:
-    """What parameters add: start (unknowns, unknowns) factor of the covariance of loads and ξ when the run begins; drawn
-    (unknowns,): σ of their changes in a step; slopes (p, p) ∂θ/∂ξ; steps (poses,): how long the run stays in each."""
+    """Prior of a placement with parameters: start (unknowns, unknowns): covariance factor of loads and ξ; increment (unknowns,):
+    σ per step; slopes (p, p): ∂θ/∂ξ; steps (poses,): duration in each pose."""
 
     start: np.ndarray
-    drawn: np.ndarray
+    increment: np.ndarray
     slopes: np.ndarray
     steps: tuple[int, ...]
 
 
 def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarray]:
-    """What parameters add to a placement, None without any; and σ (unknowns,) of the change in a step that gauges are ranked
-    with, loads before ξ: as stated, of a constant one as much as leads to σ of its guess over the run.
+    """Prior with parameters, None without parameters; and increments (unknowns,) for the ranking, loads before ξ, where a
+    constant parameter gets the increment that accumulates to σ of its guess over the run.
 
-    The run is in each pose from half-way to the one before until half-way to the next; time (poses,) [s].
+    The run stays in each pose until half-way to the next; time (poses,) [s].
     """
     unknowns, theta = body.unknowns, body.bench.theta
     order = [list(body.config.estimator.inputs).index(name) for name in body.loads]
@@ -130,13 +127,12 @@ def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarr
         body.columns[1][coordinates.free],
         tuple(int(count) for count in steps),
     )
-    stand_in = np.sqrt(np.diag(covariance) / steps.sum())
-    return known, np.concatenate([of_loads, np.where(moved > 0, moved, stand_in)])
+    equivalent = np.sqrt(np.diag(covariance) / steps.sum())
+    return known, np.concatenate([of_loads, np.where(moved > 0, moved, equivalent)])
 
 
 def zeroed(config: BenchConfig) -> bool:
-    """Whether the filter has the layout by a sensor that is zeroed at a start at rest: it tells nothing of what deformed the
-    bench then."""
+    """Whether the layout's sensor is zeroed at rest, so that it does not measure the initial deformation."""
     sensors = (config.sensors[name] for name in config.estimator.sensors)
     takes = any(
         isinstance(sensor, StrainSensorSection) and sensor.layout == "place" and sensor.zeroed for sensor in sensors
@@ -147,10 +143,10 @@ def zeroed(config: BenchConfig) -> bool:
 def scenario_of(
     bench: LinearBench, H: np.ndarray, noise: np.ndarray | float, acceleration: float, white: np.ndarray | float = 0.0
 ) -> Scenario:
-    """The bench in time with readings of intensity σ²h, without weights.
+    """Continuous-time scenario with reading intensity σ²h, without weights.
 
-    H (k, n*): readings of (η, η̇, unknowns); noise (k,) or one for all: σ of a sample every h; acceleration [m/s²] of the white
-    force, `DISTURBED` at least; white (k,): variance of a reading by it for 1 m/s², which is taken as noise of its own.
+    H (k, n*): readings of (η, η̇, unknowns); noise (k,) or scalar: σ of a sample at step h; acceleration [m/s²]: of the white
+    force, at least `DISTURBED`; white (k,): variance of a reading for 1 m/s², added as independent noise.
     """
     acceleration = max(acceleration, DISTURBED)
     F, Q = build_continuous_model(bench, acceleration)
@@ -161,13 +157,12 @@ def scenario_of(
 def expected_std(
     bench: LinearBench, H: np.ndarray, noise: np.ndarray | float, acceleration: float, off: np.ndarray | float = 0.0
 ) -> np.ndarray:
-    """σ (nu,) [N, N m] of the inputs after an update, that the filter with these gauges comes to claim,
-    where the samples begin long ago; off (k,): σ of a constant error of each reading, of which the gain knows nothing (Schmidt):
+    """Steady-state σ (nu,) [N, N m] of the inputs after an update; off (k,): σ of a considered constant reading error (Schmidt):
 
         S = (1 − K H) A S + K diag(off),     K = P Hᵀ R⁻¹,     σ² = diag(P + S Sᵀ)
 
-    H (k, n*), noise and acceleration as of `scenario_of`, here as they are; inf where the gauges do not detect all inputs.
-    Raises InfeasibleError and NumericalError as `steady_factor`.
+    H (k, n*), noise, acceleration: see `scenario_of`; inf if the gauges do not detect all inputs. Raises InfeasibleError and
+    NumericalError as `steady_factor`.
     """
     A, N, scale = build_discrete_model(bench, acceleration)
     L = steady_factor(A, H * scale / _column(noise), N)
@@ -187,18 +182,17 @@ def factors_along(
     readings: Sequence[np.ndarray],
     noise: np.ndarray | float,
     acceleration: float,
-    drawn: np.ndarray,
+    increment: np.ndarray,
     start: np.ndarray,
     steps: Sequence[int],
 ) -> list[np.ndarray]:
-    """Factors L (unknowns, any) of the covariance of the unknowns c at the end of each pose of a run that stays in each of the
-    benches for so many steps, after it began at rest with a covariance of c of the factor start (unknowns, any):
+    """Covariance factors L (unknowns, any) of the unknowns c at the end of each pose of a run that starts at rest:
 
         L₀ = (S; 0; 1) start,     η = S c at rest,     from pose to pose   η ← S' c + Π (η − S c),   η̇ ← Π η̇
 
-    Π takes a motion of the bodies from the modes of one pose to those of the next, so that the change of pose moves nothing by
-    itself. drawn (unknowns,): σ of their changes in a step, 0 of a constant; readings: H of each;
-    the others as of `scenario_of`.
+    Π maps body motion from the modes of one pose to those of the next, so that the change of pose causes no motion. benches,
+    steps: per pose; readings: H of each; increment (unknowns,): σ per step, 0 for a constant; start (unknowns, any): initial
+    factor of c; others: see `scenario_of`.
     """
     factors: list[np.ndarray] = []
     L = np.zeros((0, 0))
@@ -212,7 +206,7 @@ def factors_along(
             eta, rate = L[: len(before.stiffness)], L[len(before.stiffness) : 2 * len(before.stiffness)]
             swung = eta - before.B / before.stiffness[:, None] @ c
             L = np.vstack([rest @ c + over @ swung, over @ rate, c])
-        A, N, scale = build_discrete_model(bench, acceleration, drawn)
+        A, N, scale = build_discrete_model(bench, acceleration, increment)
         H = readings[k] * scale / _column(noise)
         L = scale[:, None] * factor_after(A, H, N, L / scale[:, None], count)
         factors.append(L[2 * r :])

@@ -1,4 +1,4 @@
-"""The placement on a body of a bench: the bench linearised at rest, its strongest gauges as a pool, layouts to compare."""
+"""Placement on a body of a bench: linearised bench, pool of the strongest gauges, random layouts for comparison."""
 
 from __future__ import annotations
 
@@ -39,28 +39,26 @@ from strainsight.records.bench import PLACED, BenchCandidates, BenchLayout, Benc
 from strainsight.records.record import record_from
 from strainsight.runner.output import Output, Scalar, Table
 
-EXACT = (
-    "Beside parameters σ here is that of exact gauges: estimate.tolerances are in the ranking, and in σ of estimate."
-)
-UNTOLD = 0.9
-"""Share of σ of its guess above which the gauges tell next to nothing of a parameter."""
+EXACT = "With parameters, σ here assumes exact gauges: estimate.tolerances are included in the ranking and in σ of estimate."
+UNIDENTIFIED = 0.9
+"""Ratio of σ to that of the guess above which gauges do not identify a parameter."""
 
 
 def placement_output(
     config: BenchConfig, meshes: Mapping[str, Mesh], reduced: Mapping[str, ReducedBody], using: Resources
 ) -> Output:
-    """Linearise about the static equilibria, screen, eliminate, exchange, prove; draw layouts to compare with.
+    """Linearise about the static equilibria, screen, eliminate, exchange, prove, and sample layouts for comparison.
 
-    σ is in the unit of each unknown, inputs before parameters; gauges.csv has σ without each gauge in N or N m, and as peak the
-    strain at the start. Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
+    σ is in the unit of each unknown, inputs before parameters; gauges.csv has σ without each gauge, and the strain at the start
+    as peak. Raises InfeasibleError if no layout within the limits detects every unknown in every pose.
     """
     subject = _subject(config, meshes, reduced, using)
     body, pool, inputs = subject.body, subject.pool, subject.body.inputs
     placement = place(subject, using.progress)
     advice = placement.advice
-    if len(untold := subject.untold(np.array(list(placement.expected.std.values())))):
-        names = " and ".join(body.unknowns.free[i] for i in untold)
-        sentence = f"Of {names} the gauges tell next to nothing: σ stays that of the guess, through the whole run."
+    if len(unidentified := subject.unidentified(np.array(list(placement.expected.std.values())))):
+        names = " and ".join(body.unknowns.free[i] for i in unidentified)
+        sentence = f"The gauges do not identify {names}: σ remains that of the guess during the whole run."
         advice = (sentence, *advice)
     if subject.known is not None and pool.off.any():
         advice = (EXACT, *advice)
@@ -104,7 +102,7 @@ def _subject(
     assert settings is not None
     bench = bench_of(config, reduced, meshes, free=free_properties(config.estimator))
     unknowns, mesh, basis = unknowns_of(bench, config.filter_step), meshes[settings.body], reduced[settings.body].basis
-    # by what the filter takes the parameters for when it begins
+    # at the initial parameters of the filter
     bench = replace(bench, theta=unknowns.starts[0])
     body = PlacedBody(config, settings, using.files, bench, unknowns, mesh, basis)
     time, poses = np.array(settings.poses), poses_of(body, settings.poses)
@@ -112,22 +110,22 @@ def _subject(
     benches = tuple(body.linear(pose, increment) for pose in poses)
     modal, loads = body.modal, len(body.loads)
     using.progress("candidates", 0.1)
-    taken_off = np.zeros((len(benches[0].static[modal]), len(body.inputs)))
-    zero = np.zeros(len(taken_off))
+    zero_slope = np.zeros((len(benches[0].static[modal]), len(body.inputs)))
+    zero = np.zeros(len(zero_slope))
     if (unknowns.free or config.estimator.tolerances is not None) and zeroed(config):
         at_zero = poses[0] if time[0] == 0 else poses_of(body, (0.0,))[0]
         zero = at_zero[0][modal]
-        taken_off[:, loads:] = body.linear(at_zero, increment).static[modal, loads:]
-    pool = gauge_pool(body, time, poses, benches, zero, taken_off).with_more(motion_pool(body, poses, benches))
+        zero_slope[:, loads:] = body.linear(at_zero, increment).static[modal, loads:]
+    pool = gauge_pool(body, time, poses, benches, zero, zero_slope).with_more(motion_pool(body, poses, benches))
     subject = _Body(body, benches, pool, known)
     return replace(subject, every=subject.all_candidates()) if settings.search == "all" else subject
 
 
 @dataclass(frozen=True)
 class _Body(Subject):
-    """A body; benches, linear in every pose; pool of the candidates, off of which is noise of a sample to a ranking, and to σ of
-    loads alone what it leaves of them; known: None where loads alone are unknown; every: all candidates in every pose, and their
-    limits, where the bound is to be over them."""
+    """Body as subject of a placement; benches: linearised in every pose; pool: candidates, with installation errors as noise for
+    the ranking; known: prior of parameters, None without; every: all candidates in every pose and their limits, None unless the
+    bound covers them."""
 
     body: PlacedBody
     benches: tuple[LinearBench, ...]
@@ -139,7 +137,7 @@ class _Body(Subject):
         return [self.task_of(self.pool.kept)]
 
     def task_of(self, gauges: np.ndarray) -> Task:
-        """Every unknown counts in its increments, every gauge is a pool row."""
+        """Task with a pool of gauges; unknowns are scaled by their increments."""
         linear, inputs, candidates = self.benches[0], self.body.inputs, self.pool.candidates
         solved, limits = self._solved(gauges, self.body.place)
         modes = len(linear.stiffness)
@@ -156,7 +154,7 @@ class _Body(Subject):
             self.pool.price[gauges],
             limits,
             self.body.place,
-            # rules that look at readings alone take the first pose
+            # rules based on readings use the first pose
             PoolReadings(
                 self.pool.readings[0][gauges][:, None, :modes],
                 self.pool.noise[gauges, None] ** 2,
@@ -169,30 +167,28 @@ class _Body(Subject):
         )
 
     def all_candidates(self) -> tuple[tuple[Pool, ...], Limits]:
-        """Every pose with all candidates, and the limits of a layout of them but for its spacing: that has as many as there are
-        pairs of neighbours, and a bound without it is one with it."""
-        apart = self.body.place.model_copy(update={"minimum_spacing": 0.0})
-        return self._solved(np.arange(len(self.pool.candidates)), apart)
+        """Every pose with all candidates, and the limits without spacing, as a bound without spacing remains valid."""
+        without_spacing = self.body.place.model_copy(update={"minimum_spacing": 0.0})
+        return self._solved(np.arange(len(self.pool.candidates)), without_spacing)
 
     @blame("place.keep")
     def _solved(self, gauges: np.ndarray, settings: BenchPlace) -> tuple[tuple[Pool, ...], Limits]:
-        """Every pose with these gauges as a pool, and the limits of a layout of them."""
+        """Every pose with these gauges as pool, and the limits of a layout."""
         rows, price, candidates = PoolRows(gauges[:, None], gauges[:, None]), self.pool.price, self.pool.candidates
         limits = layout_limits(settings, rows, self.body.mesh, candidates, price[gauges], "place.fixed")
         increment, scenarios = self.benches[0].increment, self.scenarios(gauges)
         return tuple(solve_pool(scenario, self.body.inputs, increment) for scenario in scenarios), limits
 
     def expectation(self, gauges: np.ndarray) -> Expectation:
-        """σ of every unknown (`summed_up`); raises InfeasibleError where one is lost, NumericalError where it is not
-        solved."""
+        """σ of every unknown (`summed_up`). Raises InfeasibleError if one is not detected, NumericalError if not solved."""
         inputs = self.body.inputs
         with blame("estimate"):
             std = self.summed_up(self.in_poses(gauges))
         if not np.isfinite(std).all():
             raise InfeasibleError(
-                f"a filter on the {len(gauges)} gauges does not detect every unknown",
+                f"a filter with the {len(gauges)} gauges does not detect every unknown",
                 key="place.keep",
-                remedy="keep more gauges, or estimate fewer unknowns",
+                remedy="Increase place.keep, or estimate fewer unknowns.",
             )
         without = self.without_each(gauges)
         return Expectation(dict(zip(inputs, std.tolist(), strict=True)), dict(zip(inputs, without.T, strict=True)))
@@ -203,55 +199,55 @@ class _Body(Subject):
 
     @property
     def scale(self) -> np.ndarray:
-        """One of each unknown of the state in its unit (unknowns,): 1 of a load, ∂θ/∂ξ of a parameter."""
+        """Scale of each unknown (unknowns,): 1 for a load, ∂θ/∂ξ for a parameter."""
         scale = np.ones(len(self.benches[0].increment))
         if self.known is not None:
             scale[len(scale) - len(self.known.slopes) :] = np.abs(np.diag(self.known.slopes))
         return scale
 
     def in_poses(self, gauges: np.ndarray) -> np.ndarray:
-        """σ (poses, unknowns) [N, N m, Pa, m] that a filter on these gauges comes to claim: of loads alone, inf where one is
-        lost; beside parameters at the end of each pose of the run."""
+        """Expected σ (poses, unknowns) [N, N m, Pa, m]: steady-state with loads only, inf if unobservable; with parameters at
+        the end of each pose of the run."""
         rows, noise, known = [H[gauges] for H in self.pool.readings], self.pool.noise[gauges], self.known
         if known is None:
             triples = zip(self.benches, rows, self.pool.off[:, gauges], strict=True)
             return np.array([expected_std(bench, H, noise, self.body.acceleration, off) for bench, H, off in triples])
         factors = factors_along(
-            self.benches, rows, noise, self.body.acceleration, known.drawn, known.start, known.steps
+            self.benches, rows, noise, self.body.acceleration, known.increment, known.start, known.steps
         )
-        loads = len(known.drawn) - len(known.slopes)
+        loads = len(known.increment) - len(known.slopes)
         of_theta = [np.vstack([L[:loads], known.slopes @ L[loads:]]) for L in factors]
         return np.array([np.linalg.norm(L, axis=1) for L in of_theta])
 
     def summed_up(self, std: np.ndarray) -> np.ndarray:
-        """Of σ in every pose (poses, unknowns) the largest of each load, and the last of each parameter."""
+        """From σ in every pose (poses, unknowns): the largest of each load, the last of each parameter."""
         worst = std.max(axis=0)
         if self.known is not None:
             loads = len(worst) - len(self.known.slopes)
             worst[loads:] = std[-1, loads:]
         return np.asarray(worst)
 
-    def untold(self, std: np.ndarray) -> np.ndarray:
-        """Numbers, from the first parameter on, of those whose σ (unknowns,) is hardly below that of the guess."""
+    def unidentified(self, std: np.ndarray) -> np.ndarray:
+        """Indices of parameters whose σ (of unknowns,) is hardly below that of the guess."""
         if self.known is None:
             return np.zeros(0, dtype=int)
         loads = len(std) - len(self.known.slopes)
         guess = np.linalg.norm(self.known.slopes @ self.known.start[loads:], axis=1)
-        return np.flatnonzero(std[loads:] > UNTOLD * guess)
+        return np.flatnonzero(std[loads:] > UNIDENTIFIED * guess)
 
     def claimed(self, gauges: np.ndarray) -> np.ndarray:
-        """That of all poses (unknowns,), NaN where it is not solved."""
+        """Expected σ over all poses (unknowns,), NaN if not solved."""
         try:
             return self.summed_up(self.in_poses(gauges))
         except NumericalError:
             return np.full(len(self.benches[0].increment), np.nan)
 
     def without_each(self, gauges: np.ndarray) -> np.ndarray:
-        """The same without each of them (k, unknowns)."""
+        """Expected σ without each gauge (k, unknowns)."""
         return np.array([self.claimed(np.delete(gauges, i)) for i in range(len(gauges))])
 
     def scenarios(self, gauges: np.ndarray) -> list[Scenario]:
-        """Every pose with these gauges as a pool."""
+        """Scenarios of every pose with these gauges as pool."""
         pool = self.pool
         return [
             scenario_of(bench, rows[gauges], np.hypot(pool.noise, off)[gauges], self.body.acceleration, white[gauges])
@@ -259,7 +255,7 @@ class _Body(Subject):
         ]
 
     def metric(self, gauges: np.ndarray, metric: Metric) -> float:
-        """The metric with these gauges; inf where an unknown is lost, NaN where the equation is not solved to accuracy."""
+        """Metric with these gauges, inf if an unknown is unobservable, NaN if not solved accurately."""
         values = []
         for scenario in self.scenarios(gauges):
             try:
@@ -273,7 +269,7 @@ class _Body(Subject):
 
 
 def _layouts(placement: Placement, subject: _Body) -> dict[str, BenchLayout]:
-    """The placed layout, and as many gauges drawn from all candidates, those that are bonded already among them."""
+    """Placed layout and random layouts of the same size, all with the bonded gauges."""
     expected, candidates = placement.expected, placement.task.candidates
     metric = placement.task.metrics[placement.task.criterion.name][0]
 
@@ -287,8 +283,8 @@ def _layouts(placement: Placement, subject: _Body) -> dict[str, BenchLayout]:
     bonded, free = np.flatnonzero(candidates.bonded), np.flatnonzero(~candidates.bonded)
     count = len(placement.gauges) - len(bonded)
     some = int(subject.body.place.random)
-    drawn = random_sets(len(free), count, some, placement.task.seed) if count else np.zeros((some, 0), dtype=int)
-    for i, chosen in enumerate(drawn, start=1):
+    random = random_sets(len(free), count, some, placement.task.seed) if count else np.zeros((some, 0), dtype=int)
+    for i, chosen in enumerate(random, start=1):
         gauges = np.concatenate([bonded, free[chosen]])
         cost, std = subject.metric(gauges, metric), subject.claimed(gauges)
         layouts[f"random-{i}"] = layout(gauges, cost, std, subject.without_each(gauges))

@@ -1,4 +1,4 @@
-"""Gauges that a body of a bench could carry, and those worth an exact ranking."""
+"""Candidate gauges and sensors of a bench, and the pool for placement."""
 
 from __future__ import annotations
 
@@ -34,16 +34,17 @@ from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.screening import screen, strongest_first
 
 UNFELT = 1e-12
-"""Share of the strongest input's strain below which that of another is rounding."""
+"""Strain relative to that of the strongest input below which it is a rounding error."""
 
 
 @dataclass(frozen=True)
 class CandidatePool:
-    """candidates, m of them, gauges and then components of sensors of the bench; names (m,) of these, "sensor.axis", "" of a
-    gauge; price (m,); noise (m,): σ of a sample [unit of each]; readings: of every pose (m, n*) on (η, η̇, unknowns); response
-    (poses, m, unknowns) at rest, per unit of every unknown; peak (m,): largest reading at rest; white (poses, m): variance of a
-    reading by the white force in a step for 1 m/s² of it; off (poses, m): σ of a constant error by installation; kept (p,)
-    ascending: which enter the elimination."""
+    """m candidates: gauges, then components of bench sensors.
+
+    names (m,): "sensor.axis", "" for a gauge; price (m,); noise (m,): σ of a sample [unit of each]; readings: of every pose (m,
+    n*) on (η, η̇, unknowns); response (poses, m, unknowns): at rest, per unit; peak (m,): largest reading at rest; white (poses,
+    m): variance by the white force for 1 m/s²; off (poses, m): σ of the installation error; kept (p,): pool, ascending.
+    """
 
     candidates: Candidates
     names: tuple[str, ...]
@@ -57,7 +58,7 @@ class CandidatePool:
     kept: np.ndarray
 
     def with_more(self, more: CandidatePool) -> CandidatePool:
-        """With those of another pool behind."""
+        """Append another pool."""
         first = len(self.candidates)
         joined = {key: np.append(getattr(self, key), getattr(more, key)) for key in ("price", "noise", "peak")}
         joined |= {
@@ -79,21 +80,20 @@ def gauge_pool(
     poses: Sequence[Pose],
     benches: Sequence[LinearBench],
     zero: np.ndarray,
-    taken_off: np.ndarray,
+    zero_slope: np.ndarray,
 ) -> CandidatePool:
-    """Every gauge that `place` of a bench allows, and the strongest under each input in each pose in turn, so far apart as
-    it says; those that are bonded already first.
+    """Candidate gauges of `place`, bonded gauges first, and a pool of the strongest under each input and pose in turn, with
+    minimum spacing.
 
-    time (poses,) [s]; of gauges that are zeroed: zero (r,) η there, taken_off (r, unknowns) what a unit of every one moves it by.
-    One measure of strength for all inputs would keep what sees the strongest, and none for a load along the blade.
-    Raises InfeasibleError where no facet is left, or an input strains none of them.
+    time (poses,) [s]; for zeroed gauges: zero (r,): η at zeroing, zero_slope (r, unknowns): its change per unit of every unknown.
+    Raises InfeasibleError if no facet is left, or an input causes no strain.
     """
     mesh, basis, place, inputs, modal = body.mesh, body.basis, body.place, body.inputs, body.modal
-    facets, static = exterior_facets(mesh), np.array([linear.static[modal] for linear in benches]) - taken_off
+    facets, static = exterior_facets(mesh), np.array([linear.static[modal] for linear in benches]) - zero_slope
 
     def moment(rows: np.ndarray) -> np.ndarray:
-        alike = np.hstack(static / _strength(rows @ static, inputs))
-        return np.asarray(alike @ alike.T)
+        normalised = np.hstack(static / _strength(rows @ static, inputs))
+        return np.asarray(normalised @ normalised.T)
 
     with blame("place.surface"):
         gauges = strain_candidates(mesh, facets, place, place.direction, basis, moment, "place")
@@ -113,7 +113,7 @@ def gauge_pool(
     on_system[:, modal] = rows
     readings = tuple(linear.readings(on_system) for linear in benches)
     for H, linear in zip(readings, benches, strict=True):
-        H[:, 2 * len(linear.stiffness) :] -= rows @ taken_off
+        H[:, 2 * len(linear.stiffness) :] -= rows @ zero_slope
     return CandidatePool(
         candidates=pool,
         names=("",) * len(pool),
@@ -129,52 +129,51 @@ def gauge_pool(
 
 
 def _bonded(mesh: Mesh, facets: Facets, place: BenchPlace) -> Candidates:
-    """The gauges that are there already, each grid of a rosette a gauge of its own."""
+    """Bonded gauges, with each grid of a rosette as a separate gauge."""
     entries = [BondedEntry(e.position, e.direction, float(e.length or 0.0), e.angles) for e in place.fixed]
     grids, _ = bonded(mesh, facets, entries, float(place.snap_tolerance), "place.fixed")
     return replace(grids, gauge=np.arange(len(grids)))
 
 
 def _ranked(strength: np.ndarray, position: np.ndarray, spacing: float) -> np.ndarray:
-    """Candidates that far apart, the strongest first."""
+    """Candidates with minimum spacing, the strongest first."""
     screening = screen(strength, 1.0, position, None, spacing)
     return screening.kept[strongest_first(screening.snr[screening.kept])]
 
 
 def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
-    """Largest strain under every input (nu,) in any pose, response (poses, m, nu)."""
+    """Largest strain under every input (nu,) in any pose; response (poses, m, nu)."""
     largest = np.abs(response).max(axis=(0, 1))
     lost = [name for name, size in zip(inputs, largest, strict=True) if size <= UNFELT * largest.max(initial=0.0)]
     if lost:
         raise InfeasibleError(
-            f"{', '.join(lost)} strain{'s' * (len(lost) == 1)} no candidate",
+            f"{', '.join(lost)} cause{'s' * (len(lost) == 1)} no strain at any candidate",
             key="place.body",
-            remedy="place gauges on a body that carries them, take poses in which they show, or take them out of estimate",
+            remedy="Choose a body that carries these loads, choose other poses, or remove them from estimate.",
         )
     return np.asarray(largest)
 
 
 FELT = (1e-6, 1e6)
-"""σ of its noise by which one increment of an input moves the gauge that feels it most. Beyond, the Riccati equation has no
-digits left, at 1e-8 and 1e8."""
+"""Range of the largest effect of one increment of an input, in σ of the noise; the Riccati equation fails at 1e-8 and 1e8."""
 PERIODS = (1e-6, 1e6)
-"""Periods in a step: where the last mode has less nothing springs back, where the first has more nothing swings."""
+"""Range of periods per step, of the last and of the first mode."""
 
 
 def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -> None:
-    """Raise InfeasibleError where gauges feel nothing of an input, or next to no noise; or where nothing moves in a step.
+    """Raises InfeasibleError if increments, noise or time step differ by too many orders of magnitude.
 
-    response (m, nu) strain per unit of every unknown load, at rest.
+    response (m, nu): strain per unit of every unknown load, at rest.
     """
     noise = float(body.place.noise)
     felt = np.abs(response).max(axis=0) * linear.increment[: len(body.loads)] / noise
     for name, share in zip(body.loads, felt, strict=True):
         if not FELT[0] <= share <= FELT[1]:
             raise InfeasibleError(
-                f"{noise:g}: one increment of {name} moves the gauge that feels it most by {share:.2g} times that, which is "
-                f"outside {FELT[0]:g} to {FELT[1]:g}",
+                f"one increment of {name} changes the most sensitive gauge by {share:.2g} times the noise of {noise:g}; the "
+                f"ratio must be {FELT[0]:g} to {FELT[1]:g}",
                 key="place.noise",
-                remedy=f"check its unit (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli",
+                remedy=f"Check the unit (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli.",
             )
     first, last = np.sqrt(np.maximum(linear.stiffness[[0, -1]], 0.0)) / (2 * np.pi)
     for name, mode, bad in (
@@ -183,10 +182,10 @@ def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -
     ):
         if bad and mode:
             raise InfeasibleError(
-                f"the {name} mode of the bench at rest has {mode:.3g} Hz, a step of {linear.h:g} s is {mode * linear.h:.2g} of "
-                f"its periods, which is outside {PERIODS[0]:g} to {PERIODS[1]:g}",
+                f"the time step of {linear.h:g} s is {mode * linear.h:.2g} periods of the {name} mode ({mode:.3g} Hz); the "
+                f"ratio must be {PERIODS[0]:g} to {PERIODS[1]:g}",
                 key="bodies",
-                remedy="check length and mass units, moduli and densities, and the time step [s]",
+                remedy="Check length and mass units, moduli and densities, and the time step [s].",
             )
 
 
@@ -194,16 +193,16 @@ AXES = "xyz"
 
 
 def motion_pool(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[LinearBench]) -> CandidatePool:
-    """Those of `place.sensors`, in poses at rest, every one of which enters the elimination.
+    """Candidates of `place.sensors` in poses at rest, all of which enter the elimination.
 
-    An accelerometer reads v̇ of the linear bench, so that loads are seen at once, and gravity where it tilts.
+    An accelerometer reads v̇ of the linear bench, which includes direct feed-through of loads, and gravity by tilt.
     """
     config, bench, place, (inputs, by_xi) = body.config, body.bench, body.place, body.columns
     system, names = bench.system, list(place.sensors)
-    # accelerometers stand behind the others where sensors are compiled
+    # compiled sensors have accelerometers last
     names.sort(key=lambda name: isinstance(config.sensors[name], AccelerationSensor))
     compiled = readings(system, [motion_sensor(name, config.sensors[name], bench.frames) for name in names])
-    # of a relative motion without its tilts
+    # tilts of a relative motion are omitted
     starts = np.cumsum([0, *(5 if isinstance(config.sensors[name], RelativeSensor) else 3 for name in names)])[:-1]
     kept = np.concatenate([np.zeros(0, dtype=int), *(start + np.arange(3) for start in starts)])
     none, H, response, white, peak = np.zeros(len(system.drives.names)), [], [], [], []
@@ -211,7 +210,7 @@ def motion_pool(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[Linea
         read = measure(system, compiled, q, np.zeros_like(q), u, bench.theta, none)
         columns = (read.by_q @ linear.T, read.by_v @ linear.T, read.by_u[:, inputs], read.by_theta @ by_xi)
         H.append(np.hstack(columns)[kept])
-        # at rest nothing accelerates
+        # no acceleration at rest
         response.append(compiled.read(q, np.zeros_like(q), at_rest(system, u))[1][kept] @ linear.static)
         shaken = np.zeros(len(read.y))
         if compiled.accelerometers:
@@ -236,7 +235,7 @@ def motion_pool(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[Linea
 
 
 def _candidates(config: BenchConfig, bench: Bench, names: Sequence[str], q: np.ndarray) -> Candidates:
-    """Where they are and along what, at q."""
+    """Positions and directions of bench sensors at q."""
     place, direction, quantity = np.zeros((0, 3)), np.zeros((0, 3)), []
     for name in names:
         entry = config.sensors[name]
@@ -252,20 +251,20 @@ def _candidates(config: BenchConfig, bench: Bench, names: Sequence[str], q: np.n
 
 
 AT_A_TIME = 4000
-"""Gauges whose sensitivities are held in memory."""
+"""Gauges whose sensitivities are in memory at a time."""
 INSTANTS = 200
-"""Of a run, at which its loads are asked."""
+"""Instants of a run at which its loads are evaluated."""
 
 
 def installation_offs(
     body: PlacedBody, gauges: Candidates, time: np.ndarray, poses: Sequence[Pose], zero: np.ndarray
 ) -> np.ndarray:
-    """√v (poses, m) [strain] of gauges on a body, by `estimate.tolerances`, to first order as the filter has them:
+    """Installation errors √v (poses, m) [strain] of gauges on a body from `estimate.tolerances`, to first order:
 
         vⱼ = Σₖ σₖ² mean_t (sₖⱼ (η − η₀))²,     η = η_pose + ∂η/∂u (u(t) − u_pose)
 
-    over as much of the run as is nearest to the pose, quasi-static: what is off with the motion of its modes is left out.
-    time (poses,) [s]; zero (r,): η₀ of gauges that are zeroed, else none. Zeros without tolerances.
+    averaged over the part of the run nearest to the pose, quasi-static. time (poses,) [s]; zero (r,): η₀ of zeroed gauges, else
+    0. Zeros without tolerances.
     """
     bench, sigma = body.bench, linear_tolerances(body.config)
     v = np.zeros((len(poses), len(gauges)))
@@ -276,7 +275,7 @@ def installation_offs(
     second: list[np.ndarray] = []
     for k, (q, u) in enumerate(poses):
         change = loads[nearest == k] - u if np.any(nearest == k) else np.zeros((1, len(u)))
-        change[:, bench.system.drives.at :] = 0.0  # poses have them
+        change[:, bench.system.drives.at :] = 0.0  # included in the poses
         eta = (q + change @ static_response(bench.system, q, u, bench.theta)[0].T)[:, body.modal] - zero
         second.append(eta.T @ eta / len(eta))
     skin, position = exterior_facets(body.mesh), body.mesh.position
