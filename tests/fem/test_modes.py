@@ -15,7 +15,7 @@ from strainsight.errors import UserError
 from strainsight.fem import modes as own
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
-from strainsight.fem.modes import REPEATED, largest, modes, turned
+from strainsight.fem.modes import REPEATED, combine_repeated, largest, modes
 from strainsight.fem.modes import _orthonormalise as orthonormalise
 
 
@@ -219,7 +219,7 @@ def test_any_number_of_modes_up_to_that_of_unknowns_with_mass(n):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_values_that_chain_are_not_one_frequency(sign):
     values = (1 + 0.9 * REPEATED * np.arange(60))[::sign]
-    T = turned(values, np.random.default_rng(0).standard_normal((200, 60)))
+    T = combine_repeated(values, np.random.default_rng(0).standard_normal((200, 60)))
     assert np.allclose(T.T @ T, np.eye(60), atol=1e-12)
     apart = np.abs(values[:, None] - values) > 1.01 * REPEATED
     assert np.all(T[apart] == 0)

@@ -200,7 +200,7 @@ def factorise(A: sparse.csr_array) -> Factor:
     Raises NumericalError if A is not positive definite; UserError if the memory is not sufficient (known after the analysis
     of PARDISO, before its factorisation), and above 100 000 unknowns without PARDISO.
     """
-    scale, size = conditioned(A), A.shape[0]
+    scale, size = diagonal_scaling(A), A.shape[0]
     require_memory(LEAST_BYTES * A.nnz, f"the factor of {size} unknowns, at the very least")
     upper = scaled_upper(A, scale)
     try:
@@ -221,7 +221,7 @@ def factorise(A: sparse.csr_array) -> Factor:
     return Factor(size, name, lambda B: scale[:, None] * solve(scale[:, None] * B))
 
 
-def conditioned(A: sparse.csr_array) -> np.ndarray:
+def diagonal_scaling(A: sparse.csr_array) -> np.ndarray:
     """s (n,) for which SAS, S = diag(s), has a unit diagonal. Raises NumericalError if A has a diagonal entry ≤ 0."""
     diagonal = A.diagonal()
     if not np.all(diagonal > 0):
@@ -312,7 +312,7 @@ class Relief:
     shapes: np.ndarray
     inertia: np.ndarray
 
-    def balanced(self, F: np.ndarray) -> np.ndarray:
+    def balance(self, F: np.ndarray) -> np.ndarray:
         """F − MRRᵀF: forces (n, k) in equilibrium with the inertia forces of the rigid-body acceleration that they cause."""
         return np.asarray(F - self.inertia @ (self.shapes.T @ F))
 
@@ -367,6 +367,6 @@ def factorise_free(K: sparse.csr_array, relief: Relief, by: Factorise = factoris
     return Factor(
         inner.size,
         inner.solver,
-        lambda B: relief.elastic(inner.solve(relief.balanced(B))),
+        lambda B: relief.elastic(inner.solve(relief.balance(B))),
         None if inner.lowest is None else lowest,
     )

@@ -136,7 +136,7 @@ def modes(
         K φ = ω² M φ,     φᵀMφ = 1,     the largest component of φ positive
 
     Among modes of one frequency, the first has the largest component of all their combinations, and so on
-    (`turned`), so that rounding does not choose the combination. Small models, and models with few massive unknowns,
+    (`combine_repeated`), so that rounding does not choose the combination. Small models, and models with few massive unknowns,
     are solved densely. K, M (n, n) symmetric, K − σM positive definite, M positive semidefinite; count ≤ the rank of M.
     shift σ ≤ 0 [rad²/s²]: 0 for a supported structure, negative for a free one (its rigid-body modes then come first);
     factor: of K − σM, if available, otherwise computed with `by`. rigid (n, k): all rigid-body motions of a free structure, for
@@ -163,7 +163,7 @@ def modes(
         raise ValueError("the shift must not be positive, and must be 0 for given rigid-body motions")
     A = K if shift == 0 else sparse.csr_array(K - shift * M)
     inverse, shapes = _lowest_modes(A, M, count, factor, relief, by, near)
-    inverse, shapes = inverse[:count], (shapes @ turned(inverse, shapes))[:, :count]
+    inverse, shapes = inverse[:count], (shapes @ combine_repeated(inverse, shapes))[:, :count]
     lam = 1.0 / inverse + shift
     _check(A, M, lam - shift, shapes)
     return np.sqrt(np.maximum(lam, 0.0)) / (2 * np.pi), shapes * signs(shapes)
@@ -380,7 +380,7 @@ def _check(A: sparse.csr_array, M: sparse.csr_array, lam: np.ndarray, shapes: np
         )
 
 
-def turned(values: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+def combine_repeated(values: np.ndarray, shapes: np.ndarray) -> np.ndarray:
     """T (count, count) orthogonal, which combines shapes (n, count) of repeated values (count,), ordered.
 
     Among those of one value, the first column of `shapes` T has the largest component that any combination has, the others

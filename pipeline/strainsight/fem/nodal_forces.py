@@ -96,7 +96,7 @@ def acceleration(body: BodyForce, x: np.ndarray) -> np.ndarray:
     return np.asarray(body.acceleration + np.cross(np.cross(body.rotation, x - body.centre), body.rotation))
 
 
-def odd_gravity(mesh: Mesh, loads: Collection[str] | None = None) -> list[str]:
+def gravity_warnings(mesh: Mesh, loads: Collection[str] | None = None) -> list[str]:
     """A warning for every load of the file whose acceleration is that of gravity in another unit of length.
 
     The acceleration is used without the factor of the load combination. cm is not checked: 9.81 times 100 is 100 g. loads:

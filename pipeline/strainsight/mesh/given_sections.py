@@ -138,7 +138,7 @@ def beam_axes(along: FloatArray, towards: FloatArray) -> tuple[FloatArray, np.nd
 
 Groups = Mapping[int, Mapping[int | None, str]]
 """Dimension 1, 2, 3 → region number of its elements in the file (None: no region) → name."""
-Chosen = dict[tuple[int, int | None], tuple[Region, GivenSection]]
+SectionsByGroup = dict[tuple[int, int | None], tuple[Region, GivenSection]]
 """Dimension and number in the file → the region of these elements, and its section."""
 
 ELEMENT_NAMES = {1: "lines", 2: "triangles and quadrangles", 3: "solids"}
@@ -156,7 +156,7 @@ SHELLS = (
 
 def regions_with_sections(
     groups: Groups, assignments: Mapping[str, GivenSection], solids: Mapping[int, Region], notes: list[str]
-) -> Chosen:
+) -> SectionsByGroup:
     """The regions of triangles, quadrangles and lines with a section; assignments: key of the config → section.
 
     A region keeps its number unless a region of another dimension has it, and its name, with its dimension appended ("skin
@@ -174,7 +174,7 @@ def regions_with_sections(
                 )
     known = [tag for group in groups.values() for tag in group if tag is not None]
     spare = max([0, *known, *solids]) + 1
-    chosen: Chosen = {}
+    chosen: SectionsByGroup = {}
     regions = dict(solids)
     for (dimension, tag), key in sorted(
         owner.items(), key=lambda item: (-item[0][0], item[0][1] is None, item[0][1] or 0)
@@ -194,7 +194,7 @@ def regions_with_sections(
     return chosen
 
 
-def sections_by_region(chosen: Chosen) -> dict[int, GivenSection]:
+def sections_by_region(chosen: SectionsByGroup) -> dict[int, GivenSection]:
     """Region id → its section."""
     return {region.id: assigned for region, assigned in chosen.values()}
 

@@ -15,8 +15,8 @@ from strainsight.fem.equations import MOTIONS, rigid_rows, translation_rows
 from strainsight.fem.factorisation import Factor, factorise
 from strainsight.fem.mass import point_mass_matrix
 from strainsight.fem.model import FiniteElementModel
+from strainsight.fem.modes import combine_repeated, signs
 from strainsight.fem.modes import modes as lowest_modes
-from strainsight.fem.modes import signs, turned
 from strainsight.fem.support import TOLERANCE
 from strainsight.rom.inertia import scalar_mass
 
@@ -326,7 +326,7 @@ def residual_vectors(
     Y = np.column_stack(shapes)  # YᵀKY = I
     inverse, W = eigh(Y.T @ (M @ Y))
     inverse, W = inverse[::-1], W[:, ::-1]
-    W = W @ turned(inverse, Y @ W)
+    W = W @ combine_repeated(inverse, Y @ W)
     V = Y @ (W / np.sqrt(inverse))
     return V * signs(V)
 

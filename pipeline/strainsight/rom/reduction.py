@@ -13,8 +13,8 @@ from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.factorisation import Factorise, factorise_free, relief_of
 from strainsight.fem.model import FiniteElementModel
+from strainsight.fem.modes import combine_repeated, signs
 from strainsight.fem.modes import modes as lowest_modes
-from strainsight.fem.modes import signs, turned
 from strainsight.parallel import Sweep, serial
 from strainsight.rom.model import Damping, ReducedModel, modal_basis
 
@@ -341,7 +341,7 @@ def _modal_coordinates(
             lam, Y = eigh(K, M)
         basis = basis @ Y
         if not first:
-            T = turned(lam, basis)
+            T = combine_repeated(lam, basis)
             Y, basis = Y @ T, basis @ T
         sign = signs(basis)
         stiffness, mass, basis = stiffness.project(Y * sign), mass.project(Y * sign), basis * sign

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from strainsight.errors import InfeasibleError
 from strainsight.ordering import tied_order
 
-KEPT, WEAK, NEAR, BEYOND, CLEARANCE, BEND = "", "snr", "spacing", "range", "clearance", "bend"
+KEPT, WEAK, NEAR, OVER_RANGE, CLEARANCE, BEND = "", "snr", "spacing", "range", "clearance", "bend"
 """Reasons for dropping a gauge; the distance from edges, supports and loads, and the surface curvature, are checked before."""
 TIE = 1e-8
 """Largest difference of equal signals, as a share of the strongest; processors, BLAS and solvers differ by up to 3e-11."""
@@ -70,7 +70,7 @@ def screen(
     reason = np.full(count, WEAK, dtype="<U7")
     if largest is not None and limit is not None:
         over = np.asarray(largest) > np.asarray(limit)
-        reason[np.bincount(number, weights=over, minlength=count) > 0] = BEYOND
+        reason[np.bincount(number, weights=over, minlength=count) > 0] = OVER_RANGE
         reason[fixed] = WEAK
     wanted = count if keep is None else keep
     bonded_ones = int(np.count_nonzero(fixed))

@@ -32,7 +32,7 @@ from strainsight.records.training import Screened
 from strainsight.runner.output import Output, Table
 from strainsight.runner.stage import Context, Stage
 from strainsight.sensors.candidates import Candidates
-from strainsight.sensors.screening import BEND, BEYOND, CLEARANCE, NEAR
+from strainsight.sensors.screening import BEND, CLEARANCE, NEAR, OVER_RANGE
 from strainsight.stages import inputs
 
 
@@ -194,7 +194,7 @@ def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) ->
             spacing = f"{1e3 * settings.minimum_spacing:g} mm apart", "reduce screen.minimum_spacing"
             too_large = "within their range", "use sensors with a larger range"
             faults, remedy = zip(
-                *[words for code, words in ((NEAR, spacing), (BEYOND, too_large)) if code in reasons], strict=True
+                *[words for code, words in ((NEAR, spacing), (OVER_RANGE, too_large)) if code in reasons], strict=True
             )
             yield (
                 f"screen.keep requests {settings.keep} candidates of {name}, but only {kept_count} of {clear} are "

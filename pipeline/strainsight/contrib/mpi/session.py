@@ -27,7 +27,7 @@ from scipy import sparse
 
 from strainsight.contrib.mpi.supervisor import END, ENDED, SAID
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.factorisation import MECHANISM, NOT_DEFINITE, Factor, conditioned, scaled_upper
+from strainsight.fem.factorisation import MECHANISM, NOT_DEFINITE, Factor, diagonal_scaling, scaled_upper
 from strainsight.memory import GIB, SMALLER, available_memory
 from strainsight.processes import SAFE_PATH, inherited
 from strainsight.processes import python as command_of
@@ -152,7 +152,7 @@ class OverMpi:
         """A = LLᵀ as `fem.factorisation.factorise`, scaled likewise, with `lowest` for modes. Raises NumericalError if A is
         not positive definite or a process dies, UserError if MPI, PETSc or SLEPc are missing, incompatible, or have too
         little memory."""
-        scale = conditioned(A)
+        scale = diagonal_scaling(A)
         session = _Session(programs())
         try:
             hello = session.start()
@@ -178,7 +178,7 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
         return scale[:, None] * session.read_columns(right, into)
 
     def lowest(
-        M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
+        M: sparse.csr_array, count: int, basis: int, start: np.ndarray, known: np.ndarray, tolerance: float
     ) -> tuple[np.ndarray, np.ndarray]:
         if not mass or mass[0] is not M:
             if mass:
@@ -186,10 +186,10 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
             session.matrix("M", scaled_upper(M, scale))
             mass.append(M)
         first, into = session.array((start / scale)[:, None]), session.room(count, len(start))
-        known = session.array(beside / scale[:, None]) if beside.shape[1] else ""
+        known_columns = session.array(known / scale[:, None]) if known.shape[1] else ""
         limits = {"tolerance": max(tolerance, CONVERGED), "restarts": RESTARTS}
-        answer = session.ask("lowest", count=count, basis=basis, start=first, known=known, into=into, **limits)
-        return np.array(answer["values"]), scale[:, None] * session.read_columns(first, known, into)
+        answer = session.ask("lowest", count=count, basis=basis, start=first, known=known_columns, into=into, **limits)
+        return np.array(answer["values"]), scale[:, None] * session.read_columns(first, known_columns, into)
 
     weakref.finalize(solve, session.close)
     return Factor(len(scale), "MUMPS", solve, lowest)

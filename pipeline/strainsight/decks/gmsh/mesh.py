@@ -18,8 +18,8 @@ from strainsight.mesh.given_sections import (
     LINE,
     LINE3,
     SHELLS,
-    Chosen,
     GivenSection,
+    SectionsByGroup,
     regions_with_sections,
     sections_by_region,
     with_given,
@@ -110,7 +110,7 @@ class Thin:
 
     chunks: list[Chunk]
     cells: tuple[CellBlock, ...]
-    chosen: Chosen
+    chosen: SectionsByGroup
     doubled: Doubled
 
 

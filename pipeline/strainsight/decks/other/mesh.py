@@ -16,9 +16,9 @@ from strainsight.mesh.given_sections import (
     LINE,
     LINE3,
     SHELLS,
-    Chosen,
     GivenSection,
     Groups,
+    SectionsByGroup,
     regions_with_sections,
     sections_by_region,
     with_given,
@@ -167,7 +167,7 @@ class Cells:
             parts[kind.name].append(CellBlock(kind.name, self.ids[rows], nodes, region[rows]))
         return tuple(CellBlock.joined(blocks) for blocks in parts.values() if blocks)
 
-    def thin(self, of: list[int], chosen: Chosen) -> Iterator[CellBlock]:
+    def thin(self, of: list[int], chosen: SectionsByGroup) -> Iterator[CellBlock]:
         """Cells of the blocks `of` whose regions have a section. Raises DeckError for unsupported cell types."""
         cells, known = self.raw.cells, list(THIN)
         for b in sorted(of, key=lambda b: known.index(cells[b].type) if cells[b].type in THIN else -1):

@@ -21,7 +21,7 @@ from strainsight.fem.checks import Quality, check_geometry, check_inverted, chec
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.equations import turning_nodes
 from strainsight.fem.mass import has_mass, mass_properties
-from strainsight.fem.nodal_forces import odd_gravity, with_body_forces
+from strainsight.fem.nodal_forces import gravity_warnings, with_body_forces
 from strainsight.fem.pieces import hinge_warnings
 from strainsight.fem.springs import spring_rows
 from strainsight.fem.support import EXACT, links, rigid_body_motions
@@ -155,7 +155,7 @@ def mesh_of(
     if config.matrices is None:
         mesh = without_loose_masses(mesh)
     with blame(f"{key}.file"), mesh.located():
-        mesh = replace(mesh, doubts=(*mesh.doubts, *odd_gravity(mesh, loads)))
+        mesh = replace(mesh, doubts=(*mesh.doubts, *gravity_warnings(mesh, loads)))
         weighs = config.matrices is None and (config.results is None or has_mass(mesh))
         return with_body_forces(mesh) if weighs else mesh
 

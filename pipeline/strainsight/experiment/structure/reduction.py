@@ -227,7 +227,7 @@ def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]
 def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.ndarray) -> None:
     """Raises UserError for a load (column of S (n_free, n_u)) that causes only rigid-body motion of a free structure."""
     reference = dict.fromkeys(model.mass.parameters, 1.0)  # a density scales the whole mass
-    left = relief_of(model.mass.at(reference), np.asarray(model.rigid)).balanced(S)
+    left = relief_of(model.mass.at(reference), np.asarray(model.rigid)).balance(S)
     share = np.linalg.norm(left, axis=0) / np.linalg.norm(S, axis=0)
     for name, strained in zip(config.loads, share, strict=True):
         if strained < BALANCED:

@@ -362,7 +362,7 @@ def _full(
 
     K, M = built.model.stiffness.at(theta), built.model.mass.at(theta)
     if built.model.rigid is not None:
-        S = relief_of(M, built.model.rigid).balanced(S)  # gauges do not measure rigid-body motion
+        S = relief_of(M, built.model.rigid).balance(S)  # gauges do not measure rigid-body motion
     if stated.kind == "modal":
         viscous = modal_damping(K, M, stated.ratio, modes, rigid=built.model.rigid)
     else:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigh
 
-from strainsight.fem.modes import signs, turned
+from strainsight.fem.modes import combine_repeated, signs
 from strainsight.loads.observability import direction_in_words, undetectable_directions
 from strainsight.multibody.accelerations import input_slopes, parameter_slopes
 from strainsight.multibody.coupled import tangent_space
@@ -88,7 +88,7 @@ def in_modes(
     modes and signs are chosen by the effect of the white force on q, so that they do not depend on rounding."""
     stiffness, modes = eigh(K, M)
     felt = np.sqrt(force)[:, None] * T
-    modes = modes @ turned(stiffness, felt @ modes)
+    modes = modes @ combine_repeated(stiffness, felt @ modes)
     modes *= signs(felt @ modes)
     return LinearBench(T @ modes, modes.T @ C @ modes, stiffness, modes.T @ B, increment, force, h, method)
 

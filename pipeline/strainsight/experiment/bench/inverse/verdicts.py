@@ -56,13 +56,13 @@ REMEDY = (
 class Evidence:
     """Input of the consistency check.
 
-    estimation: with σ, even if withheld; numbers: of the summary; claims: by unknown with known truth; beyond: parameters outside
-    their ranges, which invalidates all σ."""
+    estimation: with σ, even if withheld; numbers: of the summary; claims: by unknown with known truth; outside_range: parameters
+    outside their ranges, which invalidates all σ."""
 
     estimation: BenchEstimation
     numbers: Mapping[str, Scalar]
     claims: Mapping[str, Claim]
-    beyond: Mapping[str, str]
+    outside_range: Mapping[str, str]
 
     @property
     def estimate(self) -> BenchEstimateSection:
@@ -104,7 +104,7 @@ class Evidence:
             more = "" if estimate.hold_out is not None else ", or set estimate.hold_out: each to find the channel"
             check = f"Check channels, units and noise of estimate.measured{more}"
             words = f"{INCONSISTENT}: {self._contradicted}. {check}"
-        return Decision(words, accept=estimate.accept, out_of_range=self.out_of_range, remedy=REMEDY)
+        return Decision(words, accept=estimate.accept, out_of_range=self.outside_range, remedy=REMEDY)
 
     @property
     def _contradicted(self) -> str:
@@ -116,8 +116,8 @@ class Evidence:
         claim = self.claims.get(name)
         applies = {
             DIVERGED: self._number("lost") > 0,
-            OUT_OF_RANGE: name in self.beyond,
-            WITHHELD: bool(self.beyond),
+            OUT_OF_RANGE: name in self.outside_range,
+            WITHHELD: bool(self.outside_range),
             LOST: self.numbers.get(f"identified.{name}") is False,
             OVERCONFIDENT: claim is not None and claim.overconfident,
             SENSORS_DISAGREE: name in self.against,
@@ -138,7 +138,7 @@ class Evidence:
         estimate, lost = self.estimate, self.estimation.filtered.lost
         if (diverged := lost[lost >= 0]).size:
             yield f"{len(diverged)} of {len(lost)} runs diverged, the first after {diverged.min()} steps"
-        if not self.beyond:
+        if not self.outside_range:
             yield from self.overconfident()
             yield from (
                 f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of the largest load. Use other sensors, or "
@@ -188,7 +188,7 @@ class Evidence:
         if "hold_out.inside" in of:
             estimates.append(f"sensors predicted from the others: {100 * of['hold_out.inside']:.3g} % within 2σ")
         parts = [decision.message] if decision.message else []
-        parts += [] if self.beyond else self.overconfident()
+        parts += [] if self.outside_range else self.overconfident()
         parts += [f"{name} is not identified" for name in self.names if of[f"identified.{name}"] == 0]
         parts += [self._contradicted] * bool(self.against and decision.trusted)
         parts.append(", ".join(estimates) or "no reference for comparison")
@@ -211,32 +211,32 @@ def bench_out_of_range(estimation: BenchEstimation) -> dict[str, str]:
     """Modulus → sentence for estimates outside its `reach`, from the first such run. Bearing laws have no range."""
     problem = estimation.problem
     ranges = {name: ends for body in problem.bench.reduced.values() for name, ends in body.reach.items()}
-    beyond: dict[str, str] = {}
+    outside_range: dict[str, str] = {}
     for name in problem.unknowns.free:
         inner = problem.unknowns.parameters[name]
         for value in estimation.values[name][0][-1] if inner in ranges else ():
-            if np.isfinite(value) and name not in beyond:
+            if np.isfinite(value) and name not in outside_range:
                 low, high = map(float, ranges[inner])
-                beyond |= out_of_range({name: float(value)}, {name: (low, high)}, {name: "Pa"}, "reduce")
-    return beyond
+                outside_range |= out_of_range({name: float(value)}, {name: (low, high)}, {name: "Pa"}, "reduce")
+    return outside_range
 
 
-def estimated_without_sigma(estimation: BenchEstimation, beyond: Mapping[str, str]) -> BenchEstimation:
+def estimated_without_sigma(estimation: BenchEstimation, outside_range: Mapping[str, str]) -> BenchEstimation:
     """Replace every σ by NaN; the hold-out test keeps its σ, unless parameters are outside their ranges."""
     filtered, rings = without_sigma(estimation.filtered), without_sigma(estimation.rings)
     filtered = replace(filtered, joint=np.full_like(filtered.joint, np.nan), compared=None)
-    without = without_sigma(estimation.without) if beyond else estimation.without
+    without = without_sigma(estimation.without) if outside_range else estimation.without
     return replace(estimation, filtered=filtered, without=without, rings=rings)
 
 
 def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
     """Output of an estimate, with σ withheld if it is not reliable."""
-    estimate, problem, beyond = estimation.problem.estimate, estimation.problem, bench_out_of_range(estimation)
+    estimate, problem, outside_range = estimation.problem.estimate, estimation.problem, bench_out_of_range(estimation)
     result = compare(estimation)
-    evidence = Evidence(estimation, bench_numbers(estimation, result), result.claims, beyond)
+    evidence = Evidence(estimation, bench_numbers(estimation, result), result.claims, outside_range)
     decision, shown = evidence.decision, estimation
     if decision.withheld:
-        shown = estimated_without_sigma(estimation, beyond)
+        shown = estimated_without_sigma(estimation, outside_range)
         result = compare(shown)
     record, rows = result.record, shown.held_out
     warnings = [
@@ -244,12 +244,12 @@ def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
         *misfits_in_words(rows, "channels"),
         *estimation.notes,
         *evidence.warnings(),
-        *([] if beyond else bench_disagreements(estimation)),
+        *([] if outside_range else bench_disagreements(estimation)),
         *loud_sensors(estimate, record),
     ]
     verdicts = {name: evidence.verdict(name) for name in problem.names}
     summary = bench_numbers(shown, result) | {f"verdict.{name}": word for name, word in verdicts.items()}
-    if evidence.in_test or beyond:
+    if evidence.in_test or outside_range:
         summary |= decision.numbers if evidence.in_test else {"withheld": decision.withheld}
     of_loads, of_parameters = load_units(config, record.inputs), parameter_units(config, record.parameters)
     units = dataset_units(config, record.inputs)
