@@ -94,7 +94,7 @@ def test_a_bar_that_an_end_force_accelerates_has_a_strain_that_grows_along_it(ba
     acceleration = relief.shapes @ (relief.shapes.T @ f)
     assert np.allclose(acceleration[::3], 1 / (RHO * A * L), rtol=1e-9)
     assert np.abs(acceleration[1::3]).max() < 1e-9 * acceleration[::3].max()
-    assert np.allclose(relief.balanced(f[:, None]).sum(), 0.0, atol=1e-9)
+    assert np.allclose(relief.balance(f[:, None]).sum(), 0.0, atol=1e-9)
 
 
 def test_the_stiffness_of_the_springs_and_where_they_stand_do_not_matter(bar):
@@ -103,7 +103,7 @@ def test_the_stiffness_of_the_springs_and_where_they_stand_do_not_matter(bar):
     relief = relief_of(M, bar.rigid)
     f = np.random.default_rng(3).standard_normal((bar.size, 3))
     z = factorise_free(K, relief).solve(f)
-    left = K @ z - relief.balanced(f)
+    left = K @ z - relief.balance(f)
     assert np.abs(left).max() < 1e-7 * np.abs(f).max()
     assert np.abs(relief.inertia.T @ z).max() < 1e-9 * np.abs(z).max() * np.abs(relief.inertia).sum(axis=0).max()
     again = relief_of(M, bar.rigid @ np.random.default_rng(5).standard_normal((6, 6)))
