@@ -49,7 +49,7 @@ gauges:
 screen: {keep: 80}
 place: {estimate: [lift, drag, twist, E1], keep: 8, instants: 1, certificate: false}
 validate:
-  truth: {model: rich, modes: 20, parameters: {E1: 1.235e+11}}
+  truth: {model: perturbed, modes: 20, parameters: {E1: 1.235e+11}}
   time_step: 2.0e-3
   duration: 1.0
   initial_std: {lift: 1.0, drag: 1.0, twist: 1.0, E1: 0.1}

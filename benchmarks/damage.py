@@ -1,7 +1,7 @@
 """Does the interval of damage hold? `python -m benchmarks.damage [records] [case …] [--draws=N] [--key=value …]`.
 
 Every record has a truth of its own. `own`: the filter's own model, its start, loads and parameters drawn as the filter takes
-them to be, no tolerances. `rich`: a sine, and installation of the gauges, loads and damping drawn from the tolerances. A table
+them to be, no tolerances. `perturbed`: a sine, and installation of the gauges, loads and damping drawn from the tolerances. A table
 says, for slopes 3 and 8 of the S-N curve, how often the interval of 95 % holds the damage of the true stress at places on
 the surface, medians of damage by draws, and by the smoothed history, over the true one, and in how many records the samples
 spoke for the other walk of the load, by which damage is then drawn, and in how many for neither. Numbers are no times.
@@ -51,7 +51,7 @@ SLOPES = (3.0, 8.0)
 PLACES = 4
 KNOWN_MODULUS = "parameters.E.guess=2.1e+11"
 SHORT = (
-    "validate.truth.model=rich",
+    "validate.truth.model=perturbed",
     "rom.modes=3",
     "train.time_step=1e-3",
     "train.duration=0.2",
@@ -66,11 +66,11 @@ SMOOTH = "loads.tip.process_noise={model: integrated_random_walk}"
 LOAD, MODULUS = "cantilever-input.yaml", "cantilever-youngs-modulus.yaml"
 CASES = {
     "load, own": (LOAD, (KNOWN_MODULUS, "tolerances=none")),
-    "load, rich": (LOAD, (KNOWN_MODULUS,)),
+    "load, perturbed": (LOAD, (KNOWN_MODULUS,)),
     "smooth load, own": (LOAD, (KNOWN_MODULUS, "tolerances=none", SMOOTH)),
-    "smooth load, rich": (LOAD, (KNOWN_MODULUS, SMOOTH)),
+    "smooth load, perturbed": (LOAD, (KNOWN_MODULUS, SMOOTH)),
     "E, own": (MODULUS, ("tolerances=none", "train.settle=none")),
-    "E, rich": (MODULUS, ()),
+    "E, perturbed": (MODULUS, ()),
 }
 """Config and what is changed of it; of the filter's own model those that end with `own`."""
 

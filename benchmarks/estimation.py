@@ -109,7 +109,7 @@ def cases(folder: Path) -> None:
         for entry in settings["loads"].values():
             if not entry["known"]:
                 entry["process_noise"] = {"model": "integrated_random_walk"}
-        for truth in ("full", "modes", "rich"):
+        for truth in ("full", "modes", "perturbed"):
             found = validated(settings, folder, f"validate.truth.model={truth}")
             for name in settings["place"]["estimate"]:
                 s = found.summary
@@ -120,14 +120,14 @@ def cases(folder: Path) -> None:
 
 
 def sets(folder: Path) -> None:
-    print("\nThe chosen layout among 200 random ones of all candidates (1 is best of 201), truth rich")
+    print("\nThe chosen layout among 200 random ones of all candidates (1 is best of 201), truth perturbed")
     runs = {
         "E": config("sets-E", {"E": E}, {"tip": load(20.0, 1e4, True)}, 5e-4),
         "input": config("sets-input", {}, {"tip": load(20.0, 1e4, False)}, 2.5e-4),
     }
     print(f"{'case':10s} {'chosen from':12s} {'rank, real':>12s} {'rank, claimed':>14s} {'correlation':>12s}")
     for case, settings in runs.items():
-        settings["validate"] |= {"random_sets": 200, "truth": settings["validate"]["truth"] | {"model": "rich"}}
+        settings["validate"] |= {"random_sets": 200, "truth": settings["validate"]["truth"] | {"model": "perturbed"}}
         for pool, keep in (("100 screened", "100"), ("all 608", "all")):
             s = validated(settings, folder, f"screen={{keep: {keep}}}").summary
             for name in settings["place"]["estimate"]:

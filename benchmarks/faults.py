@@ -1,6 +1,6 @@
 """Which faults of channels does `estimate` name rightly? `python -m benchmarks.faults [records] [case …] [--seed N]`.
 
-Every record has a truth `rich` of its own (installation of the gauges, gains, loads and damping drawn from the tolerances), other
+Every record has a truth `perturbed` of its own (installation of the gauges, gains, loads and damping drawn from the tolerances), other
 noise, and one fault of one channel drawn from the list, or none. A table says how many were named rightly, were among several
 candidates, were named wrongly, were seen without a name, and were not seen. Numbers do not depend on the machine.
 `--rest SECONDS`: nothing moves for so long before the loads begin, from rest; gauges are as wrong then as later.
@@ -101,7 +101,7 @@ def study_of(name: str, noise: float = NOISE, more: Sequence[str] = (), rest: fl
     file, settings = CASES[name]
     # a motion that is periodic from the first instant on has no rest before it
     more = (*more, "train.settle=none") if rest else more
-    stated = [f"gauges.noise_std={{relative_to_strongest: {noise}}}", "validate.truth.model=rich", *settings, *more]
+    stated = [f"gauges.noise_std={{relative_to_strongest: {noise}}}", "validate.truth.model=perturbed", *settings, *more]
     case = api.load(ROOT / "configs" / file, stated)
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)

@@ -90,7 +90,7 @@ def main(words: list[str]) -> None:
         "sigma-point, constant": lambda: by(model, P, known, y, points=True),
         "extended, constant": lambda: by(model, P, known, y),
         "extended, δ = 0.05/√s": lambda: by(drifting(model), P, known, y),
-        "bank": lambda: run_grid_filter(model, P, known, y[:, :fewer]),
+        "grid": lambda: run_grid_filter(model, P, known, y[:, :fewer]),
     }
     print("| filter | unknown | RMS error | RMS σ | ratio | within 2σ | ms a draw |\n|---|---|---|---|---|---|---|")
     for name, run in filters.items():

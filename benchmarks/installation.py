@@ -3,7 +3,7 @@
 The layout for exact gauges (`place.installation: ignore`) beside the one that avoids errors of installation (`avoid`), both
 without a clearance, beside that of a real gauge with its clearance and spacing (`gauges.type: 3/350`), and beside the layout
 that the first defaults of `init` made (for exact gauges along x, from the strongest hundred places): the real RMS error of
-every unknown over draws of a truth `rich`, and what place expected of the first two. Errors, not times; the time of the
+every unknown over draws of a truth `perturbed`, and what place expected of the first two. Errors, not times; the time of the
 placement, with over without, is measured beside.
 """
 
@@ -53,7 +53,7 @@ class Tried:
 
 def tried(config: str, draws: int, pool: object) -> list[Tried]:
     """The layouts of a config, each on truths that are drawn alike."""
-    loaded = [api.load(ROOT / "configs" / config, ["validate.truth.model=rich", *own]) for own in WAYS]
+    loaded = [api.load(ROOT / "configs" / config, ["validate.truth.model=perturbed", *own]) for own in WAYS]
     mesh = api.mesh(loaded[0])
     reduced = api.reduce(loaded[0], mesh)
     _on(loaded[0], mesh, reduced, 0, pool)  # compiles what is compiled once

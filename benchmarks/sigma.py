@@ -1,6 +1,6 @@
 """Does σ hold where gauges are not where they are meant to be? `python -m benchmarks.sigma [draws] [case …] [--key=value …]`.
 
-Every draw has a truth `rich` of its own: installation of the gauges, gains and damping drawn from the tolerances, and other
+Every draw has a truth `perturbed` of its own: installation of the gauges, gains and damping drawn from the tolerances, and other
 noise. A table says, for every unknown, how often the truth lies within 2σ, and the RMS of error over that of σ. Draws of one
 case share the layout and the true parameters. Numbers are errors, not times: they do not depend on the machine.
 """
@@ -68,7 +68,7 @@ def before_screening(config: str, settings: tuple[str, ...]) -> tuple[Mesh, Redu
 
 
 def loaded(config: str, noise: float, settings: tuple[str, ...]) -> api.Case:
-    stated = [f"gauges.noise_std={{relative_to_strongest: {noise}}}", "validate.truth.model=rich", *settings]
+    stated = [f"gauges.noise_std={{relative_to_strongest: {noise}}}", "validate.truth.model=perturbed", *settings]
     if config == CASES["cantilever load"]:
         stated.append(KNOWN_MODULUS)
     return api.load(ROOT / "configs" / config, stated)

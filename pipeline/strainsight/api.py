@@ -361,7 +361,7 @@ def validate(
     from strainsight.experiment.structure.reduction import spectrum_of
     from strainsight.experiment.structure.validation import validation_of
 
-    modal = case.config.validation.truth.model in ("modes", "rich")
+    modal = case.config.validation.truth.model in ("modes", "perturbed")
     spectrum = spectrum_of(case.config, mesh, case) if modal else None
     numbers = np.asarray(gauges, dtype=int)
     return validation_of(_structure(case, mesh, reduced, training), spectrum, screened, numbers, case)

@@ -262,3 +262,14 @@ def test_the_page_of_the_manual_has_every_row(suite):
     rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")][2:]
     said = [(row.source, row.says, row.printed) for row in suite.model.comparisons]
     assert [tuple(cell.strip() for cell in row[:3]) for row in rows] == said
+
+
+@pytest.mark.parametrize(
+    ("key", "old", "new"),
+    [("filter.method", "bank", "grid"), ("validate.truth.model", "rich", "perturbed")],
+)
+def test_old_value_is_accepted_with_a_warning(write, key, old, new):
+    path = write(EXAMPLE)
+    with pytest.warns(UserWarning, match=f"--set {key}  {key}: '{old}' is now called '{new}'"):
+        loaded = load_config(path, [f"{key}={old}"])
+    assert loaded.data == load_config(path, [f"{key}={new}"]).data

@@ -71,7 +71,7 @@ PLACEMENT_CONFIG: dict[str, Any] = {
     "screen": {"keep": 8, "minimum_spacing": 0.02},
     "place": {"estimate": ["E"], "keep": 2, "instants": 2},
     "validate": {
-        "truth": {"model": "rich", "parameters": {"E": E}, "modes": 6},
+        "truth": {"model": "perturbed", "parameters": {"E": E}, "modes": 6},
         "time_step": 0.001,
         "duration": 0.1,
         "initial_std": {"E": 0.1},

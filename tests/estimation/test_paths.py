@@ -45,12 +45,12 @@ def dense(model, y):
     return prior - gain @ rows @ prior
 
 
-@pytest.mark.parametrize("by", ["bank", "moments"])
+@pytest.mark.parametrize("by", ["grid", "moments"])
 def test_sampled_paths_match_joint_posterior(by):
     model, known = loaded_chain(), forces(STEPS)
     y = measured(model, known, P, np.zeros(5))
     expected = dense(model, y)
-    if by == "bank":
+    if by == "grid":
         none = none_considered(model)
         grid_run = filter_on_grid(GridRecord(model, np.zeros(5), P, known, y, none))
         parts = sample_paths(GridRecord(model, np.zeros(5), P, known, y, none), grid_run, COUNT, 1)

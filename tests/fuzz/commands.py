@@ -34,7 +34,7 @@ gauges:
   noise_std: {relative_to_strongest: 0.01}
 screen: {keep: 4, minimum_spacing: 0.0}
 place: {estimate: [E], keep: 2, instants: 2}
-validate: {truth: {model: rich, parameters: {E: 2.1e+11}}, time_step: 1.0e-3, duration: 0.01, initial_std: {E: 0.1}}
+validate: {truth: {model: perturbed, parameters: {E: 2.1e+11}}, time_step: 1.0e-3, duration: 0.01, initial_std: {E: 0.1}}
 """
 NOT_HERE = (".op4", ".mtx", ".npz", ".csv", ".h5")
 

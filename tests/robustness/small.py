@@ -40,7 +40,7 @@ estimate:
     - {gauge: G3, channel: G3, unit: um/m}
   inputs: {tip: {channel: tip, unit: N}}
 validate:
-  truth: {model: rich, parameters: {E: 2.1e+11}, modes: 8}
+  truth: {model: perturbed, parameters: {E: 2.1e+11}, modes: 8}
   time_step: 1.0e-3
   duration: 0.1
   initial_std: {E: 0.1}

@@ -39,7 +39,7 @@ def output(scale: float = 1.0, **changes) -> Output:
             "/reduced/mass/E": Dataset(np.ones((2, 2)), "1", "slope"),
             "/VTKHDF/Types": Dataset(np.array([10], dtype=np.uint8), "", ""),
         },
-        "summary": {"pool": 100, "gap": 0.5, "truth": "rich", "identified": True, "std.E": np.float64(2.0)},
+        "summary": {"pool": 100, "gap": 0.5, "truth": "perturbed", "identified": True, "std.E": np.float64(2.0)},
         "message": "100 → 4",
         "tables": (Table("Gauges", ("gauge", "x [m]"), (("G1", "0.1"),)),),
         "attributes": {

@@ -23,7 +23,7 @@ SMALL = ROOT / "configs" / "bench" / "small.yaml"
 """Benches of one hub, each with an estimate of its own."""
 HUBS = "hubs"
 """Runs of benches on their hub, which take it over from each other."""
-GRID_FILTER = "estimate.method.parameters=bank"
+GRID_FILTER = "estimate.method.parameters=grid"
 
 
 def finished(job: Job, stages=PLACEMENT):

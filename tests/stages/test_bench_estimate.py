@@ -46,7 +46,7 @@ def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
         (LOADS, "estimate.truth.histories=3", "estimate.truth.histories", "has no effect with truth.model: fine"),
         (DIAMETER, "estimate.parameters.diameter={guess: 0.0606, std: 1.0e-4}", "estimate.parameters.diameter", "no modulus"),
         (LOADS, GRID_FILTER, "estimate.method.parameters", "the config has no estimated parameter"),
-        (DIAMETER, "estimate.method={parameters: bank, update: one_shot}", "estimate.method.update", "extended filter only"),
+        (DIAMETER, "estimate.method={parameters: grid, update: one_shot}", "estimate.method.update", "extended filter only"),
         (LOADS, "estimate.method={noise: as_printed, step_error: estimated}", "estimate.method.step_error", "change after it"),
         (DIAMETER, (PRELOAD, "bearings.pitch-bearing.groove_centres=fixed"), "estimate.parameters.preload", "same effect"),
         (DIAMETER, (GRID_FILTER, *GROOVES), "estimate.method.parameters", "the grid filter supports at most 3 parameters, not 4"),

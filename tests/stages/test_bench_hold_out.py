@@ -179,5 +179,5 @@ def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason():
 
 
 def test_a_bank_refuses():
-    _, said = estimated(EACH, "estimate.method.parameters=bank", ends=2)
+    _, said = estimated(EACH, "estimate.method.parameters=grid", ends=2)
     assert "does not support hold_out" in said

@@ -158,7 +158,7 @@ def one_more(line):
             "estimate.records[3].channels",
             "the same gauges and grids in the same order",
         ),
-        (RECORDS, [("validate:\n", "filter: {method: extended}\nvalidate:\n")], "estimate.records", "filter.method: bank"),
+        (RECORDS, [("validate:\n", "filter: {method: extended}\nvalidate:\n")], "estimate.records", "filter.method: grid"),
         (RECORDS + "  tune: {parts: [noise]}\n", (), "estimate.tune.parts", "estimate.file"),
     ],
 )

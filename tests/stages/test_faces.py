@@ -95,7 +95,7 @@ CHANGES = {
     "tolerances": {"load_angle": 1.0},
     "screen": {"keep": 8, "minimum_spacing": 0.02},
     "place": {"estimate": ["shake"], "keep": 2, "instants": 1, "certificate": False},
-    "validate.truth": {"model": "rich", "parameters": {}},
+    "validate.truth": {"model": "perturbed", "parameters": {}},
     "validate.initial_std": {"shake": 1.0},
 }
 CARDS = "GRAV,5,,9.81,0.,0.,-1.\nRFORCE,6,,,10.,0.,0.,1.\nLOAD,9,1.,1.,5,1.,6\nENDDATA"

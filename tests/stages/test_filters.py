@@ -76,10 +76,10 @@ def test_the_density_of_a_parameter_has_the_mean_and_the_sigma_that_are_claimed(
 def test_the_filters_by_themselves_are_what_the_comparison_says(validated):
     exact = validated(ROM, *EXACT).validated
     found = exact.compared
-    assert found.filter == ("bank", "sigma-point", "extended")
+    assert found.filter == ("grid", "sigma-point", "extended")
     for i, method in enumerate(found.filter):
         settings = (*EXACT, f"filter.method={method}", "filter.compare=false", "filter.drift=false")
-        alone = exact if method == "bank" else validated(ROM, *settings).validated
+        alone = exact if method == "grid" else validated(ROM, *settings).validated
         for name, estimate in found.estimate.items():
             assert alone.estimate[name][-1] == pytest.approx(estimate[i], rel=1e-9)
             assert alone.std[name][-1] == pytest.approx(found.std[name][i], rel=1e-6)
@@ -234,7 +234,7 @@ def test_what_is_not_periodic_starts_from_rest(beam, signal):
     assert not default.coordinate[0].any()
 
 
-@pytest.mark.parametrize(("model", "tolerance"), [("rom", 1e-9), ("modes", 1e-9), ("rich", 1e-9), ("full", 1e-5)])
+@pytest.mark.parametrize(("model", "tolerance"), [("rom", 1e-9), ("modes", 1e-9), ("perturbed", 1e-9), ("full", 1e-5)])
 def test_the_truth_begins_as_the_training_run_does(beam, model, tolerance):
     """Periodic in what the gauges read; the whole model's step and hold leave 2e-6 of free vibration."""
     reading = true_reading(beam, {"validate.truth.model": model})

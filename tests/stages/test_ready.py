@@ -65,7 +65,7 @@ gauges:
 screen: {keep: 6, minimum_spacing: 0.05}
 place: {estimate: [E], keep: 3, instants: 2, certificate: false}
 validate:
-  truth: {model: rich, modes: 4, parameters: {E: 2.1e+11}}
+  truth: {model: perturbed, modes: 4, parameters: {E: 2.1e+11}}
   time_step: 1.0e-3
   duration: 0.4
   initial_std: {E: 0.1}

@@ -134,7 +134,7 @@ def test_the_file_that_calculix_writes(folder, mesh, of_deck, output, digits, tm
 
 @pytest.mark.slow
 def test_a_truth_has_as_many_modes_as_there_are(folder):
-    """`rich` asks for 20 modes, the file has 12, and the truth says so."""
+    """`perturbed` asks for 20 modes, the file has 12, and the truth says so."""
     own = placed(folder, "validated", OF_RESULTS, until="validate")
     assert own["spectrum"].summary["modes"] == MODES
     assert "12 modes of the results (20 asked for, 12 there)" in own["validate"].summary["description"]

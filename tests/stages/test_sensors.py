@@ -48,7 +48,7 @@ place:
   budget: 9
   at_most: [{zone: {box: [[0, -1, -1], [0.35, 1, 1]]}, count: 1}]
 validate:
-  truth: {model: rich, parameters: {E: 2.0e+11}, modes: 12}
+  truth: {model: perturbed, parameters: {E: 2.0e+11}, modes: 12}
   time_step: 5.0e-4
   duration: 0.05
   initial_std: {tip: 0.1, E: 0.1}

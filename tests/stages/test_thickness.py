@@ -47,7 +47,7 @@ CHANGES = {
     "place": {"estimate": ["tip", "t"], "keep": 6, "instants": 1, "certificate": False},
     "filter.compare": False,
     "validate": {
-        "truth": {"model": "rich", "parameters": {"t": 1.06 * T}, "modes": 8},
+        "truth": {"model": "perturbed", "parameters": {"t": 1.06 * T}, "modes": 8},
         "time_step": 0.004,
         "duration": 0.2,
         "initial_std": {"t": 0.1, "tip": 1.0},
@@ -128,7 +128,7 @@ def validation_in(folder, truth, repeats, **changes):
     ("truth", "repeats", "changes", "low", "high"),
     [
         ("modes", 16, {"tolerances": "none", "gauges.noise_std": {"relative_to_strongest": 0.03}}, 0.7, 1.3),
-        ("rich", 24, {}, 0.72, 1.28),
+        ("perturbed", 24, {}, 0.72, 1.28),
     ],
     ids=["exact gauges and loads", "default tolerances"],
 )

@@ -172,7 +172,7 @@ def _resolved(frequencies: Mapping[str, float], step: float, of: str) -> Iterato
 
 
 def _filter(config: PlacementConfig) -> Iterator[Problem]:
-    if config.filter.method == "bank" and config.filter.drift:
+    if config.filter.method == "grid" and config.filter.drift:
         yield Problem(
             "filter.drift",
             "parameters are constant in the grid filter",
@@ -286,11 +286,11 @@ def _other_channels(
 def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Problem]:
     """Check the keys that support one record only."""
     method = config.filter.method
-    if method != "bank":
+    if method != "grid":
         yield Problem(
             "estimate.records",
             f"filter.method: {method} does not support constants common to several records",
-            f"set filter.method: bank, {ONE}",
+            f"set filter.method: grid, {ONE}",
             at_key=True,
         )
     if config.filter.compare:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -72,6 +73,7 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
             del places[stale], key_places[stale]
         for new in (*sections, key):
             places[new] = key_places[new] = override.where
+    _rename_values(data, places)
     model, wrong = _validated(data)
     if model is None:
         if data.get("kind") == "suite":
@@ -80,6 +82,29 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
             wrong = [explained(problem, created, KINDS[data["kind"]][0], data) for problem in wrong]
         raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in wrong])
     return LoadedConfig(path, model, put_over, places)
+
+
+RENAMED = {
+    "filter.method": ("bank", "grid"),
+    "validate.truth.model": ("rich", "perturbed"),
+    "estimate.method.parameters": ("bank", "grid"),
+}
+"""Key → its old value and the new one. Old values are accepted until the first release."""
+
+
+def _rename_values(data: dict[str, Any], places: Mapping[str, str]) -> None:
+    """Replace old values by new ones, with a warning."""
+    for key, (old, new) in RENAMED.items():
+        *sections, last = key.split(".")
+        section: Any = data
+        for name in sections:
+            section = section.get(name) if isinstance(section, dict) else None
+        if isinstance(section, dict) and section.get(last) == old:
+            section[last] = new
+            warnings.warn(
+                f"{_locate(places, key)}  {key}: '{old}' is now called '{new}'. Use the new name; the old one will be removed.",
+                UserWarning,
+            )
 
 
 def kind_of(path: Path | str) -> Any:

@@ -281,9 +281,9 @@ class Cases(Section):
 class Filter(Section):
     """Filter of validation and estimation; place predicts its σ."""
 
-    method: Literal["bank", "extended", "sigma-point"] = Field(
-        "bank",
-        description="Filter for parameters. With `bank`: multiple-model grid filter; exact for up to three constant "
+    method: Literal["grid", "extended", "sigma-point"] = Field(
+        "grid",
+        description="Filter for parameters. With `grid`: multiple-model grid filter; exact for up to three constant "
         "parameters, with normal densities in additional directions for more. With `extended`: extended Kalman filter of "
         "the thesis, overconfident for weakly observable parameters. With `sigma-point`: sigma-point filter. The σ of "
         "extended and sigma-point excludes tolerances.",

@@ -69,7 +69,7 @@ place:
 
 validate:
   truth:
-    model: rich                   # simulated test with model error: more modes, other damping, misplaced gauges
+    model: perturbed                   # simulated test with model error: more modes, other damping, misplaced gauges
 {truth}  time_step: 5.0e-4               # [s]
   duration: 1.0                   # [s]
   initial_std: {{{unknown}: {initial}}}{pad}        # initial σ, relative to the guess or to the load amplitude

@@ -154,10 +154,10 @@ def tolerances_of(tolerances: Tolerances | Literal["none"]) -> Tolerances:
 class TruthSection(Section):
     """Model of the simulated test in the validation."""
 
-    model: Literal["full", "modes", "rich", "rom"] = Field(
-        "rich",
+    model: Literal["full", "modes", "perturbed", "rom"] = Field(
+        "perturbed",
         description="Model of the simulated test. With `full`: the whole finite-element model. With `modes`: many modes and "
-        "static corrections. With `rich`: the same, with errors of damping and gauges sampled from `tolerances` by the "
+        "static corrections. With `perturbed`: the same, with errors of damping and gauges sampled from `tolerances` by the "
         "seed. With `rom`: the reduced model of the filter.",
     )
     modes: Count = Field(60, ge=1, description="Number of modes of the simulated test [-].")
@@ -166,16 +166,16 @@ class TruthSection(Section):
     )
     damping_factor: Annotated[NotNegative | None, Plausible(0.01, 100.0)] = expert(
         None,
-        description="`rich`: ratio of true damping to that of the filter, equal in every mode [-]; null: sampled from "
+        description="`perturbed`: ratio of true damping to that of the filter, equal in every mode [-]; null: sampled from "
         "`tolerances`.",
     )
     gauge_offset: Annotated[NotNegative | None, MISPLACED] = expert(
         None,
-        description="`rich`: location error of every gauge [m], with constant magnitude; null: sampled from `tolerances`.",
+        description="`perturbed`: location error of every gauge [m], with constant magnitude; null: sampled from `tolerances`.",
     )
     gauge_rotation: Annotated[NotNegative | None, Plausible(0.01, 45.0, "deg")] = expert(
         None,
-        description="`rich`: direction error of every gauge [deg], with constant magnitude; null: sampled from `tolerances`.",
+        description="`perturbed`: direction error of every gauge [deg], with constant magnitude; null: sampled from `tolerances`.",
     )
 
 

@@ -124,7 +124,7 @@ class VirtualStrain:
     direction: np.ndarray = dataset("1", "grid × 3", "measuring direction")
 
 
-GRID_FILTER, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
+GRID_FILTER, SIGMA_POINT, EXTENDED = "grid", "sigma-point", "extended"
 """Names of the compared filters."""
 
 
@@ -133,7 +133,7 @@ class Compared:
     """Results of the filters of a structure or a bench on the same samples, without tolerances."""
 
     filter: tuple[str, ...] = dataset(
-        "1", "/filter", "name of the filter: bank (grid filter), sigma-point (structures only), extended"
+        "1", "/filter", "name of the filter: grid (grid filter), sigma-point (structures only), extended"
     )
     estimate: dict[str, np.ndarray] = dataset(
         "unit of <name>", "/filter", "final estimate of <name> by every filter; NaN for a diverged filter"

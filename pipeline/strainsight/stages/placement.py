@@ -18,7 +18,7 @@ PLACEMENT = (IMPORT, MODES, ROM, TRAIN, SCREEN, OBSERVE, PLACE, SPECTRUM, VALIDA
 def stages_for(estimates: bool, truth: str) -> tuple[Stage, ...]:
     """The pipeline: with the filter on a test where the config names one, with a spectrum where the truth is made of modes."""
     stages: tuple[Stage, ...] = PLACEMENT
-    if truth not in ("modes", "rich"):
+    if truth not in ("modes", "perturbed"):
         validate = replace(VALIDATE, upstream=tuple(name for name in VALIDATE.upstream if name != SPECTRUM.name))
         stages = tuple(validate if stage is VALIDATE else stage for stage in stages if stage is not SPECTRUM)
     if not estimates:

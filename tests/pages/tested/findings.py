@@ -98,7 +98,7 @@ def findings(**changes):
         load_spectra=(spectrum("side", "N", None),),
         posteriors={"E": posterior(value, np.exp(-(((value - 2.1e11) / 1e9) ** 2)), 0 * value + 0.1)},
         filters=Compared(
-            filter=("bank",), estimate={"E": np.array([2.1e11])}, std={"E": np.array([0.006 * 2.1e11])}, ratio={"E": np.ones(1)}
+            filter=("grid",), estimate={"E": np.array([2.1e11])}, std={"E": np.array([0.006 * 2.1e11])}, ratio={"E": np.ones(1)}
         ),
         budget={"E": {"noise": 0.4, "gain": 0.6}},
         moment=moment(own.points, own.faces),

@@ -236,15 +236,15 @@ def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Ite
 
 def _check_grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
     """Check the limits of the grid filter: few constant parameters, and iterated updates."""
-    if estimate.method.parameters != "bank":
+    if estimate.method.parameters != "grid":
         return
     key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
     extended = "or set estimate.method.parameters: extended"
     if estimate.tolerances is not None:
-        what = "the grid filter (method.parameters: bank) does not support tolerances"
+        what = "the grid filter (method.parameters: grid) does not support tolerances"
         yield Problem("estimate.tolerances", what, f"remove the key, {extended}", at_key=True)
     if estimate.hold_out is not None:
-        what = "the grid filter (method.parameters: bank) does not support hold_out"
+        what = "the grid filter (method.parameters: grid) does not support hold_out"
         yield Problem("estimate.hold_out", what, f"remove the key, {extended}")
     if not free:
         yield Problem(
@@ -258,7 +258,7 @@ def _check_grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
         yield Problem("estimate.method.update", what, f"use iterated, {extended}")
     for name in free:
         if estimate.parameters[name].increment > 0:
-            what = "parameters are constant in the grid filter (method.parameters: bank)"
+            what = "parameters are constant in the grid filter (method.parameters: grid)"
             yield Problem(f"estimate.parameters.{name}.increment", what, f"remove increment, {extended}")
 
 

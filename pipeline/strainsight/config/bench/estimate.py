@@ -217,10 +217,10 @@ class Method(Section):
         "its increment.",
     )
     iterations: int = expert(10, ge=1, le=100, description="Largest number of iterations per step [-].")
-    parameters: Literal["extended", "bank"] = Field(
+    parameters: Literal["extended", "grid"] = Field(
         "extended",
         description="Treatment of parameters. With `extended`: parameters are states of the filter, as in the thesis. With "
-        "`bank`: grid filter for up to three constant parameters; its σ assumes correct increments of the unknown loads, "
+        "`grid`: grid filter for up to three constant parameters; its σ assumes correct increments of the unknown loads, "
         "and its run time is 15 to 30 times longer.",
     )
     step_error: Literal["estimated", "ignored"] | None = expert(

@@ -304,7 +304,7 @@ def _filtered(
         consistent = [decision.accept or one.trusted for one in judgements]
         results = filter_by_consistency(filters, consistent, wanted, progress)
         compare = not first.long if compare is None else compare
-        if len(filters) == 1 and compare and not decision.withheld and first.problem.method == "bank":
+        if len(filters) == 1 and compare and not decision.withheld and first.problem.method == "grid":
             results = (replace(results[0], compared=compared(first.problem, first.grid_record)),)
         return results
     except (NumericalError, np.linalg.LinAlgError) as error:

@@ -347,7 +347,7 @@ def budget_of(
     missing = np.zeros((len(u), 1, len(channels)))
     missing[model.every - 1 :: model.every, 0] = np.isnan(record.samples)
     at = replace(at, r=at.r * np.where(missing > 0, SILENT, 1.0) if missing.any() else at.r)
-    by_grid = problem.method == "bank"
+    by_grid = problem.method == "grid"
     start = np.diag(record.covariance)[model.motion]
     motion = _motion(at, theta, u, x[:, model.motion], start, record.settled if by_grid else None)
     if by_grid:

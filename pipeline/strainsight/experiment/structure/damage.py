@@ -412,7 +412,7 @@ def may_walk_otherwise(config: PlacementConfig, unknown: Sequence[str]) -> bool:
     """Whether random-walk models can be compared: all unknown loads have one, with intensities independent of the time step, and
     the parameter grid filter provides the evidence."""
     configured = all(config.loads[name].process_noise.model in OTHER for name in unknown)
-    return configured and config.filter.method == "bank" and config.process_noise.rule == "continuous"
+    return configured and config.filter.method == "grid" and config.process_noise.rule == "continuous"
 
 
 def walks_in_words(config: PlacementConfig, changed: Sequence[str]) -> str:

@@ -128,7 +128,7 @@ def _notes(common: Common, record: RecordFilter, judgement: Judgement, no_budget
     """Notes on corrections of the measurements and on limits of the estimate."""
     config, problem, withheld = common.config, record.problem, common.decision.withheld
     accepted = replace(common.decision, inconsistent=judgement.words).message
-    others, comparable = "", problem.method == "bank" and problem.unknowns.parameters
+    others, comparable = "", problem.method == "grid" and problem.unknowns.parameters
     if withheld and config.filter.compare:
         others = "σ is withheld, so filters are not compared (filter.compare)"
     elif not withheld and record.long and config.filter.compare is None and comparable:

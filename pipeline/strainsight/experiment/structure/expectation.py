@@ -37,7 +37,7 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
     model = replace(model, r=model.r * silent)
     start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
     considered = build_considered(tolerances, model, flat)
-    if problem.method == "bank":
+    if problem.method == "grid":
         settled = settled_under(problem, problem.loading)
         claim = predict_grid_std(model, problem.x, problem.u, start, considered, settled)
     else:

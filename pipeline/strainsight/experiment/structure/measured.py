@@ -211,7 +211,7 @@ def settled_in(problem: Problem, test: Measured) -> Settled:
     unknown, tones = problem.unknowns.inputs, tones_of(list(problem.run.signals.values()))
     duration, wrong = len(test.known) * test.h, ""
     slowest = np.zeros(0) if tones is None else tones.frequency[tones.frequency > 0]
-    if problem.method != "bank":
+    if problem.method != "grid":
         wrong = f"a settled start is not available with filter.method: {problem.method}"
     elif unknown:
         wrong = f"a settled start is not available with an unknown load ({unknown[0]})"

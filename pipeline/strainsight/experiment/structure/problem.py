@@ -38,7 +38,7 @@ REST_SHARE = 1e-3
 """Initial σ of every state relative to its largest training amplitude, for a start at rest or in periodic motion."""
 
 
-Method = Literal["bank", "extended", "sigma-point"]
+Method = Literal["grid", "extended", "sigma-point"]
 SILENT = 1e12
 """Factor on the noise intensity of a channel that removes its information."""
 
@@ -162,7 +162,7 @@ def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, fl
     if stated is not None:
         return stated, stated
     tolerant = tolerances_of(config.tolerances).damping > 1
-    by_grid = config.filter.method == "bank" and bool(unknowns.parameters)
+    by_grid = config.filter.method == "grid" and bool(unknowns.parameters)
     return MODEL_ERROR, 0.0 if by_grid and tolerant else MODEL_ERROR
 
 
@@ -277,7 +277,7 @@ def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: f
 def settled_under(problem: Problem, loading: Loading) -> Settled | None:
     """Periodic initial motion for the parameter grid filter if all loads are known and periodic, else None."""
     tones = loading.tones
-    if tones is None or problem.unknowns.inputs or problem.method != "bank":
+    if tones is None or problem.unknowns.inputs or problem.method != "grid":
         return None
     known = tones.amplitude[:, problem.columns(problem.known)]
     return settled_at(problem, tones.frequency, hold_of_tones(tones.frequency, loading.h)[..., None] * known[:, None])

@@ -161,7 +161,7 @@ def filter_together(
     """
     first = filters[0]
     _require_memory(filters, some=wanted is not None)
-    if first.problem.method != "bank":
+    if first.problem.method != "grid":
         known, values, biased, start = first.test.known, first.test.values, first.biased, first.covariance
         core = driven_with_offsets(first.model, known, biased)
         run = by_moments(first.problem, first.model, np.zeros(core.size), start, known, values, "all", biased)
@@ -215,7 +215,7 @@ def _require_memory(filters: Sequence[RecordFilter], some: bool) -> None:
     # mean and σ of filter and smoother with copies, and readings, innovations and predictions of channels
     numbers = 8 * n + 12 * m
     missed = len(first.considered.load)
-    if first.problem.method != "bank":
+    if first.problem.method != "grid":
         numbers += (3 if k else 2) * n**2
     elif first.considered.learned:
         d, points = len(first.considered.sources(model.model.size)), max(1, 2 * k)

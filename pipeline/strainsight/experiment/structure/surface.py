@@ -300,7 +300,7 @@ def places_of(loads: Mapping[str, LoadSection], inputs: Sequence[str]) -> list[t
 def displaced(reduced: Reduced, record: RecordFilter) -> Displaced:
     """Displacement basis of a record, for the parameter grid filter with the static residuals of misaligned loads."""
     basis, n = reduced.basis, reduced.basis.shape[1]
-    if record.problem.method == "bank":
+    if record.problem.method == "grid":
         basis = np.hstack([basis, field_beyond(record.tolerances.loads, record.model, reduced)])
     return Displaced(basis, n)
 
@@ -336,7 +336,7 @@ def wanted_of(
     """Covariances needed from the smoother: of virtual gauges, of loads at one place, and of surface frames; run: of the
     filter."""
     assert config.estimate is not None
-    residuals = len(record.considered.load) if record.problem.method == "bank" else 0  # z
+    residuals = len(record.considered.load) if record.problem.method == "grid" else 0  # z
     states, field = len(record.covariance) + residuals, config.estimate.field
     frames = np.zeros(0) if field is None else frames_of(field, run.time)
     most = (largest(record, run.mean[-1, 0])[0] + 1) * record.test.every

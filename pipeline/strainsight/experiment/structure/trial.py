@@ -102,7 +102,7 @@ class Trial:
         start (B, n*): x* at t = 0, None: zero; keep: data kept for a smoother; with "mean" and known loads the grid filter keeps
         parameters only; refuse: raise NumericalError if every run fails, instead of marking them as diverged."""
         P, mean = self.covariance, np.zeros(model.size) if start is None else start
-        if self.problem.method != "bank":
+        if self.problem.method != "grid":
             run = by_moments(self.problem, model, mean, P, self.known, measured, keep, refuse=refuse)
             return TrialRuns(run, ())
         samples = measured if measured.ndim == 3 else measured[:, None]
@@ -126,7 +126,7 @@ class Trial:
 
     def smoothed(self, model: FilterModel, measured: np.ndarray, filtered: TrialRuns) -> Smoothed:
         """Smooth all samples (T, k) of the layout's channels, from a start at zero."""
-        if self.problem.method != "bank":
+        if self.problem.method != "grid":
             return smooth(model, filtered.run)
         grid_run = filtered.grid_runs[0]
         assert grid_run is not None  # a single failed run raises

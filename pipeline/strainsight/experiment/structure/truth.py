@@ -222,7 +222,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
 
     rom    the filter's own model at the true parameters (an inverse crime; the case of the thesis)
     modes  `modes` modes with static corrections at the true parameters
-    rich   the same with damping, loads and gauge installation sampled from the tolerances
+    perturbed   the same with damping, loads and gauge installation sampled from the tolerances
     full   transient solution of the full finite-element model, gauges in their exact positions
 
     spectrum: modes valid for all parameter values, used instead of new ones.
@@ -248,7 +248,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
         words = f"transient solution of the full finite-element model, {values}"
         return _full(structure, damping, built, S, theta, words, modes, using, thickness)
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
-    misaligned, static, aside = stated.model == "rich" and misaligned_loads(config), reduced.static, None
+    misaligned, static, aside = stated.model == "perturbed" and misaligned_loads(config), reduced.static, None
     if misaligned:
         aside = misalignment_shapes(built.model, list(loads.values())).reshape(len(static), -1)
         static = np.hstack([static, reduced.misaligned.static.reshape(len(static), -1)])

@@ -126,7 +126,7 @@ def validation_of(
     measured, true = trial.measured(seed)
     filtered = trial.filtered(model, trial.chosen, measured, keep="all")
     run, smoothed = filtered.run, trial.smoothed(model, measured, filtered)
-    compare = problem.method == "bank" and config.filter.compare is not False
+    compare = problem.method == "grid" and config.filter.compare is not False
     samples = trial.covariance, trial.known, measured
     record = GridRecord(model, np.zeros(model.size), *samples, none_considered(model), settled=trial.settled)
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)

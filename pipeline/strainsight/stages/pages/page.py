@@ -137,7 +137,7 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
         notes.append("The simulated test uses the model of the filter, so no model error was tested.")
     elif config.validation.truth.model == "modes":
         notes.append(
-            "Damping, gauges and loads are exact in the simulated test; use truth model rich to test their errors."
+            "Damping, gauges and loads are exact in the simulated test; use truth model perturbed to test their errors."
         )
     elif read(Training, train).given is not None:
         notes.append("Gauge positions are exact: imported rows of the strain operator cannot be moved or rotated.")

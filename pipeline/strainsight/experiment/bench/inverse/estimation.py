@@ -291,7 +291,7 @@ def estimate_bench(
         using.progress(what, 0.3 + 0.7 * (until + (1 - until) * share))
 
     watch = ring_watch(bench, trial.model, problem.steps)
-    on_grid = estimate.method.parameters == "bank" and problem.unknowns.free
+    on_grid = estimate.method.parameters == "grid" and problem.unknowns.free
     filtered = by_grid(trial, y, filtering) if on_grid else by_extended(trial, y, filtering, watch)
     mean = filtered.mean[:, 0]
     doubts = (*undistinguished(trial, mean), *unfollowed(trial, reality, mean, filtered.std[:, 0]))
