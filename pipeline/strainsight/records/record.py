@@ -7,8 +7,8 @@
 
 Writing (`written`), reading (`read`), shape checks and docs/artefacts.md (`listed`) use these declarations. A field may be an
 array, a number, text (`str`, `tuple[str, ...]`) or a record in a group. It may also be a `dict` of these by name (`<name>` in
-its path), or None if it is optional. A kernel dataclass is a record through the `Column` of its fields, and a `table` stores many of them.
-A `Form` stores other objects.
+its path), or None if it is optional. A kernel dataclass is a record through the `Column` of its fields, and a `table` stores
+many of them. A `Form` stores other objects.
 """
 
 from __future__ import annotations
