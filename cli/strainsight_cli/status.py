@@ -74,8 +74,8 @@ def sum_of(statuses: Sequence[Status]) -> str:
 
 
 GIB = 2.0**30
-FACTOR = "accuracy of time and memory: a factor of two (docs/scaling.md)"
-WITH_PLACE = "accuracy of time and memory: a factor of two, for place of three (docs/scaling.md)"
+FACTOR = "processor time and memory accurate to a factor of two (docs/scaling.md)"
+WITH_PLACE = "processor time and memory accurate to a factor of two, for place of three (docs/scaling.md)"
 
 
 def forecast(work: Work, pending: Collection[str], imported: Artefact | None) -> str:

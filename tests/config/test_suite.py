@@ -221,8 +221,8 @@ MISTAKES = {
         ("over: simulate.time_step, ", "", "studies[0].numbers", "have no horizontal axis"),
         ("name: steps, note", "name: stops, note", "studies[0].name", "no run belongs to the study 'stops'"),
         ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "appears twice"),
-        ("long, stage: simulate", "long, stage: simulat", "claims[0].stage", "has no stage 'simulat'"),
-        ("long, stage: simulate, ", "long, ", "claims[0].run", "has no stage 'estimate'"),
+        ("long, stage: simulate", "long, stage: simulat", "claims[0].stage", "does not have the stage 'simulat'"),
+        ("long, stage: simulate, ", "long, ", "claims[0].run", "does not have the stage 'estimate'"),
     ],
     COMPARED: [
         (", below: 9}", "}", "comparisons[0].as_printed", "no limit is set"),

@@ -64,11 +64,8 @@ def _time(section: str, duration: float, step: float, signals: Mapping[str, Load
 
 def _settle(section: str, settle: Settle, step: float) -> Iterator[Problem]:
     if isinstance(settle, float) and settle / step > MOST_STEPS:
-        yield Problem(
-            f"{section}.settle",
-            f"{settle:g} s is {settle / step:.3g} steps of {step:g} s",
-            f"use at most {at_most(MOST_STEPS * step)} s, or auto",
-        )
+        what = f"{settle:g} s is {settle / step:.3g} steps of {step:g} s"
+        yield Problem(f"{section}.settle", what, f"use at most {at_most(MOST_STEPS * step)} s, or auto")
 
 
 def _load_cases(config: PlacementConfig) -> Iterator[Problem]:
@@ -117,22 +114,16 @@ def _estimate(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem(key, f"load '{name}' is known", f"set loads.{name}.known: false, or remove it from the list")
     for name, load in config.loads.items():
         if not load.known and name not in config.place.estimate:
-            yield Problem(
-                "place.estimate",
-                f"the unknown load '{name}' is not estimated",
-                f"add {name}, or set loads.{name}.known: true",
-            )
+            what = f"the unknown load '{name}' is not estimated"
+            yield Problem("place.estimate", what, f"add {name}, or set loads.{name}.known: true")
 
 
 def _optimum(config: PlacementConfig) -> Iterator[Problem]:
     bonded = len(config.gauges.fixed)
     yield from layout_problems(config.place, config.place.estimate, "place.estimate", bonded, "gauges.fixed")
     if config.place.symmetry is not None and config.place.optimise != "metric":
-        yield Problem(
-            "place.symmetry",
-            "in a mirrored pair, the failure of one gauge removes one of the two only",
-            "remove one of the two keys",
-        )
+        what = "in a mirrored pair, the failure of one gauge removes one of the two only"
+        yield Problem("place.symmetry", what, "remove one of the two keys")
 
 
 def _input_models(config: PlacementConfig) -> Iterator[Problem]:
@@ -164,20 +155,14 @@ def _resolved(frequencies: Mapping[str, float], step: float, of: str) -> Iterato
     """Yield a problem for each frequency [Hz] that a step [s] does not resolve; of: name of the step."""
     for key, frequency in frequencies.items():
         if step * frequency * FEWEST_STEPS_A_PERIOD > 1 + 1e-9:
-            yield Problem(
-                key,
-                f"for {frequency:g} Hz, {of} gives {1 / (step * frequency):.3g} steps per period",
-                f"use at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or a smaller time step",
-            )
+            what = f"for {frequency:g} Hz, {of} gives {1 / (step * frequency):.3g} steps per period"
+            yield Problem(key, what, f"use at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or a smaller time step")
 
 
 def _filter(config: PlacementConfig) -> Iterator[Problem]:
     if config.filter.method == "grid" and config.filter.drift:
-        yield Problem(
-            "filter.drift",
-            "parameters are constant in the grid filter",
-            "remove the key, or set filter.method: extended or sigma-point",
-        )
+        what = "parameters are constant in the grid filter"
+        yield Problem("filter.drift", what, "remove the key, or set filter.method: extended or sigma-point")
 
 
 def _drifting(config: PlacementConfig) -> Iterator[Problem]:
@@ -201,27 +186,17 @@ def _validation(config: PlacementConfig) -> Iterator[Problem]:
         yield from known(f"validate.truth.parameters.{name}", name, parameters, "parameter", at_key=True)
         low, high = parameters[name].range if name in parameters else (value, value)
         if low <= high and not low <= value <= high:
-            yield Problem(
-                f"validate.truth.parameters.{name}",
-                f"{value:g} is outside parameters.{name}.range, {low:g} to {high:g}, the range of the reduced model",
-                "correct the value, or extend the range",
-            )
+            what = f"{value:g} is outside parameters.{name}.range, {low:g} to {high:g}, the range of the reduced model"
+            yield Problem(f"validate.truth.parameters.{name}", what, "correct the value, or extend the range")
     for name, std in config.validation.initial_std.items():
         if name in parameters and std > LARGEST_START:
-            yield Problem(
-                f"validate.initial_std.{name}",
-                f"{std:g} times the guess is far larger than the range of the parameter",
-                f"use at most {LARGEST_START:g}; 0.1 is 10 %",
-            )
+            what = f"{std:g} times the guess is far larger than the range of the parameter"
+            yield Problem(f"validate.initial_std.{name}", what, f"use at most {LARGEST_START:g}; 0.1 is 10 %")
         yield from known(f"validate.initial_std.{name}", name, unknowns, "parameter or load", at_key=True)
     for name in config.place.estimate:
         if name in unknowns and name not in config.validation.initial_std:
-            yield Problem(
-                "validate.initial_std",
-                f"the initial standard deviation of '{name}' is missing",
-                f"add {name}: 0.1 (relative)",
-                at_key=True,
-            )
+            what = f"the initial standard deviation of '{name}' is missing"
+            yield Problem("validate.initial_std", what, f"add {name}: 0.1 (relative)", at_key=True)
 
 
 def _measurements(config: PlacementConfig) -> Iterator[Problem]:
@@ -237,11 +212,9 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
     for key, name in load_names.items():
         yield from known(key, name, config.loads, "load")
         if name in config.loads and not config.loads[name].known:
-            yield Problem(
-                key,
-                f"load '{name}' is unknown, so its channel has no effect",
-                f"remove the channel, or set loads.{name}.known: true and remove {name} from place.estimate",
-            )
+            what = f"load '{name}' is unknown, so its channel has no effect"
+            remedy = f"remove the channel, or set loads.{name}.known: true and remove {name} from place.estimate"
+            yield Problem(key, what, remedy)
 
 
 def record_problems(config: PlacementConfig, settings: Estimate) -> Iterator[Problem]:
@@ -250,12 +223,8 @@ def record_problems(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
     if not records:
         return
     if settings.file is not None:
-        yield Problem(
-            "estimate.records",
-            f"'file' ({settings.file}) and 'records' are both set",
-            "set one file, or a list of records",
-            at_key=True,
-        )
+        what = f"'file' ({settings.file}) and 'records' are both set"
+        yield Problem("estimate.records", what, "set one file, or a list of records", at_key=True)
     names, files = [record.name.lower() for record in records], [record.file for record in records]
     for i, record in enumerate(records):
         key = f"estimate.records.{i}"
@@ -287,27 +256,15 @@ def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
     """Check the keys that support one record only."""
     method = config.filter.method
     if method != "grid":
-        yield Problem(
-            "estimate.records",
-            f"filter.method: {method} does not support constants common to several records",
-            f"set filter.method: grid, {ONE}",
-            at_key=True,
-        )
+        what = f"filter.method: {method} does not support constants common to several records"
+        yield Problem("estimate.records", what, f"set filter.method: grid, {ONE}", at_key=True)
     if config.filter.compare:
-        yield Problem(
-            "filter.compare",
-            "the other filters support one record only",
-            f"remove the key with estimate.records, {ONE}",
-        )
+        what = "the other filters support one record only"
+        yield Problem("filter.compare", what, f"remove the key with estimate.records, {ONE}")
     if settings.tune.parts:
-        yield Problem(
-            "estimate.tune.parts",
-            "noise levels can be tuned with one record only",
-            f"tune them with one record in estimate.file, and set the results here, {ONE}",
-        )
+        what = "noise levels can be tuned with one record only"
+        remedy = f"tune them with one record in estimate.file, and set the results here, {ONE}"
+        yield Problem("estimate.tune.parts", what, remedy)
     if settings.field is not None:
-        yield Problem(
-            "estimate.field",
-            "strain of the surface over time is available for one record only",
-            f"remove the key, {ONE}",
-        )
+        what = "strain of the surface over time is available for one record only"
+        yield Problem("estimate.field", what, f"remove the key, {ONE}")

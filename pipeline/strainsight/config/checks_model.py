@@ -17,11 +17,8 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Check that imported matrices depend on exactly the parameters of the config."""
     matrices = config.mesh.matrices
     if matrices is not None and config.mesh.free:
-        yield Problem(
-            "mesh.free",
-            "cannot be combined with mesh.matrices: it needs an assembled model",
-            "remove one of the two keys",
-        )
+        what = "cannot be combined with mesh.matrices: it needs an assembled model"
+        yield Problem("mesh.free", what, "remove one of the two keys")
     if matrices is not None and config.mesh.mass is not None:
         yield Problem("mesh.mass", "the mass comes from mesh.matrices", "remove one of the two keys")
     for name, load in config.loads.items():
@@ -43,19 +40,12 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
             yield from known(f"{key}.parameter", term.parameter, config.parameters, "parameter")
             parameter = config.parameters.get(term.parameter)
             if parameter is not None and parameter.property not in wanted:
-                yield Problem(
-                    f"{key}.parameter",
-                    f"'{term.parameter}' is a {parameter.property}",
-                    f"the {kind} depends on a {' or '.join(wanted)}",
-                )
+                what = f"'{term.parameter}' is a {parameter.property}"
+                yield Problem(f"{key}.parameter", what, f"the {kind} depends on a {' or '.join(wanted)}")
     for name in config.parameters:
         if name not in named and named <= set(config.parameters) and config.parameters[name].property != DAMPING:
-            yield Problem(
-                f"parameters.{name}",
-                "no term of mesh.matrices depends on it",
-                f"set parameter: {name} for one term",
-                at_key=True,
-            )
+            what = "no term of mesh.matrices depends on it"
+            yield Problem(f"parameters.{name}", what, f"set parameter: {name} for one term", at_key=True)
 
 
 def result_problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -75,21 +65,14 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
     for i, support in enumerate(config.mesh.supports):
         if support.stiffness is not None:
             what = "the stiffness comes from mesh.results"
-            yield Problem(
-                f"mesh.supports.{i}.stiffness",
-                what,
-                "include the spring in the model that produced the results",
-                at_key=True,
-            )
+            remedy = "include the spring in the model that produced the results"
+            yield Problem(f"mesh.supports.{i}.stiffness", what, remedy, at_key=True)
     for name, entry in results.loads.items():
         key = f"mesh.results.loads.{name}"
         yield from known(key, name, config.loads, "load", at_key=True)
         if entry.applied == 0:
-            yield Problem(
-                f"{key}.applied",
-                "the load magnitude is zero",
-                "set the magnitude in that step, in the unit of the load",
-            )
+            what = "the load magnitude is zero"
+            yield Problem(f"{key}.applied", what, "set the magnitude in that step, in the unit of the load")
     for name in results.at:
         yield from known(f"mesh.results.at.{name}", name, config.parameters, "parameter", at_key=True)
     yield from _second_results(config, results)
@@ -263,11 +246,8 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     gauges = config.gauges
     yield from _strain_rows(config)
     if isinstance(gauges.noise_std, AbsoluteNoise) and (value := gauges.noise_std.value) > LARGEST_NOISE:
-        yield Problem(
-            "gauges.noise_std.value",
-            f"{value:g} m/m is {100 * value:g} % strain",
-            f"use m/m: {value:g} um/m is {1e-6 * value:.1e} m/m",
-        )
+        what = f"{value:g} m/m is {100 * value:g} % strain"
+        yield Problem("gauges.noise_std.value", what, f"use m/m: {value:g} um/m is {1e-6 * value:.1e} m/m")
     grids = 0 if gauges.direction is None or not gauges.rosette else len(gauges.direction.angles)
     if grids == 1:
         yield Problem(
@@ -339,12 +319,9 @@ def _bridges(config: PlacementConfig) -> Iterator[Problem]:
             "gauges.rosette", "a rosette cannot be an arm of a bridge", "remove the key, or gauges.bridge", at_key=True
         )
     if config.place.symmetry is not None:
-        yield Problem(
-            "place.symmetry",
-            "candidates with bridges cannot be placed in mirrored pairs",
-            "remove the key, or gauges.bridge; bonded bridges are permitted",
-            at_key=True,
-        )
+        what = "candidates with bridges cannot be placed in mirrored pairs"
+        remedy = "remove the key, or gauges.bridge; bonded bridges are permitted"
+        yield Problem("place.symmetry", what, remedy, at_key=True)
 
 
 def _unit(axis: Sequence[float]) -> tuple[float, ...]:
@@ -361,11 +338,9 @@ def _mirrored(config: PlacementConfig) -> Iterator[Problem]:
         return
     angles = {round(angle % 180, 6) for angle in direction.angles}
     if angles != {round(-angle % 180, 6) for angle in direction.angles}:
-        yield Problem(
-            "gauges.direction.angles",
-            "the mirror images of these angles are " + ", ".join(f"{-angle:g}" for angle in direction.angles),
-            "with place.symmetry, use angles such as [0, 60, 120], [0, 90] or [-45, 0, 45]",
-        )
+        what = "the mirror images of these angles are " + ", ".join(f"{-angle:g}" for angle in direction.angles)
+        remedy = "with place.symmetry, use angles such as [0, 60, 120], [0, 90] or [-45, 0, 45]"
+        yield Problem("gauges.direction.angles", what, remedy)
 
 
 def _count(config: PlacementConfig) -> Iterator[Problem]:
@@ -382,8 +357,5 @@ def _count(config: PlacementConfig) -> Iterator[Problem]:
         )
     pool = config.screen.keep
     if pool != "all" and keep > pool:
-        yield Problem(
-            "place.keep",
-            f"keep is {keep}, larger than the pool of {pool} candidates (screen.keep)",
-            f"set keep to at most {pool}, or increase screen.keep",
-        )
+        what = f"keep is {keep}, larger than the pool of {pool} candidates (screen.keep)"
+        yield Problem("place.keep", what, f"set keep to at most {pool}, or increase screen.keep")

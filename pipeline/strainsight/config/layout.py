@@ -199,11 +199,8 @@ class LayoutSettings(Section):
 
     def problems(self) -> Iterator[Problem]:
         if self.prove > 0 and self.optimise != "metric":
-            yield Problem(
-                "prove",
-                "optimality can be proved for the metric only, not for worst_failure",
-                "remove one of the two keys",
-            )
+            what = "optimality can be proved for the metric only, not for worst_failure"
+            yield Problem("prove", what, "remove one of the two keys")
 
 
 def layout_problems(

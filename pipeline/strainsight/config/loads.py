@@ -71,11 +71,8 @@ class MultiSineSection(Oscillation):
 
     def problems(self) -> Iterator[Problem]:
         if self.lowest > self.highest:
-            yield Problem(
-                "lowest",
-                f"{self.lowest:g} Hz is above the highest frequency, {self.highest:g} Hz",
-                "swap the two frequencies",
-            )
+            what = f"{self.lowest:g} Hz is above the highest frequency, {self.highest:g} Hz"
+            yield Problem("lowest", what, "swap the two frequencies")
 
 
 class RecordedSection(Section):
@@ -318,11 +315,8 @@ def load_case_problems(
             )
     for unknown in estimate:
         if unknown in loads and all(unknown in silent_in(case) for case in cases.values()):
-            yield Problem(
-                "place.load_cases",
-                f"the unknown load '{unknown}' is silent in every case",
-                f"add a signal of {unknown} to one case",
-            )
+            what = f"the unknown load '{unknown}' is silent in every case"
+            yield Problem("place.load_cases", what, f"add a signal of {unknown} to one case")
 
 
 def _untypical(key: str, signal: LoadSignal, frequency: float | None) -> Iterator[Problem]:

@@ -180,19 +180,14 @@ class Support(Section):
             return
         values = self.stiffness if isinstance(self.stiffness, tuple) else (self.stiffness,)
         if min(values) < 0 or max(values) == 0:
-            yield Problem(
-                "stiffness",
-                "the stiffness is not positive",
-                "use a positive stiffness in N/m, or remove `stiffness` for a fixed support",
-            )
+            what = "the stiffness is not positive"
+            remedy = "use a positive stiffness in N/m, or remove `stiffness` for a fixed support"
+            yield Problem("stiffness", what, remedy)
         if len(values) > 1 and self.components != (1, 2, 3):
             yield Problem("components", "three stiffnesses are along x, y and z", "remove the key", at_key=True)
         if len({component > 3 for component in self.components}) > 1:
-            yield Problem(
-                "components",
-                "one stiffness cannot be both in [N/m] and in [N m/rad]",
-                "define two supports, one for translations and one for rotations",
-            )
+            what = "one stiffness cannot be both in [N/m] and in [N m/rad]"
+            yield Problem("components", what, "define two supports, one for translations and one for rotations")
 
 
 class Face(Section):
@@ -463,14 +458,8 @@ class MeshFile(Section):
         for name, material in self.materials.items():
             for region in ("all",) if isinstance(material.regions, str) else material.regions:
                 if (other := claimed.setdefault(region, name)) != name:
-                    yield Problem(
-                        f"materials.{name}.regions",
-                        f"region {region} is also assigned to material {other}",
-                        "remove one of the two",
-                    )
+                    what = f"region {region} is also assigned to material {other}"
+                    yield Problem(f"materials.{name}.regions", what, "remove one of the two")
         if len(self.materials) > 1 and "all" in claimed:
-            yield Problem(
-                f"materials.{claimed['all']}.regions",
-                "'all' cannot be combined with other materials",
-                "list the regions",
-            )
+            what = "'all' cannot be combined with other materials"
+            yield Problem(f"materials.{claimed['all']}.regions", what, "list the regions")

@@ -124,11 +124,8 @@ def study_problems(studies: Sequence[StudySection], named: Sequence[str]) -> Ite
         if study.name in [other.name for other in studies[:i]]:
             yield Problem(f"studies.{i}.name", f"'{study.name}' appears twice", "list every study once")
         elif study.name not in named:
-            yield Problem(
-                f"studies.{i}.name",
-                f"no run belongs to the study '{study.name}'",
-                "assign a run to it with runs[].study",
-            )
+            what = f"no run belongs to the study '{study.name}'"
+            yield Problem(f"studies.{i}.name", what, "assign a run to it with runs[].study")
         if study.numbers and study.over is None:
             yield Problem(f"studies.{i}.numbers", "the figures have no horizontal axis", "set over: KEY", at_key=True)
 

@@ -291,7 +291,7 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
     tables = []
     if suite.comparisons:
         compared = tuple(tuple(_comparison_cells(row)[key] for key in SAID) for row in suite.comparisons)
-        tables.append(Table("said and measured", ("source", "printed", "as printed, here", "ours", ""), compared))
+        tables.append(Table("published and measured", ("source", "printed", "as printed, here", "ours", ""), compared))
     if suite.statements:
         lines = tuple((one.text, target(one), measured(one), one.result) for one in suite.statements)
         tables.append(Table("statements", ("statement", "target", "measured", ""), lines))

@@ -245,11 +245,7 @@ class BearingSection(Section):
             value = getattr(self, radius)
             if not value > half:
                 what = f"{value:g} m is not above half the ball diameter, {half:g} m"
-                yield Problem(
-                    radius,
-                    what,
-                    "increase it; typical groove radii are 1.03 to 1.06 times the ball radius",
-                )
+                yield Problem(radius, what, "increase it; typical groove radii are 1.03 to 1.06 times the ball radius")
             elif not value > half + self.preload and self.preload <= limit:
                 what = (
                     f"balls with a radius of {half:g} m and an oversize of {self.preload:g} m do not fit into "

@@ -130,12 +130,8 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     """Yield every inconsistency between the fields of a bench."""
     yield from bearing_problems(config)
     if GROUND in config.bodies:
-        yield Problem(
-            f"bodies.{GROUND}",
-            f"the name '{GROUND}' is reserved for the ground",
-            "use another name for the body",
-            at_key=True,
-        )
+        what = f"the name '{GROUND}' is reserved for the ground"
+        yield Problem(f"bodies.{GROUND}", what, "use another name for the body", at_key=True)
     for check in (_masses, _frames, _two_bodies, _loads, _moduli, _time, estimate_problems, place_problems):
         yield from check(config)
     if config.field is not None and config.field.of == "estimate" and config.estimate is None:
@@ -234,8 +230,5 @@ def _curve(i: int, curve: CurveSection, bearings: Mapping[str, BearingSection]) 
                 f"use at most {most:.4g} {unit}; bearing displacements are typically micrometres to a few millimetres",
             )
         elif curve.reach < least:
-            yield Problem(
-                f"curves.{i}.reach",
-                f"{curve.reach:g} {unit} is below {least:.3g} {unit}, the rounding error for the balls of '{name}'",
-                f"use for example {1e-4 / arm:.2g} {unit}",
-            )
+            what = f"{curve.reach:g} {unit} is below {least:.3g} {unit}, the rounding error for the balls of '{name}'"
+            yield Problem(f"curves.{i}.reach", what, f"use for example {1e-4 / arm:.2g} {unit}")

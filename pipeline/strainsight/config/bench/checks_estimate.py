@@ -181,11 +181,8 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
             yield from known(key, name, moduli, "modulus under bodies.*.moduli")
         else:
             if bearing in config.bearings and bearing not in used:
-                yield Problem(
-                    f"{key}.bearing",
-                    f"no force uses the bearing '{bearing}'",
-                    "use a bearing of the forces of this bench",
-                )
+                what = f"no force uses the bearing '{bearing}'"
+                yield Problem(f"{key}.bearing", what, "use a bearing of the forces of this bench")
             if (other := names.setdefault((bearing, part), name)) != name:
                 yield Problem(key, f"'{other}' is the same property", "remove one of the two", at_key=True)
             # a preload may be of any sign and size
@@ -216,11 +213,9 @@ def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, Estimat
     narrow = [radius for radius in RADII if sizes[radius] <= ball]
     if narrow and names:
         blamed = names.get("ball_diameter") or names.get(narrow[0]) or next(iter(names.values()))
-        yield Problem(
-            f"estimate.parameters.{blamed}.guess",
-            f"{narrow[0]} of {sizes[narrow[0]]:g} m is not larger than the ball radius of {ball:g} m",
-            "change the groove radii as well, or use a guess closer to the bench value",
-        )
+        what = f"{narrow[0]} of {sizes[narrow[0]]:g} m is not larger than the ball radius of {ball:g} m"
+        remedy = "change the groove radii as well, or use a guess closer to the bench value"
+        yield Problem(f"estimate.parameters.{blamed}.guess", what, remedy)
 
 
 def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:

@@ -118,12 +118,8 @@ class EstimatedParameter(Section):
         if self.starts and self.std is None:
             yield Problem("starts", "the parameter is not estimated", "set std, or remove starts")
         if self.std is None and self.guess is None:
-            yield Problem(
-                "",
-                "neither guess nor std is set, so the entry has no effect",
-                "set one of them, or remove the entry",
-                at_key=True,
-            )
+            what = "neither guess nor std is set, so the entry has no effect"
+            yield Problem("", what, "set one of them, or remove the entry", at_key=True)
         for key, value in self.guesses():
             if self.property != "preload" and not value > 0:
                 yield Problem(key, f"{value:g} is not positive", "use a positive value")

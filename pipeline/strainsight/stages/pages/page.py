@@ -89,12 +89,12 @@ def warnings_of(
     """What a reader has to know: of the model, and once they were validated, of the estimates."""
     reduced = read(Reduced, up["rom"]) if "rom" in up else None
     ready = None if reduced is None else reduced.results or reduced.matrices
-    # what was reduced is held, or free on purpose: else `rom` had ended with an error
+    # a reduced model is supported or intentionally free
     notes = [f"{text}." for text in (model_warnings(mesh, free="rom" in up) if ready is None else ready.notes)]
     notes += [f"{text}." for text in on_one_node(loads, mesh)]
     cards = [card for card in mesh.ignored if mesh.effect.get(card) != "none"]
     if cards:
-        but = ": what they add must be in the matrices" * (ready is not None)
+        but = " (their effect has to be part of the imported matrices)" * (ready is not None)
         notes.append(f"Ignored cards of the deck: {', '.join(cards)}{but}.")
     if "train" in up and "screen" in up:
         training, screened = read(Training, up["train"]), read(Screened, up["screen"])
