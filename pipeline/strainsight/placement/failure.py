@@ -71,7 +71,7 @@ class LossSearch:
         return loss
 
     def first_gain(self, chosen: list[int], loss: dict[int, float]) -> tuple[int, int, dict[int, float]] | None:
-        """The improving swap (out, in) with the least bound, and the losses after it; None if there is none."""
+        """The improving swap (out, in) with the least bound, and the losses after it; None if no swap helps."""
         fatal, largest = measure(loss)
         enough = largest * (1 - TIE)
         others = [g for g in range(len(self.pools[0].rows)) if g not in set(chosen)]
