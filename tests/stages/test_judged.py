@@ -61,8 +61,8 @@ def test_nothing_is_shown_as_an_explanation_of_a_record_that_agrees(monkeypatch)
         assert found.check.by_others
         assert set(found.check.fault) == {""}
         assert not found.check.gain.any()
-        swapped = fault_search.explained(record, fault_search.Fault("swapped", 0, 3))[0]
-        chance += swapped.evidence > fault_search.explained(record, None)[0].evidence
+        swapped = fault_search.explain_record(record, fault_search.Fault("swapped", 0, 3))[0]
+        chance += swapped.evidence > fault_search.explain_record(record, None)[0].evidence
     assert chance
 
 
