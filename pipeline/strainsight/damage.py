@@ -9,9 +9,9 @@ import numpy as np
 from strainsight.compiled import njit
 
 NONE, GOODMAN, FKM = 0, 1, 2
-"""Corrections of the mean stress."""
+"""Mean stress corrections."""
 SIGNED_VON_MISES, PRINCIPAL = 0, 1
-"""One number of a state of stress."""
+"""Scalar stress measures."""
 
 
 def rainflow(signal: np.ndarray) -> np.ndarray:
@@ -31,7 +31,7 @@ def rainflow(signal: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _reversals(signal, out):  # type: ignore[no-untyped-def]
-    """Into out (T,): first sample, every peak and valley, last sample; how many."""
+    """Write first sample, peaks, valleys and last sample to out (T,); return their number."""
     n = 0
     for value in signal:
         if n and value == out[n - 1]:
@@ -46,7 +46,7 @@ def _reversals(signal, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _count(signal, work, cycles):  # type: ignore[no-untyped-def]
-    """ASTM E1049 5.4.4 into cycles (T, 3): range, mean, ½ or 1; how many. work (2, T)."""
+    """Write the cycles by ASTM E1049 5.4.4 to cycles (T, 3): range, mean, ½ or 1; return their number. work (2, T)."""
     turns = _reversals(signal, work[0])
     stack, height, count = work[1], 0, 0
     for i in range(turns):
@@ -76,7 +76,7 @@ def _count(signal, work, cycles):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _correct(range_, mean, rule, constant):  # type: ignore[no-untyped-def]
-    """The range at mean zero that does the same damage; constant: tensile strength, or sensitivity M."""
+    """Equivalent range at zero mean stress; constant: tensile strength, or sensitivity M."""
     if rule == NONE or range_ <= 0.0:
         return range_
     if rule == GOODMAN:
@@ -107,7 +107,7 @@ def _cycle_damage(range_, curve):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _sums(signals, curve, rule, constant, out):  # type: ignore[no-untyped-def]
-    """Of every signal (p, T): Miner's sum, and Σ n (ΔS/reference)^slope, into out (p, 2)."""
+    """Miner's sum and Σ n (ΔS/reference)^slope of each signal (p, T), to out (p, 2)."""
     steps = signals.shape[1]
     work, cycles = np.empty((2, steps)), np.empty((steps, 3))
     for p in range(len(signals)):
@@ -171,7 +171,7 @@ class Curve:
 
     @property
     def cut_off_range(self) -> float:
-        """Δσ [Pa] below which nothing does damage."""
+        """Δσ [Pa] below which there is no damage."""
         if np.isinf(self.second) and np.isfinite(self.knee):
             # the range of the knee itself does damage
             return float(np.nextafter(self.knee_range, 0.0))
@@ -183,7 +183,7 @@ class Curve:
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """As the compiled loops take it."""
+        """Arguments of the compiled loops."""
         second = self.slope if np.isinf(self.second) else self.second
         return (self.reference, self.cycles, self.slope, self.knee_range, second, self.cut_off_range)
 

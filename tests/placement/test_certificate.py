@@ -210,7 +210,7 @@ def test_weights_that_see_all_but_cannot_be_solved_have_no_cut(monkeypatch):
     def refuse(*_):
         raise NumericalError("not solved")
 
-    monkeypatch.setattr(module, "refined", refuse)
+    monkeypatch.setattr(module, "refine", refuse)
     assert cut_at(pools, np.full(10, 0.5), None) is None
 
 

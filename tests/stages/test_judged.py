@@ -52,7 +52,7 @@ def judged(record, own=None, **second):
 
 def test_nothing_is_shown_as_an_explanation_of_a_record_that_agrees(monkeypatch):
     """Also where its faults are looked for: two channels that read nearly the same fit swapped in every other record."""
-    monkeypatch.setattr(fault_search, "suspected", lambda *_: True)
+    monkeypatch.setattr(fault_search, "needs_fault_search", lambda *_: True)
     chance = 0
     for record in records([2, 3]):
         found = judged(record)
@@ -61,8 +61,8 @@ def test_nothing_is_shown_as_an_explanation_of_a_record_that_agrees(monkeypatch)
         assert found.check.by_others
         assert set(found.check.fault) == {""}
         assert not found.check.gain.any()
-        swapped = fault_search.explained(record, fault_search.Fault("swapped", 0, 3))[0]
-        chance += swapped.evidence > fault_search.explained(record, None)[0].evidence
+        swapped = fault_search.explain_record(record, fault_search.Fault("swapped", 0, 3))[0]
+        chance += swapped.evidence > fault_search.explain_record(record, None)[0].evidence
     assert chance
 
 

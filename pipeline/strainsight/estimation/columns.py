@@ -21,33 +21,34 @@ from strainsight.estimation.parallel_filters import concatenate
 from strainsight.estimation.parameter_grid import DEPTH, LEFT, NARROW, SPACING
 
 FINE = 0.1
-"""Of the differences, in standard deviations across a column."""
+"""Step of the differences, in standard deviations across a column."""
 CENTRED = 0.3
-"""A column begins within so many standard deviations of its largest density;"""
+"""A new column is within so many standard deviations of its maximum."""
 OFF = 1.0
-"""and is good for up to so many, or half a standard deviation more than where it began;"""
+"""Largest distance of a column from its maximum in standard deviations; at least half a standard deviation more than initially.
+"""
 WIDE = 4.0
-"""and for up to this share of the variance that it was laid for, and down to NARROW, or twice and half of what it began with."""
+"""Largest variance relative to the construction; the least is NARROW, or half of the initial one."""
 CLOSE = 0.5, 2.0
-"""Shares of the variance that differences are taken for, within which they are not taken anew."""
+"""Relative variances within which differences are not repeated."""
 STRIDE = 3.0
-"""Most standard deviations of a step towards the largest density."""
+"""Largest step towards the maximum in standard deviations."""
 MOST_TURNS = 60
-"""Steps towards it."""
+"""Most steps towards the maximum."""
 LEVEL = 1e-6
-"""By which the logarithm of a density has to fall for a step to lead down."""
+"""Decrease of the log-density from which a step counts as downhill."""
 FEW_TURNS = 5
-"""Those of one column."""
+"""Most steps for one column."""
 MOST_COLUMNS = 60
 TIE = 1e-3
-"""Directions whose share of the prior's variance differs by less are equally weak; then that nearest to the first parameter that
-lies in all of them is taken."""
+"""Directions whose shares of the prior variance differ by less are equally weak; the one closest to the first parameter is used.
+"""
 
 
 @dataclass(frozen=True)
 class ColumnLimits:
-    """Of what columns are good for: off, how far their largest densities are from them; narrow and wide, the variance across, and
-    short, that along the line, in units of what they were laid for."""
+    """Validity of columns: off, distance of their maxima; narrow and wide, the variance across; short, that along the line,
+    relative to the construction."""
 
     off: float = OFF
     narrow: float = NARROW
@@ -57,8 +58,8 @@ class ColumnLimits:
 
 @dataclass(frozen=True)
 class Columns:
-    """J columns about centre (J, k): across (k, c), the standard deviations of each; precision (k, k) of the prior; limits of
-    what they are good for.
+    """J columns about centre (J, k): across (k, c), their standard deviations; precision (k, k) of the prior; limits of
+    validity.
 
     Points of a column: its centre, FINE times each of ± the c axes, and of ± the sum of two of them.
     """
@@ -70,7 +71,7 @@ class Columns:
 
     @cached_property
     def stencil(self) -> np.ndarray:
-        """(S, c), in standard deviations."""
+        """Stencil (S, c) in standard deviations."""
         axes = np.eye(self.across.shape[1])
         pairs = [axes[i] + axes[j] for i, j in self._pairs]
         ends = np.array([*axes, *pairs]).reshape(-1, len(axes))
@@ -83,12 +84,12 @@ class Columns:
 
     @property
     def point(self) -> np.ndarray:
-        """(J S, k), column by column."""
+        """Points (J S, k), column by column."""
         return np.asarray((self.centre[:, None] + self.stencil @ self.across.T).reshape(-1, self.centre.shape[1]))
 
     @property
     def step(self) -> np.ndarray:
-        """None (k,): of what columns know a parameter has mean and variance alone."""
+        """Infinite (k,): columns provide only mean and variance of a parameter."""
         return np.full(self.centre.shape[1], np.inf)
 
     def weights(self, log_weight: np.ndarray) -> ColumnWeights:
@@ -115,7 +116,7 @@ class Columns:
         return ColumnWeights(self, log_mass, m, C)
 
     def holds(self, log_weight: np.ndarray) -> np.ndarray:
-        """Whether the posterior of log-weights (L, B) is still where the columns were laid, as wide and within them."""
+        """Whether the posterior of log-weights (L, B) is still within the columns and as wide."""
         weights, limits = self.weights(log_weight), self.limits
         size, mass = np.linalg.eigvalsh(weights.C), weights.column_mass
         fits = (np.abs(weights.m).max(axis=2) <= limits.off) & (size[..., 0] >= limits.narrow)
@@ -124,7 +125,7 @@ class Columns:
         return np.asarray((fits | ~weights.heavy).all(axis=1) & (weights.along >= limits.short) & ends)
 
     def as_they_are(self, log_weight: np.ndarray) -> Columns:
-        """With limits that they keep at log-weights (B,)."""
+        """The columns with limits that they satisfy at log-weights (B,)."""
         weights = self.weights(log_weight[None])
         size = np.linalg.eigvalsh(weights.C[weights.heavy])
         off, narrow = max(OFF, np.abs(weights.m[weights.heavy]).max() + 0.5), min(NARROW, 0.5 * size[:, 0].min())
@@ -134,7 +135,8 @@ class Columns:
 
 @dataclass(frozen=True)
 class ColumnWeights:
-    """Of J columns at L instants: column_mass (L, J) logarithm of W, but for a constant; m (L, J, c) and C (L, J, c, c)."""
+    """Weights of J columns at L instants: column_mass (L, J): logarithm of W, up to a constant; m (L, J, c) and C (L, J, c,
+    c)."""
 
     of: Columns
     column_mass: np.ndarray
@@ -151,12 +153,12 @@ class ColumnWeights:
 
     @cached_property
     def column(self) -> np.ndarray:
-        """W (L, J) of sum one."""
+        """Normalised W (L, J)."""
         return np.exp(self.column_mass - self.log_mass[:, None])
 
     @property
     def heavy(self) -> np.ndarray:
-        """Which columns (L, J) are within exp(−LEFT) of the heaviest."""
+        """Mask (L, J) of columns within exp(−LEFT) of the heaviest."""
         return np.asarray(self.column_mass > self.column_mass.max(axis=1, keepdims=True) - LEFT)
 
     @property
@@ -178,7 +180,7 @@ class ColumnWeights:
 
     @cached_property
     def positive(self) -> np.ndarray:
-        """At the centres."""
+        """Weights of the centres."""
         w = np.zeros((*self.column.shape, len(self.of.stencil)))
         w[..., 0] = self.column
         return w.reshape(len(w), -1)
@@ -191,7 +193,7 @@ class ColumnWeights:
         return np.asarray(among + np.einsum("tj,tjcd,jctn,jdtk->tnk", self.column, self.C, slope, slope, optimize=True))
 
     def sampled(self, nu: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """By the cubature rule of degree three on each column."""
+        """Points by the cubature rule of degree three on each column."""
         of, (J, c) = self.of, self.m.shape[1:]
         ends = np.sqrt(c) * np.swapaxes(np.linalg.cholesky(self.C[-1]), 1, 2)
         y = self.m[-1, :, None] + np.concatenate([ends, -ends], axis=1)
@@ -203,14 +205,14 @@ class ColumnWeights:
         return point.reshape(J * 2 * c, -1), weight, mean.reshape(J * 2 * c, -1), covariance
 
     def _linear(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values (B, L, n) at the centres (J, L, n), and what a standard deviation across adds to them (J, c, L, n)."""
+        """Values (B, L, n) at the centres (J, L, n), and their slopes per standard deviation across (J, c, L, n)."""
         each = values.reshape(len(self.of.centre), len(self.of.stencil), *values.shape[1:])
         c, middle = self.m.shape[-1], 1 + len(self.of.stencil) // 2
         return each[:, 0], (each[:, 1 : 1 + c] - each[:, middle : middle + c]) / (2 * FINE)
 
 
 def rebuild_columns(problem: GridProblem, now: WeightedFilters[Columns]) -> WeightedFilters[Columns]:
-    """For the posterior as it is now."""
+    """Columns for the current posterior."""
     weights, point = _weights(now), now.cover.point
     middle = weights.mean[0] @ point
     return build_columns(problem, middle, weights.covariance(point[:, None], middle)[0], now.step)
@@ -219,8 +221,8 @@ def rebuild_columns(problem: GridProblem, now: WeightedFilters[Columns]) -> Weig
 def build_columns(
     problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step: int
 ) -> WeightedFilters[Columns]:
-    """Columns about the largest density after `step` steps, looked for from a guess; as many as it reaches along its weakest
-    direction, each about its own largest density."""
+    """Columns about the maximum after `step` steps, searched from a guess: as many as the posterior extends along its weakest
+    direction, each about its own maximum."""
     mean, covariance = _summit(problem, mean, covariance, step)
     along, across = weakest(covariance, problem.prior[1])
     stride = SPACING * along
@@ -251,7 +253,7 @@ def build_columns(
 
 
 def _summit(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where the density is largest, and its covariance there, by Newton's method, which halves steps that lead down."""
+    """Maximum of the density and its covariance there, by Newton's method with halved steps."""
     precision = np.linalg.inv(problem.prior[1])
     start, top, move = mean, -np.inf, np.zeros(len(mean))
     for _ in range(MOST_TURNS):
@@ -276,7 +278,7 @@ def _summit(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step
 
 
 def _centre_column(problem: GridProblem, centre: np.ndarray, across: np.ndarray, step: int) -> WeightedFilters[Columns]:
-    """A column about its largest density, as nearly as a few steps come to it."""
+    """A column about its maximum, as far as a few steps reach it."""
     precision = np.linalg.inv(problem.prior[1])
     for _ in range(FEW_TURNS):
         now = filter_points(problem, Columns(centre[None], across, precision), step)

@@ -1,4 +1,4 @@
-"""The smoother of filters whose gains consider constants that nobody estimates, with the variance that it really has."""
+"""Smoother for filters with Schmidt-Kalman gains, with the actual variance of its estimate."""
 
 from __future__ import annotations
 
@@ -159,8 +159,8 @@ def _gain(P: np.ndarray, V: np.ndarray, L: np.ndarray, N: np.ndarray, U: np.ndar
 
 @dataclass(frozen=True)
 class _Update:
-    """By the k channels that measured: K (B, n, k) as `advance` takes it, rows H (B, k, n), R (k,), innovation (B, k), slope ε
-    (B, k, d) of it in ν, and rows HᵀS⁻¹ (B, n, k)."""
+    """Update by the k channels with a sample: K (B, n, k) as in `advance`, rows H (B, k, n), R (k,), innovation (B, k), its
+    slope ε (B, k, d) in ν, and rows HᵀS⁻¹ (B, n, k)."""
 
     K: np.ndarray
     H: np.ndarray
@@ -171,7 +171,7 @@ class _Update:
 
 
 def _update_at(models: LinearModels, states: States, i: int, data: Data, t: int) -> _Update:
-    """At the end of step t, from the states of the filter at its beginning, number i among them."""
+    """Update at the end of step t, from the filter states at its start, entry i."""
     x, AT, e = states.x[:, i], transpose(models.A), models.moving
     known, known_end, y = data.known[t], data.known_end[t], data.samples[t]
     ahead = (models.A @ x[..., None])[..., 0] + models.G @ known

@@ -30,8 +30,8 @@ projected on constraints, an increment shorter than SHORT is accepted if the nex
 
 @dataclass(frozen=True)
 class RefinedState:
-    """Where the iteration ended: x (B, n) after the step; A, H (b, n, n), (b, m, n) there; innovation (B, m) of the
-    linear model along them, y − h(x) − H(x̂⁻ − x) with x̂⁻ = f(ξ) + A(x̂ − ξ); iterations (B,) taken."""
+    """Result of the iteration: x (B, n) after the step; A, H (b, n, n), (b, m, n) there; innovation (B, m) of the linear model,
+    y − h(x) − H(x̂⁻ − x) with x̂⁻ = f(ξ) + A(x̂ − ξ); iterations (B,)."""
 
     x: np.ndarray
     A: np.ndarray
@@ -144,7 +144,7 @@ def _duals(
 
 
 def _select(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
-    """`new` for the runs that are better, `old` for the others; what all runs share (1, …) is new where any is better."""
+    """`new` for the runs that improved, `old` for the others; shared arrays (1, …) are new if any run improved."""
     if len(new) != len(better):
         return new if better.any() else old
     return np.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
@@ -302,12 +302,12 @@ def filter_runs(
 
 
 def _where_it_failed(x: np.ndarray, X: np.ndarray, instead: np.ndarray | float) -> np.ndarray:
-    """X (b, ., .) with `instead` in the runs whose x (B, n) is not finite: they are lost, and must not spoil the others."""
+    """X (b, ., .) with `instead` in the runs with non-finite x (B, n), which diverged and must not affect the others."""
     failed = ~np.isfinite(x.sum(axis=1))
     return np.where(failed[:, None, None], instead, X) if failed.any() and len(X) == len(failed) else X
 
 
 def _is_steady(last: np.ndarray, P: np.ndarray, prior: np.ndarray) -> bool:
-    """Whether P (1, n, n) is what it was, to the rounding of the covariance it was updated from."""
+    """Whether P (1, n, n) is unchanged, up to the rounding of the prior covariance."""
     size = np.sqrt(np.diagonal(prior[0]))
     return bool(np.all(np.abs(P[0] - last[0]) <= UNMOVED * size[:, None] * size))

@@ -1,4 +1,4 @@
-"""The discrete augmented model of the filter: its state, one step, what is measured at its end, and both Jacobians, all exact."""
+"""Discrete augmented model of the filter: state, step, measurement, and their exact Jacobians."""
 
 from __future__ import annotations
 
@@ -74,44 +74,44 @@ class FilterModel:
 
     @property
     def sets(self) -> int:
-        """How many covariances differ by their sensors or noise: 1, or B."""
+        """Number of covariances that differ by sensors or noise: 1, or B."""
         sets = [len(array) for array in (self.H, self.Q) if array.ndim == 3]
         return max([*sets, self.r.shape[-2] if self.r.ndim > 1 else 1])
 
     @property
     def motion(self) -> slice:
-        """Where [q, q̇] stand in x*."""
+        """Slice of [q, q̇] in x*."""
         return slice(0, 2 * self.model.size)
 
     @property
     def input_states(self) -> slice:
-        """Where ζ of all inputs stands in x*; with random walks that is ũ."""
+        """Slice of ζ of all inputs in x*; for random walks that is ũ."""
         return slice(2 * self.model.size, self.size - len(self.unknowns.parameters))
 
     @property
     def parameter_states(self) -> slice:
-        """Where p stands in x*."""
+        """Slice of p in x*."""
         return slice(self.size - len(self.unknowns.parameters), self.size)
 
     @cached_property
     def position(self) -> np.ndarray:
-        """Where every unknown stands in x* (count,): ũ of every input, then p."""
+        """Index of each unknown in x* (count,): ũ of each input, then p."""
         return self.unknowns.position(self.model)
 
     @cached_property
     def columns(self) -> tuple[list[int], list[int]]:
-        """Columns of the model's input shape that belong to unknown and to known inputs."""
+        """Columns of the input shape for unknown and known inputs."""
         known = [self.model.inputs.index(name) for name in self.known_inputs]
         return self.unknowns.input_columns(self.model), known
 
     @property
     def amplitude(self) -> np.ndarray:
-        """Unit of every ũ (n_ũ,)."""
+        """Unit of each ũ (n_ũ,)."""
         return self.unknowns.scale[: len(self.unknowns.inputs)]
 
     @cached_property
     def accelerometers(self) -> np.ndarray | None:
-        """Which channels read accelerations (m,) or (B, m); None where none does."""
+        """Mask of acceleration channels (m,) or (B, m); None if there are no accelerometers."""
         moving = None if self.quantity is None else np.asarray(self.quantity) == ACCELERATION
         return moving if moving is not None and moving.any() else None
 
@@ -122,11 +122,11 @@ class FilterModel:
 
     @property
     def curved(self) -> bool:
-        """Whether readings are no linear function of x* where a parameter is estimated."""
+        """Whether readings are nonlinear in x* with estimated parameters."""
         return self.accelerometers is not None or bool(self.change.terms)
 
     def rows_at(self, theta: Mapping[str, Any]) -> np.ndarray:
-        """H (..., m, n*) at θ [SI]; (m, n*) or (B, m, n*) where it does not change."""
+        """H (..., m, n*) at θ [SI]; (m, n*) or (B, m, n*) if constant."""
         if not self.change.terms:
             return self.H
         added = np.asarray(self.change.at(theta))
@@ -135,7 +135,7 @@ class FilterModel:
         return H
 
     def of_channels(self, which: np.ndarray) -> FilterModel:
-        """With some of the channels (k,), of one set."""
+        """The model with some of the channels (k,), of one set."""
         return replace(
             self,
             H=self.H[which],
@@ -145,13 +145,13 @@ class FilterModel:
         )
 
     def with_parameters(self, theta: Mapping[str, float]) -> FilterModel:
-        """With the parameters known to be θ [SI], no states of x* any more."""
+        """The model with parameters fixed at θ [SI], which are no longer states of x*."""
         n, unknowns = self.parameter_states.start, replace(self.unknowns, parameters=())
         return replace(self, unknowns=unknowns, fixed=theta, H=self.H[..., :n], Q=self.Q[..., :n, :n])
 
     def with_free_loads(self, steps: int) -> FilterModel:
-        """In a record of so many steps: no unknown load is stiffer than a line of its amplitude and frequency asks for
-        (`line_intensity`), however it was stated to move."""
+        """The model with free loads for a record of so many steps: no unknown load is stiffer than a line of its amplitude and
+        frequency requires (`line_intensity`), regardless of the configuration."""
         Q, unknowns = self.Q.copy(), self.unknowns
         for name, end in zip(unknowns.inputs, self.input_states.start + np.cumsum(unknowns.lengths), strict=True):
             frequency = positive_of(unknowns.frequency, name, "frequency")
@@ -160,7 +160,7 @@ class FilterModel:
         return replace(self, Q=Q)
 
     def by_step(self, samples: np.ndarray) -> np.ndarray:
-        """Samples (T, …, m) of every step, NaN where none is taken, of some (T/every, …, m)."""
+        """Samples (T, …, m) of each step, NaN between samples, from (T/every, …, m)."""
         samples = np.asarray(samples, dtype=float)
         if self.every == 1:
             return samples

@@ -1,5 +1,4 @@
-"""The most likely parameters of a record, and how likely the record is: Laplace's approximation of what a grid filter
-integrates."""
+"""Most likely parameters of a record and its evidence, by Laplace's approximation."""
 
 from __future__ import annotations
 
@@ -15,37 +14,36 @@ from strainsight.estimation.reduced import LOST
 from strainsight.rom.model import modal_basis
 
 Density = Callable[..., np.ndarray]
-"""Points (B, k) and the steps of the record that count, all where none are named → ln of the posterior density (B,)."""
+"""Points (B, k) and number of steps (default all) → ln of the posterior density (B,)."""
 
 RADIUS, DEPTH = 3.5, 10.0
-"""Standard deviations of the prior that are scanned, and how far below the largest density a point may lie and still be tried."""
+"""Scanned range in prior standard deviations, and depth below the largest density of points that are still tried."""
 PARTS = (1 / 64, 1 / 16, 1 / 4, 1.0)
-"""Shares of the record by which scanned points are compared, one after the other."""
+"""Increasing shares of the record by which scanned points are compared."""
 FEWEST, MOST_STARTS, RISE = 6, 3, 3.0
-"""Points that remain after each part at least; peaks that are refined; and how much higher than another a peak may stand above
-its grid point."""
+"""Fewest points after each part; most refined peaks; and how much a peak may exceed its grid point relative to another."""
 ROUNDS = 15
-"""Of Newton's method at most: what has not settled then is no record that the model could make."""
+"""Most Newton steps; without convergence the model cannot explain the record."""
 SETTLED = 0.2
-"""Step in standard deviations of the posterior below which it has."""
+"""Step in posterior standard deviations below which Newton's method has converged."""
 FLATTEST = 1e-12
-"""Curvature of a density that has none, in units of the prior's."""
+"""Least relevant curvature, in units of the prior's."""
 
 
 AGAIN, NOTICED = 4, 0.1
-"""Most times that a settled motion is linear about another damping, and the change of ln p below which it stays."""
+"""Most relinearisations in the damping for a settled motion, and the change of ln p below which they stop."""
 PER_WIDTH = 2.0
 """Grid points per width of a resonance."""
 MOST_SCANNED = 200
-"""Points of a grid; where resonances ask for more, it is as coarse as this allows."""
+"""Most grid points; the grid is coarser if resonances need more."""
 GRID = 3
-"""Most parameters of a grid; of more, values are tried along each axis alone."""
+"""Most parameters of a full grid; more parameters are scanned along each axis."""
 
 
 @dataclass(frozen=True)
 class PosteriorPeak:
-    """point (k,) where the posterior of the parameters is largest, density ln p(y, point) there, and evidence ln p(y). about:
-    the ν about which readings are linear, as of `ConsideredParameters`; None where it is that of the search's arguments."""
+    """Maximum of the posterior: point (k,), density ln p(y, point) there, and evidence ln p(y). about: ν about which readings
+    are linear, as in `ConsideredParameters`; None if unchanged."""
 
     point: np.ndarray
     evidence: float
@@ -80,7 +78,7 @@ def find_peak(record: GridRecord) -> PosteriorPeak:
 
 
 def find_common_peak(records: Sequence[GridRecord]) -> PosteriorPeak:
-    """The same of records that share their parameters and ν, as of `filter_records`."""
+    """The same for records with common parameters and ν, as in `filter_records`."""
     return _best(find_peaks(GridProblem(tuple(records))))
 
 
@@ -89,7 +87,7 @@ def _best(peaks: Sequence[PosteriorPeak]) -> PosteriorPeak:
 
 
 def find_peaks(problem: GridProblem) -> list[PosteriorPeak]:
-    """Where the posterior at the end of all records is largest, and other peaks that were tried."""
+    """Maximum of the posterior at the end of all records, and other tried peaks."""
     centre, prior = problem.prior
     density = density_of(problem)
     if not len(centre):
@@ -106,7 +104,7 @@ def find_peaks(problem: GridProblem) -> list[PosteriorPeak]:
 
 
 def density_of(problem: GridProblem) -> Density:
-    """Of the parameters, by filters from the start of the first record on."""
+    """Posterior density of the parameters, by filters from the start of the first record."""
 
     def density(point: np.ndarray, steps: int = problem.first[-1]) -> np.ndarray:
         value = filter_points(problem, scattered_points(point), steps).log_weight
@@ -116,8 +114,8 @@ def density_of(problem: GridProblem) -> Density:
 
 
 def best_points(point: np.ndarray, density: Density, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the most likely of points (B, k), with ln of their density, best first: by longer and longer parts of the
-    record, keeping after each the best quarter and all within DEPTH of the best."""
+    """Indices of the most likely points (B, k) with their log-density, best first. Increasing parts of the record are compared,
+    and after each the best quarter and all points within DEPTH of the best remain."""
     which = np.arange(len(point))
     for part in PARTS:
         value = density(point[which], max(1, round(part * steps)))
@@ -129,8 +127,7 @@ def best_points(point: np.ndarray, density: Density, steps: int) -> tuple[np.nda
 
 
 def _scan(grid: ParameterGrid, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:
-    """The highest points (k,) of a lattice that are not neighbours, at most MOST_STARTS, each with ln of its density, highest
-    first."""
+    """At most MOST_STARTS highest points (k,) of a grid that are not neighbours, with their log-density, highest first."""
     which, value = best_points(grid.point, density, steps)
     starts: list[int] = []
     for i, node in enumerate(grid.node[which]):
@@ -142,8 +139,8 @@ def _scan(grid: ParameterGrid, density: Density, steps: int) -> list[tuple[np.nd
 def _refine(
     density: Density, centre: np.ndarray, prior: np.ndarray, start: np.ndarray, step: np.ndarray
 ) -> PosteriorPeak:
-    """Newton's method from a point (k,), with differences over `step` (k,) at first. A move to a lower point is taken back, and
-    none leaves a stencil that brackets the summit."""
+    """Newton's method from a point (k,), with differences over `step` (k,) initially. Downhill moves are rejected, and no move
+    leaves a stencil that brackets the maximum."""
     k = len(centre)
     pairs = [(i, j) for i in range(k) for j in range(i)]
     offsets = np.vstack([np.zeros(k), np.eye(k), -np.eye(k), *[(np.eye(k)[i] + np.eye(k)[j])[None] for i, j in pairs]])

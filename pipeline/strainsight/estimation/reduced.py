@@ -1,4 +1,4 @@
-"""What a filter steps: the protocol, the reduced parametric model under known loads, and offsets of its channels."""
+"""Models for a filter: the protocol, the reduced parametric model under known loads, and channel offsets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from strainsight.estimation.update import apply
 from strainsight.rom.modal_step import acceleration_map, modal_step
 
 LOST = 10.0
-"""A run diverges when a parameter has left its guess by a factor of exp(LOST)."""
+"""A run diverges when a parameter deviates from its guess by a factor of exp(LOST)."""
 
 
 class StepModel(Protocol):
@@ -44,25 +44,25 @@ class StepModel(Protocol):
     def loss(self) -> str: ...
 
     def begin(self, x: np.ndarray, k: int) -> None:
-        """Step k begins at x (B, n): what a model makes of that holds for all trials and for the noise of this step."""
+        """Start step k at x (B, n): preparations for all trials and the noise of this step."""
 
     def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """f(x) and A = ∂f/∂x in step k: x (B, n) → (B, n) and (B or 1, n, n). A step that fails leaves NaN in its run."""
+        """f(x) and A = ∂f/∂x in step k: x (B, n) → (B, n) and (B or 1, n, n). A failed step gives NaN in its run."""
 
     def measure(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """h(x) and J = ∂h/∂x at the end of step k: x (B, n) → (B, m) and (B or 1, m, n)."""
 
     def process(self, k: int) -> np.ndarray:
-        """Covariance (n, n) or (B, n, n) that is added after step k."""
+        """Covariance (n, n) or (B, n, n) added after step k."""
 
     def before(self, k: int) -> np.ndarray | None:
-        """Covariance (n, n) or (B, n, n) that is added before step k; None for none."""
+        """Covariance (n, n) or (B, n, n) added before step k; None for none."""
 
     def noise(self, k: int) -> np.ndarray:
         """Variances (m,) or (B, m) of the measurement at the end of step k."""
 
     def lost(self, x: np.ndarray) -> np.ndarray:
-        """Which runs (B,) have left what the model holds for, x (B, n)."""
+        """Mask (B,) of runs outside the range of the model, x (B, n)."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ class Biased:
 
 
 def driven_with_offsets(model: FilterModel, known: np.ndarray, biased: np.ndarray | None = None) -> StepModel:
-    """The reduced model under known loads (T, HOLD, n_known) [N]; biased (b,): channels with an offset, None for none."""
+    """The reduced model under known loads (T, HOLD, n_known) [N]; biased (b,): channels with an offset, or None."""
     driven = DrivenModel(model, known)
     return driven if biased is None or not len(biased) else Biased(driven, biased)
 

@@ -1,4 +1,4 @@
-"""What a filter found, and the arrays it is gathered in."""
+"""Result of a filter, and the arrays in which it is collected."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from strainsight.estimation.reduced import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
 Keep = Literal["parameters", "mean", "first", "all"]
-"""Whether what a smoother needs is kept of no run, of the first one or of all; a grid filter can do without all but its
-parameters."""
+"""Whether smoother inputs are stored for no run, the first or all; "parameters" stores only those of the grid filter."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +57,8 @@ class FilterRun:
 
 
 class RunArrays:
-    """The arrays of a FilterRun while it runs: B runs, b covariances, T steps of a model; iterating: whether the
-    innovations of the last linearisation are other than the first; regressed: whether the noises are to be kept, too; each:
-    whether the process noise is."""
+    """Arrays of a FilterRun: B runs, b covariances, T steps of a model; iterating: whether innovations of the last linearisation
+    differ from the first; regressed: whether to store the noises; each: whether to store the process noise."""
 
     def __init__(
         self,
@@ -94,7 +92,7 @@ class RunArrays:
         self.noise = np.empty((steps, b, m, m)) if keeps and regressed else None
 
     def state(self, k: int, x: np.ndarray, P: np.ndarray | None) -> None:
-        """x (B, n) and P (b, n, n) at instant k; P None: as before."""
+        """Store x (B, n) and P (b, n, n) at instant k; P None: unchanged."""
         self.mean[k] = x
         if P is None:
             self.std[k], self.unknown_covariance[k] = self.std[k - 1], self.unknown_covariance[k - 1]
@@ -105,7 +103,7 @@ class RunArrays:
             self.covariance[k] = self.covariance[k - 1] if P is None else P[self.first]
 
     def readings(self, k: int, y: np.ndarray, C: np.ndarray, P: np.ndarray | None) -> None:
-        """y (B, m) after step k, with its standard deviation by C (b, m, n); P None: as before."""
+        """Store y (B, m) after step k, with its standard deviation by C (b, m, n); P None: unchanged."""
         self.gauge_mean[k] = y
         self.gauge_std[k] = self.gauge_std[k - 1] if P is None else output_std(C, P)
 
@@ -118,8 +116,8 @@ class RunArrays:
         process: np.ndarray,
         R: np.ndarray,
     ) -> None:
-        """The Jacobians of step k, H None where nothing was measured, and covariances (b, n, n) of it and (b, m, m), or variances
-        (b, m), of its measurement."""
+        """Store the Jacobians of step k, H None without samples, and covariances (b, n, n) of it and (b, m, m), or variances (b,
+        m), of its measurement."""
         if self.jacobian is not None and self.rows is not None:
             if k < len(self.jacobian):
                 self.jacobian[k] = A[self.first]
@@ -133,8 +131,8 @@ class RunArrays:
             self.noise[k] = R if R.ndim == 3 else R[:, None, :] * np.eye(R.shape[1])
 
     def astray(self, k: int, x: np.ndarray, refuse: bool) -> np.ndarray:
-        """Which runs (B,) step k has lost, x (B, n) after it; they are marked. Raises NumericalError where none is left, and
-        `refuse`."""
+        """Mask (B,) of runs that diverged in step k, x (B, n) after it; they are marked. Raises NumericalError if none remains,
+        and `refuse`."""
         lost = self.model.lost(x)
         self.lost[lost & (self.lost < 0)] = k + 1
         if refuse and np.all(self.lost >= 0):
@@ -142,7 +140,7 @@ class RunArrays:
         return lost
 
     def finished(self, P: np.ndarray, measured: np.ndarray) -> FilterRun:
-        """The run, P its last covariance, measured (T, b, m) its samples; a diverged run is NaN from its divergence on."""
+        """The run; P: last covariance, measured (T, b, m): samples; a diverged run is NaN from its divergence on."""
         steps, missing = self.steps, np.isnan(self.innovation)
         self.whitened[missing] = self.adjusted[missing] = np.nan
         nis = np.nansum(self.whitened**2, axis=2)

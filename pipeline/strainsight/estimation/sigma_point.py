@@ -97,7 +97,7 @@ class SigmaPoints:
     curved: bool
 
     def step(self, x: np.ndarray, P: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x̂⁻ (B, n), A (B, n, n) and process noise (B, n, n) with rest_f, the parameters as they were, to the last digit."""
+        """x̂⁻ (B, n), A (B, n, n) and process noise (B, n, n) with rest_f; the parameters are exactly unchanged."""
         at = self.parameters
         moved = regression(lambda points: self.many.step(points, k), x, P, at, self.points)
         moved.mean[:, at] = x[:, at]
@@ -108,8 +108,8 @@ class SigmaPoints:
     def measure(
         self, x: np.ndarray, P: np.ndarray, R: np.ndarray, measured: np.ndarray, k: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The reading (B, m), H (B, m, n) and the noise (B, m, m) of variances R (B, m) with rest_h, R itself where nothing is
-        curved; measured (B, m)."""
+        """Reading (B, m), H (B, m, n) and noise (B, m, m) of variances R (B, m) with rest_h, R itself for linear readings;
+        measured (B, m)."""
         if not self.curved:
             return *self.model.measure(x, k), R
         read = regression(lambda points: self.many.measure(points, k), x, P, self.parameters, self.points)
@@ -120,7 +120,7 @@ class SigmaPoints:
 def sigma_points(
     model: FilterModel, core: StepModel, known: np.ndarray, biased: np.ndarray | None = None
 ) -> SigmaPoints | None:
-    """Of the reduced model under known loads, of which `core` is the `StepModel`; None where no parameter is estimated."""
+    """Sigma points of the reduced model under known loads, with its `StepModel` core; None without estimated parameters."""
     if core.linear:
         return None
     points = points_of(len(model.unknowns.parameters))

@@ -39,7 +39,7 @@ class WantedCovariances:
 
 @dataclass(frozen=True)
 class SelectedCovariances:
-    """What was wanted: std (T + 1, r), covariance (T + 1, k, k) and then (i, n*, n*)."""
+    """Stored covariances: std (T + 1, r), covariance (T + 1, k, k) and then (i, n*, n*)."""
 
     wanted: WantedCovariances
     std: np.ndarray
@@ -48,12 +48,12 @@ class SelectedCovariances:
 
     @classmethod
     def of(cls, wanted: WantedCovariances, instants: int, n: int) -> SelectedCovariances:
-        """Nothing so far, of so many instants of n* states."""
+        """Empty arrays for so many instants of n* states."""
         r, k, i = wanted.rows.shape[-2], len(wanted.states), len(wanted.instants)
         return cls(wanted, np.zeros((instants, r)), np.zeros((instants, k, k)), np.zeros((i, n, n)))
 
     def take(self, at: slice, covariance: np.ndarray) -> None:
-        """covariance (L, n*, n*) of a piece."""
+        """Store the covariance (L, n*, n*) of a piece."""
         rows, states, instants = self.wanted.rows, self.wanted.states, self.wanted.instants
         self.std[at] = output_std(rows[at] if rows.ndim > 2 else rows, covariance)
         self.covariance[at] = covariance[:, states[:, None], states]
@@ -63,8 +63,8 @@ class SelectedCovariances:
 
 @dataclass(frozen=True)
 class Smoothed:
-    """mean, std (T + 1, B, n*) of x* given all measurements; covariance (T + 1, b, n*, n*) where all of it was asked for, kept
-    where some was; time [s]."""
+    """mean, std (T + 1, B, n*) of x* given all measurements; covariance (T + 1, b, n*, n*) if complete, else selected; time
+    [s]."""
 
     time: np.ndarray
     mean: np.ndarray
@@ -73,7 +73,7 @@ class Smoothed:
     selected: SelectedCovariances | None = None
 
     def std_of(self, rows: np.ndarray) -> np.ndarray:
-        """σ (T + 1, r) of rows (r, n*) or (T + 1, r, n*) of x* in the first run. Raises ValueError where it was not kept."""
+        """σ (T + 1, r) of rows (r, n*) or (T + 1, r, n*) of x* in the first run. Raises ValueError if it was not stored."""
         if self.covariance is not None:
             return output_std(rows, self.covariance[:, 0])
         selected = self._require_selected()
@@ -84,7 +84,7 @@ class Smoothed:
         return selected.std
 
     def covariance_of(self, states: np.ndarray) -> np.ndarray:
-        """Of some states (k,) in the first run: (T + 1, k, k). Raises ValueError where it was not kept."""
+        """Covariance (T + 1, k, k) of some states (k,) in the first run. Raises ValueError if it was not stored."""
         if self.covariance is not None:
             return self.covariance[:, 0][:, states[:, None], states]
         selected = self._require_selected()
@@ -92,14 +92,14 @@ class Smoothed:
         return selected.covariance[:, at[:, None], at]
 
     def covariance_at(self, k: int) -> np.ndarray:
-        """Of x* (n*, n*) at instant k in the first run. Raises ValueError where it was not kept."""
+        """Covariance of x* (n*, n*) at instant k in the first run. Raises ValueError if it was not stored."""
         if self.covariance is not None:
             return np.asarray(self.covariance[k, 0])
         selected = self._require_selected()
         return np.asarray(selected.then[_places(np.array([k]), selected.wanted.instants)[0]])
 
     def without_sigma(self) -> Smoothed:
-        """NaN for σ and covariance, so that whatever is computed from them is NaN too."""
+        """The same with NaN for σ and covariance, which propagates to all results."""
         none = np.nan
         selected, whole = self.selected, self.covariance
         if selected is not None:
@@ -114,7 +114,7 @@ class Smoothed:
 
 
 def _places(wanted: np.ndarray, available: np.ndarray) -> np.ndarray:
-    """Numbers (k,) of wanted entries (k, ...) among those that are available. Raises ValueError where one is not."""
+    """Indices (k,) of wanted entries (k, ...) among the available ones. Raises ValueError if one is missing."""
     at = [np.flatnonzero((available == one).reshape(len(available), -1).all(axis=1)) for one in wanted]
     if not all(map(len, at)):
         raise ValueError("the smoother did not store this covariance")
@@ -235,7 +235,7 @@ def _eliminate(rows: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _require_kept(array: np.ndarray | None) -> np.ndarray:
-    """An array of a run that the filter keeps for a smoother. Raises ValueError where it has not."""
+    """An array of a run that the filter stored for the smoother. Raises ValueError if it is missing."""
     if array is None:
         raise ValueError("the smoother needs a run kept with keep='all', or 'first' for the first run alone")
     return array

@@ -21,11 +21,11 @@ from strainsight.estimation.parameter_grid import GridConstruction, ParameterGri
 from strainsight.estimation.run import FilterRun
 
 MOST_POINTS = 1000
-"""Of a lattice: each of them is a filter on the whole step."""
+"""Most grid points: each is a filter with the full step."""
 AHEAD = 2.5
-"""A lattice that was laid after so many steps is good for about twice as many, as information grows with them."""
+"""A grid remains valid for about twice the number of steps after which it was built, as information grows with them."""
 FARTHEST = 100.0
-"""Standard deviations of the prior beyond which no constant is looked for."""
+"""Largest distance of a constant from the guess in prior standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class StepGridProblem:
 
 @dataclass(frozen=True)
 class PointHistories:
-    """Of B points through t steps: mean, variance (t + 1, B, n) of x, joint covariance (t + 1, B, q, q) of `position`, nis and
-    fit (t, B) as of a FilterRun."""
+    """Histories of B points through t steps: mean, variance (t + 1, B, n) of x, joint covariance (t + 1, B, q, q) of `position`,
+    nis and fit (t, B) as in a FilterRun."""
 
     AXIS: ClassVar = 1
-    """Of the points."""
+    """Axis of the points."""
 
     mean: np.ndarray
     variance: np.ndarray
@@ -64,16 +64,16 @@ class PointHistories:
 
 @dataclass(frozen=True)
 class WeightedHistories(PosteriorWeights[ParameterGrid]):
-    """Points of a lattice with their histories, which reach beyond `step`."""
+    """Grid points with their histories, which extend past `step`."""
 
     histories: PointHistories
 
 
 @dataclass(frozen=True)
 class StepGridRun:
-    """mean, std (T + 1, n) of x; joint (T + 1, q, q); nis (T,): that of the points, by their weights after the step; point (B, k)
-    and weight (B,) of the posterior of ξ at the end; laid: how often a lattice was; without: points of the last one that have no
-    weight because their filters diverged or had no start."""
+    """Result of the grid filter of a bench. mean, std (T + 1, n) of x; joint (T + 1, q, q); nis (T,), weighted over the
+    points; point (B, k), weight (B,): posterior of ξ at the end; grid_count: number of grids built; without: points of the
+    last grid without weight, whose filters diverged or did not start."""
 
     mean: np.ndarray
     std: np.ndarray
@@ -88,10 +88,10 @@ class StepGridRun:
 def filter_constants(
     problem: StepGridProblem, samples: np.ndarray, *, progress: Callable[[int], None] | None = None
 ) -> StepGridRun:
-    """Posterior of ξ and of all states along samples (T, m), NaN where missing. The lattice begins at the prior, and is laid
-    anew about the posterior whenever that has narrowed or moved to its edge; its filters begin at t = 0. progress: called
-    with the steps done. Raises InfeasibleError where a constant has no prior width; NumericalError where no point is left,
-    where a lattice would need more than MOST_POINTS points, or FARTHEST standard deviations of the prior."""
+    """Posterior of ξ and of all states along samples (T, m), NaN if missing. The grid starts at the prior, and is rebuilt
+    when the posterior has narrowed or reached its edge; its filters start at t = 0. progress: called with the steps done.
+    Raises InfeasibleError for a constant without prior width; NumericalError if all points diverge, or a grid needs more than
+    MOST_POINTS points or FARTHEST prior standard deviations."""
     _refuse_known(problem)
     construction = GridConstruction[WeightedHistories](
         problem.prior, lambda grid, step: _run_filters(problem, samples, grid, step),
@@ -131,7 +131,7 @@ def filter_constants(
 
 
 def _run_filters(problem: StepGridProblem, samples: np.ndarray, grid: ParameterGrid, step: int) -> WeightedHistories:
-    """The filters at the points of a lattice after `step` steps, from the start, and AHEAD times as many, for the next ones."""
+    """The filters at the grid points from the start through `step` steps, and AHEAD times as many for the next ones."""
     point = grid.point
     x, P = problem.begin(point)
     started = np.isfinite(x.sum(axis=1))
@@ -157,8 +157,8 @@ def _run_filters(problem: StepGridProblem, samples: np.ndarray, grid: ParameterG
 def _mix(
     problem: StepGridProblem, now: WeightedHistories, span: slice, log_weight: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Mean and variance (L, n), joint covariance (L, q, q) and NIS (L,) at the instants of a span, points weighed by log_weight
-    (L, B). What has diverged is NaN and weighs nothing."""
+    """Mean and variance (L, n), joint covariance (L, q, q) and NIS (L,) at the instants of a span, with weights log_weight (L,
+    B). Diverged points are NaN and have no weight."""
     w = now.cover.weights(log_weight).mean
     of = now.histories
     x, variance, joint = (np.nan_to_num(values[span]) for values in (of.mean, of.variance, of.joint))
@@ -174,7 +174,7 @@ def _mix(
 
 
 def _refuse_known(problem: StepGridProblem) -> None:
-    """A lattice over a constant that is known, or a combination of some, has no width."""
+    """Raise InfeasibleError for constants that are known or linearly dependent: a grid needs a width."""
     covariance = problem.prior[1]
     std = np.sqrt(np.diagonal(covariance))
     if not np.all(std > 0) or np.linalg.eigvalsh(covariance / np.outer(std, std)).min() < 1e-12:

@@ -1,4 +1,4 @@
-"""One prediction and one update of a covariance: Joseph's form, and the square-root form that never squares a number."""
+"""Prediction and update of a covariance: Joseph form and square-root form."""
 
 from __future__ import annotations
 
@@ -130,8 +130,7 @@ def covariance_factor(P: np.ndarray) -> np.ndarray:
 
 
 def pivoted_factors(P: np.ndarray) -> np.ndarray:
-    """As `square_factor`, by Cholesky's factors with pivots: a tenth of the work, and less sure of the smallest part of a P whose
-    states nearly tell each other."""
+    """As `square_factor`, by pivoted Cholesky: a tenth of the work, and less accurate for nearly dependent states."""
     factors = np.zeros_like(P)
     if not np.isfinite(P).all():
         raise np.linalg.LinAlgError("a covariance contains NaN or infinite values")
@@ -145,7 +144,7 @@ def pivoted_factors(P: np.ndarray) -> np.ndarray:
 
 
 def square_factor(P: np.ndarray) -> np.ndarray:
-    """`covariance_factor` of every P (b, n, n), filled up with zero columns to (b, n, n)."""
+    """`covariance_factor` of each P (b, n, n), padded with zero columns to (b, n, n)."""
     factors = np.zeros_like(P)
     for factor, covariance in zip(factors, P, strict=True):
         columns = covariance_factor(covariance)
@@ -211,33 +210,33 @@ class Transition:
 
 @dataclass(frozen=True)
 class Joseph:
-    """P (b, n, n) of b runs itself, updated by Joseph's form."""
+    """P (b, n, n) of b runs, updated by Joseph's form."""
 
     covariance: np.ndarray
 
     def predicted(self, step: Transition) -> Joseph:
-        """After a step."""
+        """Covariance after a step."""
         P = self.covariance if step.before is None else self.covariance + step.before
         return Joseph(predict(P, step.A, step.process))
 
     def expected(self, step: Transition, H: np.ndarray, R: np.ndarray, instant: float) -> np.ndarray:
-        """L (b, m, m) of the innovations after `predicted`, without it."""
+        """Factor L (b, m, m) of the innovation covariance after a step."""
         return whitened_gain(self.predicted(step).covariance, H, R, instant)[1]
 
     def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[Joseph, np.ndarray, np.ndarray]:
-        """After the measurement, with G (b, n, m) and L (b, m, m) of `whitened_gain`."""
+        """Covariance after the measurement, with G (b, n, m) and L (b, m, m) of `whitened_gain`."""
         P, G, L = joseph(self.covariance, H, R, instant)
         return Joseph(P), G, L
 
     def reset(self, runs: np.ndarray, P: np.ndarray) -> Joseph:
-        """With the covariances P (b, n, n) in the runs (b,) of bool."""
+        """With the covariances P (b, n, n) in the selected runs (b,)."""
         return Joseph(np.where(runs[:, None, None], P, self.covariance))
 
 
 @dataclass(frozen=True)
 class SquareRoot:
-    """F with P = F Fᵀ, moved by orthogonal steps, with the methods of `Joseph`; factors: of the noise met last, so that constant
-    noise is factored once."""
+    """F with P = F Fᵀ, updated by orthogonal transformations, with the methods of `Joseph`; factors: of the last noise, to
+    factorise constant noise once."""
 
     factor: np.ndarray
     factors: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
@@ -277,5 +276,5 @@ Belief = Joseph | SquareRoot
 
 
 def belief_of(form: Form, P: np.ndarray) -> Belief:
-    """The covariance P (b, n, n) in the form asked for."""
+    """The covariance P (b, n, n) in standard (Joseph) or square-root form."""
     return Joseph(P) if form == "joseph" else SquareRoot(square_factor(P))

@@ -14,15 +14,15 @@ from strainsight.errors import ConfigError
 from strainsight.ordering import first_of_largest, lowest_first
 
 VITAL = 1e-9
-"""A mode is lost with a unit whose hat block has an eigenvalue of 1, up to this."""
+"""Eigenvalue of a hat block, up to 1, above which a mode depends on the unit."""
 LEVEL = 1e-10
-"""Leverages this close are a tie: those of mirrored gauges are up to 1e-12 apart, by the rounding of columns of length 1."""
+"""Difference of leverages below which they tie: those of mirrored gauges differ by up to 1e-12 by rounding."""
 DEPENDENT = 1e-8
-"""A vector depends on others where this share of it, or less, lies outside of their span."""
+"""Share of a vector outside the span of others below which it depends on them."""
 NOTHING = 1e-12
-"""Gains below this share of the first and largest are rounding, and ties."""
+"""Gains below this share of the largest are rounding, and tie."""
 TRIES = 200
-"""Draws a set until the search for allowed ones is given up."""
+"""Draws per set until the search for allowed sets is aborted."""
 
 
 def random_sets(
@@ -65,7 +65,7 @@ def effective_independence(rows: np.ndarray, keep: int) -> np.ndarray:
 
 
 def _least_leverage(basis: np.ndarray) -> int:
-    """The unit of the smallest trace of its hat block among those that lose no mode; basis (units, c, k) orthonormal."""
+    """The unit with the smallest trace of its hat block among those that lose no mode; basis (units, c, k) orthonormal."""
     leverage = np.einsum("uck,uck->u", basis, basis)
     order = lowest_first(leverage, LEVEL)
     least = next(order)
@@ -143,7 +143,7 @@ def _blocks(rows: np.ndarray) -> np.ndarray:
 
 
 def _independent(rows: np.ndarray) -> np.ndarray:
-    """The columns of rows (m, k) of unit length, without those that depend on the ones before them."""
+    """The columns of rows (m, k) with unit length, without those that depend on earlier ones."""
     columns: list[np.ndarray] = []
     selected = []
     for column in rows.T:

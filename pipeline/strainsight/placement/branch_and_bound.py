@@ -1,4 +1,4 @@
-"""The best set of all, with a proof: branch and bound over the convex relaxation, its nodes, bounds and halves."""
+"""Optimal set with a proof: branch and bound over the convex relaxation."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ from strainsight.placement.score import score
 from strainsight.placement.witness import twin_groups
 
 ROUNDS = 12
-"""Most cuts of one node; it branches sooner where they stop paying."""
+"""Most cuts per node; a node branches earlier when cuts no longer pay."""
 PAYS = 0.1
-"""A further cut pays where the last one closed this share of the distance to the incumbent."""
+"""Share of the distance to the incumbent that a cut must close for the next one to pay."""
 DULL = 100.0
-"""No cut is taken where the relaxed cost is this many times the incumbent: its slope is too steep to be of use."""
+"""Relaxed cost, relative to the incumbent, above which no cut is made: its slope would be too steep."""
 LEVEL = 1e-5
-"""Weights, of 0 to 1, this close are a tie: those of a relaxed optimum differ by up to 5e-7 between processors and BLAS."""
+"""Difference of weights, from 0 to 1, below which they tie: relaxed optima differ by up to 5e-7 between processors and BLAS."""
 TWIN = 1e-9
-"""Rows h/√r this share of their length apart are one gauge twice; those of mirrored gauges are up to 3e-11 apart."""
+"""Relative distance of rows h/√r below which gauges are twins; mirrored gauges differ by up to 3e-11."""
 
 
 @dataclass(frozen=True)
 class Node:
-    """The sets that hold every gauge of `inside` and none of `outside`, both (pool,) bool; cuts of its parent; centre
-    (pool,): the best relaxed weights known so far."""
+    """Sets that contain all gauges of `inside` and none of `outside`, both (pool,) bool; cuts of its parent; centre (pool,):
+    best relaxed weights so far."""
 
     inside: np.ndarray
     outside: np.ndarray
@@ -46,7 +46,7 @@ class Node:
 
 
 class Search:
-    """The incumbent, and what one node becomes."""
+    """The incumbent, and the expansion of a node."""
 
     def __init__(self, pools: Sequence[Pool], limits: Limits, aggregate: Aggregate, gap: float):
         self.pools, self.limits, self.aggregate = pools, limits, aggregate
@@ -61,12 +61,12 @@ class Search:
 
     @property
     def target(self) -> float:
-        """A set that costs at least this much is no improvement."""
+        """Cost from which a set is no improvement."""
         return self.cost * (1 - self.gap)
 
     def offer(self, gauges: np.ndarray, bound: float = np.inf) -> None:
-        """Take a set as incumbent if it costs less, with the swaps that help it. Where its covariance cannot be solved to
-        accuracy, `bound` is all that is known of it."""
+        """Accept a set and its improving swaps as incumbent if it costs less. If its covariance cannot be solved accurately,
+        only `bound` is known."""
         while tuple(gauges) not in self.tried:
             self.tried.add(tuple(gauges))
             try:
@@ -82,7 +82,7 @@ class Search:
                 gauges = exchange(self.pools, gauges, self.aggregate, limits=self.limits).gauges
 
     def root(self, inside: np.ndarray) -> Node:
-        """Every set, from the weights of the certificate where there is an incumbent."""
+        """All sets, from the weights of the certificate if there is an incumbent."""
         size = self.limits.size
         free, left = int(size[~inside].sum()), self.limits.keep - int(size[inside].sum())
         w = np.where(inside, 1.0, left / max(free, 1))
@@ -93,8 +93,8 @@ class Search:
         return Node(inside, np.zeros_like(inside), () if cut is None else (cut,), w)
 
     def children(self, node: Node, bound: float) -> list[tuple[float, Node]]:
-        """Cuts until they no longer pay, then the two halves of the node with their bounds; () where none is left. Empties,
-        too, a node whose gauges lose an unknown all together, and scores one that holds a single set."""
+        """Add cuts until they no longer pay, then split the node in two halves with their bounds; () if none remains. Nodes
+        without an observable set are discarded, and single sets are scored."""
         inside, outside, cuts = node.inside, node.outside, list(node.cuts)
         if not all(detects(pool, pool.stacked(~outside)) for pool in self.pools):
             return []
@@ -142,7 +142,7 @@ class Search:
     def _halves(
         self, inside: np.ndarray, outside: np.ndarray, bound: float, low: Bound | None, node: Node
     ) -> list[tuple[float, Node]]:
-        """The sets with the most fractional gauge and those without it; of twins, the lowest index is taken first."""
+        """Sets with and without the most fractional gauge; of twins, the lowest index."""
         free = ~(inside | outside)
         most = int(tied_order(np.where(free, np.abs(node.centre - 0.5), np.inf), LEVEL)[0])
         same = free & (self.twins == self.twins[most])
@@ -156,7 +156,7 @@ class Search:
         return [(b, half) for b, half in zip(bounds, halves, strict=True) if b < self.target]
 
     def _cut(self, w: np.ndarray, inside: np.ndarray, free: np.ndarray, last: Sequence[np.ndarray] | None) -> list[Cut]:
-        """The cut at w, or halfway to equal weights where w loses an unknown or nearly does; () where that one does."""
+        """The cut at w, or halfway to equal weights if w (nearly) loses an unknown; () if that one does."""
         size = self.limits.size
         share = (self.limits.keep - int(size[inside].sum())) / max(int(size[free].sum()), 1)
         equal = np.where(inside, 1.0, np.where(free, min(share, 1.0), 0.0))
@@ -167,7 +167,7 @@ class Search:
         return []
 
     def _round(self, cuts: Sequence[Cut], weights: np.ndarray, inside: np.ndarray) -> None:
-        """Offer the gauges of the largest weights as far as they fit, unless the cuts say that they cost too much."""
+        """Offer the gauges of the largest weights that fit, unless the cuts exclude them."""
         chosen = self.limits.packed(tied_order(-weights, LEVEL), inside)
         if not self.limits.allows(chosen):
             return
@@ -177,7 +177,7 @@ class Search:
 
 
 def _within(w: np.ndarray, inside: np.ndarray, free: np.ndarray, limits: Limits) -> np.ndarray:
-    """w (pool,) moved to 1 inside, 0 outside and a sum of gauges that the limits allow, towards 0 or 1 in proportion."""
+    """w (pool,) with 1 inside, 0 outside and a permitted sum of gauges, moved proportionally towards 0 or 1."""
     moved = inside.astype(float)
     part, size, count = w[free], limits.size[free], int(limits.size[inside].sum())
     total, whole = float(size @ part), float(size.sum())
@@ -191,7 +191,7 @@ def _within(w: np.ndarray, inside: np.ndarray, free: np.ndarray, limits: Limits)
 
 
 def _twins(pools: Sequence[Pool]) -> np.ndarray:
-    """A label for every gauge, the same where the channels ±h/√r of all scenarios are: such gauges stand for each other."""
+    """Label of each gauge, the same for equal channels ±h/√r in all scenarios."""
     keys = []
     for pool in pools:
         length = np.linalg.norm(pool.rows, axis=2, keepdims=True)
@@ -205,7 +205,7 @@ def _twins(pools: Sequence[Pool]) -> np.ndarray:
 
 
 def _near(points: np.ndarray) -> np.ndarray:
-    """Points (m, c, k) replaced by a number each (m, c, 1), the same where they are at most `TWIN` apart."""
+    """A number for each point (m, c, k), as (m, c, 1), the same for distances up to `TWIN`."""
     different, place = np.unique(points.reshape(-1, points.shape[2]), axis=0, return_inverse=True)
     pairs = cKDTree(different).query_pairs(TWIN, output_type="ndarray")
     label = component_labels(len(different), *pairs.T)
@@ -214,9 +214,8 @@ def _near(points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BranchAndBound:
-    """gauges (keep,) ascending and their cost; no set costs less than lower_bound; proven: cost ≤ lower_bound/(1 − gap),
-    the search ended before its time; nodes solved; seconds. Where the time was too short for any set, gauges is empty and
-    cost inf."""
+    """gauges (keep,) ascending and their cost; lower_bound of all sets; proven: cost ≤ lower_bound/(1 − gap), the search ended
+    in time; nodes solved; seconds. Without any set in time, gauges is empty and cost inf."""
 
     gauges: np.ndarray
     cost: float
@@ -285,7 +284,7 @@ def branch_and_bound(
 def _first_set(
     pools: Sequence[Pool], limits: Limits, aggregate: Aggregate, start: Sequence[int] | np.ndarray | None
 ) -> np.ndarray | None:
-    """`start`, or what the elimination keeps; None where it ends before that, which does not prove that no set does."""
+    """`start`, or the result of the elimination; None if it ends early, which proves nothing."""
     if start is not None:
         gauges = np.unique(np.asarray(start, dtype=int))
         if not limits.allows(gauges):

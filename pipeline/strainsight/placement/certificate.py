@@ -1,4 +1,4 @@
-"""How far a set can be from the best of its size: the convex relaxation and its Frank-Wolfe bound."""
+"""Distance of a set from the best of its size: the convex relaxation and its Frank-Wolfe bound."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from strainsight.placement.riccati import Loop, close_loop, information
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, refine
 
 CLOSE = 1e-4
-"""Share of the cost to which bound and relaxed cost have to agree."""
+"""Relative difference of bound and relaxed cost at which the relaxation has converged."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def weight_rows(pool: Pool, w: np.ndarray) -> np.ndarray:
 
 
 def relaxed_loop(pool: Pool, rows: np.ndarray, last: np.ndarray | None) -> Loop:
-    """The closed loop with `weight_rows`; last: a covariance of weights nearby."""
+    """Closed loop with `weight_rows`; last: a covariance of similar weights."""
     G = information(rows)
     return close_loop(pool.scenario.F, G, refine(pool, G, last))
 
@@ -262,8 +262,8 @@ def lowest(
 
 
 def _binding(limits: Limits, places: np.ndarray, used: np.ndarray, floor: int) -> tuple[np.ndarray, np.ndarray]:
-    """The limits that the free gauges could break, each at a largest entry of one: A (k, free), b (k,). The count and Σ
-    size·v ≥ floor come first, where they are not one equation."""
+    """Limits that the free gauges could break, each with a largest entry of one: A (k, free), b (k,). The count and Σ size·v ≥
+    floor come first, unless they are one equation."""
     part = limits.rows[:, places]
     room = limits.most - used
     open_ = np.asarray(part.sum(axis=1)).ravel() > room
@@ -277,7 +277,8 @@ def _binding(limits: Limits, places: np.ndarray, used: np.ndarray, floor: int) -
 
 
 def _sort_rows(steep: np.ndarray, size: np.ndarray, floor: int, left: int) -> tuple[float, np.ndarray, np.ndarray]:
-    """Least of steep·v over 0 ≤ v ≤ 1, floor ≤ Σ size·v ≤ left; the gauges it takes; what the other choice of each adds."""
+    """Minimum of steep·v over 0 ≤ v ≤ 1, floor ≤ Σ size·v ≤ left; the selected gauges; the increment by the other choice of
+    each."""
     if floor != left or np.any(size != 1):
         value, theta = cheapest(steep, size, floor, left)
         price = steep + theta * size

@@ -1,4 +1,4 @@
-"""Criteria of a layout: what each has to be, those that there are, and the metric of a covariance."""
+"""Criteria of a layout: their interface, the available ones, and the metric of a covariance."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class Criterion(Protocol):
         ...
 
     def rise(self, M: np.ndarray, D: np.ndarray) -> float:
-        """c(M + D) − c(M), D (k, k) ≥ 0, from D and not as a difference: with all the digits that D has."""
+        """c(M + D) − c(M), D (k, k) ≥ 0, computed from D with all its digits, not as a difference."""
         ...
 
     def least_rise(self, M: np.ndarray, t: float) -> float:
-        """Least c(M + D) − c(M) of all D ≥ 0 with tr(W D) ≥ t, W the gradient at M. 0 holds always, and makes a search
-        solve more; t holds where c is convex in M."""
+        """Least c(M + D) − c(M) of all D ≥ 0 with tr(W D) ≥ t, W the gradient at M. 0 is always valid, at the cost of more
+        solves; t is valid for c convex in M."""
         return 0.0
 
     def lifts(self, M: np.ndarray, D: np.ndarray, doubt: np.ndarray) -> np.ndarray:
@@ -53,8 +53,8 @@ class Criterion(Protocol):
         return np.zeros(len(D))
 
     def softened(self, temperature: float) -> Criterion:
-        """Without the kinks: smooth, no less than c, by no more than temperature · ln k above it. Its gradient W need not have
-        tr(W M) = c(M), but tr(W N) ≤ c(N) for every N ≥ 0."""
+        """Smooth upper bound of c, by at most temperature · ln k. Its gradient W need not satisfy tr(W M) = c(M), but tr(W N) ≤
+        c(N) for every N ≥ 0."""
         return self
 
 
@@ -153,7 +153,7 @@ class WorstEigenvalue(Criterion):
         return np.asarray((V * (share / share.sum())) @ V.T)
 
     def rise(self, M: np.ndarray, D: np.ndarray) -> float:
-        """λ₁(M + D) − λ₁(M), not softened."""
+        """λ₁(M + D) − λ₁(M), without smoothing."""
         values, V = np.linalg.eigh(M)
         Z = V.T @ D @ V
         below = values[-1] - values[:-1]
@@ -206,7 +206,7 @@ class Metric:
 
     @cached_property
     def states(self) -> np.ndarray:
-        """Indices of the weighed states (k,)."""
+        """Indices of the weighted states (k,)."""
         return np.flatnonzero(self.weight > 0)
 
     @cached_property
@@ -224,7 +224,7 @@ class Metric:
 
     @property
     def smooth(self) -> bool:
-        """Whether the criterion has no kinks."""
+        """Whether the criterion is differentiable everywhere."""
         return len(self.states) < 2 or self.criterion.softened(1.0) == self.criterion
 
     def weighed(self, P: np.ndarray) -> np.ndarray:
@@ -255,14 +255,14 @@ class Metric:
         return self.criterion.lifts(self.weighed(P), D * self._units, doubt * float(self._units.max()))
 
     def softened(self, temperature: float) -> Metric:
-        """The metric without its kinks: see `Criterion`."""
+        """Smoothed metric: see `Criterion`."""
         soft = self.criterion.softened(temperature)
         return self if soft == self.criterion else Metric(self.weight, soft)
 
     def times(self, factor: float) -> Metric:
-        """The metric `factor` > 0 times as large: c(αM) = α c(M) of every criterion."""
+        """The metric multiplied by `factor` > 0: c(αM) = α c(M) for every criterion."""
         return Metric(self.weight * factor, self.criterion)
 
     def scaled(self, d: np.ndarray) -> Metric:
-        """The same of x*/d."""
+        """The metric in coordinates x*/d."""
         return Metric(self.weight * d * d, self.criterion)

@@ -1,4 +1,4 @@
-"""Gauges leave one by one, the least missed first (algorithm 2), by exact costs and few of them."""
+"""Elimination of gauges one by one, least important first (algorithm 2), by few exact costs."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from strainsight.placement.scenario import (
 from strainsight.placement.witness import Guard, Remaining
 
 NOTHING = 1e-12
-"""Rises and their bounds below this share of the largest bound are zero: rounding, where a metric does not feel a gauge."""
+"""Rises and bounds below this share of the largest bound are rounding, and count as zero."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The gauge to remove and its place in `Remaining`; D (n, n) of every scenario; the aggregate's rise; the ties."""
+    """The gauge to remove and its place in `Remaining`; D (n, n) of each scenario; the rise of the aggregate; the ties."""
 
     gauge: int
     at: int
@@ -40,7 +40,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class RemovedGauge:
-    """What all removals from one set share: its scenarios, loops, costs (scenarios,) and the gauges left."""
+    """Common data of all removals from one set: its scenarios, loops, costs (scenarios,) and the remaining gauges."""
 
     pools: Sequence[Pool]
     loops: Sequence[Loop]
@@ -50,7 +50,7 @@ class RemovedGauge:
 
     @cached_property
     def level(self) -> np.ndarray:
-        """Costs relative to the present aggregate (scenarios,), so that small rises keep their digits."""
+        """Costs relative to the current aggregate (scenarios,), so that small rises keep their digits."""
         return self.costs - self.costs.max() if self.aggregate == "worst" else np.zeros_like(self.costs)
 
     @cached_property
@@ -59,13 +59,13 @@ class RemovedGauge:
 
     @cached_property
     def bounds(self) -> np.ndarray:
-        """Least rise of every scenario (scenarios, m) by its slope in each gauge's weight."""
+        """Least rise of each scenario (scenarios, m), by its slope in the weight of each gauge."""
         bounds = np.array([squares(self.left.product(i, s.factor)) for i, s in enumerate(self.slopes)])
         return np.where(bounds > NOTHING * bounds.max(axis=1, keepdims=True), bounds, 0.0)
 
     @cached_property
     def lifted(self) -> np.ndarray:
-        """The same, of a metric with kinks by all directions and not by that of its slope alone."""
+        """The same for a metric with kinks, by all directions instead of the slope."""
         bounds = self.bounds.copy()
         for i, (pool, loop) in enumerate(zip(self.pools, self.loops, strict=True)):
             if not pool.metric.smooth:
@@ -76,21 +76,21 @@ class RemovedGauge:
 
     @cached_property
     def rounding(self) -> float:
-        """Rises of the aggregate up to this one are zero: all of them are ties."""
+        """Rise of the aggregate up to which removals tie at zero."""
         return NOTHING * float(self.lifted.max())
 
     def together(self, parts: np.ndarray) -> np.ndarray:
-        """Rise of the aggregate from that of every scenario (scenarios, ...)."""
+        """Rise of the aggregate from those of the scenarios (scenarios, ...)."""
         level = self.level.reshape(-1, *[1] * (parts.ndim - 1))
         return aggregated(level + parts, self.aggregate)
 
     def rounded(self, parts: np.ndarray) -> float:
-        """The rise of the aggregate, zero where it is rounding."""
+        """Rise of the aggregate, zero below rounding."""
         rise = float(self.together(parts))
         return rise if rise > self.rounding else 0.0
 
     def sharpened(self, at: int, best: float) -> tuple[float, np.ndarray]:
-        """A sharper bound of the aggregate's rise and its parts (scenarios,), until it exceeds the best value."""
+        """Refined bound of the aggregate's rise and its parts (scenarios,), until it exceeds the best value."""
         parts = self.lifted[:, at].copy()
         for i, (pool, s) in enumerate(zip(self.pools, self.slopes, strict=True)):
             if parts[i] > 0:
@@ -117,8 +117,8 @@ class RemovedGauge:
 
 
 def least_missed(step: RemovedGauge, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
-    """The gauge of the smallest rise, None where every removal costs infinity; the number of exact solves; the bounds. relief
-    (m,): the rise counts per relief, and gauges of none stay; 1 where not given."""
+    """The gauge with the smallest rise, None if every removal costs infinity; the number of exact solves; the bounds. relief
+    (m,): rises count per relief, gauges without relief stay; default 1."""
     left = step.left
     worth, least = step.together(step.bounds), step.together(step.lifted)
     per = np.ones(len(worth)) if relief is None else relief
@@ -233,7 +233,7 @@ def eliminate_from(
 def _descend(
     pools: tuple[Pool, ...], limits: Limits, aggregate: Aggregate, names: Sequence[str], guard: Guard | None
 ) -> Elimination:
-    """The removals until the limits are kept; all over again with a guard where without one none is possible before."""
+    """The removals until the limits are satisfied; repeated with a guard if no removal is possible without one."""
     left = Remaining(pools, limits.fixed, None if limits.plain else limits.labels)
     loops = [close_loop(p.scenario.F, left.information(i), p.P) for i, p in enumerate(pools)]
     residual = max(p.residual for p in pools)

@@ -1,4 +1,4 @@
-"""After the elimination: gauges added while the limits leave room, and swaps until none helps."""
+"""Exchange after the elimination: additions within the limits, and swaps until none helps."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggre
 
 
 def with_gauge(pools: Sequence[Pool], loops: Sequence[Loop], gauge: int) -> list[Loop]:
-    """The loops of all scenarios with one gauge more."""
+    """The loops of all scenarios with an additional gauge."""
     grown = []
     for pool, loop in zip(pools, loops, strict=True):
         block = pool.rows[gauge]
@@ -50,12 +50,12 @@ def with_gauge(pools: Sequence[Pool], loops: Sequence[Loop], gauge: int) -> list
 
 
 def costs_of(pools: Sequence[Pool], loops: Sequence[Loop]) -> np.ndarray:
-    """The metric of every scenario."""
+    """Metric of each scenario."""
     return np.array([p.metric.value(l.P) for p, l in zip(pools, loops, strict=True)])
 
 
 def gradients_of(pools: Sequence[Pool], loops: Sequence[Loop], at: np.ndarray | slice = slice(None)) -> np.ndarray:
-    """φ of every scenario and of the gauges `at`: what each is worth at most where it is out, at least where it is in."""
+    """φ of each scenario and gauge `at`: largest worth of an absent gauge, least worth of a present one."""
     return np.array([gauge_gradients(l, p.rows[at], p.metric.gradient(l.P)) for p, l in zip(pools, loops, strict=True)])
 
 
@@ -87,9 +87,8 @@ def _most_telling(
 
 @dataclass(frozen=True)
 class Exchange:
-    """gauges (keep,) ascending; cost after every swap, the start first; swaps (out, in), out −1 where a gauge was added
-    in room that was left; solves: exact Riccati solves, never more than `limit`; complete: every remaining swap is known
-    not to help, which they were enough for."""
+    """gauges (keep,) ascending; cost after each swap, the start first; swaps (out, in), out −1 for additions; solves: exact
+    Riccati solves, at most `limit`; complete: all remaining swaps were excluded."""
 
     gauges: np.ndarray
     cost: np.ndarray
@@ -149,8 +148,8 @@ def _first_gain(
     cost: float,
     limit: int,
 ) -> tuple[tuple[int, int, list[Loop]] | None, int, bool]:
-    """The first swap that helps, (out, in, loops of the new set), or None; the exact solves, at most `limit`; whether
-    the search was stopped by it."""
+    """The first improving swap (out, in, loops of the new set), or None; the exact solves, at most `limit`; whether the limit
+    stopped the search."""
     movable = chosen[~np.isin(chosen, list(limits.fixed))]
     others = np.delete(np.arange(len(pools[0].rows)), chosen)
     swaps = Swaps(limits, chosen, movable)

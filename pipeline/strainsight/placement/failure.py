@@ -1,4 +1,4 @@
-"""What a set of gauges is worth after any one of them has failed, and the set for which that is worth most."""
+"""Metric of a layout after the failure of any gauge, and robust layouts."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from strainsight.placement.score import score
 
 
 class LossSearch:
-    """Losses of a set {gauge: cost when it fails, NaN where not solved} and the swap that lowers the largest, within a number
-    of solves."""
+    """Losses of a set {gauge: cost after its failure, NaN if not solved} and swaps that reduce the largest, within a number of
+    solves."""
 
     def __init__(self, pools: Sequence[Pool], aggregate: Aggregate, limits: Limits, limit: int):
         self.pools, self.aggregate, self.limits, self.limit, self.solves = pools, aggregate, limits, limit, 0
 
     def reduced(self, chosen: list[int]) -> list[int]:
-        """A layout of gauges of `chosen`, too many or too dear: the one whose removal leaves the least measure goes first,
-        the lower index on a tie."""
+        """A layout of gauges of `chosen`, which are too many or too expensive: the one whose removal leaves the least measure
+        goes first, the lower index on a tie."""
         while True:
             broken = self.limits.used(np.array(chosen)) > self.limits.most
             if not broken.any():
@@ -41,7 +41,7 @@ class LossSearch:
         return chosen
 
     def swapped(self, chosen: list[int]) -> tuple[list[int], dict[int, float], tuple[tuple[int, int], ...]]:
-        """The set after every swap that helped, its losses, and the swaps (out, in)."""
+        """The set after all improving swaps, its losses, and the swaps (out, in)."""
         swaps: list[tuple[int, int]] = []
         loss = self.losses(chosen, (len(chosen), np.inf))
         swap = self.first_gain(chosen, loss)
@@ -59,7 +59,7 @@ class LossSearch:
         order: Sequence[int] | None = None,
         known: dict[int, float] | None = None,
     ) -> dict[int, float]:
-        """All losses of a set, those of `order` first; {} as soon as they are seen not to be below (fatal, largest)."""
+        """All losses of a set, those of `order` first; {} as soon as they are not below (fatal, largest)."""
         loss = dict(known or {})
         for g in chosen if order is None else order:
             if g not in loss:
@@ -71,7 +71,7 @@ class LossSearch:
         return loss
 
     def first_gain(self, chosen: list[int], loss: dict[int, float]) -> tuple[int, int, dict[int, float]] | None:
-        """The swap (out, in) of the least bound that helps, with the losses after it; None where no swap does."""
+        """The improving swap (out, in) with the least bound, and the losses after it; None if no swap helps."""
         fatal, largest = measure(loss)
         enough = largest * (1 - TIE)
         others = [g for g in range(len(self.pools[0].rows)) if g not in set(chosen)]
@@ -115,7 +115,7 @@ class LossSearch:
         return None
 
     def _bounds(self, chosen: list[int], others: list[int], loss: dict[int, float]) -> np.ndarray:
-        """(k, k, others): the least cost when g fails after i was swapped for j; g = i stands for the failure of j."""
+        """(k, k, others): least cost after the failure of g with i swapped for j; g = i denotes the failure of j."""
         k = len(chosen)
         bounds = np.full((k, k, len(others)), -np.inf)
         # where a failure is fatal, another gauge's may become so: no loss bounds the largest of the others
@@ -135,7 +135,7 @@ class LossSearch:
 
 
 def measure(loss: dict[int, float]) -> tuple[int, float]:
-    """How many failures lose an unknown or are not solved, and the largest loss of the others."""
+    """Number of failures that lose an unknown or are not solved, and the largest loss of the others."""
     finite = [value for value in loss.values() if value < np.inf]
     return len(loss) - len(finite), max(finite, default=0.0)
 
@@ -221,7 +221,7 @@ def robust_set(
 
 
 def _without(pools: Sequence[Pool], chosen: Sequence[int], failing: int, aggregate: Aggregate) -> float:
-    """Cost of a set when one of its gauges fails, NaN where it is not solved."""
+    """Cost of a set after the failure of one gauge, NaN if it is not solved."""
     try:
         return score(pools, [other for other in chosen if other != failing], aggregate)
     except NumericalError:
@@ -229,7 +229,7 @@ def _without(pools: Sequence[Pool], chosen: Sequence[int], failing: int, aggrega
 
 
 def _twice(limits: Limits) -> Limits:
-    """Twice as many gauges, twice as dear, as far as the pool has them, and no fewer than before."""
+    """Twice as many gauges at twice the budget, as far as the pool has them, and at least as many as before."""
     more = min(2 * limits.keep, int(limits.size.sum()))
     most = np.where([name == BUDGET for name in limits.names], 2 * limits.most, limits.most)
     most[0] = more

@@ -1,4 +1,4 @@
-"""What one gauge more or less changes in the steady covariance, to full relative accuracy, and what it changes at least."""
+"""Change of the steady covariance by one gauge more or less, to full relative accuracy, and lower bounds of it."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ QUADRATIC, ROUNDING = 1e-4, 1e-9
 accepted. The difference of two P has fewer digits: on the lug Newton's D is within 2e-10 of D refined in long doubles, the
 difference is off by 7e-9 to 3e-8."""
 DOUBT = 1e-10
-"""Share of their largest parts by which the slopes of a bound may be wrong: their rounding, amplified by the loop."""
+"""Relative uncertainty of the slopes of a bound, of their largest parts: rounding amplified by the loop."""
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """What the lower bounds of all removals from one loop share. factor L (n, n): L Lᵀ = P X P;   X (n, n): Aᵀ X + X A + W =
-    0 in the Schur coordinates of the loop; G there, as one matrix (n, n) or as two whose product it is."""
+    """Common data of the lower bounds of all removals from one loop. factor L (n, n): L Lᵀ = P X P; X (n, n): Aᵀ X + X A + W = 0
+    in the Schur coordinates of the loop; G there, as one matrix (n, n) or two factors."""
 
     loop: Loop
     factor: np.ndarray
@@ -86,7 +86,7 @@ def least_increments(loop: Loop, B: np.ndarray, at: np.ndarray) -> tuple[np.ndar
 
 
 def squares(rows: np.ndarray) -> np.ndarray:
-    """Sum of the squares of every block (m, c, n)."""
+    """Sum of squares of each block (m, c, n)."""
     flat = rows.reshape(len(rows), -1)
     return np.asarray(np.einsum("ij,ij->i", flat, flat))
 
@@ -210,7 +210,7 @@ def _newton(loop: Loop, block: np.ndarray, sign: float, start: Loop) -> np.ndarr
 
 
 def _in_schur(loop: Loop) -> tuple[np.ndarray, ...]:
-    """Uᵀ G U, as the two factors Uᵀ Rᵀ, R U where the sum lacks digits."""
+    """Uᵀ G U, or its factors Uᵀ Rᵀ, R U if the sum lacks digits."""
     if loop.factor is None:
         return (loop.U.T @ loop.G @ loop.U,)
     RU = loop.factor @ loop.U

@@ -1,4 +1,4 @@
-"""What a layout may be: how many gauges, which ones in any case, how near one another, how many in a place, how dear."""
+"""Limits of a layout: number of gauges, fixed gauges, spacing, zones, and budget."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from scipy.sparse import csc_array, csr_array, vstack
 from strainsight.errors import ConfigError
 
 KEEP, FIXED, SPACING, BUDGET = "place.keep", "gauges.fixed", "place.minimum_spacing", "place.budget"
-"""Config keys of the limits; those on zones bring their own."""
+"""Config keys of the limits; zones have their own keys."""
 ROUNDED = 1e-9
-"""Share of the budget that a sum of prices may pass it by: it is rounding."""
+"""Relative excess of prices over the budget that counts as rounding."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Limits:
 
     @property
     def plain(self) -> bool:
-        """Whether any `keep` rows of the pool, the fixed ones among them, are a layout."""
+        """Whether any `keep` rows of the pool that contain the fixed ones are a layout."""
         return len(self.most) == 1 and self.least == self.keep and bool(np.all(self.size == 1))
 
     @cached_property
@@ -162,7 +162,7 @@ class Swaps:
         self._size = limits.size[movable]
 
     def out(self, into: int) -> np.ndarray:
-        """The movable gauges (k,) bool that may leave for this one."""
+        """Mask (k,) of the movable gauges that may leave for this one."""
         at, part = self.limits.column(into)
         over = self.used[at] + part - self.limits.most[at]
         enough = self.used[0] + self.limits.size[into] - self._size >= self.limits.least
@@ -170,7 +170,7 @@ class Swaps:
 
 
 def as_limits(pool: int, keep: int | Limits) -> Limits:
-    """Limits of a plain count, or those that there are."""
+    """Limits of a plain count, or the given limits."""
     if isinstance(keep, Limits):
         if len(keep.size) != pool:
             raise ValueError(f"the limits are for a pool of {len(keep.size)} gauges, but the pool has {pool}")
@@ -179,7 +179,7 @@ def as_limits(pool: int, keep: int | Limits) -> Limits:
 
 
 def _groups(pairs: np.ndarray) -> list[np.ndarray]:
-    """Sets of rows of which at most one may be kept, that hold every pair: larger ones bound more than pairs do."""
+    """Sets of rows of which at most one may be selected, covering all pairs: larger sets give tighter bounds."""
     neighbours: dict[int, set[int]] = {}
     for a, b in pairs.tolist():
         if a != b:
@@ -202,7 +202,7 @@ def _groups(pairs: np.ndarray) -> list[np.ndarray]:
 
 
 class Polytope:
-    """{0 ≤ w ≤ 1, rows·w ≤ most, least ≤ Σ size·w, w = 1 on fixed gauges}, which holds every layout."""
+    """{0 ≤ w ≤ 1, rows·w ≤ most, least ≤ Σ size·w, w = 1 on fixed gauges}, which contains every layout."""
 
     def __init__(self, limits: Limits):
         self.limits = limits

@@ -1,4 +1,4 @@
-"""Steady error covariance (5.14), in continuous time and in steps: solved, polished, and measured by its residual."""
+"""Steady error covariance (5.14), in continuous and discrete time: solution, refinement, and residual."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class Information:
 
     @cached_property
     def factor(self) -> np.ndarray | None:
-        """R (k, n), k ≤ n; None where only the sum is known. Triangular where there are more rows than states."""
+        """R (k, n), k ≤ n; None if only the sum is known. Triangular with more rows than states."""
         if self.rows is None:
             return None
         rows = self.rows()
         return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > len(self.G) else rows
 
     def needed(self, P: np.ndarray) -> np.ndarray | None:
-        """The factor where P (n, n) asks for it, None where the sum has the digits."""
+        """The factor if P (n, n) requires it, None if the sum is accurate enough."""
         if self.rows is None or P.diagonal() @ self.G.diagonal() <= CANCELLED * np.vdot(P, self.G):
             return None
         return self.factor
@@ -56,7 +56,7 @@ class Information:
         return Information(self.G * d[:, None] * d, rows)
 
     def with_rows(self, block: np.ndarray) -> Information:
-        """The same with a gauge more; block (c, n) at unit noise."""
+        """The information with an additional gauge; block (c, n) at unit noise."""
         rows = self.rows
         return Information(self.G + block.T @ block, None if rows is None else lambda: np.vstack([rows(), block]))
 
@@ -67,17 +67,17 @@ def information(rows: np.ndarray) -> Information:
 
 
 ACCEPTED = 1e-10
-"""Largest relative residual that is taken as solved."""
+"""Largest permitted relative residual."""
 NOISE_FREE = 1e-8
-"""States whose standard deviation is below this share of the largest are taken as not reached by the process noise."""
+"""Relative standard deviation below which a state counts as unexcited by process noise."""
 CLOSE = 1e-3
-"""Below this residual a Newton step is solved for the correction of P, whose rounding is smaller than that of P."""
+"""Residual below which a Newton step solves for the correction of P, whose rounding is smaller."""
 
 
 @dataclass(frozen=True)
 class Loop:
-    """A filter's closed loop A = F − P G with its real Schur form A = U T Uᵀ; abscissa is max Re λ(A) [1/s]. factor R (k, n),
-    G = RᵀR, where rounding of the sum G would be felt, else None."""
+    """Closed loop A = F − P G of a filter with its real Schur form A = U T Uᵀ; abscissa: max Re λ(A) [1/s]. factor R (k, n), G =
+    RᵀR, if the sum G is not accurate enough, else None."""
 
     P: np.ndarray
     information: Information
@@ -161,7 +161,7 @@ def solve_care(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
 
 
 def polish(F: np.ndarray, Q: np.ndarray, G: Information, P: np.ndarray, steps: int = 6) -> np.ndarray:
-    """Newton-Kleinman steps from P until the relative residual is 1e-14 or stops falling. Returns P (n, n)."""
+    """Newton-Kleinman steps from P until the relative residual is 1e-14 or no longer decreases. Returns P (n, n)."""
     error, defect = _residual(F, Q, G, P)
     best = P
     for _ in range(steps):
@@ -199,8 +199,8 @@ def balance(F: np.ndarray, Q: np.ndarray, G: Information) -> tuple[np.ndarray, n
 
 
 def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
-    """P of (5.14) from nothing: in these coordinates, or in balanced ones where these leave a residual above 1e-10. Raises
-    NumericalError where neither reaches it."""
+    """P of (5.14) without a start: in these coordinates, or in balanced ones if the residual exceeds 1e-10. Raises
+    NumericalError if both fail."""
     error = np.inf
     try:
         P = solve_care(F, Q, G)
@@ -241,15 +241,15 @@ def _newton(
 
 
 def _unsorted(_real: float, _imag: float | None = None) -> None:
-    """`dgees` asks for a sorting function even where it does not sort."""
+    """Sorting function that `dgees` requires even without sorting."""
 
 
 ACCEPTED_IN_STEPS = 1e-9
 """Largest permitted error of a covariance, relative to σᵢσⱼ."""
 NOT_REACHED = 1e-8
-"""States whose σ is below this share of the largest are taken as not reached by the noise."""
+"""Relative σ below which a state counts as unexcited by noise."""
 SETTLED = 1e-13
-"""Relative change of every variance in as many steps as went before, below which they are steady."""
+"""Relative change of each variance in a doubling below which they are steady."""
 MOST_DOUBLINGS = 60
 
 
@@ -324,7 +324,7 @@ def updated(L: np.ndarray, H: np.ndarray) -> np.ndarray:
 
 
 def _double(F: np.ndarray, C: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same of twice as many steps."""
+    """The same for twice as many steps."""
     U, s, Vt = np.linalg.svd(C @ L)
     m = len(s)
     rise, observed = (

@@ -1,4 +1,4 @@
-"""A fixed linearisation with its pool of gauges, its steady covariance, and the same in its slow motions alone."""
+"""A fixed linearisation with its pool of gauges, its steady covariance, and its reduction to slow motions."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Scenario:
 
     @property
     def rows(self) -> np.ndarray:
-        """H/√r (pool, c, n*): a gauge's channels at unit noise."""
+        """H/√r (pool, c, n*): channels of each gauge at unit noise."""
         H = self.H[:, None, :] if self.H.ndim == 2 else self.H
         r = self.r[:, None] if self.r.ndim == 1 else self.r
         return H / np.sqrt(r)[:, :, None]
@@ -81,7 +81,7 @@ class Pool:
     modes: MarginalModes
 
     def stacked(self, gauges: np.ndarray) -> np.ndarray:
-        """Channels of these gauges, by index or as a mask (pool,), one under the other: (number · c, n*)."""
+        """Stacked channels (number · c, n*) of these gauges, by index or as a mask (pool,)."""
         return self.rows[gauges].reshape(-1, self.rows.shape[2])
 
     @property
@@ -90,13 +90,13 @@ class Pool:
         return self.scenario.metric
 
     def under(self, metric: Metric) -> Pool:
-        """The same by another metric, of x*."""
+        """The pool with another metric, of x*."""
         scaled = metric.scaled(self.scale)
         return replace(self, scenario=replace(self.scenario, weight=scaled.weight, criterion=scaled.criterion))
 
     @property
     def channels(self) -> np.ndarray:
-        """How many signals each gauge gives (pool,)."""
+        """Number of channels of each gauge (pool,)."""
         return np.asarray(self.rows.any(axis=2).sum(axis=1))
 
 
@@ -140,8 +140,8 @@ def solve_named_pool(names: Sequence[str], scenario: Scenario) -> Pool:
 
 
 def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> InfeasibleError:
-    """What does not decay and is reached by no process noise, in words; directions w (n*, k): wᵀF = λwᵀ, wᵀQ = 0. A motion of
-    the structure has λ ≠ 0, an unknown λ = 0."""
+    """Error for undamped states without process noise; directions w (n*, k): wᵀF = λwᵀ, wᵀQ = 0. A motion of the structure has λ
+    ≠ 0, an unknown λ = 0."""
     moves = np.any(np.abs(directions.T @ F) > 1e-6 * (np.abs(directions.T) @ np.abs(F)), axis=1)
     if moves.any():
         return InfeasibleError(
@@ -187,7 +187,7 @@ def subset_covariance(pool: Pool, gauges: Gauges) -> np.ndarray | None:
 
 
 def refine(pool: Pool, G: Information, P: np.ndarray | None) -> np.ndarray:
-    """P polished where its residual is above 1e-12; solved anew from None, or where polishing does not reach 1e-10."""
+    """P polished if its residual exceeds 1e-12; solved again from None, or if polishing does not reach 1e-10."""
     s = pool.scenario
     if P is not None:
         if relative_residual(s.F, s.Q, G, P) <= 1e-12:
@@ -202,7 +202,7 @@ def refine(pool: Pool, G: Information, P: np.ndarray | None) -> np.ndarray:
 
 
 def fewest_gauges(pools: Sequence[Pool]) -> tuple[int, int]:
-    """How many unknowns have to be distinguished at once, and the fewest gauges with as many channels."""
+    """Number of unknowns to be distinguished, and the fewest gauges with as many channels."""
     unknowns, fewest = 0, 0
     for pool in pools:
         least = least_gauges(pool.modes)
@@ -213,7 +213,7 @@ def fewest_gauges(pools: Sequence[Pool]) -> tuple[int, int]:
 
 
 def loop_of(pool: Pool, gauges: Gauges, P: np.ndarray) -> Loop:
-    """The closed loop with these gauges, whose covariance P (n*, n*) is."""
+    """Closed loop with these gauges and their covariance P (n*, n*)."""
     rows = pool.stacked(np.asarray(gauges, dtype=int))
     return close_loop(pool.scenario.F, information(rows), P)
 
@@ -238,7 +238,7 @@ def loops_of(pools: Sequence[Pool], gauges: Gauges) -> list[Loop] | None:
 
 
 def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
-    """Mean or worst over the first axis, the scenarios."""
+    """Mean or maximum over the scenarios, the first axis."""
     return costs.mean(axis=0) if aggregate == "mean" else costs.max(axis=0)
 
 
@@ -266,14 +266,14 @@ def thesis_weight(size: int, unknown: np.ndarray, scale: np.ndarray) -> np.ndarr
 
 
 LARGE = 60
-"""States from which a pool is searched by its slow motions."""
+"""Number of states from which a pool is searched in its slow motions."""
 AGREES = 1e-3
 """Relative difference in σ of each unknown, with all gauges of the pool, up to which quick motions are left out. Fewer gauges
 make the filter slower and less sensitive to quick motions."""
 WORTH = 0.7
-"""Share of the states above which a scenario in slow motions is not worth having."""
+"""Share of the states above which the reduction to slow motions does not pay."""
 APART = 1e-3
-"""Relative distance of two eigenvalues below which they stay together: rounding must not choose among modes of one frequency."""
+"""Relative distance of eigenvalues below which they stay together, so that rounding does not select among equal modes."""
 
 
 def slow_pools(pools: Sequence[Pool], motions: int, unknowns: np.ndarray) -> tuple[Pool, ...]:
@@ -338,12 +338,12 @@ def in_slow_motions(scenario: Scenario, motions: int, count: int) -> Scenario:
 
 
 def of_last_states(metric: Metric, count: int) -> Metric:
-    """The metric of as many last states, which the unknowns are among."""
+    """The metric of the last states, which contain the unknowns."""
     return metric if len(metric.weight) == count else Metric(metric.weight[-count:], metric.criterion)
 
 
 def _slow_pool(pool: Pool, motions: int, count: int, unknowns: np.ndarray) -> Pool | None:
-    """None where it cannot be solved, or σ of the unknowns, numbered from the last state, is another."""
+    """The pool in its slow motions; None if it cannot be solved or changes σ of the unknowns, numbered from the last state."""
     try:
         slow = solve_pool(in_slow_motions(pool.scenario.scaled(1 / pool.scale), motions, count))
     except (InfeasibleError, NumericalError):
