@@ -125,11 +125,8 @@ def check_nodes(ids: IntArray, position: FloatArray, where: Where) -> None:
 def check_elements(
     blocks: Sequence[CellBlock], where: Where, name: Callable[[CellBlock, int], str] | None = None
 ) -> None:
-    """Raise DeckError unless element ids are positive and unique, and no two elements and no two nodes of an element
-    are the same.
-
-    name: a block and a row of it → the element in the words of its format; "element 10 (tet4)" by default.
-    """
+    """Raise DeckError unless element ids are positive and unique, and no two elements and no two nodes of an element are the
+    same. name: a block and a row of it → the element in the words of its format; "element 10 (tet4)" by default."""
     _check_ids(concatenate(block.ids for block in blocks), "element", where)
     called = name or (lambda block, row: f"element {block.ids[row]} ({block.kind})")
     for block in blocks:
@@ -149,9 +146,7 @@ def check_elements(
 def _check_ids(ids: IntArray, what: str, where: Where) -> None:
     if ids.size and ids.min() < 1:
         number = int(ids.min())
-        raise DeckError(
-            f"{what} id {number} is not positive", where=where(what, number), remedy=f"number the {what}s from 1"
-        )
+        raise DeckError(f"{what} id {number} is not positive", where=where(what, number), remedy="use ids from 1")
     if (pair := repeated(ids)) is not None:
         number = int(ids[pair[1]])
         raise entity_error(what, number, f"{what} id {number} is used twice", f"number each {what} uniquely", where)
@@ -210,7 +205,4 @@ def turning_nodes(
 def moment_note(card: str, ids: Sequence[int]) -> str:
     """Note on moments on nodes (ids, ascending, at least one) without rotations."""
     more = f" and {len(ids) - 1} more" if len(ids) > 1 else ""
-    return (
-        f"{card} on node {ids[0]}{more} without rotations: applied as a couple of forces on the nodes of the "
-        "adjacent elements"
-    )
+    return f"{card} on node {ids[0]}{more} without rotations: applied as couples of forces"

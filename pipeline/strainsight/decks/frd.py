@@ -112,9 +112,7 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
             raise no_number(where)
         values = np.array(rows, dtype="S16").astype(float)
     if file.readline()[:3] != b" -3":
-        raise error_at(
-            where, f"a block of {block.rows} nodes does not end after the last node", "export the results again"
-        )
+        raise error_at(where, f"a block of {block.rows} nodes does not end correctly", "export the results again")
     return ids, values
 
 
@@ -178,8 +176,7 @@ def no_number(where: str) -> DeckError:
 
 
 SOLIDS = {1: "hex8", 2: "wedge6", 3: "tet4", 4: "hex20", 5: "wedge15", 6: "tet10"}
-"""Element type in the file → kind; the nodes are in the order of Nastran, vertical edges before the mid-side nodes
-of the top."""
+"""Element type in the file → kind; the nodes are in the order of Nastran, vertical edges before the mid-side nodes of the top."""
 
 
 def read_frd_mesh(path: Path, *, required: bool = True) -> Mesh:

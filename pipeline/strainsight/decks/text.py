@@ -83,10 +83,8 @@ def read_text(path: Path) -> str:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Content of a file, unpacked if its name ends in .gz.
-
-    Raises DeckError for a file that is missing, empty, damaged, not a plain file, or unpacks to more than 4 GiB.
-    """
+    """Content of a file, unpacked if its name ends in .gz. Raises DeckError for a file that is missing, empty, damaged, not a
+    plain file, or unpacks to more than 4 GiB."""
     try:
         check_plain(path)
         content = path.read_bytes() if path.suffix.lower() != ".gz" else _unpacked(path)
@@ -95,9 +93,7 @@ def read_bytes(path: Path) -> bytes:
     except UNPACKING as error:
         raise error_at(path, f"cannot be unpacked: {error}", "compress the deck again") from None
     except OSError as error:
-        raise error_at(
-            path, f"cannot be read: {error.strerror}", "check that the file exists and is readable"
-        ) from None
+        raise error_at(path, f"cannot be read: {error.strerror}", "check that the file is readable") from None
     if not content.strip():
         raise error_at(path, "the file is empty", "export the deck again")
     return content
@@ -149,11 +145,10 @@ class Includes:
     def file(self, name: str, word: str, line: Line, parents: tuple[Path, ...], nearest: bool = False) -> Path:
         """Path of the file that a line includes by `word` (INCLUDE, *INCLUDE).
 
-        The name is relative to the folder of the main deck, then to that of the including file (nearest: the other
-        way round), then to `folders`. \\ means / if no file has it in its name, and capitals are ignored if no file
-        matches them. The file must be in or below one of `folders` after links and `..` are resolved, and must not be
-        one of `parents`, which are being read. Raises DeckError if the file is missing or outside, or is included too
-        often or too deeply.
+        The name is relative to the folder of the main deck, then to that of the including file (nearest: the other way round),
+        then to `folders`. \\ means / if no file has it in its name, and capitals are ignored if no file matches them. The file
+        must be in or below one of `folders` after links and `..` are resolved, and must not be one of `parents`, which are being
+        read. Raises DeckError if the file is missing or outside, or is included too often or too deeply.
         """
         bases = list(dict.fromkeys([self.folders[0], Path(line.file).resolve().parent][:: -1 if nearest else 1]))
         bases += [folder for folder in self.folders if folder not in bases]

@@ -4,11 +4,10 @@ With U₀ = [Φ₀, z₀] at θ₀ and U₁ = [Φ₁, z₁] at θ₁, the mass M
 
     A U₀ = [M Φ₀Λ₀, f],     B U₁ = [M Φ₁Λ₁, f],     K(θ) = A + (θ − θ₀)/(θ₁ − θ₀) D,     D = B − A.
 
-On U = [U₀, U₁] the blocks U₀ᵀAU₀, U₁ᵀBU₁ and N = U₀ᵀDU₁ = U₀ᵀBU₁ − U₀ᵀAU₁ are known. The blocks U₀ᵀDU₀ and U₁ᵀDU₁
-are not known, and both sets are reproduced for any values of them. D is the strain energy of the region alone. For an
-isotropic material it is c₁K̃₁ + c₂K̃₂. K̃ is the stiffness of our elements with unit modulus and two Poisson's ratios.
-A least-squares fit to N determines c. The rest S = N − U₀ᵀK̃U₁ enters through the motion of the region, U₁ ≈ U₀a and
-U₀ ≈ U₁b:
+On U = [U₀, U₁] the blocks U₀ᵀAU₀, U₁ᵀBU₁ and N = U₀ᵀDU₁ = U₀ᵀBU₁ − U₀ᵀAU₁ are known. The blocks U₀ᵀDU₀ and U₁ᵀDU₁ are not known,
+and both sets are reproduced for any values of them. D is the strain energy of the region alone. For an isotropic material it is
+c₁K̃₁ + c₂K̃₂. K̃ is the stiffness of our elements with unit modulus and two Poisson's ratios. A least-squares fit to N
+determines c. The rest S = N − U₀ᵀK̃U₁ enters through the motion of the region, U₁ ≈ U₀a and U₀ ≈ U₁b:
 
     U₁ᵀDU₁ = U₁ᵀK̃U₁ + (aᵀS + Sᵀa)/2,     U₀ᵀDU₀ = U₀ᵀK̃U₀ + (Sb + bᵀSᵀ)/2
 

@@ -40,8 +40,7 @@ def assemble(
     settings: Mapping[str, ChannelSettings],
     step: float | None = None,
 ) -> Signals:
-    """Channels in the order of `settings`, calibrated and on a uniform clock: that of the file, or one with `step`
-    [s].
+    """Channels in the order of `settings`, calibrated and on a uniform clock: that of the file, or one with `step` [s].
 
     Raises UserError for a missing channel, a wrong unit, and a clock that is not uniform; `key` is the channel name
     for errors in its settings or values.
@@ -101,8 +100,7 @@ def _stretch(name: str, missing: np.ndarray, time: np.ndarray) -> tuple[str, ...
 
 @dataclass(frozen=True)
 class RepeatedSamples:
-    """fresh (T,): samples that are not repetitions; interval between them, in samples; regular: whether all
-    intervals are equal."""
+    """fresh (T,): samples without repetitions; interval between them, in samples; regular: whether all intervals are equal."""
 
     fresh: np.ndarray
     interval: int
@@ -143,10 +141,8 @@ def find_repeated_samples(values: np.ndarray) -> RepeatedSamples | None:
 
 
 def remove_repeated_samples(name: str, values: np.ndarray, step: float) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Replace repeated samples of a channel (T,) with time step `step` [s] by NaN; returns values and a note.
-
-    Raises UserError if the intervals between samples differ.
-    """
+    """Replace repeated samples of a channel (T,) with time step `step` [s] by NaN; returns values and a note. Raises UserError
+    if the intervals between samples differ."""
     repeated = find_repeated_samples(values)
     if repeated is None:
         return values, ()
@@ -185,10 +181,8 @@ class Place(NamedTuple):
 
 
 def find_channel(name: str, places: Sequence[Place], path: Path) -> int:
-    """Index of the channel with this name, with or without its group in front.
-
-    Raises UserError if there is no such channel, or several.
-    """
+    """Index of the channel with this name, with or without its group in front. Raises UserError if there is no such channel, or
+    several."""
     for length in range(3):
         matches = [i for i, place in enumerate(places) if name in place.names[length : length + 1]]
         if len(matches) == 1:

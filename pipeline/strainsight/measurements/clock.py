@@ -98,10 +98,9 @@ def uniform_clock(recording: Recording) -> Clock:
 def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ...]]:
     """Clock with the step of the filter [s], the samples (k,) on it, and notes.
 
-    Only integer ratios are allowed: a finer step leaves rows without samples between those of the record, a coarser
-    one uses every k-th sample unchanged, without averaging, because a measurement is instantaneous. Nothing is
-    interpolated. Raises UserError if the ratio is not an integer within SAME_STEP, or within JITTER of a step at the
-    end of the record.
+    Only integer ratios are allowed: a finer step leaves rows without samples between those of the record, a coarser one uses
+    every k-th sample unchanged, without averaging, because a measurement is instantaneous. Nothing is interpolated. Raises
+    UserError if the ratio is not an integer within SAME_STEP, or within JITTER of a step at the end of the record.
     """
     ratio = step / clock.step
     k = round(max(ratio, 1 / ratio))
@@ -120,10 +119,7 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
             notes = (*notes, f"{rows} {clock.step:g} s, the filter step {step:g} s")
         return Clock(clock.start, step, (clock.count - 1) * k + 1, clock.row * k), np.arange(len(clock.row)), notes
     used = np.flatnonzero(clock.row % k == 0)
-    note = (
-        f"one of every {k} samples was used, {len(used)} of {len(clock.row)}: frequencies above {0.5 / step:g} Hz cause "
-        "aliasing"
-    )
+    note = f"one of {k} samples was used: frequencies above {0.5 / step:g} Hz cause aliasing"
     return Clock(clock.start, step, (clock.count - 1) // k + 1, clock.row[used] // k), used, (*notes, note)
 
 
@@ -229,9 +225,8 @@ SECOND, DAY = 10**9, 86400 * 10**9
 class ClockTimes:
     """Seconds since the first time of a column, with nanosecond resolution.
 
-    Supported are 2024-05-03T10:00:00.01+02:00, 2024/5/3 10:00:00,01, 03.05.2024 10:00:00 and 10:00:00.01 PM. If day
-    and month are ambiguous, only a change of the date is used: together with a clock time that passes midnight it
-    means the next day.
+    Supported are 2024-05-03T10:00:00.01+02:00, 2024/5/3 10:00:00,01, 03.05.2024 10:00:00 and 10:00:00.01 PM. If day and month
+    are ambiguous, only a change of the date is used: together with a clock time that passes midnight it means the next day.
     """
 
     def __init__(self) -> None:
@@ -297,11 +292,8 @@ def recording_of(
     rate: float | None = None,
     lines: np.ndarray | None = None,
 ) -> Recording:
-    """Recording of signals and their units, the time first; where: place of the time; rate: sampling rate [Hz]
-    instead of the first signal; lines: as in `Recording`.
-
-    Raises UserError if the time has no unit or a sample has no time.
-    """
+    """Recording of signals and their units, the time first; where: place of the time; rate: sampling rate [Hz] instead of the
+    first signal; lines: as in `Recording`. Raises UserError if the time has no unit or a sample has no time."""
     t, unit = signals[0] if rate is None else (np.arange(len(signals[0][0])) / rate, "s")
     factor = time_factor(time_unit, unit, where)
     if not np.isfinite(t).all():
@@ -329,15 +321,10 @@ def check_no_counter(time: np.ndarray, name: str, unit: str | None, where: str) 
 def counted(
     scalar: float, samples: int, name: str, time_unit: str | None, unit_in_file: str | None, where: str
 ) -> tuple[np.ndarray, str]:
-    """Time (samples,) from 0 and its unit "s", from one number: the sampling interval, or, with unit Hz or kHz, the
-    sampling rate.
-
-    name: name of the number; a name that suggests a rate is refused with a unit of time.
-    """
+    """Time (samples,) from 0 and its unit "s", from one number: the sampling interval, or, with unit Hz or kHz, the sampling
+    rate. name: name of the number; a name that suggests a rate is refused with a unit of time."""
     if not 0 < scalar < np.inf:
-        raise UserError(
-            f"{name!r} is {scalar:g}", where=where, remedy="specify the sampling interval, or the sampling rate"
-        )
+        raise UserError(f"{name!r} is {scalar:g}", where=where, remedy="specify sampling interval or rate")
     units = [unit for unit in (time_unit, unit_in_file) if unit is not None]
     rates = [spelling(unit) for unit in units if spelling(unit) in RATES]
     if rates and len(rates) == len(units) and len(set(rates)) == 1:

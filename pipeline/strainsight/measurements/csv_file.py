@@ -74,9 +74,7 @@ def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[int, bytes]]:
             number += lines.count(b"\n")
         if len(rest) > LONGEST:
             _checked(rest, number, path)
-            raise UserError(
-                "a line is longer than 1 MiB", where=f"{path}:{number}", remedy="check that the file is a text table"
-            )
+            raise UserError("a line is longer than 1 MiB", where=f"{path}:{number}", remedy="use a text table")
     if rest.strip():
         yield number, _checked(rest + b"\n", number, path)
 
@@ -221,10 +219,8 @@ class Header:
 
 
 def header_of(block: bytes, form: TextFormat, path: str) -> Header:
-    """LabVIEW header of a file, which defines delimiter and decimal mark.
-
-    Raises UserError if it has no end, and if times are omitted or separate for every channel.
-    """
+    """LabVIEW header of a file, which defines delimiter and decimal mark. Raises UserError if it has no end, and if times are
+    omitted or separate for every channel."""
     lines = [decoded(line).rstrip() for line in block.split(b"\n", _LONGEST)[:_LONGEST]]
     ends = [number for number, line in enumerate(lines, start=1) if line.startswith(_END)]
     if len(ends) < 2:

@@ -113,7 +113,7 @@ def rows_by_line(
             raise UserError(
                 f"the sample has no time: {plain(decoded(line))}",
                 where=where,
-                remedy="add its time, or remove the line",
+                remedy="add its time",
             )
         numbers.extend(row)
         lines.append(number)

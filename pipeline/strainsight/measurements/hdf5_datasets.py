@@ -27,10 +27,8 @@ INSTEAD = "write the samples into the file itself, as one plain dataset per chan
 
 
 def signals(path: Path, names: Sequence[str]) -> Signals:
-    """Values (T,) [unit of the file] of every name, NaN where missing, with the length of the first, and their units.
-
-    Raises UserError for links to other files, and unsupported shapes, types and packed values.
-    """
+    """Values (T,) [unit of the file] of every name, NaN where missing, with the length of the first, and their units. Raises
+    UserError for links to other files, and unsupported shapes, types and packed values."""
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -42,10 +40,8 @@ def signals(path: Path, names: Sequence[str]) -> Signals:
 
 
 def declared(path: Path, names: Sequence[str]) -> list[int]:
-    """Unpacked size of each name, for a column that of its whole table.
-
-    Raises UserError as `signals` does before it reads samples, and if they do not fit into memory.
-    """
+    """Unpacked size of each name, for a column that of its whole table. Raises UserError as `signals` does before it reads
+    samples, and if they do not fit into memory."""
     import h5py
 
     sizes, largest = [], 0
@@ -106,9 +102,7 @@ def resolved(file: Any, name: str, where: str) -> Any:
         if not isinstance(group, h5py.Group) or (link := group.get(parts[0], getlink=True)) is None:
             return None
         if isinstance(link, h5py.ExternalLink):
-            raise UserError(
-                f"the path contains a link to another file, {plain(link.filename)}", where=where, remedy=INSTEAD
-            )
+            raise UserError(f"it is a link to another file, {plain(link.filename)}", where=where, remedy=INSTEAD)
         if isinstance(link, h5py.SoftLink):
             hops += 1
             if hops > _HOPS:
@@ -121,8 +115,7 @@ def resolved(file: Any, name: str, where: str) -> Any:
 
 
 def _check(item: Any, column: int | None, samples: int | None, path: Path, where: str) -> None:
-    """Raise UserError unless the dataset contains numbers in this file, of acceptable size, in one column of
-    `samples`."""
+    """Raise UserError unless the dataset contains numbers in this file, of acceptable size, in one column of `samples`."""
     shape, dtype = item.shape, item.dtype
     if item.is_virtual or item.external:
         raise UserError("the samples are in another file", where=where, remedy=INSTEAD)

@@ -100,11 +100,7 @@ def _hdf5_missing(file: Any, name: str, path: Path) -> UserError:
     known = [dataset.replace("/", ".") for dataset in datasets(file) if not dataset.startswith("#")]
     inside = [dataset for dataset in known if dataset.startswith(f"{name}.")]
     if inside:
-        return UserError(
-            f"{name!r} is a struct",
-            where=str(path),
-            remedy=f"specify one of its fields, for example {plain(inside[0])}",
-        )
+        return UserError(f"{name!r} is a struct", where=str(path), remedy=f"use a field, such as {plain(inside[0])}")
     return missing_error("variable", name, known, str(path))
 
 

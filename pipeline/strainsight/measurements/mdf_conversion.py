@@ -34,8 +34,7 @@ _END = ("end", "")
 
 
 def evaluate(formula: str, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (T,) of a formula of the raw values X or X1 (T,): numbers, + - * /, ^ or ** for powers, parentheses,
-    FUNCTIONS.
+    """Values (T,) of a formula of the raw values X or X1 (T,): numbers, + - * /, ^ or ** for powers, parentheses, FUNCTIONS.
 
     Powers bind stronger than signs and are evaluated from right to left: -X^2 is -(X²). Overflow gives infinity,
     undefined values NaN. Raises ValueError for an invalid formula.
@@ -232,8 +231,7 @@ def _divide_parabolas(x: Values, rule: Any) -> Values:
 
 
 def _look_up(x: Values, rule: Any, version: int, interpolated: bool) -> Values:
-    """Linear interpolation between entries, or the entry of the nearest (lower) raw value; the first or last entry
-    outside."""
+    """Linear interpolation between entries, or the entry of the nearest (lower) raw value; the first or last entry outside."""
     count = rule.ref_param_nr if version == 3 else rule.val_param_nr // 2
     keys, values = _parameters(rule, "raw", count), _parameters(rule, "phys", count)
     if not count or not (np.diff(keys) > 0).all():

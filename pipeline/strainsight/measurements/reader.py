@@ -117,9 +117,7 @@ def format_of(path: Path) -> str:
     remedy = f"set the format to one of {', '.join(FORMATS)}"
     if ending in SPREADSHEETS:
         remedy = "save the table as CSV, with a line of names above the numbers"
-    raise UserError(
-        f"the file name ending {ending!r} does not identify a format of test data", where=str(path), remedy=remedy
-    )
+    raise UserError(f"the ending {ending!r} is not one of a test data format", where=str(path), remedy=remedy)
 
 
 def read_binary(
@@ -200,9 +198,7 @@ def _library_errors(kind: str, path: Path) -> Iterator[None]:
             remedy=f"{DAMAGED}, or export a part of the record",
         ) from None
     except Exception as error:
-        raise UserError(
-            f"the file cannot be read as {name}: {reason(error)}", where=str(path), remedy=DAMAGED
-        ) from None
+        raise UserError(f"cannot be read as {name}: {reason(error)}", where=str(path), remedy=DAMAGED) from None
 
 
 def messages(kind: str, arguments: Sequence[str | None]) -> Iterator[Message]:

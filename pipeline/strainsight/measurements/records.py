@@ -130,9 +130,7 @@ def opened(path: Path) -> BinaryIO:
             raise UserError("the file is empty", where=str(path), remedy="export the test data again")
         return path.open("rb")
     except (OSError, ValueError) as error:
-        raise UserError(
-            f"cannot be read: {error}", where=str(path), remedy="check that the file exists and is readable"
-        ) from None
+        raise UserError(f"cannot be read: {error}", where=str(path), remedy="check that the file is readable") from None
 
 
 STANDARD_GRAVITY = 9.80665
@@ -277,10 +275,8 @@ def seconds_in(unit: str) -> float | None:
 
 
 def time_factor(unit_in_config: str | None, unit_in_file: str | None, where: str) -> float:
-    """Seconds in one unit of the time column: unit in the config, or in the file at `where`.
-
-    Raises UserError if both are missing, different, or unknown.
-    """
+    """Seconds in one unit of the time column: unit in the config, or in the file at `where`. Raises UserError if both are
+    missing, different, or unknown."""
     for unit, description in (
         (unit_in_config, "the unit of time in the config"),
         (unit_in_file, "the unit of time in the file"),

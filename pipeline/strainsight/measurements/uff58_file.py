@@ -85,8 +85,7 @@ class Function:
 
     @property
     def sizes(self) -> tuple[tuple[int, ...], ...]:
-        """Bytes of the numbers of one value in binary. The standard has a single-precision abscissa; some programs
-        write double."""
+        """Bytes of the numbers of one value in binary. The standard abscissa is single precision; some programs write double."""
         ordinate = (8 if self.double else 4,) * (2 if self.complex_ else 1)
         if self.even:
             return (ordinate,)
@@ -96,11 +95,8 @@ class Function:
 def function_of(
     number: int, identifier: bytes, records: Sequence[bytes], line: int, offset: int, where: str, *, si: bool
 ) -> Function:
-    """The function that the identifier line and the next eleven records define.
-
-    line: of the first record, 0 if lines are not counted; where: place of the dataset; si: dataset 164 declares SI
-    units. Raises UserError for an invalid record.
-    """
+    """The function that the identifier line and the next eleven records define. line: of the first record, 0 if lines are not
+    counted; where: place of the dataset; si: dataset 164 declares SI units. Raises UserError for an invalid record."""
 
     def at(record: int) -> str:
         return f"{where.rpartition(':')[0]}:{line + record - 1}" if line else f"{where}, record {record}"

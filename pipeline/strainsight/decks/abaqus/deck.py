@@ -81,15 +81,14 @@ def read_abaqus(
 ) -> Mesh:
     """Read an Abaqus or CalculiX input deck with its units and ids.
 
-    Imported: *NODE, *ELEMENT (the types of `mesh.kinds` and of `cells.THIN`, MASS, ROTARYI, SPRING1, 2, A), *NSET,
-    *ELSET, *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), the sections of
-    `sections`, *BOUNDARY, *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC
-    COUPLING, *MPC (BEAM), *EQUATION, *TIE of surfaces, *CONTACT PAIR, *INCLUDE. Everything else that changes the
-    structure is counted in `ignored`. Sets of a part are "INSTANCE.SET" if there are several instances. required:
-    require elements, and sections of shells and beams; materials_required: require section and material of all
-    elements; ignore: keywords and element types to leave out; include: further folders of included files; contact:
-    treatment of *CONTACT PAIR, see `with_contact`; step: step that defines supports and elements, see `state_of`.
-    Raises DeckError with file:line for unsupported input.
+    Imported: *NODE, *ELEMENT (the types of `mesh.kinds` and of `cells.THIN`, MASS, ROTARYI, SPRING1, 2, A), *NSET, *ELSET,
+    *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), the sections of `sections`, *BOUNDARY,
+    *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
+    *EQUATION, *TIE of surfaces, *CONTACT PAIR, *INCLUDE. Everything else that changes the structure is counted in `ignored`.
+    Sets of a part are "INSTANCE.SET" if there are several instances. required: require elements, and sections of shells and
+    beams; materials_required: require section and material of all elements; ignore: keywords and element types to leave out;
+    include: further folders of included files; contact: treatment of *CONTACT PAIR, see `with_contact`; step: step that defines
+    supports and elements, see `state_of`. Raises DeckError with file:line for unsupported input.
     """
     path = Path(path)
     keywords, included, before, of_files = read_keywords(path, include)

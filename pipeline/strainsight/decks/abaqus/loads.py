@@ -26,8 +26,7 @@ AXES = {"BX": 0, "BY": 1, "BZ": 2}
 
 @dataclass(frozen=True)
 class LoadReader:
-    """Reader of loads; rotations: see `Supports.pairs`; axes: row of a node → its *TRANSFORM; other loads are
-    counted."""
+    """Reader of loads; rotations: see `Supports.pairs`; axes: row of a node → its *TRANSFORM; other loads are counted."""
 
     surfaces: Surfaces
     axes: Mapping[int, FloatArray]

@@ -68,7 +68,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     type_ = keyword.needs("TYPE").upper()
     if type_ not in SOLIDS and type_.startswith("C3D"):
         raise keyword.error(
-            f"{type_} solids are not supported ({len(keyword.texts)} lines)", f"mesh with {FAMILIES} ({USUAL})"
+            f"{type_} solids are not supported ({len(keyword.texts)} lines)", f"use {FAMILIES} ({USUAL})"
         )
     if not keyword.texts:
         keyword.rows()
@@ -137,9 +137,7 @@ def _no_integer(keyword: Keyword) -> DeckError:
     for row in keyword.rows():
         for i, entry in enumerate(keyword.texts[row.i].rstrip(", \t").split(",")):
             if parse_integer(entry.strip()) is None:
-                return row.error(
-                    f"entry {i + 1} {no_integer(entry.strip())}", "write the ids of the element and its nodes"
-                )
+                return row.error(f"entry {i + 1} {no_integer(entry.strip())}", "write ids of element and nodes")
     raise AssertionError("all entries are integers")
 
 
@@ -198,11 +196,8 @@ class Part:
 
 
 def read_part(keywords: tuple[Keyword, ...]) -> Part:
-    """The nodes and elements that the keywords of a part define.
-
-    Raises DeckError for duplicate ids, a wrong number of nodes, missing nodes, unsupported solids and generated
-    meshes.
-    """
+    """The nodes and elements that the keywords of a part define. Raises DeckError for duplicate ids, a wrong number of nodes,
+    missing nodes, unsupported solids and generated meshes."""
     ids, position, where, rows = _nodes(keywords)
     table = IdTable(ids)
     cells = tuple(read_cells(keyword, table) for keyword in keywords if keyword.name == "ELEMENT")
@@ -225,9 +220,7 @@ def _nodes(
     axes, origin, start = np.eye(3), np.zeros(3), 0
     for keyword in keywords:
         if keyword.name in GENERATORS:
-            raise keyword.error(
-                "generated meshes are not supported", "export the deck with explicit nodes and elements"
-            )
+            raise keyword.error("generated meshes are not supported", "export explicit nodes and elements")
         if keyword.name == "SYSTEM":
             origin, axes = _system(keyword)
         if keyword.name != "NODE":
@@ -272,8 +265,7 @@ def _node_lines(keyword: Keyword) -> tuple[IntArray, FloatArray]:
 
 
 def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
-    """*SYSTEM: origin a, and axes with x towards b and c in the xy plane on the side of y; without c, the z axis
-    stays Z."""
+    """*SYSTEM: origin a, and axes with x towards b and c in the xy plane on the side of y; without c, the z axis stays Z."""
     rows = keyword.rows(needed=False)
     if not rows:
         return np.zeros(3), np.eye(3)

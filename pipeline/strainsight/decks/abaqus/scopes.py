@@ -103,9 +103,7 @@ def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     values = turns[0].reals(7, "a coordinate of the axis, or the angle")
     a, axis = values[:3], values[3:6] - values[:3]
     if not np.linalg.norm(axis) > 0:
-        raise turns[0].error(
-            "the two points of the axis coincide", "specify two different points, and the angle in degrees"
-        )
+        raise turns[0].error("the two points of the axis coincide", "specify two different points, and the angle [deg]")
     R = rotation(axis / np.linalg.norm(axis), np.radians(values[6]))
     return R, a + R @ (shift - a)
 
@@ -262,9 +260,7 @@ class Assembly:
             rows, missing = self._numbered(kind, np.array([number]), within)
             if missing[0]:
                 place = f" of instance {within.name}" if within.name else ""
-                raise row.error(
-                    f"{kind.lower()} {number}{place} is not in the deck", f"add the {kind.lower()}, or correct the id"
-                )
+                raise row.error(f"{kind.lower()} {number}{place} is not in the deck", "correct the id")
             return rows
         return self._named(kind, entry, scope, row)
 
@@ -343,9 +339,7 @@ class Assembly:
             lost += (high - low) // step + 1 - within.size
             parts.append(self._numbered(kind, within, scope)[0])
         if lost:
-            sentence = (
-                f"{keyword.where}: {keyword.title} generates {lost} ids that are not in the deck; they are left out"
-            )
+            sentence = f"{keyword.where}: {keyword.title} generates {lost} ids that are not in the deck"
             self.notes += [sentence] if sentence not in self.notes else []
         return np.concatenate(parts)
 
@@ -366,9 +360,7 @@ def assemble(keywords: list[Keyword]) -> Assembly:
     for keyword, instance_keywords in instances:
         part_name = keyword.needs("PART").upper()
         if part_name not in parts:
-            raise keyword.error(
-                f"part {keyword.parameters['PART']!r} is not in the deck", "correct the name of the part"
-            )
+            raise keyword.error(f"part {keyword.parameters['PART']!r} is not in the deck", "correct the part name")
         if any(k.name in MESH for k in instance_keywords):
             part = read_part((*parts[part_name], *instance_keywords))
         else:

@@ -50,9 +50,8 @@ WANTED = {"solid": "*SOLID SECTION", "shell": "*SHELL SECTION", "beam": "*BEAM S
 class Sections:
     """region (m,) of each element, 0 if it is not imported; properties: the regions, one a section, and their data.
 
-    offset: region → offset of the element middle from the nodes, along the normal of a shell, along n1 and n2 of a
-    beam; direction (3,): n1 of a beam, material axis x of a shell; left (k,): rows of shells, beams and rods without
-    section.
+    offset: region → offset of the element middle from the nodes, along the normal of a shell, along n1 and n2 of a beam;
+    direction (3,): n1 of a beam, material axis x of a shell; left (k,): rows of shells, beams and rods without section.
     """
 
     region: IntArray
@@ -72,11 +71,10 @@ def read_sections(
 ) -> Sections:
     """*SOLID SECTION of solids and trusses, *SHELL SECTION, *BEAM SECTION and *BEAM GENERAL SECTION.
 
-    set_name: (instance, SET) → name in the mesh; required: require supported sections of shells and beams; otherwise
-    elements without one are left out and counted; materials_required: require a section of every solid and a material
-    of every section; otherwise a region may have no material, and solids without section form one region. Raises
-    DeckError for an element without section or with two, a section of another family, a missing material or set, and
-    an unsupported section or material.
+    set_name: (instance, SET) → name in the mesh; required: require supported sections of shells and beams; otherwise elements
+    without one are left out and counted; materials_required: require a section of every solid and a material of every section;
+    otherwise a region may have no material, and solids without section form one region. Raises DeckError for an element without
+    section or with two, a section of another family, a missing material or set, and an unsupported section or material.
     """
     properties = Properties()
     materials = Materials(definitions(keywords), materials_required, assembly.notes, properties)
@@ -226,10 +224,8 @@ APART = 1e-9
 
 
 def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ...]:
-    """Shells with a section, one block a kind.
-
-    Raises DeckError for a repeated node and for a shell without area, or folded or warped too much.
-    """
+    """Shells with a section, one block a kind. Raises DeckError for a repeated node and for a shell without area, or folded or
+    warped too much."""
     blocks = []
     kinds = assembly.thin_kinds
     for kind in SHELL_KINDS:

@@ -103,9 +103,7 @@ class Ties:
         if parameters.get("ROTNODE"):
             turning = self.reference(scope, keyword, "ROT NODE")
             if not np.allclose(self.axes.get(turning, np.eye(3)), self.axes.get(reference, np.eye(3))):
-                raise keyword.error(
-                    "REF NODE and ROT NODE have different axes (*TRANSFORM)", "use the same axes for both nodes"
-                )
+                raise keyword.error("REF NODE and ROT NODE have different axes (*TRANSFORM)", "use equal axes")
             self.rotations[turning] = reference
         if parameters.get("POSITION", "INPUT").upper() != "INPUT":
             assembly.notes.append(f"{keyword.where}: the reference node of *RIGID BODY is not moved")
@@ -166,8 +164,7 @@ class Ties:
 
 
 def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[str]) -> Ties:
-    """*RIGID BODY, *COUPLING with *KINEMATIC or *DISTRIBUTING, *KINEMATIC COUPLING and *MPC of types BEAM, TIE and
-    PIN.
+    """*RIGID BODY, *COUPLING with *KINEMATIC or *DISTRIBUTING, *KINEMATIC COUPLING and *MPC of types BEAM, TIE and PIN.
 
     Raises DeckError for references that are not one node, missing sets and surfaces, and single components of nodes
     with nodal axes or along an ORIENTATION.
@@ -301,7 +298,7 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     SYMMETRY MODEL, its axis, and the sector faces of *TIE, CYCLIC SYMMETRY. Nodes of the first face without a matching
     node follow facets of the second.
 
-    Faces of a model with CONTACT press on those of the next sector through their *CONTACT PAIR and are not sector
+    Faces of a model with CONTACT press on those through their *CONTACT PAIR and are not sector
     faces. Raises DeckError for sectors of several numbers or axes (multistage), and for errors of `whole_ring`.
     """
     assembly = surfaces.assembly
@@ -346,9 +343,7 @@ def _of(keyword: Keyword) -> tuple[int, np.ndarray]:
     """Number of sectors, and two points (6,) on the axis."""
     count = parse_integer(keyword.needs("N"))
     if count is None or count < 2:
-        raise keyword.error(
-            f"N is {keyword.parameters['N']!r}, which is not a number of sectors", "specify an integer greater than 1"
-        )
+        raise keyword.error(f"N is {keyword.parameters['N']!r}, not a number of sectors", "specify an integer above 1")
     axis = keyword.rows()[0].reals(6, "a coordinate")
     if np.allclose(axis[:3], axis[3:]):
         raise keyword.error("the two points of the axis coincide", "specify two different points on the axis")

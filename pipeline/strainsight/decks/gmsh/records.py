@@ -1,7 +1,6 @@
 """Nodes, elements and geometrical entities in a gmsh file, formats 2 and 4.
 
-Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)", "version 4" and "Node
-ordering".
+Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)", "version 4" and "Node ordering".
 """
 
 from __future__ import annotations
@@ -274,9 +273,7 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
         header = source.take("int", 3)
         dimension, parametric = int(header[0 if latest else 1]), int(header[2])
         if not 0 <= dimension <= 3 or parametric not in (0, 1):
-            raise source.error(
-                f"a block of nodes has the invalid entity dimension {dimension} or parametric flag {parametric}"
-            )
+            raise source.error(f"invalid entity dimension {dimension} or parametric flag {parametric}")
         count = int(source.take("size", 1)[0])
         width = 3 + (dimension if parametric else 0)
         if latest:
@@ -292,10 +289,8 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
 
 
 def entity_groups(source: Numbers, version: str) -> dict[tuple[int, int], tuple[int, ...]]:
-    """(dimension, tag) of a geometrical entity → tags of its physical groups.
-
-    A negative tag denotes the same group with reversed element orientation.
-    """
+    """(dimension, tag) of a geometrical entity → tags of its physical groups. A negative tag denotes the same group with
+    reversed element orientation."""
     groups_of_entity: dict[tuple[int, int], tuple[int, ...]] = {}
     counts = source.take("size", 4)
     for dimension in range(4):
@@ -328,10 +323,8 @@ def elements_4(source: Numbers, version: str, groups: dict[tuple[int, int], tupl
 
 
 def elements_2(source: Numbers, count: int) -> list[Chunk]:
-    """Read rows of number, type, tags, nodes (text), or type, count, tags, and the rows (binary).
-
-    The first tag is the physical group, 0 for none.
-    """
+    """Read rows of number, type, tags, nodes (text), or type, count, tags, and the rows (binary). The first tag is the physical
+    group, 0 for none."""
     chunks: list[Chunk] = []
     done = 0
     if not isinstance(source, Text):

@@ -29,9 +29,7 @@ def with_defaults(cards: Cards) -> dict[str, list[Card]]:
     for name, default in DEFAULTS.items():
         default_cards = cards.of(default)
         if len(default_cards) > 1:
-            raise default_cards[1].error(
-                f"{default} is defined twice (first at {default_cards[0].where})", f"keep one {default}"
-            )
+            raise default_cards[1].error(f"{default} is defined twice (first at {default_cards[0].where})", "keep one")
         cards_by_name[name] = (
             [_filled(card, default_cards[0]) for card in cards.of(name)] if default_cards else cards.of(name)
         )
@@ -81,9 +79,7 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         length = np.linalg.norm(along, axis=1)
         short = ~(length > APART * extent)
         if short.any():
-            raise cards[int(np.argmax(short))].error(
-                "its ends coincide", "move a node or an offset, or remove the element"
-            )
+            raise cards[int(np.argmax(short))].error("its ends coincide", "move a node or remove the element")
         if kind == "beam":
             v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])
         else:
@@ -106,9 +102,7 @@ def _check_offt(card: Card) -> None:
         return
     if parse_real(text) is not None:
         raise card.error(f"BIT is {text}: pretwist is not supported", "leave the field blank")
-    raise card.error(
-        f"OFFT is {text}: only offsets along the systems CD of the nodes are supported", "set OFFT to GGG or BGG"
-    )
+    raise card.error(f"OFFT is {text}: only offsets along nodal axes are supported", "set OFFT to GGG or BGG")
 
 
 def _offset(card: Card, end: int, row: int, grids: Grids) -> FloatArray:
@@ -124,9 +118,7 @@ def _released(card: Card, end: int) -> list[int]:
         return []
     pins = components(text, card)
     if len(pins) > 5:
-        raise card.error(
-            f"all components of end {'AB'[end]} are released", "remove the element, or connect one component"
-        )
+        raise card.error(f"all components of end {'AB'[end]} are released", "connect at least one component")
     return list(pins)
 
 
@@ -194,11 +186,8 @@ def tube_section(card: Card) -> tuple[int, BeamSection]:
 
 
 def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
-    """MID and section of a PBEAM at its ends; intermediate stations must vary linearly. Blank K1 and K2 are 1.
-
-    N1 and N2, M1 and M2 of end B default to those of end A. Raises DeckError for non-linear stations and shear
-    relief (S1, S2).
-    """
+    """MID and section of a PBEAM at its ends; intermediate stations must vary linearly. Blank K1 and K2 are 1. N1 and N2, M1 and
+    M2 of end B default to those of end A. Raises DeckError for non-linear stations and shear relief (S1, S2)."""
     at, points = 8, np.zeros((0, 2))
     if card.text(8).upper() not in STATIONS:  # the line of stress recovery points is optional
         at, points = 16, _points(card, 8)
@@ -230,9 +219,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
         any(word[0] == "N" and word[1] != "S" for word in nonzero)
         and not min(*_values(end_a)[1:3], *_values(end_b)[1:3]) > 0
     ):
-        raise card.error(
-            "the neutral axis has an offset (N1, N2), but the beam has no bending stiffness", "specify I1 and I2"
-        )
+        raise card.error("the neutral axis has an offset (N1, N2), but I1 and I2 are zero", "specify I1 and I2")
     end_a, end_b = (
         replace(
             station, neutral=(more[f"N1({end})"], more[f"N2({end})"]), beside=(more[f"M1({end})"], more[f"M2({end})"])
@@ -242,17 +229,14 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     if ignored_words := [
         word for i, word in enumerate(words) if more[word] and word[:2] in ("NS", "CW") and card.text(at + i)
     ]:
-        notes.append(
-            f"PBEAM {card.text(0)}: {', '.join(ignored_words)} (inertia about the axis, warping) have no effect"
-        )
+        notes.append(f"PBEAM {card.text(0)}: {', '.join(ignored_words)} (axial inertia, warping) have no effect")
     shear = (more["K1"], more["K2"])
     section = replace(end_a, shear=shear, at_b=None if _equal_sections(end_a, end_b) else replace(end_b, shear=shear))
     return card.integer(1, "the material id"), _checked(card, section)
 
 
 def _station(card: Card, at: int, default: BeamSection | None) -> BeamSection:
-    """A, I1, I2, I12, J, NSM from a field on; blank entries default to `default`, at end A to zero except for A, I1
-    and I2."""
+    """A, I1, I2, I12, J, NSM from a field on; blank entries default to `default`, at end A to zero except for A, I1 and I2."""
     blank = [None, None, None, 0.0, 0.0, 0.0] if default is None else _values(default)
     names = ("the area A", "I1", "I2", "I12", "J", "the mass NSM")
     A, I1, I2, I12, J, nonstructural = (card.real(at + i, names[i], blank[i]) for i in range(6))
@@ -312,9 +296,7 @@ def _checked(card: Card, section: BeamSection) -> BeamSection:
                 "only I12 may be negative, and I12² must not exceed I1 I2",
             )
         if min(section.shear) < 0:
-            raise card.error(
-                f"K1 is {section.shear[0]:g} and K2 {section.shear[1]:g}", "specify K1 and K2 of at least 0"
-            )
+            raise card.error(f"K1 is {section.shear[0]:g} and K2 {section.shear[1]:g}", "specify values of at least 0")
     return section
 
 
@@ -331,11 +313,8 @@ def bar_shape(card: Card) -> tuple[int, BeamSection]:
 
 
 def beam_shape(card: Card) -> tuple[int, BeamSection]:
-    """MID and section of a PBEAML at its ends; intermediate sections must vary linearly.
-
-    Raises DeckError for non-linear stations, and for shapes whose shear centre (the axis of a CBEAM) is not the
-    centroid: those without point symmetry.
-    """
+    """MID and section of a PBEAML at its ends; intermediate sections must vary linearly. Raises DeckError for non-linear
+    stations, and for shapes whose shear centre (the axis of a CBEAM) is not the centroid: those without point symmetry."""
     kind, count = _shape(card)
     dimensions = _dimensions(card, 8, count, None)
     mass = card.not_negative(8 + count, "the mass NSM", 0.0)
@@ -369,9 +348,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
 def _shape(card: Card) -> tuple[str, int]:
     """TYPE, and its number of dimensions."""
     if card.text(2).upper() not in ("", "MSCBML0"):
-        raise card.error(
-            f"GROUP is {card.text(2)}, but must be MSCBML0", "define the section by its area and moments of inertia"
-        )
+        raise card.error(f"GROUP is {card.text(2)}, but must be MSCBML0", "define area and moments of inertia")
     kind = card.text(3).upper()
     return kind, SHAPES[kind][0] if kind in SHAPES else 0
 

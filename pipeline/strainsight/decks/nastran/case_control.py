@@ -77,9 +77,8 @@ def sets(
 ) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
     """Node sets and element sets by name.
 
-    SET1 contains nodes; SET3 states its type. A SET of the case control is a node set if all its single ids are
-    nodes, an element set if all are elements, and both if both are true. node_ids and element_ids sorted; left_out:
-    ignored cards.
+    SET1 contains nodes; SET3 states its type. A SET of the case control is a node set if all its single ids are nodes, an
+    element set if all are elements, and both if both are true. node_ids and element_ids sorted; left_out: ignored cards.
     """
     nodes: dict[str, IntArray] = {}
     elements: dict[str, IntArray] = {}
@@ -155,10 +154,9 @@ def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
 
 @dataclass(frozen=True)
 class CardSets:
-    """Sets of supports ("SPC") or relations ("MPC"), with their name `what`; cards of all; combined: set → sets of
-    its SPCADD or MPCADD; ids of all, top: sets that are not part of another; chosen: ids, as written, selected by
-    lines "SPC = n" of the case control, with the first line of each; left_out: some cards are ignored, so sets may be
-    missing."""
+    """Sets of supports ("SPC") or relations ("MPC"), with their name `what`; cards of all; combined: set → sets of its SPCADD or
+    MPCADD; ids of all, top: sets that are not part of another; chosen: ids, as written, selected by lines "SPC = n" of the case
+    control, with the first line of each; left_out: some cards are ignored, so sets may be missing."""
 
     what: str
     cards: list[Card]
@@ -235,10 +233,8 @@ def _of_case_control(deck: Deck) -> list[Card]:
 
 
 def mass_scale(deck: Deck) -> float:
-    """PARAM WTMASS: the factor from weights of the deck to masses.
-
-    Raises DeckError if it is not positive, and if bulk data, case control or subcases differ.
-    """
+    """PARAM WTMASS: the factor from weights of the deck to masses. Raises DeckError if it is not positive, and if bulk data,
+    case control or subcases differ."""
     definitions = _named(deck.cards.of("PARAM"), "WTMASS")[-1:]  # the last one of the bulk data applies
     definitions += _named(_of_case_control(deck), "WTMASS")
     factors = [card.real(1, "the factor") for card in definitions]
@@ -246,10 +242,7 @@ def mass_scale(deck: Deck) -> float:
         if scale <= 0:
             raise card.error(f"the factor is {scale:g}, not positive")
         if scale != factors[0]:
-            raise card.error(
-                f"the factor is {scale:g} here, but {factors[0]:g} at {definitions[0].where}",
-                "keep only the correct one",
-            )
+            raise card.error(f"the factor is {scale:g} here, but {factors[0]:g} at {definitions[0].where}", "keep one")
     return factors[0] if factors else 1.0
 
 

@@ -98,15 +98,14 @@ def read_nastran(
 ) -> Mesh:
     """Read a Nastran deck with its units and ids.
 
-    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, PCOMPS, MAT1,
-    MAT9 and MAT11 of solids, MAT8 of plies, the cards of `thin`, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR,
-    RBAR1, RROD, RBE1, `MASSES`, springs, the static loads of `static_loads`, SET1, SET3, case-control SPC, MPC and
-    SET, PARAM WTMASS (also of the case control), INCLUDE. Every other card is counted in `ignored`. SET 5 of the case
-    control is the set "SET-5", SET1 5 of the bulk data "SET1-5". Without a selection in the case control the only
-    support set is used. required: require elements, and properties of shells and beams; materials_required: require
-    PSOLID and MAT1 of all elements; ignore: cards to leave out, and MISSING ENDDATA to accept a deck with BEGIN BULK
-    and without ENDDATA; spc: support set instead of the selected one; include: further folders of included files.
-    Raises DeckError with file:line for unsupported input.
+    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, PCOMPS, MAT1, MAT9 and MAT11
+    of solids, MAT8 of plies, the cards of `thin`, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR, RBAR1, RROD, RBE1, `MASSES`,
+    springs, the static loads of `static_loads`, SET1, SET3, case-control SPC, MPC and SET, PARAM WTMASS (also of the case
+    control), INCLUDE. Every other card is counted in `ignored`. SET 5 of the case control is the set "SET-5", SET1 5 of the bulk
+    data "SET1-5". Without a selection in the case control the only support set is used. required: require elements, and
+    properties of shells and beams; materials_required: require PSOLID and MAT1 of all elements; ignore: cards to leave out, and
+    MISSING ENDDATA to accept a deck with BEGIN BULK and without ENDDATA; spc: support set instead of the selected one; include:
+    further folders of included files. Raises DeckError with file:line for unsupported input.
     """
     path = Path(path)
     deck = read_deck(path, include)
@@ -213,8 +212,7 @@ def read_nastran(
 
 
 def _unended(deck: Deck, ignore: Sequence[str]) -> list[str]:
-    """Note on a deck without ENDDATA. Raises DeckError if it has BEGIN BULK and `ignore` does not contain MISSING
-    ENDDATA."""
+    """Note on a deck without ENDDATA. Raises DeckError if it has BEGIN BULK and `ignore` does not contain MISSING ENDDATA."""
     if deck.ended:
         return []
     if deck.begun and spelt(MISSING_END) not in {spelt(name) for name in ignore}:

@@ -128,9 +128,7 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
             return None
         row = grids.nodes.row(card.integer(i, "a node id"), card)
         if row not in node_rows[: kind.corners]:
-            raise card.error(
-                f"node {card.text(i)} is not a corner of element {card.text(1)}", "specify corners of the loaded face"
-            )
+            raise card.error(f"node {card.text(i)} is not a corner of element {card.text(1)}", "use its corners")
         return node_rows.index(row)
 
     first, other = corner(6), corner(7)
@@ -272,9 +270,8 @@ def static_loads(
         FORCE   F N along the directions of its CID at the node,   FORCE1  along G1G2,   FORCE2  along G1G2 × G3G4
         GRAV    g = A N,     RFORCE  ω = 2π A R through the node G,     LOAD  S Σ S_i L_i
 
-    MOMENTs likewise; mesh: solids and shells; turning: rows of nodes with rotations; a MOMENT on another node
-    becomes a note. Loads on one node are added. Raises DeckError for a missing node, element, system or set, and for
-    an angular acceleration.
+    MOMENTs likewise; mesh: solids and shells; turning: rows of nodes with rotations; a MOMENT on another node becomes a note.
+    Loads on one node are added. Raises DeckError for a missing node, element, system or set, and for an angular acceleration.
     """
     sets: dict[int, LoadSet] = {}
 
@@ -300,9 +297,7 @@ def static_loads(
         of(card).body.append(BodyForce(acceleration=_along(card, 1, 2, grids)))
     for card in cards.of("RFORCE"):
         if card.real(8, "the angular acceleration RACC", 0.0) != 0:
-            raise card.error(
-                "angular acceleration (RACC) is not supported", "leave RACC blank; only steady rotation is supported"
-            )
+            raise card.error("angular acceleration (RACC) is not supported", "leave RACC blank")
         at = card.integer(1, "the node G", 0)
         centre = grids.position[grids.nodes.row(at, card)] if at else np.zeros(3)
         of(card).body.append(BodyForce(rotation=2 * np.pi * _along(card, 2, 3, grids), centre=centre))
@@ -347,9 +342,7 @@ def _vector(card: Card, row: int, points: int, grids: Grids) -> FloatArray:
     x = [grids.position[grids.nodes.row(card.integer(3 + i, "a node id"), card)] for i in range(points)]
     direction = x[1] - x[0] if points == 2 else np.cross(x[1] - x[0], x[3] - x[2])
     if not np.linalg.norm(direction) > 0:
-        raise card.error(
-            "the nodes do not define a direction", "use nodes that do not coincide and are not on one line"
-        )
+        raise card.error("the nodes do not define a direction", "use nodes that are not on one line")
     size = card.real(2, f"the {card.name.rstrip('12').lower()}")
     return np.asarray(size * direction / np.linalg.norm(direction))
 

@@ -127,7 +127,7 @@ def _layered(cards: Cards, blocks: Sequence[CellBlock], ignored: Counter[str]) -
         if (pid := card.integer(0, "the property id")) not in used:
             ignored["PCOMPS that no element refers to"] += 1
         elif pid in cards_by_id:
-            raise card.error(f"property id {pid} is used twice", "number all properties uniquely")
+            raise card.error(f"property id {pid} is used twice", "use unique ids")
         else:
             cards_by_id[pid] = card
     return cards_by_id
@@ -177,9 +177,7 @@ def _by_id(cards: Cards, *names: str) -> dict[int, Card]:
 def _check_single(mid: int, first: Mapping[int, Card], *others: Mapping[int, Card]) -> None:
     """Raise DeckError for a material id in `first` and also in `others`."""
     if other := next((known[mid] for known in others if mid in known and mid in first), None):
-        raise first[mid].error(
-            f"material id {mid} is used twice, also by a {other.name}", "number all materials uniquely"
-        )
+        raise first[mid].error(f"material id {mid} is used twice, also by a {other.name}", "use unique ids")
 
 
 def _other_material(cards: Cards, mid: int) -> str:

@@ -34,9 +34,8 @@ def read_solids(
 ) -> tuple[tuple[CellBlock, ...], Elements]:
     """One block a kind, elements in the order of the deck, and their cards; position (n, 3) of the nodes.
 
-    The node order of an element that is left-handed at all corners is mirrored, as in MSC Nastran, with a note.
-    Raises DeckError for unsupported solids, a duplicate id, a missing or repeated node, and two elements with the same
-    nodes.
+    The node order of an element that is left-handed at all corners is mirrored, as in MSC Nastran, with a note. Raises DeckError
+    for unsupported solids, a duplicate id, a missing or repeated node, and two elements with the same nodes.
     """
     for name, cards_of_name in cards.items():
         if name.startswith(OTHER_SOLIDS) and name not in SOLIDS:
@@ -100,8 +99,7 @@ def _connectivity(card: Card) -> tuple[ElementKind, list[int]]:
 
 DIRECTIONS = (12, 13, 21, 23, 31, 32)
 MOST, NOTED = 45.0, 5.0
-"""Largest angle [deg] between the normal of the layers of an element and its axis of CORDM: limit for an error and
-for a note."""
+"""Largest angle [deg] between the normal of the layers of an element and its axis of CORDM: limit for an error and for a note."""
 
 
 def composite_solid(

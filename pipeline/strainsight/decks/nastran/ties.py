@@ -19,10 +19,8 @@ from strainsight.mesh.model import FloatArray, IntArray
 
 
 def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list[str]) -> tuple[RigidElement, ...]:
-    """RBE2 with their components; turned: ids of the nodes that other cards rotate.
-
-    An RBE2 that ties only rotations of solid nodes without rotations has no effect and becomes a note.
-    """
+    """RBE2 with their components; turned: ids of the nodes that other cards rotate. An RBE2 that ties only rotations of solid
+    nodes without rotations has no effect and becomes a note."""
     elements = []
     led = ((card, i) for name, i in (("RBE2", 1), ("RBE3", 2)) for card in cards.of(name))
     references = {card.integer(i, "the reference node") for card, i in led} | turned
@@ -37,9 +35,7 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
             raise card.error("the card has no dependent node", "specify the dependent nodes")
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
         if reference in rows:
-            raise card.error(
-                f"the reference node {card.tokens[1]} is also dependent", "remove it from the dependent nodes"
-            )
+            raise card.error(f"the reference node {card.tokens[1]} is also dependent", "remove it from these")
         if min(wanted) > 2 and not references.intersection(ids.tolist()):
             notes.append(
                 f"RBE2 {card.tokens[0]} ties only rotations (components {card.text(2)}), but nodes of solids "
@@ -51,11 +47,8 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
 
 
 def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tuple[AveragingElement, ...]:
-    """RBE3: groups of weight, components and nodes, and the UM set, if any.
-
-    turning: rows of nodes with rotations, in addition to the reference nodes; rotations of other nodes cannot be
-    averaged.
-    """
+    """RBE3: groups of weight, components and nodes, and the UM set, if any. turning: rows of nodes with rotations, in addition
+    to the reference nodes; rotations of other nodes cannot be averaged."""
     elements = []
     turning = turning | {nodes.row(card.integer(2, "the reference node"), card) for card in cards.of("RBE3")}
     for card in cards.of("RBE3"):
@@ -71,9 +64,7 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
         counts = np.zeros((place.max() + 1, 6), dtype=int)
         np.add.at(counts, place, directions)
         if counts.max() > 1 or reference in rows:
-            raise card.error(
-                "a node is used twice", "use every node once in a direction, and do not include the reference node"
-            )
+            raise card.error("a node is used twice", "use every node once, without the reference node")
         still = directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))
         if still.any():
             raise card.error(
@@ -146,8 +137,7 @@ Motion = tuple[int, int]
 
 @dataclass
 class Bars:
-    """Rigid elements, where the six motions of one node lead, and relations elsewhere, with the cards of the
-    relations."""
+    """Rigid elements, where the six motions of one node lead, and relations elsewhere, with the cards of the relations."""
 
     rigid: list[RigidElement] = field(default_factory=list)
     relations: list[Relation] = field(default_factory=list)
@@ -324,8 +314,7 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
 
 
 def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]:
-    """Rows, components 0-5 and coefficients of an MPC, with the dependent motion first. Raises DeckError for an
-    invalid term."""
+    """Rows, components 0-5 and coefficients of an MPC, with the dependent motion first. Raises DeckError for an invalid term."""
     node: list[int] = []
     component: list[int] = []
     value: list[float] = []
@@ -344,5 +333,5 @@ def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]
     if not node:
         raise card.error("the card has no terms", "specify nodes, components and coefficients")
     if value[0] == 0:
-        raise card.error("the coefficient of the first term is 0", "start with a motion that can depend on the others")
+        raise card.error("the coefficient of the first term is 0", "start with a dependent motion")
     return np.array(node, dtype=np.int64), np.array(component, dtype=np.int64), np.array(value)

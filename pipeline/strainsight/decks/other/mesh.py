@@ -79,10 +79,8 @@ def numbers_of(
 
 
 def labels(data: Mapping[str, Any], name: str | None, count: int, path: str, notes: list[str]) -> Labels | None:
-    """Cell data that define the regions: those of this name, or the first usual ones; None if there are no such data.
-
-    Raises DeckError for a missing name or data that are not integers.
-    """
+    """Cell data that define the regions: those of this name, or the first usual ones; None if there are no such data. Raises
+    DeckError for a missing name or data that are not integers."""
     candidates = {
         key: numbers for key, values in data.items() if (numbers := whole(values)) is not None and len(numbers) == count
     }
@@ -116,8 +114,7 @@ WIDTH = {"quad": 4, "triangle": 3, "quad8": 8, "triangle6": 6, "line": 2, "line3
 NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPointIds", "PointIds", "ids")
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
 TURNED = "med"
-"""MED uses the opposite node orientation in every solid ("Connectivity conventions of nodes of elements", Salome
-SMESH)."""
+"""MED uses the opposite node orientation in every solid ("Connectivity conventions of nodes of elements", Salome SMESH)."""
 
 
 class Cells:
@@ -344,17 +341,12 @@ def _check_cells(raw: Any, blocks: list[int], points: int, path: str) -> None:
 
 
 def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatArray, notes: list[str]) -> IntArray:
-    """Convert cells (n, k) from the order of meshio for a format to our order.
-
-    If all cells are then inverted, and both orientations are in use for this kind (wedges; all cells in MED), their
-    order is mirrored, with a note.
-    """
+    """Convert cells (n, k) from the order of meshio for a format to our order. If all cells are then inverted, and both
+    orientations are in use for this kind (wedges; all cells in MED), their order is mirrored, with a note."""
     nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
     if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
         nodes = in_order(nodes, kind.mirrored)
-        notes.append(
-            f"node order against the convention of {form} corrected in {plural(len(nodes), kind.name + ' element')}"
-        )
+        notes.append(f"mirrored node order of {form} corrected in {plural(len(nodes), kind.name + ' element')}")
     return nodes
 
 

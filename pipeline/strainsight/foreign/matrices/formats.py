@@ -67,10 +67,7 @@ def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where
 def checked(header: Header, column: int, rows: list[int], lengths: list[int], numbers: Any, where: str) -> Column:
     for row, length in zip(rows, lengths, strict=True):
         if not (row >= 1 and 1 <= length <= header.shape[0] - row + 1):
-            raise damaged(
-                f"column {column} of {header.name} has {length} numbers starting at row {row} of {header.shape[0]}",
-                where,
-            )
+            raise damaged(f"column {column} of {header.name} has {length} numbers from row {row}", where)
     return column, rows, lengths, numbers
 
 
@@ -273,11 +270,8 @@ LONGEST = 10_000
 
 
 def read_market(path: Path) -> sparse.coo_array | np.ndarray:
-    """The matrix, with both triangles if the file declares it symmetric.
-
-    Raises DeckError for complex, pattern and skew matrices and for invalid lines; OSError, EOFError and zlib.error
-    from reading.
-    """
+    """The matrix, with both triangles if the file declares it symmetric. Raises DeckError for complex, pattern and skew matrices
+    and for invalid lines; OSError, EOFError and zlib.error from reading."""
     with opened(path) as raw, TextIOWrapper(raw, "ascii", "replace") as file:
         words = file.readline(LONGEST).lower().split()
         if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("array", "coordinate"):
@@ -370,17 +364,13 @@ WRITE_AGAIN = "export it again with SOLVER=MATRIXSTORAGE"
 
 
 def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
-    """A symmetric matrix: lines "row column value", each off-diagonal pair once.
-
-    Raises DeckError for a name, invalid row numbers, and a pair that occurs twice.
-    """
+    """A symmetric matrix: lines "row column value", each off-diagonal pair once. Raises DeckError for a name, invalid row
+    numbers, and a pair that occurs twice."""
     if name is not None:
         raise DeckError(f"a CalculiX matrix has no name such as {name!r}", remedy="remove the name")
     entries = _entries(path)
     if entries.shape[1] != 3:
-        raise DeckError(
-            f"the lines have {entries.shape[1]} numbers instead of row, column and value", remedy=WRITE_AGAIN
-        )
+        raise DeckError(f"the lines have {entries.shape[1]} numbers, not row, column and value", remedy=WRITE_AGAIN)
     whole = ((entries[:, :2] == np.floor(entries[:, :2])) & (entries[:, :2] >= 1) & (entries[:, :2] <= LARGEST)).all(
         axis=1
     )
@@ -392,9 +382,7 @@ def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
     n = int(at.max())
     low, high = at.min(axis=1) - 1, at.max(axis=1) - 1
     if len(np.unique(low * n + high)) < len(at):
-        raise DeckError(
-            "the file contains both triangles, or an entry twice", remedy="export it again, or use Matrix Market"
-        )
+        raise DeckError("the file contains both triangles, or an entry twice", remedy="use Matrix Market")
     half = sparse.csr_array((entries[:, 2], (low, high)), shape=(n, n))
     full = sparse.csr_array(half + half.T - sparse.diags_array(half.diagonal()))
     full.eliminate_zeros()

@@ -28,11 +28,8 @@ _PLAIN = [field.name for field in fields(Response) if field.name not in ("node_i
 
 
 def responses_in_child_process(path: Path) -> Iterator[Response]:
-    """Read `responses` in a child process, one at a time, from a copy, because the library opens the file for
-    writing.
-
-    Raises the same DeckError, and one if the process fails.
-    """
+    """Read `responses` in a child process, one at a time, from a copy, because the library opens the file for writing. Raises
+    the same DeckError, and one if the process fails."""
     limit = TIME_LIMIT + path.stat().st_size / 5e6
     failure = damaged(f"{PACKAGE} crashed or took too long", str(path))
     with TemporaryDirectory() as folder:

@@ -1,15 +1,13 @@
 """Modes and static displacements of a Nastran OUTPUT2 file (.op2) and punch file (.pch).
 
-OUTPUT2: a chain of Fortran records (length, content, length). A record of a single word is a key: n > 0, the next
-record has n words; n < 0, the logical record is complete; 0, the data block is complete. A data block is its name (two
-words), its trailer, and records with a type word in front. The type is 0 for a table, 1 and more for a column of a
-matrix. A displacement table consists of pairs of records: 146 words of header, then the rows. A row is ten times the
-point id plus the device code, the point type, and six components. Source: DMAP Programmer's Guide, data blocks OUG
-(displacements) and LAMA (eigenvalues).
+OUTPUT2: a chain of Fortran records (length, content, length). A record of a single word is a key: n > 0, the next record has n
+words; n < 0, the logical record is complete; 0, the data block is complete. A data block is its name (two words), its trailer,
+and records with a type word in front. The type is 0 for a table, 1 and more for a column of a matrix. A displacement table
+consists of pairs of records: 146 words of header, then the rows. A row is ten times the point id plus the device code, the point
+type, and six components. Source: DMAP Programmer's Guide, data blocks OUG (displacements) and LAMA (eigenvalues).
 
-Punch: lines of 80 columns, with the line number in the last 8. A block is header comments, then two lines a point.
-The first has id (ten columns), type (eight), three components (eighteen each), the second -CONT- and the three
-rotations.
+Punch: lines of 80 columns, with the line number in the last 8. A block is header comments, then two lines a point. The first has
+id (ten columns), type (eight), three components (eighteen each), the second -CONT- and the three rotations.
 """
 
 from __future__ import annotations
@@ -72,10 +70,8 @@ class Op2File:
         self._int32 = struct.Struct(order + "i")
 
     def records(self, wanted: Callable[[str], bool]) -> Iterator[Record]:
-        """The records of every table whose name is wanted, one in memory at a time; others are skipped.
-
-        Raises DeckError with the byte position if the file is damaged, or ends inside a data block.
-        """
+        """The records of every table whose name is wanted, one in memory at a time; others are skipped. Raises DeckError with
+        the byte position if the file is damaged, or ends inside a data block."""
         while self._length:
             name = self._logical(keep=True)
             if name is None:
@@ -149,8 +145,7 @@ _STATIC = (1, 7, 10, 11, 12)
 """Analysis codes: linear, before buckling, nonlinear (three)."""
 _OTHERS = {5: "a frequency response", 6: "a transient response", 8: "a buckling shape", 9: "a complex mode"}
 _COMPLEX, _BY_NODE, _RANDOM = 1, 2, 4
-"""Bits of a table code, in thousands: complex numbers; all steps of a node together (SORT2); random response
-statistics."""
+"""Bits of a table code, in thousands: complex numbers; all steps of a node together (SORT2); random response statistics."""
 _NODE = 1
 """Point type of nodes; others are scalar, extra, modal and fluid points."""
 _HEAD, _ROW, _EIGENVALUE_ROW = 146, 8, 7
@@ -164,10 +159,9 @@ _TITLES = ((114, 146), (82, 114), (50, 82))
 def op2_responses(path: Path) -> Iterator[Response]:
     """Modes and static displacements in file order; other tables, velocities and temperatures are skipped.
 
-    The step is the subcase; if it has tables in nodal and in basic axes, the first is used. The frequency of a mode
-    comes from its eigenvalue λ = ω², its modal mass from a preceding table LAMA. Load steps of a nonlinear subcase are
-    numbered from 1. Raises DeckError for a damaged file, other kinds of displacements, and displacements written node
-    by node (SORT2).
+    The step is the subcase; if it has tables in nodal and in basic axes, the first is used. The frequency of a mode comes from
+    its eigenvalue λ = ω², its modal mass from a preceding table LAMA. Load steps of a nonlinear subcase are numbered from 1.
+    Raises DeckError for a damaged file, other kinds of displacements, and displacements written node by node (SORT2).
     """
     with opened(path) as file:
         op2 = Op2File(file, path)
@@ -212,9 +206,7 @@ class _Head(NamedTuple):
 def _head(op2: Op2File, record: Record) -> _Head:
     words = np.frombuffer(record.content, op2.integer)
     if len(words) != _HEAD:
-        raise damaged(
-            f"record {record.number} of {record.table} has {len(words)} words instead of {_HEAD}", record.where
-        )
+        raise damaged(f"record {record.number} of {record.table} has {len(words)} words, not {_HEAD}", record.where)
     sort, table = divmod(int(words[1]), 1000)
     titles = (op2.text(record.content[first * op2.width : last * op2.width]) for first, last in _TITLES)
     return _Head(
@@ -247,10 +239,7 @@ def _response(
     if head.sort & _BY_NODE:
         raise error_at(where, "the displacements are written node by node (SORT2)", "request DISPLACEMENT(SORT1)")
     if head.row != _ROW or (not is_mode and head.analysis not in _STATIC) or len(record.content) % (_ROW * op2.width):
-        raise damaged(
-            f"the table has {len(record.content)} bytes in rows of {head.row} words and analysis code {head.analysis}",
-            where,
-        )
+        raise damaged(f"{len(record.content)} bytes in rows of {head.row} words, analysis code {head.analysis}", where)
     row = np.dtype([("point", op2.integer), ("type", op2.integer), ("motion", op2.real, (6,))])
     rows = np.frombuffer(record.content, row)
     nodes = rows["type"] == _NODE
@@ -344,9 +333,7 @@ def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response
     if "REAL OUTPUT" not in header:
         raise unsupported("complex displacements", where)
     if "POINT ID" in header:
-        raise error_at(
-            where, "the displacements are written point by point (SORT2)", "request DISPLACEMENT(SORT1,PUNCH)"
-        )
+        raise error_at(where, "displacements are written point by point (SORT2)", "request DISPLACEMENT(SORT1,PUNCH)")
     mode = _EIGENVALUE.fullmatch(header.get("EIGENVALUE", "")) if "EIGENVECTOR" in header else None
     eigenvalue = parse_real(mode[1]) if mode else 0.0
     if ("EIGENVECTOR" in header and mode is None) or eigenvalue is None:

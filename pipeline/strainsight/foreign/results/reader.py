@@ -1,5 +1,4 @@
-"""Read modes and static responses from any result file, one after the other; with readers of .frd, universal and VTU
-files.
+"""Read modes and static responses from any result file, one after the other; with readers of .frd, universal and VTU files.
 
 A universal file has lines of -1 around every dataset; after its header, each node has two lines: its number, and its
 values in columns of 13. Source: the UFF pages of the University of Cincinnati (SDRL).
@@ -41,11 +40,8 @@ ROUNDING = {0: 5e-6, 1: 5e-6, 2: 6e-8, 3: 2e-16}
 
 
 def frd_responses(path: Path) -> Iterator[Response]:
-    """Every block DISP of the static and frequency steps of the file, in order.
-
-    Raises DeckError for a file that is truncated or damaged, for numbers that are not finite, and for displacements
-    of other steps (dynamic, buckling, complex frequencies).
-    """
+    """Every block DISP of the static and frequency steps of the file, in order. Raises DeckError for a file that is truncated or
+    damaged, for numbers that are not finite, and for displacements of other steps (dynamic, buckling, complex frequencies)."""
     try:
         yield from _responses(path)
     except DAMAGE:
@@ -361,8 +357,7 @@ READERS: dict[str, Reader] = {
 
 
 def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Iterator[Response]:
-    """The modes and static responses of a file in order; only one is in memory, so the file may be larger than the
-    memory.
+    """The modes and static responses of a file in order; only one is in memory, so the file may be larger than the memory.
 
     The ending of the name, without .gz, selects the reader. Raises DeckError for an unknown ending, a file that is
     missing, damaged or not a plain file, and errors of the reader.
@@ -370,9 +365,7 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     path = Path(path)
     reader = readers.get(ending_of(path))
     if reader is None:
-        raise error_at(
-            path, f"{path.name} is not a known result file", f"use one of these file endings: {', '.join(readers)}"
-        )
+        raise error_at(path, f"{path.name} is not a known result file", f"known endings: {', '.join(readers)}")
     try:
         check_plain(path)
         yield from reader(path)
@@ -381,9 +374,7 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     except UNPACKING as error:
         raise error_at(path, f"cannot be unpacked: {error}", "compress the file again") from None
     except OSError as error:
-        raise error_at(
-            path, f"cannot be read: {error.strerror}", "check that the file exists and is readable"
-        ) from None
+        raise error_at(path, f"cannot be read: {error.strerror}", "check that the file is readable") from None
 
 
 def ending_of(path: Path) -> str:

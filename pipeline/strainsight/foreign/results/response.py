@@ -88,8 +88,7 @@ LONGEST = 4096
 
 
 def result_lines(path: Path, what: str, remedy: str) -> Iterator[tuple[int, bytes]]:
-    """Number and content of every line of a text file. Raises DeckError for a line that is not text; `what`
-    describes the file."""
+    """Number and content of every line of a text file, described by `what`. Raises DeckError for a line that is not text."""
     with opened(path) as file:
         number = 0
         while line := file.readline(LONGEST):
@@ -105,11 +104,8 @@ def padded(line: bytes, width: int) -> bytes:
 
 
 def reals(text: np.ndarray, width: int, place: Callable[[int], str]) -> FloatArray:
-    """(n, k) numbers, also in Fortran's short form 1.0-100, of the characters (n, k width) of n rows; place: row →
-    its place.
-
-    Raises DeckError for a word that is not a number.
-    """
+    """(n, k) numbers, also in Fortran's short form 1.0-100, of the characters (n, k width) of n rows; place: row → its place.
+    Raises DeckError for a word that is not a number."""
     words = np.ascontiguousarray(text).view(f"S{width}")
     try:
         return words.astype(float)
@@ -162,9 +158,8 @@ class _Step:
 def printed_modes(path: Path) -> Iterator[Response]:
     """Every mode of the file, step by step; without shapes it has no nodes.
 
-    The step is the subcase of Nastran, or the number of the frequency step of CalculiX. Shapes of an .f06 are along
-    nodal axes (CD); scalar points are left out. Raises DeckError with the line for unreadable data, and for a file
-    without modes.
+    The step is the subcase of Nastran, or the number of the frequency step of CalculiX. Shapes of an .f06 are along nodal axes
+    (CD); scalar points are left out. Raises DeckError with the line for unreadable data, and for a file without modes.
     """
     is_f06 = ".f06" in (ending.lower() for ending in path.suffixes)
     steps = _of_nastran(path) if is_f06 else _of_calculix(path)
