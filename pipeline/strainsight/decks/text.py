@@ -37,7 +37,7 @@ def error_at(place: Path | str, what: str, remedy: str) -> DeckError:
     return DeckError(what, where=str(place), remedy=remedy)
 
 
-def damaged(what: str, where: str) -> DeckError:
+def damage_error(what: str, where: str) -> DeckError:
     """Error for a truncated or damaged file."""
     return error_at(where, what, AGAIN)
 
@@ -87,7 +87,7 @@ def read_bytes(path: Path) -> bytes:
     plain file, or unpacks to more than 4 GiB."""
     try:
         check_plain(path)
-        content = path.read_bytes() if path.suffix.lower() != ".gz" else _unpacked(path)
+        content = path.read_bytes() if path.suffix.lower() != ".gz" else _unpack(path)
     except FileNotFoundError:
         raise error_at(path, "no such file", "correct the file name or the folder") from None
     except UNPACKING as error:
@@ -99,10 +99,10 @@ def read_bytes(path: Path) -> bytes:
     return content
 
 
-def _unpacked(path: Path) -> bytes:
+def _unpack(path: Path) -> bytes:
     parts: list[bytes] = []
     size = 0
-    with opened(path) as file:
+    with open_file(path) as file:
         while part := file.read(2**24):
             parts.append(part)
             size += len(part)
@@ -123,7 +123,7 @@ def check_plain(path: Path) -> None:
         raise error_at(path, "the path is not a plain file", "write the data to a file, and specify this file")
 
 
-def opened(path: Path) -> BinaryIO:
+def open_file(path: Path) -> BinaryIO:
     """Open a file for reading bytes, unpacked if its name ends in .gz."""
     return cast(BinaryIO, gzip.open(path)) if path.suffix.lower() == ".gz" else path.open("rb")
 
@@ -163,7 +163,7 @@ class Includes:
             )
         inside = [target for target in files if _in_one(target.resolve(), self.folders)]
         if not inside:
-            outside = [*files, *(t for t in targets if _resolved(t) and not _in_one(t.resolve(), self.folders))]
+            outside = [*files, *(t for t in targets if _resolve(t) and not _in_one(t.resolve(), self.folders))]
             raise self._not_found(name, word, line, outside)
         target, resolved = inside[0], inside[0].resolve()
         near = [base / name for base in bases[:2]]
@@ -197,7 +197,7 @@ class Includes:
         )
 
 
-def _resolved(target: Path) -> Path | None:
+def _resolve(target: Path) -> Path | None:
     """Path with links and `..` resolved; None if it is invalid: too long, a null character, or circular links."""
     try:
         return target.resolve()
@@ -256,7 +256,7 @@ def is_whole(token: str) -> bool:
     return _WHOLE.fullmatch(token) is not None
 
 
-def no_integer(token: str) -> str:
+def describe_non_integer(token: str) -> str:
     """Reason why `parse_integer` returns None."""
     return f"is {token[:24]}, too large (the limit is 10^12)" if is_whole(token) else f"is {token!r}, not an integer"
 
@@ -307,7 +307,7 @@ class Entries(ABC):
             return default
         value = parse_integer(token)
         if value is None:
-            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {no_integer(token)}")
+            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {describe_non_integer(token)}")
         return value
 
     def component(self, i: int, default: int | None = None) -> int:

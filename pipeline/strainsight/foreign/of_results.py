@@ -181,7 +181,7 @@ def unresolved_rows(mesh: Mesh, imported: GivenMotion, nodes: np.ndarray) -> np.
     return rows[~imported.known[rows]]
 
 
-def mass_normalised(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
+def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
     """ΦᵀMΦ (m,) [kg m²] that normalises the shapes, and a note on its source. file_mass: from the file or the config; mesh_mass:
     from the mesh. Raises UserError if both are missing or they are inconsistent."""
     if file_mass is None and mesh_mass is None:
@@ -369,7 +369,7 @@ def normalise_results(mesh: Mesh, imported: GivenMotion, results: Results, by_me
     if has_mass(mesh) and not unresolved_rows(mesh, imported, mesh.nodes_of_elements).size:
         weighed = mass_product(mesh, imported.constraint.reference_rows, imported.field)
         mesh_mass = np.einsum("ij,ij->j", imported.field[:, :m], weighed[:, :m])
-    norm, notes = mass_normalised(results.modal_mass, mesh_mass)
+    norm, notes = normalising_mass(results.modal_mass, mesh_mass)
     root = np.sqrt(mesh_mass if by_mesh and mesh_mass is not None else norm)
     products = None if weighed is None else (weighed[:, :m] / root, weighed[:, m:])
     lam = (2 * np.pi * results.frequency) ** 2
@@ -385,7 +385,7 @@ def _residuals(
     notes = check_responses(modes, f, results, names)
     G, P = z.T @ f, modes.shape.T @ f
     share = P / modes.lam[:, None]
-    Y, R = independent(G, G - P.T @ share, max(LEAST, DIGITS * results.rounding))
+    Y, R = independent_directions(G, G - P.T @ share, max(LEAST, DIGITS * results.rounding))
     field = (z - modes.shape @ share) @ Y
     if modes.weighed is None:
         mass = np.diag(R / (ABOVE**2 * modes.lam[-1]))
@@ -407,7 +407,7 @@ def forces_on_rows(mesh: Mesh, imported: GivenMotion, forces: Forces) -> np.ndar
     return e
 
 
-def independent(G: np.ndarray, R: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+def independent_directions(G: np.ndarray, R: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Y (s, k) with YᵀRY = diag, and its diagonal (k,), of responses scaled to unit energy G; directions below
     `least` are dropped as dependent."""
     if not len(R):

@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.errors import UserError, blame, did_you_mean
 from strainsight.measurements.calibration import ChannelSettings, calibrate
 from strainsight.measurements.clock import shifted, to_step, uniform_clock
-from strainsight.measurements.records import Recording, check_no_infinity, missing_error, plain
+from strainsight.measurements.records import Recording, check_no_infinity, missing_error, quote
 
 STRETCH = 20
 """Number of consecutive missing samples from which a note has their place."""
@@ -194,7 +194,7 @@ def find_channel(name: str, places: Sequence[Place], path: Path) -> int:
             raise UserError(
                 f"{len(matches)} channels have the name {name!r}",
                 where=str(path),
-                remedy=f"specify the group too: {' or '.join(map(plain, full_names))}{' …' if len(matches) > 10 else ''}",
+                remedy=f"specify the group too: {' or '.join(map(quote, full_names))}{' …' if len(matches) > 10 else ''}",
             )
     known = list(dict.fromkeys(word for place in places for word in place.names[:2]))
     raise missing_error("channel", name, known, str(path), [place.names[0] for place in places])
@@ -208,7 +208,7 @@ def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
     rates: dict[str, list[str]] = {}
     for name, t in clocks.items():
         rate = (len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 and t[-1] > t[0] else 0.0
-        rates.setdefault(f"{rate:.6g} Hz", []).append(plain(name))
+        rates.setdefault(f"{rate:.6g} Hz", []).append(quote(name))
     if len(rates) > 1:
         listed_rates = ", ".join(
             f"{rate} ({', '.join(names[:8])}{', …' * (len(names) > 8)})" for rate, names in rates.items()
@@ -220,7 +220,7 @@ def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
         )
     name, t = next((name, t) for name, t in clocks.items() if not _same(first, t))
     two = {next(iter(clocks)): first, name: t}
-    spans = [f"{plain(n)} has {len(x)} samples from {_at(x, 0)} to {_at(x, -1)} s" for n, x in two.items()]
+    spans = [f"{quote(n)} has {len(x)} samples from {_at(x, 0)} to {_at(x, -1)} s" for n, x in two.items()]
     raise UserError(
         ", ".join(spans),
         where=str(path),

@@ -90,7 +90,7 @@ def uniform_clock(recording: Recording) -> Clock:
             f"{int(np.sum(whole[gaps[10:]] - 1))} more rows without samples were inserted in {gaps.size - 10} other gaps",
         )
     row = np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
-    start, step = _fitted(t, row)
+    start, step = _fit_line(t, row)
     _check_stamps(recording, t - (start + step * row), step)
     return Clock(start, step, int(row[-1]) + 1, row, notes)
 
@@ -194,7 +194,7 @@ def _gap_note(recording: Recording, i: int, missing: int) -> str:
     return f"{rows} inserted after {recording.time[i]:.9g} s ({recording.place(i + 1)})"
 
 
-def _fitted(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:
+def _fit_line(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:
     """Start and step of the least-squares line through the time stamps."""
     middle, centre = row.mean(), t.mean()
     step = float(np.dot(row - middle, t - centre) / np.dot(row - middle, row - middle))
@@ -241,7 +241,7 @@ class ClockTimes:
     def seconds(self, cell: str) -> float | None:
         """Seconds of one cell; None if it is not a time, or its date does not follow the previous cell."""
         match = _INSTANT.fullmatch(cell)
-        if match is None or (of_day := _of_day(match)) is None:
+        if match is None or (of_day := _time_of_day(match)) is None:
             return None
         text = match["date"] or ""
         year_first = _YEAR_FIRST.fullmatch(text)
@@ -264,7 +264,7 @@ class ClockTimes:
         return (instant - self._first) / SECOND
 
 
-def _of_day(match: re.Match[str]) -> int | None:
+def _time_of_day(match: re.Match[str]) -> int | None:
     """Time [ns] since midnight; None if it is not valid."""
     hour, minute, second = (int(match[name]) for name in ("hour", "minute", "second"))
     if match["half"]:
@@ -318,7 +318,7 @@ def check_no_counter(time: np.ndarray, name: str, unit: str | None, where: str) 
         )
 
 
-def counted(
+def time_from_number(
     scalar: float, samples: int, name: str, time_unit: str | None, unit_in_file: str | None, where: str
 ) -> tuple[np.ndarray, str]:
     """Time (samples,) from 0 and its unit "s", from one number: the sampling interval, or, with unit Hz or kHz, the sampling

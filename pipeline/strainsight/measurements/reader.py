@@ -15,9 +15,9 @@ import numpy as np
 
 from strainsight.child_reader import Message, answer, child_reader, reason
 from strainsight.errors import UserError
-from strainsight.measurements.clock import counted, recording_of
+from strainsight.measurements.clock import recording_of, time_from_number
 from strainsight.measurements.csv_layout import TextFormat
-from strainsight.measurements.records import DAMAGED, Read, Recording, Signals, opened
+from strainsight.measurements.records import DAMAGED, Read, Recording, Signals, open_file
 from strainsight.processes import python
 
 FORMATS = {
@@ -136,7 +136,7 @@ def read_binary(
     process. Raises UserError as the reader does, and if its library is not installed or fails.
     """
     path, library = Path(path), LIBRARIES[kind]
-    with opened(path) as file:
+    with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
     if library.package is not None and find_spec(library.modules[0]) is None:
         raise UserError(
@@ -148,7 +148,7 @@ def read_binary(
     signals = list(_signals_in_child_process(kind, path, names, size) if sandboxed else reading(kind)(path, names))
     t, unit = signals[0]
     if time is not None and kind == "mat" and t.size == 1 and len(signals) > 1 and signals[1][0].size > 1:
-        signals[0] = counted(float(t[0]), signals[1][0].size, time, time_unit, unit, str(path))
+        signals[0] = time_from_number(float(t[0]), signals[1][0].size, time, time_unit, unit, str(path))
         time_unit = None
     where = f"{path}, {time}" if time and kind != "hdf5" else _place(kind, path, names[0])
     return recording_of(signals, channels, path, where, time_unit, rate)

@@ -50,7 +50,7 @@ def preloads(steps: Sequence[Step]) -> dict[str, list[Keyword]]:
     return preload_steps | ({LARGE: bent} if bent else {})
 
 
-def stressed(keywords: Sequence[Keyword]) -> list[Keyword]:
+def find_initial_stress(keywords: Sequence[Keyword]) -> list[Keyword]:
     """*INITIAL CONDITIONS of TYPE=STRESS."""
     return [keyword for keyword in keywords if keyword.name == "INITIALCONDITIONS" and keyword.word("TYPE") == "STRESS"]
 

@@ -346,10 +346,10 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     about = rows[1].integer(0, "the axis", 1)
     if about not in (1, 2, 3):
         raise rows[1].error(f"axis {about} is not valid", "specify the rotation axis 1, 2 or 3")
-    turn = turned_about(about, rows[1].real(1, "the angle", 0.0))
+    turn = rotate_axes(about, rows[1].real(1, "the angle", 0.0))
     return SolidAxes(Orientation(moved, turn), about if rows[1].text(0) else None, orientation.where)
 
 
-def turned_about(about: int, degrees: float) -> FloatArray:
+def rotate_axes(about: int, degrees: float) -> FloatArray:
     """Axes (3, 3), one in a column, rotated by an angle [deg] about axis 1, 2 or 3."""
     return rotation(np.eye(3)[about - 1], np.radians(degrees))

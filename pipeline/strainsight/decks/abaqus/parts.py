@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.decks.abaqus.text import Keyword, Row, integers, split
 from strainsight.decks.faults import check_once
-from strainsight.decks.text import no_integer, parse_integer
+from strainsight.decks.text import describe_non_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind
@@ -87,10 +87,10 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
         tokens = [token for text in keyword.texts for token in split(text)[:width]]
         first = np.arange(len(keyword.texts))
     elif len(first) * width != ends[-1]:
-        raise _miscount(keyword, counts, width, type_)
+        raise _wrong_count_error(keyword, counts, width, type_)
     values = integers(tokens)
     if values is None:
-        raise _no_integer(keyword)
+        raise _invalid_id_error(keyword)
     values = values.reshape(-1, width)
     if values[:, 0].min() < 1:
         i = int(np.argmin(values[:, 0]))
@@ -113,7 +113,7 @@ def _at(keyword: Keyword, i: int, what: str, remedy: str = "correct the line and
     return DeckError(what, where=keyword.where_data(i), remedy=remedy)
 
 
-def _miscount(keyword: Keyword, counts: IntArray, width: int, type_: str) -> DeckError:
+def _wrong_count_error(keyword: Keyword, counts: IntArray, width: int, type_: str) -> DeckError:
     """Error for the first element whose lines do not contain exactly its id and its nodes."""
     have = start = 0
     for i, count in enumerate(counts.tolist()):
@@ -133,11 +133,13 @@ def _miscount(keyword: Keyword, counts: IntArray, width: int, type_: str) -> Dec
     raise AssertionError("the lines hold whole elements")
 
 
-def _no_integer(keyword: Keyword) -> DeckError:
+def _invalid_id_error(keyword: Keyword) -> DeckError:
     for row in keyword.rows():
         for i, entry in enumerate(keyword.texts[row.i].rstrip(", \t").split(",")):
             if parse_integer(entry.strip()) is None:
-                return row.error(f"entry {i + 1} {no_integer(entry.strip())}", "write ids of element and nodes")
+                return row.error(
+                    f"entry {i + 1} {describe_non_integer(entry.strip())}", "write ids of element and nodes"
+                )
     raise AssertionError("all entries are integers")
 
 

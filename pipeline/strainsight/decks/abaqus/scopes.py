@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, read_part
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import entity_error
-from strainsight.decks.text import is_whole, no_integer, parse_integer
+from strainsight.decks.text import describe_non_integer, is_whole, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import rotation
 from strainsight.mesh.kinds import ELEMENTS
@@ -255,7 +255,7 @@ class Assembly:
         within, name = self.split_name(entry, scope)
         number = parse_integer(name)
         if number is None and is_whole(name):
-            raise row.error(f"the {kind.lower()} id {no_integer(name)}")
+            raise row.error(f"the {kind.lower()} id {describe_non_integer(name)}")
         if number is not None:
             rows, missing = self._numbered(kind, np.array([number]), within)
             if missing[0]:
@@ -374,10 +374,10 @@ def assemble(keywords: list[Keyword]) -> Assembly:
     for name, part, turn, shift in placed:
         scopes[name.upper()] = Scope(name, part, turn, shift, node, element)
         node, element = node + len(part.nodes.ids), element + len(part.elements.ids)
-    return _joined(scopes, model, tuple(steps))
+    return _join_scopes(scopes, model, tuple(steps))
 
 
-def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[Step, ...]) -> Assembly:
+def _join_scopes(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[Step, ...]) -> Assembly:
     """Merge nodes and elements of all scopes into one table."""
     every = list(scopes.values())
     cells = [(scope, block) for scope in every for block in scope.part.cells]

@@ -11,8 +11,8 @@ from strainsight.decks.abaqus.materials import (
     SolidAxes,
     named_orientation,
     rectangular_axes,
+    rotate_axes,
     solid_axes,
-    turned_about,
 )
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
@@ -79,7 +79,9 @@ def beam_section(
     return section, centroid, scope.rotation @ _n1(keyword, rows)
 
 
-def own_constants(keyword: Keyword, section: BeamSection, notes: list[str]) -> tuple[BeamSection, float, float, float]:
+def section_constants(
+    keyword: Keyword, section: BeamSection, notes: list[str]
+) -> tuple[BeamSection, float, float, float]:
     """Section, E, ν and ρ of a *BEAM GENERAL SECTION without MATERIAL: its last line is E, G, and DENSITY its density.
 
         ν = E/(2 G) − 1
@@ -368,7 +370,7 @@ def _layer(
             "define the rotation axis",
             "add a second line to the orientation: the axis across the layers, 1, 2 or 3, and the angle 0.",
         )
-    turn = layer_axes.orientation.turn @ turned_about(layer_axes.about, angle)
+    turn = layer_axes.orientation.turn @ rotate_axes(layer_axes.about, angle)
     return Layer(material, t, replace(layer_axes.orientation, turn=turn))
 
 

@@ -14,11 +14,11 @@ from strainsight.decks.abaqus.section_cards import (
     beam_section,
     composite_solid,
     default_axes,
-    own_constants,
+    section_constants,
     shell_section,
 )
 from strainsight.decks.abaqus.text import Keyword
-from strainsight.decks.faults import OR_CONFIG, folded, note_shared
+from strainsight.decks.faults import OR_CONFIG, find_repeated_node, note_shared
 from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import beam_axes
 from strainsight.mesh.model import FloatArray, IntArray, Properties, Region
@@ -103,7 +103,7 @@ def read_sections(
                 if required or keyword.name == "SOLIDSECTION":
                     raise
                 left.append(known)
-    left.append(_without(assembly, sections, np.concatenate(left), required, materials_required))
+    left.append(_handle_without_section(assembly, sections, np.concatenate(left), required, materials_required))
     omitted = np.unique(np.concatenate(left))
     omitted = omitted[sections.region[omitted] == 0]
     ignored.update(Counter(f"*ELEMENT, TYPE={assembly.type[row]}" for row in omitted.tolist()))
@@ -161,7 +161,7 @@ def _add(
             )
         beam, offset, direction = beam_section(scope, keyword, types != ["B33"], assembly.notes)
         if "MATERIAL" not in keyword.parameters and keyword.name == "BEAMGENERALSECTION":
-            beam, *constants = own_constants(keyword, beam, assembly.notes)
+            beam, *constants = section_constants(keyword, beam, assembly.notes)
             material = materials.of_section(f"material of {name}", *constants)
         section = beam
     if isinstance(section, Laminate):
@@ -187,7 +187,7 @@ def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
     return BeamSection(rows[0].positive(0, "the area"))
 
 
-def _without(
+def _handle_without_section(
     assembly: Assembly, sections: Sections, left: IntArray, required: bool, materials_required: bool
 ) -> IntArray:
     """Make a region of the solids without section, unless materials are required; return rows of other elements
@@ -233,7 +233,7 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
         if not rows.size:
             continue
         nodes = assembly.connectivity(rows, range(NODES[kind]))
-        if (at := folded(nodes)) is not None:
+        if (at := find_repeated_node(nodes)) is not None:
             raise assembly.element_error(
                 int(rows[at]),
                 "has the same node twice",

@@ -195,7 +195,7 @@ def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterato
         line = Line(text, file, number)
         if pending is not None:
             if text[0] == "*" or not _parameters(text):
-                yield from _taken_in(pending, path, includes, parents)
+                yield from _expand_include(pending, path, includes, parents)
             else:
                 line = Line(f"{pending.text} {text}", file, pending.number)
             pending = None
@@ -204,9 +204,9 @@ def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterato
         elif line.text[-1] == ",":
             pending = line
         else:
-            yield from _taken_in(line, path, includes, parents)
+            yield from _expand_include(line, path, includes, parents)
     if pending is not None:
-        yield from _taken_in(pending, path, includes, parents)
+        yield from _expand_include(pending, path, includes, parents)
 
 
 def _parameters(text: str) -> bool:
@@ -214,7 +214,7 @@ def _parameters(text: str) -> bool:
     return all(part[:1].isalpha() for part in split_quoted(text.rstrip(", \t")))
 
 
-def _taken_in(line: Line, path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterator[Line]:
+def _expand_include(line: Line, path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterator[Line]:
     """The line itself or, for *INCLUDE, the lines of the included file."""
     if not line.text[1:].lstrip().upper().startswith("INCLUDE"):
         yield line

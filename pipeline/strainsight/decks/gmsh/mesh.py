@@ -38,7 +38,7 @@ class Doubled:
     remaining: IntArray
 
 
-def merged(solids: list[Chunk], version: str) -> tuple[list[Chunk], Doubled]:
+def merge_doubled(solids: list[Chunk], version: str) -> tuple[list[Chunk], Doubled]:
     """Format 2 writes an element once for each of its physical groups, with a new number; keep only that of the lowest group."""
     nothing = np.zeros(0, dtype=np.int64)
     tags = {chunk.groups for chunk in solids}
@@ -133,7 +133,7 @@ def thin_cells(
             raise entity_error("element", element, f"{what} and may contain only {names}", remedy, file.where)
         groups = tuple(sorted(tag for tag in section_tags if tag is not None))
         chunks.append(replace(chunk, groups=groups))
-    left, doubled = merged(chunks, file.version)
+    left, doubled = merge_doubled(chunks, file.version)
     several = [*_in_several(left), *_written_twice(chunks, doubled)]
     for element, dimension, tags in several:
         (first, section), *others = (chosen[dimension, tag] for tag in tags)
@@ -205,7 +205,7 @@ def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, Given
     solids = [chunk for chunk in file.elements if chunk.kind.dimension == 3 and len(chunk.ids)]
     check_nodes(nodes.ids, nodes.position, file.where)
     _check_types(solids, file, required and not sections)
-    solids, doubled = merged(solids, file.version)
+    solids, doubled = merge_doubled(solids, file.version)
     blocks, regions, notes = _blocks(solids, file)
     thin = thin_cells(file, sections, regions, notes)
     check_elements([*blocks, *thin.cells], file.where)

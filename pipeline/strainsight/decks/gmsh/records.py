@@ -231,7 +231,7 @@ class Chunk:
         return TYPES[self.type]
 
 
-def _joined(parts: list[NodeRows]) -> NodeRows:
+def _join_nodes(parts: list[NodeRows]) -> NodeRows:
     lines = [part.line for part in parts if part.line is not None]
     return NodeRows(
         concatenate(part.ids for part in parts),
@@ -261,7 +261,7 @@ def nodes_2(source: Numbers, count: int, parametric: bool) -> NodeRows:
         ids, row = source.rows(1, 5)
         parts.append(NodeRows(ids, row[:, :3], source.lines(1, 6)))
         source.take("double", int(row[0, 3]) if row[0, 3] in (1, 2) else 0)
-    return _joined(parts)
+    return _join_nodes(parts)
 
 
 def nodes_4(source: Numbers, version: str) -> NodeRows:
@@ -285,7 +285,7 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
     count_in_blocks = sum(len(part.ids) for part in parts)
     if count_in_blocks != total:
         raise source.error(f"{total} nodes are expected, but the blocks contain {count_in_blocks}")
-    return _joined(parts)
+    return _join_nodes(parts)
 
 
 def entity_groups(source: Numbers, version: str) -> dict[tuple[int, int], tuple[int, ...]]:

@@ -23,7 +23,7 @@ from strainsight.decks.gmsh.records import (
     nodes_2,
     nodes_4,
 )
-from strainsight.decks.text import UNPACKING, error_at, opened, parse_integer, read_bytes
+from strainsight.decks.text import UNPACKING, error_at, open_file, parse_integer, read_bytes
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IdTable
 
@@ -61,7 +61,7 @@ class GmshFile:
 def is_gmsh(path: Path) -> bool:
     """Whether a file begins like a gmsh file, with a section ($MeshFormat, $Comments); ANSYS writes another kind of .msh."""
     try:
-        with opened(Path(path)) as file:
+        with open_file(Path(path)) as file:
             return re.match(rb"(\xef\xbb\xbf)?\s*\$[A-Za-z]", file.read(200)) is not None
     except (OSError, *UNPACKING):
         return False

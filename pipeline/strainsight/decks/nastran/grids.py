@@ -46,7 +46,7 @@ def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateS
             definition = definitions[pending[-1]]
             missing = [reference for reference in definition.systems if reference not in systems]
             if not missing:
-                systems[pending[-1]] = _resolved(definition, systems)
+                systems[pending[-1]] = _resolve(definition, systems)
                 pending.pop()
             elif missing[0] not in definitions:
                 raise definition.card.error(
@@ -84,7 +84,7 @@ def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
     return definitions
 
 
-def _resolved(definition: _Definition, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
+def _resolve(definition: _Definition, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
     A, B, C = to_basic(definition.points, np.array(definition.systems), systems)
     z, plane = B - A, C - A
     y = np.cross(z, plane)
@@ -224,7 +224,7 @@ def _defaults(cards: list[Card]) -> tuple[int, int, str]:
     return cards[0].integer(1, "the system CP", 0), cards[0].integer(5, "the system CD", 0), cards[0].text(6)
 
 
-def resolved_system(card: Card, field: int, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
+def find_system(card: Card, field: int, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
     """The coordinate system of a field; the basic one if it is blank. Raises DeckError if it is missing."""
     cid = card.integer(field, "the system CID", 0)
     if cid not in systems:

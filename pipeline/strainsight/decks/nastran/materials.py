@@ -80,10 +80,10 @@ def note_damping(cards: Iterable[Card], notes: list[str]) -> None:
         if card.real(field := _DAMPING[card.name], "the structural damping GE", 0.0):
             damped.setdefault(card.name, []).append(f"{card.text(0)} (GE {card.text(field)})")
     for name, ids in damped.items():
-        notes.append(f"{name} {some(ids)}: structural damping GE is not imported; damping is set in the config")
+        notes.append(f"{name} {first_names(ids)}: structural damping GE is not imported; damping is set in the config")
 
 
-def some(names: list[str]) -> str:
+def first_names(names: list[str]) -> str:
     """The first three names, and the number of others."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 

@@ -10,15 +10,15 @@ import numpy as np
 
 from strainsight.decks.faults import OR_CONFIG
 from strainsight.decks.nastran.cards import Card, Cards, unique_ids
-from strainsight.decks.nastran.grids import Grids, resolved_system
+from strainsight.decks.nastran.grids import Grids, find_system
 from strainsight.decks.nastran.materials import (
     ANISOTROPIC,
+    first_names,
     isotropic_material,
     lamina,
     note_damping,
     plies_of,
     solid_material,
-    some,
 )
 from strainsight.decks.nastran.solids import SOLIDS, composite_solid
 from strainsight.decks.nastran.thin import PROPERTIES, Section, Thin
@@ -78,7 +78,7 @@ def properties(
             )
     laminae = {mid: lamina(of_plies[mid]) for _, mid in in_plies if mid in of_plies}
     if rigid := [str(i) for i, each in laminae.items() if np.isinf(each.g1z) or np.isinf(each.g2z)]:
-        notes.append(f"MAT8 {some(rigid)} has no G1Z or G2Z, so it is rigid in transverse shear")
+        notes.append(f"MAT8 {first_names(rigid)} has no G1Z or G2Z, so it is rigid in transverse shear")
     named += [(card, mid) for card, mid in in_plies if mid not in laminae]
     materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, materials_required)
     pairs = ((of_solids, anisotropic), (of_plies, laminae), (isotropic, materials))
@@ -154,7 +154,7 @@ def _solid_regions(
                 "the basic system",
             )
         if card.text(2) != "-1":
-            system = resolved_system(card, 2, grids.systems)
+            system = find_system(card, 2, grids.systems)
             orientations |= {pid: Orientation(system, np.eye(3))} if mid in anisotropic else {}
         if card.text(3) or card.text(5):
             schemes.append(f"{pid} (IN {card.text(3) or 'blank'}, ISOP {card.text(5) or 'blank'})")
@@ -162,7 +162,7 @@ def _solid_regions(
         named += [(card, mid)] if mid not in anisotropic else []
     if schemes:
         notes.append(
-            f"PSOLID {some(schemes)}: the integration scheme is not supported; solids are fully integrated, "
+            f"PSOLID {first_names(schemes)}: the integration scheme is not supported; solids are fully integrated, "
             "linear hexahedra with incompatible modes"
         )
     return regions, named, orientations

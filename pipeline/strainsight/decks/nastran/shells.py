@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.decks.faults import folded
+from strainsight.decks.faults import find_repeated_node
 from strainsight.decks.nastran.cards import Card, Cards, Elements
-from strainsight.decks.nastran.grids import Grids, resolved_system
+from strainsight.decks.nastran.grids import Grids, find_system
 from strainsight.decks.nastran.materials import isotropic_material, lamina, note_damping
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import general_fault
@@ -99,7 +99,7 @@ def read_shells(
         if not cards:
             continue
         nodes = grids.nodes.rows_of_cards(np.array([_node_ids(card) for card in cards], dtype=np.int64), cards)
-        if (at := folded(nodes)) is not None:
+        if (at := find_repeated_node(nodes)) is not None:
             raise cards[at].error(
                 "the element has the same node twice",
                 "use a CTRIA3 instead of a collapsed quadrilateral; remove other such elements",
@@ -163,7 +163,7 @@ def _axis(card: Card, x: FloatArray, normal: FloatArray, grids: Grids) -> FloatA
     theta_at = SHELLS[card.name].theta
     token = card.text(theta_at)
     if parse_integer(token) is not None:
-        axis = resolved_system(card, theta_at, grids.systems).axes[:, 0]
+        axis = find_system(card, theta_at, grids.systems).axes[:, 0]
         if not math.hypot(*_cross(axis.tolist(), normal.tolist())) > PARALLEL:
             raise card.error(
                 f"x of the material system {token} is normal to the shell",

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.decks.faults import check_elements, plural
 from strainsight.decks.nastran.cards import Card, Cards, Elements, unique_ids
-from strainsight.decks.nastran.grids import Grids, NodeTable, resolved_system
+from strainsight.decks.nastran.grids import Grids, NodeTable, find_system
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import STACKED, CompositeSolid, Layer, Orientation
 from strainsight.mesh.coordinates import BASIC, rotation
@@ -141,7 +141,7 @@ def composite_solid(
     along, across = directions // 10 - 1, directions % 10 - 1
     axes = np.eye(3)[:, [along, along, across]]
     axes[:, 1] = np.cross(axes[:, 2], axes[:, 0])
-    orientation = Orientation(resolved_system(card, 1, grids.systems), axes)
+    orientation = Orientation(find_system(card, 1, grids.systems), axes)
     layers = [(ply.material, ply.thickness, ply.angle) for ply in plies]
     for block, nodes, ids in elements_by_block:
         off = _off_normal(kind_of(block.kind), grids.position[nodes], orientation, layers == layers[::-1])

@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.decks.faults import ENFORCED, HELD, Doubt
 from strainsight.decks.nastran.cards import Card, Cards, Deck, unique_ids
 from strainsight.decks.nastran.case_control import card_sets, expand
-from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, resolved_system
+from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, find_system
 from strainsight.decks.text import parse_integer
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.coordinates import local_axes
@@ -42,7 +42,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
     bushes = _bush_properties(cards, notes)
     scalar = {
         number: (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping GE", 0.0))
-        for number, card, at in _packed(cards, "PELAS", 4)
+        for number, card, at in _packed_properties(cards, "PELAS", 4)
     }
     elements_found, damped = [], 0
     for card in elements:
@@ -61,7 +61,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
     return tuple(elements_found)
 
 
-def _packed(cards: Cards, name: str, size: int) -> Iterator[tuple[int, Card, int]]:
+def _packed_properties(cards: Cards, name: str, size: int) -> Iterator[tuple[int, Card, int]]:
     """Id, card and first field of the properties on cards with one property in every `size` of eight fields."""
     known: set[int] = set()
     for card in cards.of(name):
@@ -169,7 +169,7 @@ def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Spring
 def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> FloatArray:
     """x, y, z of the element, one in a column: those of CID at GA, or x from GA to GB and y towards GO or the vector X."""
     if card.text(7):
-        return np.asarray(local_axes(grids.position[A][None], resolved_system(card, 7, grids.systems))[0][0])
+        return np.asarray(local_axes(grids.position[A][None], find_system(card, 7, grids.systems))[0][0])
     extent = float(np.ptp(grids.position, axis=0).max())
     along = np.zeros(3) if B is None else grids.position[B] - grids.position[A]
     length = float(np.linalg.norm(along))
@@ -207,16 +207,18 @@ def point_masses(
     or matrix that is not positive semidefinite, a missing node, system or property, and a CMASS between two motions.
     """
     mass_cards = cards.of(*MASSES)
-    properties = {number: card.real(at + 1, "the mass", 0.0) for number, card, at in _packed(cards, "PMASS", 2)}
+    properties = {
+        number: card.real(at + 1, "the mass", 0.0) for number, card, at in _packed_properties(cards, "PMASS", 2)
+    }
     masses = []
     for number, card in zip(unique_ids(mass_cards, "point mass").tolist(), mass_cards, strict=True):
         if card.name != "CONM2":
-            masses.append(_of_matrix(card, grids, properties, scale, turning, notes))
+            masses.append(_mass_from_matrix(card, grids, properties, scale, turning, notes))
             continue
         row = grids.nodes.row(card.integer(1, "the node id"), card)
         mass = card.not_negative(3, "the mass", 0.0)
         at_position = card.text(2) == "-1"
-        axes = np.eye(3) if at_position else axes_at(grids.position[row], resolved_system(card, 2, grids.systems))
+        axes = np.eye(3) if at_position else axes_at(grids.position[row], find_system(card, 2, grids.systems))
         offset = axes @ [card.real(i, "the offset", 0.0) for i in (4, 5, 6)] - at_position * grids.position[row]
         inertia = axes @ _inertia(card) @ axes.T
         if (offset.any() or inertia.any()) and row not in turning:
@@ -240,7 +242,7 @@ def _inertia(card: Card) -> FloatArray:
     return J
 
 
-def _of_matrix(
+def _mass_from_matrix(
     card: Card, grids: Grids, properties: dict[int, float], scale: float, turning: Collection[int], notes: list[str]
 ) -> PointMass:
     """Point mass of a CONM1 or CMASS."""
@@ -261,7 +263,7 @@ def _of_matrix(
 
 def _conm1(card: Card, grids: Grids) -> tuple[int, FloatArray]:
     row = grids.nodes.row(card.integer(1, "the node id"), card)
-    axes = np.kron(np.eye(2), axes_at(grids.position[row], resolved_system(card, 2, grids.systems)))
+    axes = np.kron(np.eye(2), axes_at(grids.position[row], find_system(card, 2, grids.systems)))
     M = np.zeros((6, 6))
     M[np.tril_indices(6)] = [card.real(3 + i, "an entry of the matrix", 0.0) for i in range(21)]
     M = M + np.tril(M, -1).T

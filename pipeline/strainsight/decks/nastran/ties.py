@@ -12,7 +12,7 @@ from strainsight.decks.nastran.cards import Card, Cards, Deck
 from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
 from strainsight.decks.nastran.springs import components
-from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
+from strainsight.decks.text import describe_non_integer, is_whole, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 from strainsight.mesh.model import FloatArray, IntArray
@@ -97,7 +97,7 @@ def _groups(card: Card, tokens: list[str]) -> tuple[IntArray, FloatArray, np.nda
             i += 1
             continue
         if node is None and is_whole(tokens[i]):
-            raise card.error(f"a node id {no_integer(tokens[i])}")
+            raise card.error(f"a node id {describe_non_integer(tokens[i])}")
         weight = parse_real(tokens[i]) if node is None else None
         if weight is None or weight <= 0:
             raise card.error(f"found {tokens[i]!r} instead of a positive weight (with a decimal point)")
@@ -177,7 +177,7 @@ def rigid_bars(cards: Cards, grids: Grids) -> Bars:
         if "UM" not in tokens:
             raise card.error("the card has no UM before its dependent motions")
         at = tokens.index("UM")
-        _rigid(card, grids, _listed(card, 1, at, grids), _listed(card, at + 1, len(tokens), grids), bars)
+        _rigid(card, grids, _read_motions(card, 1, at, grids), _read_motions(card, at + 1, len(tokens), grids), bars)
     for card in cards.of("RROD"):
         _rod(card, grids, bars)
     return bars
@@ -194,7 +194,7 @@ def _motions(node: int, text: str, card: Card) -> list[Motion]:
     return [(node, c) for c in components(text, card)] if text not in ("", "0") else []
 
 
-def _listed(card: Card, first: int, end: int, grids: Grids) -> list[Motion]:
+def _read_motions(card: Card, first: int, end: int, grids: Grids) -> list[Motion]:
     """Motions of the pairs of a node and its components in some fields; a line has three pairs."""
     tokens = [card.text(i) for i in range(first, end)]
     tokens = [token for token in tokens if token]

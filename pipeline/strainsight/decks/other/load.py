@@ -60,7 +60,7 @@ def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded
         raise error_at(path, "the file is empty", "export the mesh again")
     name = formats[0]
     weigh(path.stat().st_size)
-    included = _checked(path, name)
+    included = _check_file(path, name)
     weigh(path.stat().st_size + sum(Path(file).stat().st_size for file in included))
     out, err = io.StringIO(), io.StringIO()
     try:
@@ -125,7 +125,7 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
     return error_at(path, f"cannot be read as {name}: {reason[:300]}", INSTEAD)
 
 
-def _checked(path: Path, name: str) -> tuple[str, ...]:
+def _check_file(path: Path, name: str) -> tuple[str, ...]:
     """Raise DeckError for data that meshio reads incorrectly or should not follow; returns additional files of the mesh."""
     try:
         if name == "vtk":
@@ -140,7 +140,7 @@ def _checked(path: Path, name: str) -> tuple[str, ...]:
             if not pair.is_file():
                 return ()
             if not pair.resolve().is_relative_to(path.resolve().parent):
-                raise _elsewhere(pair.name, path)
+                raise _outside_error(pair.name, path)
             return (str(pair),)
         elif name in HDF5:
             check_hdf5(path)
@@ -175,14 +175,14 @@ def _check_xdmf(path: Path) -> tuple[str, ...]:
         if form == "HDF":
             target = folder / text.rpartition(":")[0]
             if not target.resolve().is_relative_to(folder):
-                raise _elsewhere(text, path)
+                raise _outside_error(text, path)
             data_files[str(target)] = None
     for name in data_files:
         check_hdf5(Path(name))
     return tuple(data_files)
 
 
-def _elsewhere(name: str, path: Path) -> DeckError:
+def _outside_error(name: str, path: Path) -> DeckError:
     return error_at(
         path,
         f"the data file {name!r} is outside the folder of the mesh",

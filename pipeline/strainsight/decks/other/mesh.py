@@ -44,7 +44,7 @@ class Labels(NamedTuple):
     values: IntArray
 
 
-def whole(values: Any) -> IntArray | None:
+def as_integers(values: Any) -> IntArray | None:
     """Values (n,) as integers, one a row; None for other data."""
     array = np.asarray(values)
     if array.ndim == 2 and array.shape[1] == 1:
@@ -58,7 +58,7 @@ def whole(values: Any) -> IntArray | None:
 
 def switches(values: Any) -> np.ndarray | None:
     """Rows with value 1, for data that contain only 0 and 1 and at least one 1; None for other data."""
-    numbers = whole(values)
+    numbers = as_integers(values)
     if numbers is None or not numbers.any() or not np.all((numbers == 0) | (numbers == 1)):
         return None
     return numbers == 1
@@ -69,7 +69,7 @@ def numbers_of(
 ) -> tuple[IntArray, str]:
     """Node or element numbers (count,), and the data they come from, "" if the numbers count from 1."""
     for name in (name for name in names if name in data):
-        numbers = whole(data[name])
+        numbers = as_integers(data[name])
         right = numbers is not None and len(numbers) == count and numbers.min(initial=1) > 0
         if numbers is not None and right and len(np.unique(numbers)) == count:
             return numbers, name
@@ -82,7 +82,9 @@ def labels(data: Mapping[str, Any], name: str | None, count: int, path: str, not
     """Cell data that define the regions: those of this name, or the first usual ones; None if there are no such data. Raises
     DeckError for a missing name or data that are not integers."""
     candidates = {
-        key: numbers for key, values in data.items() if (numbers := whole(values)) is not None and len(numbers) == count
+        key: numbers
+        for key, values in data.items()
+        if (numbers := as_integers(values)) is not None and len(numbers) == count
     }
     if name is not None:
         if name not in candidates:

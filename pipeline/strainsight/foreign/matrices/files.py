@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from scipy import sparse
 
-from strainsight.decks.text import error_at, no_integer, parse_integer, read_text
+from strainsight.decks.text import describe_non_integer, error_at, parse_integer, read_text
 from strainsight.errors import DeckError
 from strainsight.foreign.matrices.formats import (
     LARGEST,
@@ -63,7 +63,7 @@ def read_op4(path: Path, name: str | None = None) -> sparse.csr_array:
         if wanted and matrix is not None:
             raise error_at(path, f"the file contains the matrix {header.name} twice", "use unique names")
         if wanted:
-            matrix = _collected(header.shape, columns)
+            matrix = _collect_columns(header.shape, columns)
         else:
             for _ in columns:
                 pass
@@ -75,7 +75,7 @@ def read_op4(path: Path, name: str | None = None) -> sparse.csr_array:
     return matrix
 
 
-def _collected(shape: tuple[int, int], columns: Iterator[Column]) -> sparse.csr_array:
+def _collect_columns(shape: tuple[int, int], columns: Iterator[Column]) -> sparse.csr_array:
     values, column, row, count = array("d"), array("q"), array("q"), array("q")
     for number, rows, lengths, numbers in columns:
         values.frombytes(memoryview(numbers).cast("B"))
@@ -248,7 +248,7 @@ def _integer(cell: str, path: Path, number: int) -> int:
     value = parse_integer(cell)
     if value is None:
         remedy = "write node ids and components"
-        raise error_at(f"{path}:{number}", f"an entry {no_integer(cell[:40])}", remedy)
+        raise error_at(f"{path}:{number}", f"an entry {describe_non_integer(cell[:40])}", remedy)
     return value
 
 
