@@ -152,7 +152,7 @@ SUPPORTS = {
     "a part that nothing holds": (
         pair((0.0, 0.0, 0.5)),
         {},
-        "is not constrained in translation x of the part with node 101",
+        "can move freely: translation x of the part with node 101",
     ),
 }
 LOADS = {
