@@ -84,7 +84,7 @@ def _evaluate_product(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Va
 
 
 def _evaluate_signed(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
-    """A power, with any number of plus and minus signs in front."""
+    """A power, with any number of preceding plus and minus signs."""
     if depth > DEEPEST:
         raise ValueError(f"it is nested more than {DEEPEST} levels deep")
     if (sign := tokens[at][1]) in ("+", "-"):
