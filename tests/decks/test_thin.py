@@ -115,7 +115,7 @@ def test_element_in_two_groups_has_one_section(strip):
     both = strip(text=text, a=GivenSection((3, 4), ShellSection(T)))
     assert len(both.shells[0].ids) == 16
     assert set(both.shells[0].region) == {3}
-    assert any("in several physical groups with a section" in note for note in both.notes)
+    assert any("in several groups with a section" in note for note in both.notes)
     assert both.element_sets["2d-4"].tolist() == both.shells[0].ids[-1:].tolist()
     with pytest.raises(DeckError, match=r"is in region 3 \(.*\) and in region 4 \(.*\), which have different sections"):
         strip(text=text, a=GivenSection((3,), ShellSection(T)), b=GivenSection((4,), ShellSection(2 * T)))

@@ -80,7 +80,7 @@ def test_one_number_is_the_interval_or_the_rate(rig):
     [
         ("Top", "variable 'Top' not found", "did you mean top?"),
         ("rig.G1.x", "'rig.G1' is not|variable 'rig.G1.x' not found", ""),
-        ("rig", "'rig' is a struct", "specify one of its fields, for example"),
+        ("rig", "'rig' is a struct", "use a field"),
         ("word", "'word' (is text|contains char)", "plain vector"),
         ("all", "'all' is a matrix of size 400", r"as in 'all(:,1)'"),
         ("all(:,4)", r"'all\(:,4\)' does not exist: the matrix size is 400", "numbered from 1"),

@@ -49,7 +49,7 @@ UNITS = {
     "WTMASS twice": (
         bar("PARAM,WTMASS,.00259", case="SPC = 1\nPARAM,WTMASS,1."),
         {},
-        "PARAM WTMASS: the factor is 1, and 0.00259",
+        "PARAM WTMASS: the factor is 1 here, but 0.00259",
     ),
     "WTMASS misspelt": (bar("PARAM,WTMAS,.00259"), {}, "did you mean WTMASS?"),
     "no density": (bar(**steel(rho="")), {}, "the total mass is 0 kg"),
@@ -88,7 +88,7 @@ UNITS = {
     "damping in per cent": (bar(), {"ratio": "2.0"}, "damping.ratio: is 2.0, but has to be below 1"),
 }
 MATERIALS = {
-    "no modulus": (bar(**steel(E="")), {}, "states NU alone"),
+    "no modulus": (bar(**steel(E="")), {}, "defines only NU"),
     "a Poisson's ratio of a wrong G": (bar(**steel(G="2.1+11", nu="")), {}, "Poisson's ratio is -0.5"),
     "a Poisson's ratio that locks": (bar(**steel(nu=".4999999")), {}, "Poisson's ratio is 0.4999999"),
     "ν before E": (inp(elastic="0.3, 2.1e11"), ABAQUS, "Poisson's ratio is 2.1e+11, outside"),

@@ -232,7 +232,7 @@ def test_a_number_that_stands_for_a_missing_value_is_named_with_its_line_and_the
     rewrite(project, head, values)
     found = said(project)
     assert "test.csv:9  estimate.channels.0" in found
-    assert f"'G1' reads {mark:g} um/m in 2 of" in found
+    assert f"'G1' has the value {mark:g} um/m in 2 of" in found
     assert "it marks missing values" in found
     named = said(project, ("file: test.csv", f'file: test.csv\n  text: {{missing: ["{mark:.9g}"]}}'))
     assert named == ""
@@ -274,9 +274,9 @@ def dead_and_clipped(values):
 @pytest.mark.parametrize(
     ("mistake", "words"),
     [
-        (mark_among_large, ["'G1' reads -32768 um/m in 3 of"]),
-        (mark_between_smooth, ["'G1' reads -999 um/m in 3 of"]),
-        (marks_of_both_signs, ["it stands for a missing values"]),
+        (mark_among_large, ["'G1' has the value -32768 um/m in 3 of"]),
+        (mark_between_smooth, ["'G1' has the value -999 um/m in 3 of"]),
+        (marks_of_both_signs, ["it marks missing values"]),
         (dead_and_clipped, ["G1 is constant in all", "G2 is clipped"]),
     ],
 )
@@ -329,4 +329,4 @@ def test_a_history_with_a_mark_is_refused_at_its_line(project):
     (project / "f.csv").write_text(HISTORY["f.csv"].replace("0.100,0.5000", "0.100,-9999"), encoding="utf-8")
     found = said(project, history())
     assert "f.csv:102  loads.tip.signal" in found
-    assert "'F' reads -9999" in found
+    assert "'F' has the value -9999" in found

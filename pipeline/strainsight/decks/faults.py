@@ -36,7 +36,7 @@ def notes_and_doubts(messages: Iterable[str]) -> tuple[tuple[str, ...], tuple[st
     return tuple(text for text in both if not isinstance(text, Doubt)), doubts
 
 
-def repeated(ids: IntArray) -> tuple[int, int] | None:
+def find_duplicate(ids: IntArray) -> tuple[int, int] | None:
     """Positions of the first repeated id, in the order of the file; None if all ids are unique."""
     order = np.argsort(ids, kind="stable")
     again = np.flatnonzero(np.diff(ids[order]) == 0)
@@ -48,7 +48,7 @@ def repeated(ids: IntArray) -> tuple[int, int] | None:
 
 def check_once(ids: IntArray, what: str, where: Callable[[int], str]) -> None:
     """Raise DeckError for a repeated id; where: row → place in the file."""
-    if pair := repeated(ids):
+    if pair := find_duplicate(ids):
         first, second = pair
         raise DeckError(
             f"{what} id {ids[second]} is used twice (first at {where(first)})",
@@ -57,13 +57,13 @@ def check_once(ids: IntArray, what: str, where: Callable[[int], str]) -> None:
         )
 
 
-def folded(nodes: IntArray) -> int | None:
+def find_repeated_node(nodes: IntArray) -> int | None:
     """First row of nodes (m, k) with a repeated node."""
     twice = np.any(np.diff(np.sort(nodes, axis=1), axis=1) == 0, axis=1)
     return int(np.argmax(twice)) if twice.any() else None
 
 
-def coincident(nodes: IntArray) -> tuple[int, int] | None:
+def find_coincident(nodes: IntArray) -> tuple[int, int] | None:
     """Two rows of nodes (m, k) with the same nodes, the earlier one first."""
     ordered = np.sort(nodes, axis=1)
     by_nodes = np.lexsort(ordered.T)
@@ -76,7 +76,7 @@ def coincident(nodes: IntArray) -> tuple[int, int] | None:
 
 def note_shared(nodes: IntArray, called: Callable[[int], str], notes: list[str]) -> None:
     """Add a note on two elements of a kind with the same nodes (m, k), which may be intended; called: row → "S4R 12"."""
-    if pair := coincident(nodes):
+    if pair := find_coincident(nodes):
         count = len(nodes) - len(np.unique(np.sort(nodes, axis=1), axis=0))
         shared = f"{called(pair[1])} has the same nodes as {called(pair[0])} ({plural(count, 'such element')})"
         notes.append(Doubt(f"{shared}: the model includes the stiffness and mass of both"))
@@ -125,19 +125,16 @@ def check_nodes(ids: IntArray, position: FloatArray, where: Where) -> None:
 def check_elements(
     blocks: Sequence[CellBlock], where: Where, name: Callable[[CellBlock, int], str] | None = None
 ) -> None:
-    """Raise DeckError unless element ids are positive and unique, and no two elements and no two nodes of an element
-    are the same.
-
-    name: a block and a row of it → the element in the words of its format; "element 10 (tet4)" by default.
-    """
+    """Raise DeckError unless element ids are positive and unique, and no two elements and no two nodes of an element are the
+    same. name: a block and a row of it → the element in the words of its format; "element 10 (tet4)" by default."""
     _check_ids(concatenate(block.ids for block in blocks), "element", where)
     called = name or (lambda block, row: f"element {block.ids[row]} ({block.kind})")
     for block in blocks:
-        if (row := folded(block.nodes)) is not None:
+        if (row := find_repeated_node(block.nodes)) is not None:
             what = f"{called(block, row)}: the element has the same node twice"
             remedy = COLLAPSED.get(block.kind, "replace collapsed elements by wedges or tetrahedra")
             raise entity_error("element", int(block.ids[row]), what, remedy, where)
-        if (pair := coincident(block.nodes)) is not None:
+        if (pair := find_coincident(block.nodes)) is not None:
             first, second = (int(block.ids[row]) for row in pair)
             place, other = where("element", second), where("element", first)
             what = f"{called(block, pair[1])}: the same nodes as {called(block, pair[0])}"
@@ -149,10 +146,8 @@ def check_elements(
 def _check_ids(ids: IntArray, what: str, where: Where) -> None:
     if ids.size and ids.min() < 1:
         number = int(ids.min())
-        raise DeckError(
-            f"{what} id {number} is not positive", where=where(what, number), remedy=f"number the {what}s from 1"
-        )
-    if (pair := repeated(ids)) is not None:
+        raise DeckError(f"{what} id {number} is not positive", where=where(what, number), remedy="use ids from 1")
+    if (pair := find_duplicate(ids)) is not None:
         number = int(ids[pair[1]])
         raise entity_error(what, number, f"{what} id {number} is used twice", f"number each {what} uniquely", where)
 
@@ -186,7 +181,7 @@ def short(card: str) -> str:
     return f'"{name}"' if "," in name else name
 
 
-def effects(cards: Iterable[str], structural: re.Pattern[str], control: re.Pattern[str]) -> dict[str, str]:
+def classify_effects(cards: Iterable[str], structural: re.Pattern[str], control: re.Pattern[str]) -> dict[str, str]:
     """Card → "structure" or "none" (see `Mesh`) if a pattern matches its beginning; unused cards are left out."""
     effect: dict[str, str] = {}
     for card in cards:
@@ -210,7 +205,4 @@ def turning_nodes(
 def moment_note(card: str, ids: Sequence[int]) -> str:
     """Note on moments on nodes (ids, ascending, at least one) without rotations."""
     more = f" and {len(ids) - 1} more" if len(ids) > 1 else ""
-    return (
-        f"{card} on node {ids[0]}{more} without rotations: applied as a couple of forces on the nodes of the "
-        "adjacent elements"
-    )
+    return f"{card} on node {ids[0]}{more} without rotations: applied as couples of forces"

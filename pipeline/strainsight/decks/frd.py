@@ -15,7 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes
-from strainsight.decks.text import error_at, opened
+from strainsight.decks.text import error_at, open_file
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.kinds.kind import in_order
@@ -88,7 +88,7 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
     k = len(block.components)
     if block.format in ITEM:
         item = np.dtype([("node", "<i4"), ("value", ITEM[block.format], (k,))])
-        table_rows = np.frombuffer(whole(file, block.rows * item.itemsize, where), item)
+        table_rows = np.frombuffer(read_exactly(file, block.rows * item.itemsize, where), item)
         return table_rows["node"].tobytes(), table_rows["value"].astype(float)
     if k > NUMBERS_A_LINE:
         raise error_at(where, f"a displacement block has {k} numbers per node", "export the results again")
@@ -96,9 +96,9 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
     start = file.tell()
     length = len(file.readline())
     if length <= 3 + width + NUMBER * k:
-        raise no_number(where)
+        raise unreadable_line(where)
     file.seek(start)
-    text = np.frombuffer(whole(file, block.rows * length, where), np.uint8).reshape(block.rows, length)
+    text = np.frombuffer(read_exactly(file, block.rows * length, where), np.uint8).reshape(block.rows, length)
     if (text[:, :3] == np.frombuffer(b" -1", np.uint8)).all() and (text[:, -1] == ord("\n")).all():
         ids, last = text[:, 3 : 3 + width].tobytes(), 3 + width + NUMBER * k
         columns = np.ascontiguousarray(text[:, 3 + width : last]).view(f"S{NUMBER}")
@@ -109,12 +109,10 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
         ids = b"".join(line[3 : 3 + width] for line in lines)
         rows = [_REAL.findall(line[3 + width :]) for line in lines]
         if any(line[:3] != b" -1" for line in lines) or any(len(row) != k for row in rows):
-            raise no_number(where)
+            raise unreadable_line(where)
         values = np.array(rows, dtype="S16").astype(float)
     if file.readline()[:3] != b" -3":
-        raise error_at(
-            where, f"a block of {block.rows} nodes does not end after the last node", "export the results again"
-        )
+        raise error_at(where, f"a block of {block.rows} nodes does not end correctly", "export the results again")
     return ids, values
 
 
@@ -127,7 +125,7 @@ def node_ids(raw: bytes, format: int) -> np.ndarray:
 def skip_rows(file: BinaryIO, block: Block, where: str) -> None:
     k = len(block.components)
     if block.format in ITEM:
-        whole(file, block.rows * (4 + ITEM[block.format].itemsize * k), where)
+        read_exactly(file, block.rows * (4 + ITEM[block.format].itemsize * k), where)
     else:
         while (line := file.readline()) and line[:3] != b" -3":
             pass
@@ -154,7 +152,7 @@ def _skip_elements(file: BinaryIO, line: bytes, where: str) -> None:
     count, format = int(line[24:36]), int(line[73:75])
     if format in ITEM:
         for _ in range(count):
-            whole(file, 4 * NODES_OF[int(np.frombuffer(whole(file, 16, where), "<i4")[1])], where)
+            read_exactly(file, 4 * NODES_OF[int(np.frombuffer(read_exactly(file, 16, where), "<i4")[1])], where)
     else:
         while (line := file.readline()) and line[:3] != b" -3":
             pass
@@ -164,7 +162,7 @@ NODES_OF = {1: 8, 2: 6, 3: 4, 4: 20, 5: 15, 6: 10, 7: 3, 8: 6, 9: 4, 10: 8, 11: 
 """Element type in the file → number of nodes."""
 
 
-def whole(file: BinaryIO, size: int, where: str) -> bytes:
+def read_exactly(file: BinaryIO, size: int, where: str) -> bytes:
     """Read the next bytes of a file; DeckError if it ends before."""
     content = file.read(size)
     if len(content) < size:
@@ -172,14 +170,13 @@ def whole(file: BinaryIO, size: int, where: str) -> bytes:
     return content
 
 
-def no_number(where: str) -> DeckError:
+def unreadable_line(where: str) -> DeckError:
     """Error for a damaged file."""
     return error_at(where, "a line of a result block cannot be read", "export the results again")
 
 
 SOLIDS = {1: "hex8", 2: "wedge6", 3: "tet4", 4: "hex20", 5: "wedge15", 6: "tet10"}
-"""Element type in the file → kind; the nodes are in the order of Nastran, vertical edges before the mid-side nodes
-of the top."""
+"""Element type in the file → kind; the nodes are in the order of Nastran, vertical edges before the mid-side nodes of the top."""
 
 
 def read_frd_mesh(path: Path, *, required: bool = True) -> Mesh:
@@ -191,14 +188,14 @@ def read_frd_mesh(path: Path, *, required: bool = True) -> Mesh:
     try:
         return _mesh(path, required)
     except DAMAGE:
-        raise no_number(str(path)) from None
+        raise unreadable_line(str(path)) from None
 
 
 def _mesh(path: Path, required: bool) -> Mesh:
     names: dict[int, str] = {}
     nodes: NodeTable | None = None
     elements: dict[int, tuple[list[tuple[int, int]], list[IntArray]]] = {}
-    with opened(path) as file:
+    with open_file(path) as file:
         while (line := file.readline()) and line[:6] not in (b"  100C", b" 9999"):
             if line[:9] == b"    1UMAT" and line[9:14].strip().isdigit():
                 names[int(line[9:14])] = line[14:].decode("latin-1").strip()
@@ -247,8 +244,8 @@ def _elements(file: BinaryIO, line: bytes, where: str) -> dict[int, tuple[list[t
     count, format = int(line[24:36]), int(line[73:75])
     for _ in range(count):
         if format > 1:
-            number, kind, _, material = np.frombuffer(whole(file, 16, where), "<i4").tolist()
-            nodes = np.frombuffer(whole(file, 4 * NODES_OF[kind], where), "<i4").astype(np.int64)
+            number, kind, _, material = np.frombuffer(read_exactly(file, 16, where), "<i4").tolist()
+            nodes = np.frombuffer(read_exactly(file, 4 * NODES_OF[kind], where), "<i4").astype(np.int64)
         else:
             wide = 10 if format == 1 else 5
             head = file.readline()
@@ -258,7 +255,7 @@ def _elements(file: BinaryIO, line: bytes, where: str) -> dict[int, tuple[list[t
             while len(listed) < NODES_OF[kind]:
                 row = file.readline().rstrip()
                 if row[:3] != b" -2":
-                    raise no_number(where)
+                    raise unreadable_line(where)
                 listed += [row[at : at + wide] for at in range(3, len(row), wide)]
             nodes = np.array([int(entry) for entry in listed], dtype=np.int64)
         heads, rows = elements.setdefault(kind, ([], []))

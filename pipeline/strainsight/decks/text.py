@@ -37,7 +37,7 @@ def error_at(place: Path | str, what: str, remedy: str) -> DeckError:
     return DeckError(what, where=str(place), remedy=remedy)
 
 
-def damaged(what: str, where: str) -> DeckError:
+def damage_error(what: str, where: str) -> DeckError:
     """Error for a truncated or damaged file."""
     return error_at(where, what, AGAIN)
 
@@ -83,30 +83,26 @@ def read_text(path: Path) -> str:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Content of a file, unpacked if its name ends in .gz.
-
-    Raises DeckError for a file that is missing, empty, damaged, not a plain file, or unpacks to more than 4 GiB.
-    """
+    """Content of a file, unpacked if its name ends in .gz. Raises DeckError for a file that is missing, empty, damaged, not a
+    plain file, or unpacks to more than 4 GiB."""
     try:
         check_plain(path)
-        content = path.read_bytes() if path.suffix.lower() != ".gz" else _unpacked(path)
+        content = path.read_bytes() if path.suffix.lower() != ".gz" else _unpack(path)
     except FileNotFoundError:
         raise error_at(path, "no such file", "correct the file name or the folder") from None
     except UNPACKING as error:
         raise error_at(path, f"cannot be unpacked: {error}", "compress the deck again") from None
     except OSError as error:
-        raise error_at(
-            path, f"cannot be read: {error.strerror}", "check that the file exists and is readable"
-        ) from None
+        raise error_at(path, f"cannot be read: {error.strerror}", "check that the file is readable") from None
     if not content.strip():
         raise error_at(path, "the file is empty", "export the deck again")
     return content
 
 
-def _unpacked(path: Path) -> bytes:
+def _unpack(path: Path) -> bytes:
     parts: list[bytes] = []
     size = 0
-    with opened(path) as file:
+    with open_file(path) as file:
         while part := file.read(2**24):
             parts.append(part)
             size += len(part)
@@ -127,7 +123,7 @@ def check_plain(path: Path) -> None:
         raise error_at(path, "the path is not a plain file", "write the data to a file, and specify this file")
 
 
-def opened(path: Path) -> BinaryIO:
+def open_file(path: Path) -> BinaryIO:
     """Open a file for reading bytes, unpacked if its name ends in .gz."""
     return cast(BinaryIO, gzip.open(path)) if path.suffix.lower() == ".gz" else path.open("rb")
 
@@ -149,11 +145,10 @@ class Includes:
     def file(self, name: str, word: str, line: Line, parents: tuple[Path, ...], nearest: bool = False) -> Path:
         """Path of the file that a line includes by `word` (INCLUDE, *INCLUDE).
 
-        The name is relative to the folder of the main deck, then to that of the including file (nearest: the other
-        way round), then to `folders`. \\ means / if no file has it in its name, and capitals are ignored if no file
-        matches them. The file must be in or below one of `folders` after links and `..` are resolved, and must not be
-        one of `parents`, which are being read. Raises DeckError if the file is missing or outside, or is included too
-        often or too deeply.
+        The name is relative to the folder of the main deck, then to that of the including file (nearest: the other way round),
+        then to `folders`. \\ means / if no file has it in its name, and capitals are ignored if no file matches them. The file
+        must be in or below one of `folders` after links and `..` are resolved, and must not be one of `parents`, which are being
+        read. Raises DeckError if the file is missing or outside, or is included too often or too deeply.
         """
         bases = list(dict.fromkeys([self.folders[0], Path(line.file).resolve().parent][:: -1 if nearest else 1]))
         bases += [folder for folder in self.folders if folder not in bases]
@@ -168,7 +163,7 @@ class Includes:
             )
         inside = [target for target in files if _in_one(target.resolve(), self.folders)]
         if not inside:
-            outside = [*files, *(t for t in targets if _resolved(t) and not _in_one(t.resolve(), self.folders))]
+            outside = [*files, *(t for t in targets if _resolve(t) and not _in_one(t.resolve(), self.folders))]
             raise self._not_found(name, word, line, outside)
         target, resolved = inside[0], inside[0].resolve()
         near = [base / name for base in bases[:2]]
@@ -202,7 +197,7 @@ class Includes:
         )
 
 
-def _resolved(target: Path) -> Path | None:
+def _resolve(target: Path) -> Path | None:
     """Path with links and `..` resolved; None if it is invalid: too long, a null character, or circular links."""
     try:
         return target.resolve()
@@ -261,7 +256,7 @@ def is_whole(token: str) -> bool:
     return _WHOLE.fullmatch(token) is not None
 
 
-def no_integer(token: str) -> str:
+def describe_non_integer(token: str) -> str:
     """Reason why `parse_integer` returns None."""
     return f"is {token[:24]}, too large (the limit is 10^12)" if is_whole(token) else f"is {token!r}, not an integer"
 
@@ -312,7 +307,7 @@ class Entries(ABC):
             return default
         value = parse_integer(token)
         if value is None:
-            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {no_integer(token)}")
+            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {describe_non_integer(token)}")
         return value
 
     def component(self, i: int, default: int | None = None) -> int:

@@ -1,5 +1,4 @@
-"""Reduced model in the coordinates of modes and static responses from another program, without its stiffness and
-mass.
+"""Reduced model in the coordinates of modes and static responses from another program, without its stiffness and mass.
 
 With K φᵢ = ωᵢ² M φᵢ, ΦᵀMΦ = I and K zⱼ = fⱼ, in z = Φ q + r p with the residuals rⱼ = zⱼ − Φ Λ⁻¹Φᵀfⱼ,
 
@@ -27,8 +26,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 
 LOOSE = 1e-10
-"""Eigenvalue of the normal equations with unit columns below which the data do not determine the motion of a
-reference node."""
+"""Eigenvalue of the normal equations with unit columns below which the data do not determine the motion of a reference node."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +149,7 @@ def check_rows(mesh: Mesh, imported: GivenMotion, rows: np.ndarray | None = None
 
 
 def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding: float, where: str) -> None:
-    """Raise UserError if nodes of the mesh (rows, k) have other positions in the result file, (k, 3) [m]; NaN: not
-    in the file.
+    """Raise UserError if nodes of the mesh (rows, k) have other positions in the result file, (k, 3) [m]; NaN: not in the file.
 
     Nodes that follow a relation are not checked: a *TIE moves them onto its surface (ADJUST) in the results.
     rounding: largest relative error of a number of the file.
@@ -176,8 +173,7 @@ def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding
 
 
 def unresolved_rows(mesh: Mesh, imported: GivenMotion, nodes: np.ndarray) -> np.ndarray:
-    """Rows of the translations of nodes, and of the rotations of nodes of shells and beams, that the results do not
-    determine."""
+    """Rows of the translations of nodes, and of the rotations of nodes of shells and beams, that the results do not determine."""
     rows = (3 * nodes[:, None] + np.arange(3)).ravel()
     turning = np.intersect1d(nodes, mesh.turning)
     if turning.size:
@@ -185,12 +181,9 @@ def unresolved_rows(mesh: Mesh, imported: GivenMotion, nodes: np.ndarray) -> np.
     return rows[~imported.known[rows]]
 
 
-def mass_normalised(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
-    """ΦᵀMΦ (m,) [kg m²] that normalises the shapes, and a note on its source.
-
-    file_mass: from the file or the config; mesh_mass: from the mesh. Raises UserError if both are missing or they
-    are inconsistent.
-    """
+def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
+    """ΦᵀMΦ (m,) [kg m²] that normalises the shapes, and a note on its source. file_mass: from the file or the config; mesh_mass:
+    from the mesh. Raises UserError if both are missing or they are inconsistent."""
     if file_mass is None and mesh_mass is None:
         raise UserError(
             "the normalisation of the modes is unknown: the file does not define it, and the mesh has no density",
@@ -304,9 +297,8 @@ Forces = Callable[[FiniteElementModel], np.ndarray]
 class Results:
     """Data of m modes and s static responses to loads, in SI units; their motion is a `GivenMotion`.
 
-    frequency (m,) [Hz] ascending; load (s,): index of the load of each static response, per unit of it; modal_mass
-    (m,) [kg m²]: ΦᵀMΦ of the shapes, None if unknown; rounding: largest relative error of a number; where (m + s,):
-    file and step of each.
+    frequency (m,) [Hz] ascending; load (s,): index of the load of each static response, per unit of it; modal_mass (m,) [kg m²]:
+    ΦᵀMΦ of the shapes, None if unknown; rounding: largest relative error of a number; where (m + s,): file and step of each.
     """
 
     frequency: np.ndarray
@@ -326,12 +318,11 @@ def results_model(
 ) -> FullModel:
     """K and M of the coordinates (Φ, r), and z = [Φ, r] q on the rows of the mesh.
 
-    imported: motion of the modes [m, rad] and of the responses [m/N, rad/N]; forces: the loads, called `names`;
-    None: only modes; scaled: "stiffness" or "mass" → its parameter and the value [SI] of this parameter in the
-    results. The mass of residuals is the consistent mass of the mesh if all its nodes have results and all its regions
-    a density; else K = (10 ω_max)² M for them. A residual with an energy below the rounding error of its file adds no
-    coordinate. Raises UserError for rigid modes, unknown modal mass, missing rows of the surface or of a load, and a
-    response that does not belong to its load.
+    imported: motion of the modes [m, rad] and of the responses [m/N, rad/N]; forces: the loads, called `names`; None: only
+    modes; scaled: "stiffness" or "mass" → its parameter and the value [SI] of this parameter in the results. The mass of
+    residuals is the consistent mass of the mesh if all its nodes have results and all its regions a density; else K = (10
+    ω_max)² M for them. A residual with an energy below the rounding error of its file adds no coordinate. Raises UserError for
+    rigid modes, unknown modal mass, missing rows of the surface or of a load, and a response that does not belong to its load.
     """
     modes, m = normalise_results(mesh, imported, results), len(results.frequency)
     residuals, notes = Residuals(modes.shape[:, :0], np.zeros(0), np.zeros((0, 0))), list(modes.notes)
@@ -349,8 +340,7 @@ def results_model(
 
 @dataclass(frozen=True)
 class Residuals:
-    """field r (3n + 3r, k), orthogonal to the modes in M and K and to each other in K; their stiffness (k,) and mass
-    (k, k)."""
+    """field r (3n + 3r, k), orthogonal to the modes in M and K and to each other in K; their stiffness (k,) and mass (k, k)."""
 
     field: np.ndarray
     stiffness: np.ndarray
@@ -379,7 +369,7 @@ def normalise_results(mesh: Mesh, imported: GivenMotion, results: Results, by_me
     if has_mass(mesh) and not unresolved_rows(mesh, imported, mesh.nodes_of_elements).size:
         weighed = mass_product(mesh, imported.constraint.reference_rows, imported.field)
         mesh_mass = np.einsum("ij,ij->j", imported.field[:, :m], weighed[:, :m])
-    norm, notes = mass_normalised(results.modal_mass, mesh_mass)
+    norm, notes = normalising_mass(results.modal_mass, mesh_mass)
     root = np.sqrt(mesh_mass if by_mesh and mesh_mass is not None else norm)
     products = None if weighed is None else (weighed[:, :m] / root, weighed[:, m:])
     lam = (2 * np.pi * results.frequency) ** 2
@@ -395,7 +385,7 @@ def _residuals(
     notes = check_responses(modes, f, results, names)
     G, P = z.T @ f, modes.shape.T @ f
     share = P / modes.lam[:, None]
-    Y, R = independent(G, G - P.T @ share, max(LEAST, DIGITS * results.rounding))
+    Y, R = independent_directions(G, G - P.T @ share, max(LEAST, DIGITS * results.rounding))
     field = (z - modes.shape @ share) @ Y
     if modes.weighed is None:
         mass = np.diag(R / (ABOVE**2 * modes.lam[-1]))
@@ -417,7 +407,7 @@ def forces_on_rows(mesh: Mesh, imported: GivenMotion, forces: Forces) -> np.ndar
     return e
 
 
-def independent(G: np.ndarray, R: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+def independent_directions(G: np.ndarray, R: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Y (s, k) with YᵀRY = diag, and its diagonal (k,), of responses scaled to unit energy G; directions below
     `least` are dropped as dependent."""
     if not len(R):

@@ -24,8 +24,7 @@ MOTIONS = tuple(f"{motion} {axis}" for motion in ("translation", "rotation about
 
 @dataclass(frozen=True)
 class Term:
-    """A matrix (r, r) of a file; parameter that scales it, None for a constant; at: the parameter value [SI] of the
-    file."""
+    """A matrix (r, r) of a file; parameter that scales it, None for a constant; at: the parameter value [SI] of the file."""
 
     matrix: sparse.csr_array
     parameter: str | None = None
@@ -36,9 +35,8 @@ class Term:
 class ReadyMatrices:
     """Stiffness and mass on numbered rows, in SI units.
 
-    node_ids (r,) of the file and components (r,) 0-5 along nodal axes; stiffness and mass (r, r) [N/m, N, N m; kg,
-    kg m, kg m²] on translations [m] and rotations [rad]; at: parameter values [SI] of the files; source: file of the
-    numbering.
+    node_ids (r,) of the file and components (r,) 0-5 along nodal axes; stiffness and mass (r, r) [N/m, N, N m; kg, kg m, kg m²]
+    on translations [m] and rotations [rad]; at: parameter values [SI] of the files; source: file of the numbering.
     """
 
     node_ids: np.ndarray
@@ -111,9 +109,7 @@ def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> FullModel:
     constrained_mesh = _for_constraints(mesh, nodes, ready.components, stiff)
     constraint = constraint_transform(constrained_mesh, supported=supported, rotations=rotations)
     if constraint.transform.shape[1] == 0:
-        raise UserError(
-            "no motion is free: every row is fixed or has no stiffness", remedy="release the supports of some nodes"
-        )
+        raise UserError("no motion is free: every row is fixed or has no stiffness", remedy="release some nodes")
     B = sparse.csr_array(P @ constraint.transform)
     model = FiniteElementModel(mesh, constraint, restricted(ready.stiffness, B), restricted(ready.mass, B))
     check_diagonal(model)
@@ -156,10 +152,8 @@ def _places(
 
 
 def _for_constraints(mesh: Mesh, nodes: np.ndarray, components: np.ndarray, stiff: np.ndarray) -> Mesh:
-    """The mesh without its masses, and with nodal axes fixed along which a node has no stiffness.
-
-    In basic axes such motions are left out by `supported`; nodal axes would mix them.
-    """
+    """The mesh without its masses, and with nodal axes fixed along which a node has no stiffness. In basic axes such motions are
+    left out by `supported`; nodal axes would mix them."""
     mesh = replace(mesh, point_masses=())  # included in the mass matrix
     if not mesh.axes:
         return mesh

@@ -4,11 +4,10 @@ With U₀ = [Φ₀, z₀] at θ₀ and U₁ = [Φ₁, z₁] at θ₁, the mass M
 
     A U₀ = [M Φ₀Λ₀, f],     B U₁ = [M Φ₁Λ₁, f],     K(θ) = A + (θ − θ₀)/(θ₁ − θ₀) D,     D = B − A.
 
-On U = [U₀, U₁] the blocks U₀ᵀAU₀, U₁ᵀBU₁ and N = U₀ᵀDU₁ = U₀ᵀBU₁ − U₀ᵀAU₁ are known. The blocks U₀ᵀDU₀ and U₁ᵀDU₁
-are not known, and both sets are reproduced for any values of them. D is the strain energy of the region alone. For an
-isotropic material it is c₁K̃₁ + c₂K̃₂. K̃ is the stiffness of our elements with unit modulus and two Poisson's ratios.
-A least-squares fit to N determines c. The rest S = N − U₀ᵀK̃U₁ enters through the motion of the region, U₁ ≈ U₀a and
-U₀ ≈ U₁b:
+On U = [U₀, U₁] the blocks U₀ᵀAU₀, U₁ᵀBU₁ and N = U₀ᵀDU₁ = U₀ᵀBU₁ − U₀ᵀAU₁ are known. The blocks U₀ᵀDU₀ and U₁ᵀDU₁ are not known,
+and both sets are reproduced for any values of them. D is the strain energy of the region alone. For an isotropic material it is
+c₁K̃₁ + c₂K̃₂. K̃ is the stiffness of our elements with unit modulus and two Poisson's ratios. A least-squares fit to N
+determines c. The rest S = N − U₀ᵀK̃U₁ enters through the motion of the region, U₁ ≈ U₀a and U₀ ≈ U₁b:
 
     U₁ᵀDU₁ = U₁ᵀK̃U₁ + (aᵀS + Sᵀa)/2,     U₀ᵀDU₀ = U₀ᵀK̃U₀ + (Sb + bᵀSᵀ)/2
 
@@ -40,7 +39,7 @@ from strainsight.foreign.of_results import (
     check_responses,
     describe_responses,
     forces_on_rows,
-    independent,
+    independent_directions,
     normalise_results,
     unresolved_rows,
 )
@@ -101,7 +100,7 @@ def check_supports(mesh: Mesh, imported: tuple[GivenMotion, GivenMotion]) -> Non
         )
 
 
-def observed(
+def observe(
     mesh: Mesh, imported: GivenMotion, results: Results, forces: Forces | None, names: tuple[str, ...], key: str
 ) -> Observed:
     """One set with the forces from the mass of our mesh, each motion scaled to unit energy:
@@ -205,7 +204,7 @@ def model_of_two(
         for value in (change.first, change.second)
     ]
     first, second = (
-        observed(each, moved, results_of_set, forces, names, key)
+        observe(each, moved, results_of_set, forces, names, key)
         for each, moved, results_of_set, key in zip(meshes, imported, results, ("mesh.results", KEY), strict=True)
     )
     check_frequencies(change, first, second, stiff)
@@ -218,17 +217,17 @@ def model_of_two(
     if stiff:
         D, notes = _change_of_stiffness(mesh, parameter, U, k, across[1] - across[0])
         A11 = A11 - D[k:, k:]
-        X0, X1 = _whole(A00, across[0], A11), D / (change.second - change.first)
+        X0, X1 = _assemble_blocks(A00, across[0], A11), D / (change.second - change.first)
     else:
         X0, X1 = M0, (U.T @ mass_product(meshes[1], rows, U) - M0) / (change.second - change.first)
-        A = _whole(A00, 0.5 * (across[0] + across[1]), A11)
+        A = _assemble_blocks(A00, 0.5 * (across[0] + across[1]), A11)
     A = X0 if stiff else A
     rounding = max(first.rounding, second.rounding)
     exact = max(OF_STRAIN * rounding, asymmetry(first), asymmetry(second))
     C = _coordinates(A, len(first.lam), k, max(LEAST, exact))
-    A, M0, X0, X1 = (_symmetric(C.T @ X @ C) for X in (A, M0, X0, X1))
+    A, M0, X0, X1 = (_symmetrize(C.T @ X @ C) for X in (A, M0, X0, X1))
     if stiff:
-        X1 = _within(X1, A, change.first)
+        X1 = _clip_stiffness(X1, A, change.first)
     _check_reproduced(change, (first, second), A, M0, X1, stiff)
     affine = AffineOperator(sparse.csr_array(X0 - change.first * X1), {parameter.name: sparse.csr_array(X1)})
     stiffness = affine if stiff else as_operator(A, scaled.get("stiffness"))
@@ -260,10 +259,10 @@ def _change_of_stiffness(
             remedy="change only this parameter in these regions; for anisotropic materials or other changes, use the "
             "deck itself, or mesh.matrices",
         )
-    energy = _symmetric(np.asarray(sum(forms)))
+    energy = _symmetrize(np.asarray(sum(forms)))
     a = _pseudo_inverse(energy[:k, :k]) @ energy[:k, k:]
     b = _pseudo_inverse(energy[k:, k:]) @ energy[k:, :k]
-    D = _whole(form[:k, :k] + _symmetric(S @ b), N, form[k:, k:] + _symmetric(a.T @ S))
+    D = _assemble_blocks(form[:k, :k] + _symmetrize(S @ b), N, form[k:, k:] + _symmetrize(a.T @ S))
     if off <= NOTED:
         return D, []
     return D, [
@@ -319,16 +318,16 @@ def _coordinates(A: np.ndarray, m: int, k: int, least: float) -> np.ndarray:
     for group in (slice(m, k), slice(k, size)):
         X = np.eye(size)[:, group]
         X = X - C @ np.linalg.solve(C.T @ A @ C, C.T @ A @ X)
-        Y, energy = independent(np.diag(np.diag(A)[group]), X.T @ A @ X, least)
+        Y, energy = independent_directions(np.diag(np.diag(A)[group]), X.T @ A @ X, least)
         C = np.hstack([C, X @ Y / np.sqrt(energy)])
     return C
 
 
-def _within(X1: np.ndarray, A: np.ndarray, first: float) -> np.ndarray:
+def _clip_stiffness(X1: np.ndarray, A: np.ndarray, first: float) -> np.ndarray:
     """Clip X1 to 0 ≤ θ₀X₁ ≤ A with tolerance `BEYOND`, since region and remaining structure have positive stiffness;
     K is then positive definite from θ₀/11 to 11 θ₀."""
     share, V = eigh(first * X1, A)
-    return np.asarray(_symmetric((A @ V * np.clip(share, -BEYOND, 1 + BEYOND)) @ (A @ V).T) / first)
+    return np.asarray(_symmetrize((A @ V * np.clip(share, -BEYOND, 1 + BEYOND)) @ (A @ V).T) / first)
 
 
 def _check_reproduced(
@@ -351,9 +350,9 @@ def _check_reproduced(
             )
 
 
-def _whole(X00: np.ndarray, X01: np.ndarray, X11: np.ndarray) -> np.ndarray:
-    return np.block([[_symmetric(X00), X01], [X01.T, _symmetric(X11)]])
+def _assemble_blocks(X00: np.ndarray, X01: np.ndarray, X11: np.ndarray) -> np.ndarray:
+    return np.block([[_symmetrize(X00), X01], [X01.T, _symmetrize(X11)]])
 
 
-def _symmetric(X: np.ndarray) -> np.ndarray:
+def _symmetrize(X: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 * (X + X.T))

@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.errors import UserError, blame, did_you_mean
 from strainsight.measurements.calibration import ChannelSettings, calibrate
 from strainsight.measurements.clock import shifted, to_step, uniform_clock
-from strainsight.measurements.records import Recording, check_no_infinity, missing_error, plain
+from strainsight.measurements.records import Recording, check_no_infinity, missing_error, quote
 
 STRETCH = 20
 """Number of consecutive missing samples from which a note has their place."""
@@ -40,8 +40,7 @@ def assemble(
     settings: Mapping[str, ChannelSettings],
     step: float | None = None,
 ) -> Signals:
-    """Channels in the order of `settings`, calibrated and on a uniform clock: that of the file, or one with `step`
-    [s].
+    """Channels in the order of `settings`, calibrated and on a uniform clock: that of the file, or one with `step` [s].
 
     Raises UserError for a missing channel, a wrong unit, and a clock that is not uniform; `key` is the channel name
     for errors in its settings or values.
@@ -101,8 +100,7 @@ def _stretch(name: str, missing: np.ndarray, time: np.ndarray) -> tuple[str, ...
 
 @dataclass(frozen=True)
 class RepeatedSamples:
-    """fresh (T,): samples that are not repetitions; interval between them, in samples; regular: whether all
-    intervals are equal."""
+    """fresh (T,): samples without repetitions; interval between them, in samples; regular: whether all intervals are equal."""
 
     fresh: np.ndarray
     interval: int
@@ -143,10 +141,8 @@ def find_repeated_samples(values: np.ndarray) -> RepeatedSamples | None:
 
 
 def remove_repeated_samples(name: str, values: np.ndarray, step: float) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Replace repeated samples of a channel (T,) with time step `step` [s] by NaN; returns values and a note.
-
-    Raises UserError if the intervals between samples differ.
-    """
+    """Replace repeated samples of a channel (T,) with time step `step` [s] by NaN; returns values and a note. Raises UserError
+    if the intervals between samples differ."""
     repeated = find_repeated_samples(values)
     if repeated is None:
         return values, ()
@@ -185,10 +181,8 @@ class Place(NamedTuple):
 
 
 def find_channel(name: str, places: Sequence[Place], path: Path) -> int:
-    """Index of the channel with this name, with or without its group in front.
-
-    Raises UserError if there is no such channel, or several.
-    """
+    """Index of the channel with this name, with or without its group in front. Raises UserError if there is no such channel, or
+    several."""
     for length in range(3):
         matches = [i for i, place in enumerate(places) if name in place.names[length : length + 1]]
         if len(matches) == 1:
@@ -200,7 +194,7 @@ def find_channel(name: str, places: Sequence[Place], path: Path) -> int:
             raise UserError(
                 f"{len(matches)} channels have the name {name!r}",
                 where=str(path),
-                remedy=f"specify the group too: {' or '.join(map(plain, full_names))}{' …' if len(matches) > 10 else ''}",
+                remedy=f"specify the group too: {' or '.join(map(quote, full_names))}{' …' if len(matches) > 10 else ''}",
             )
     known = list(dict.fromkeys(word for place in places for word in place.names[:2]))
     raise missing_error("channel", name, known, str(path), [place.names[0] for place in places])
@@ -214,7 +208,7 @@ def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
     rates: dict[str, list[str]] = {}
     for name, t in clocks.items():
         rate = (len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 and t[-1] > t[0] else 0.0
-        rates.setdefault(f"{rate:.6g} Hz", []).append(plain(name))
+        rates.setdefault(f"{rate:.6g} Hz", []).append(quote(name))
     if len(rates) > 1:
         listed_rates = ", ".join(
             f"{rate} ({', '.join(names[:8])}{', …' * (len(names) > 8)})" for rate, names in rates.items()
@@ -226,7 +220,7 @@ def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
         )
     name, t = next((name, t) for name, t in clocks.items() if not _same(first, t))
     two = {next(iter(clocks)): first, name: t}
-    spans = [f"{plain(n)} has {len(x)} samples from {_at(x, 0)} to {_at(x, -1)} s" for n, x in two.items()]
+    spans = [f"{quote(n)} has {len(x)} samples from {_at(x, 0)} to {_at(x, -1)} s" for n, x in two.items()]
     raise UserError(
         ", ".join(spans),
         where=str(path),

@@ -167,7 +167,7 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
         values -= settings.drift * (recording.time - recording.time[0])
         notes.append(f"{name}: a drift of {settings.drift:g} {settings.unit} per second was subtracted")
     if settings.zero is not None:
-        notes.append(_zeroed(recording, name, settings, values))
+        notes.append(_subtract_zero(recording, name, settings, values))
     values *= settings.sign * factor
     if settings.sign < 0:
         notes.append(f"{name}: the sign was reversed")
@@ -182,7 +182,7 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
     if settings.scale != 1:
         values *= settings.scale
         notes.append(f"{name}: multiplied by {settings.scale:g}")
-    notes.extend(_large(name, settings, values))
+    notes.extend(_note_large_strain(name, settings, values))
     return values, tuple(notes)
 
 
@@ -231,7 +231,7 @@ def _check_size(recording: Recording, name: str, settings: ChannelSettings, valu
         )
 
 
-def _zeroed(recording: Recording, name: str, settings: ChannelSettings, values: np.ndarray) -> str:
+def _subtract_zero(recording: Recording, name: str, settings: ChannelSettings, values: np.ndarray) -> str:
     assert settings.zero is not None
     start, end = settings.zero
     if np.isnan(values).all():
@@ -264,7 +264,7 @@ def _strain(recording: Recording, name: str, bridge: Bridge, r: np.ndarray) -> n
     return strain
 
 
-def _large(name: str, settings: ChannelSettings, values: np.ndarray) -> tuple[str, ...]:
+def _note_large_strain(name: str, settings: ChannelSettings, values: np.ndarray) -> tuple[str, ...]:
     if settings.quantity != "strain" or np.isnan(values).all():
         return ()
     largest = float(np.nanmax(np.abs(values)))

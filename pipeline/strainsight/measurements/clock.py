@@ -90,7 +90,7 @@ def uniform_clock(recording: Recording) -> Clock:
             f"{int(np.sum(whole[gaps[10:]] - 1))} more rows without samples were inserted in {gaps.size - 10} other gaps",
         )
     row = np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
-    start, step = _fitted(t, row)
+    start, step = _fit_line(t, row)
     _check_stamps(recording, t - (start + step * row), step)
     return Clock(start, step, int(row[-1]) + 1, row, notes)
 
@@ -98,10 +98,9 @@ def uniform_clock(recording: Recording) -> Clock:
 def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ...]]:
     """Clock with the step of the filter [s], the samples (k,) on it, and notes.
 
-    Only integer ratios are allowed: a finer step leaves rows without samples between those of the record, a coarser
-    one uses every k-th sample unchanged, without averaging, because a measurement is instantaneous. Nothing is
-    interpolated. Raises UserError if the ratio is not an integer within SAME_STEP, or within JITTER of a step at the
-    end of the record.
+    Only integer ratios are allowed: a finer step leaves rows without samples between those of the record, a coarser one uses
+    every k-th sample unchanged, without averaging, because a measurement is instantaneous. Nothing is interpolated. Raises
+    UserError if the ratio is not an integer within SAME_STEP, or within JITTER of a step at the end of the record.
     """
     ratio = step / clock.step
     k = round(max(ratio, 1 / ratio))
@@ -120,10 +119,7 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
             notes = (*notes, f"{rows} {clock.step:g} s, the filter step {step:g} s")
         return Clock(clock.start, step, (clock.count - 1) * k + 1, clock.row * k), np.arange(len(clock.row)), notes
     used = np.flatnonzero(clock.row % k == 0)
-    note = (
-        f"one of every {k} samples was used, {len(used)} of {len(clock.row)}: frequencies above {0.5 / step:g} Hz cause "
-        "aliasing"
-    )
+    note = f"one of {k} samples was used: frequencies above {0.5 / step:g} Hz cause aliasing"
     return Clock(clock.start, step, (clock.count - 1) // k + 1, clock.row[used] // k), used, (*notes, note)
 
 
@@ -198,7 +194,7 @@ def _gap_note(recording: Recording, i: int, missing: int) -> str:
     return f"{rows} inserted after {recording.time[i]:.9g} s ({recording.place(i + 1)})"
 
 
-def _fitted(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:
+def _fit_line(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:
     """Start and step of the least-squares line through the time stamps."""
     middle, centre = row.mean(), t.mean()
     step = float(np.dot(row - middle, t - centre) / np.dot(row - middle, row - middle))
@@ -229,9 +225,8 @@ SECOND, DAY = 10**9, 86400 * 10**9
 class ClockTimes:
     """Seconds since the first time of a column, with nanosecond resolution.
 
-    Supported are 2024-05-03T10:00:00.01+02:00, 2024/5/3 10:00:00,01, 03.05.2024 10:00:00 and 10:00:00.01 PM. If day
-    and month are ambiguous, only a change of the date is used: together with a clock time that passes midnight it
-    means the next day.
+    Supported are 2024-05-03T10:00:00.01+02:00, 2024/5/3 10:00:00,01, 03.05.2024 10:00:00 and 10:00:00.01 PM. If day and month
+    are ambiguous, only a change of the date is used: together with a clock time that passes midnight it means the next day.
     """
 
     def __init__(self) -> None:
@@ -246,7 +241,7 @@ class ClockTimes:
     def seconds(self, cell: str) -> float | None:
         """Seconds of one cell; None if it is not a time, or its date does not follow the previous cell."""
         match = _INSTANT.fullmatch(cell)
-        if match is None or (of_day := _of_day(match)) is None:
+        if match is None or (of_day := _time_of_day(match)) is None:
             return None
         text = match["date"] or ""
         year_first = _YEAR_FIRST.fullmatch(text)
@@ -269,7 +264,7 @@ class ClockTimes:
         return (instant - self._first) / SECOND
 
 
-def _of_day(match: re.Match[str]) -> int | None:
+def _time_of_day(match: re.Match[str]) -> int | None:
     """Time [ns] since midnight; None if it is not valid."""
     hour, minute, second = (int(match[name]) for name in ("hour", "minute", "second"))
     if match["half"]:
@@ -297,11 +292,8 @@ def recording_of(
     rate: float | None = None,
     lines: np.ndarray | None = None,
 ) -> Recording:
-    """Recording of signals and their units, the time first; where: place of the time; rate: sampling rate [Hz]
-    instead of the first signal; lines: as in `Recording`.
-
-    Raises UserError if the time has no unit or a sample has no time.
-    """
+    """Recording of signals and their units, the time first; where: place of the time; rate: sampling rate [Hz] instead of the
+    first signal; lines: as in `Recording`. Raises UserError if the time has no unit or a sample has no time."""
     t, unit = signals[0] if rate is None else (np.arange(len(signals[0][0])) / rate, "s")
     factor = time_factor(time_unit, unit, where)
     if not np.isfinite(t).all():
@@ -326,18 +318,13 @@ def check_no_counter(time: np.ndarray, name: str, unit: str | None, where: str) 
         )
 
 
-def counted(
+def time_from_number(
     scalar: float, samples: int, name: str, time_unit: str | None, unit_in_file: str | None, where: str
 ) -> tuple[np.ndarray, str]:
-    """Time (samples,) from 0 and its unit "s", from one number: the sampling interval, or, with unit Hz or kHz, the
-    sampling rate.
-
-    name: name of the number; a name that suggests a rate is refused with a unit of time.
-    """
+    """Time (samples,) from 0 and its unit "s", from one number: the sampling interval, or, with unit Hz or kHz, the sampling
+    rate. name: name of the number; a name that suggests a rate is refused with a unit of time."""
     if not 0 < scalar < np.inf:
-        raise UserError(
-            f"{name!r} is {scalar:g}", where=where, remedy="specify the sampling interval, or the sampling rate"
-        )
+        raise UserError(f"{name!r} is {scalar:g}", where=where, remedy="specify sampling interval or rate")
     units = [unit for unit in (time_unit, unit_in_file) if unit is not None]
     rates = [spelling(unit) for unit in units if spelling(unit) in RATES]
     if rates and len(rates) == len(units) and len(set(rates)) == 1:

@@ -13,7 +13,7 @@ from strainsight.errors import UserError
 from strainsight.measurements.clock import ClockTimes, check_no_counter, recording_of
 from strainsight.measurements.csv_layout import Layout, TextFormat, header, is_comment, stated_delimiter, with_units
 from strainsight.measurements.csv_rows import Rows, plain_rows, rows_by_line
-from strainsight.measurements.records import Recording, decoded, opened, plain
+from strainsight.measurements.records import Recording, decode, open_file, quote
 
 BLOCK = 1 << 22
 """Bytes read at a time."""
@@ -46,14 +46,14 @@ def read_csv(
     """
     form = form or TextFormat()
     path = Path(path)
-    with opened(path) as file:
+    with open_file(path) as file:
         table = _Table(path, form, time, tuple(channels))
         for first, block in _blocks(file, path):
             try:
                 table.take(first, block)
             except UserError as error:
                 if table.layout is None and table.form.header_line is None and not block.startswith(SIGN):
-                    _name_the_line(error, block, first, table)
+                    _suggest_header_line(error, block, first, table)
                 raise
     return table.recording(time_unit, rate)
 
@@ -68,20 +68,18 @@ def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[int, bytes]]:
         start = False
         # A \r at the end may be the first half of \r\n.
         cut = max(block.rfind(b"\n"), block.rfind(b"\r", 0, -1)) + 1
-        lines, rest = _checked(block[:cut], number, path), block[cut:]
+        lines, rest = _check_lines(block[:cut], number, path), block[cut:]
         if lines:
             yield number, lines
             number += lines.count(b"\n")
         if len(rest) > LONGEST:
-            _checked(rest, number, path)
-            raise UserError(
-                "a line is longer than 1 MiB", where=f"{path}:{number}", remedy="check that the file is a text table"
-            )
+            _check_lines(rest, number, path)
+            raise UserError("a line is longer than 1 MiB", where=f"{path}:{number}", remedy="use a text table")
     if rest.strip():
-        yield number, _checked(rest + b"\n", number, path)
+        yield number, _check_lines(rest + b"\n", number, path)
 
 
-def _checked(lines: bytes, number: int, path: Path) -> bytes:
+def _check_lines(lines: bytes, number: int, path: Path) -> bytes:
     lines = lines.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if (at := lines.find(b"\0")) >= 0:
         line = number + lines[:at].count(b"\n")
@@ -93,7 +91,7 @@ def _checked(lines: bytes, number: int, path: Path) -> bytes:
     return lines
 
 
-def _name_the_line(error: UserError, block: bytes, first: int, table: _Table) -> None:
+def _suggest_header_line(error: UserError, block: bytes, first: int, table: _Table) -> None:
     """Add to the remedy the line near the top that contains the required names, or at least the time."""
     for wanted in dict.fromkeys((table.channels, () if table.time else table.channels[:1])):
         for number, line in enumerate(block.split(b"\n", MOST_ABOVE)[:MOST_ABOVE], start=first):
@@ -105,7 +103,7 @@ def _name_the_line(error: UserError, block: bytes, first: int, table: _Table) ->
                 return
             form = table.form
             error.remedy = (
-                f"line {number} contains the name {plain(table.time or table.channels[0])}: "
+                f"line {number} contains the name {quote(table.time or table.channels[0])}: "
                 + form.remedy_setting("header_line", str(number), "specify it as the line of names")
             )
             return
@@ -221,11 +219,9 @@ class Header:
 
 
 def header_of(block: bytes, form: TextFormat, path: str) -> Header:
-    """LabVIEW header of a file, which defines delimiter and decimal mark.
-
-    Raises UserError if it has no end, and if times are omitted or separate for every channel.
-    """
-    lines = [decoded(line).rstrip() for line in block.split(b"\n", _LONGEST)[:_LONGEST]]
+    """LabVIEW header of a file, which defines delimiter and decimal mark. Raises UserError if it has no end, and if times are
+    omitted or separate for every channel."""
+    lines = [decode(line).rstrip() for line in block.split(b"\n", _LONGEST)[:_LONGEST]]
     ends = [number for number, line in enumerate(lines, start=1) if line.startswith(_END)]
     if len(ends) < 2:
         raise UserError(
@@ -241,7 +237,7 @@ def header_of(block: bytes, form: TextFormat, path: str) -> Header:
     number, columns = entries.get("X_Columns", (1, "One"))
     if columns.strip() not in ("One", ""):
         raise UserError(
-            f"X_Columns is {plain(columns)}: "
+            f"X_Columns is {quote(columns)}: "
             + ("times are not written" if columns.strip() == "No" else "every channel has a separate time"),
             where=f"{path}:{number}",
             remedy="write the file with one column of times (X value columns: one column only)",

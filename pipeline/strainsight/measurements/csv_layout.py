@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from strainsight.errors import UserError, did_you_mean
-from strainsight.measurements.records import decoded, known_unit, plain, seconds_in, spelling
+from strainsight.measurements.records import decode, known_unit, quote, seconds_in, spelling
 from strainsight.text import plain_cell
 
 DELIMITERS = (",", ";", "\t")
@@ -72,7 +72,7 @@ def is_comment(line: bytes, form: TextFormat) -> bool:
 
 def stated_delimiter(line: bytes) -> str | None:
     """Delimiter in the first line of a spreadsheet export, sep=;"""
-    match = _SPREADSHEET.fullmatch(decoded(line).strip(' "'))
+    match = _SPREADSHEET.fullmatch(decode(line).strip(' "'))
     return match[1] if match else None
 
 
@@ -82,14 +82,14 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
     The delimiter is the only one of `, ; tab` outside quotes; it must be set if the line has two of them. Raises
     UserError if there is no delimiter, and for missing or repeated names.
     """
-    text = decoded(line)
+    text = decode(line)
     if form.comment and text.lstrip().startswith(form.comment):
         text = text.lstrip().removeprefix(form.comment)
     delimiter = form.delimiter or ("" if _NUMBERS.fullmatch(text) else _delimiter(text, where, form, time is None))
     cells = [plain_cell(cell.strip()) for cell in split(text, delimiter, where)] if delimiter else []
     if all(_number_like(cell) for cell in cells):
         raise UserError(
-            f"the columns have no names: the first line is {plain(text)}",
+            f"the columns have no names: the first line is {quote(text)}",
             where=where,
             remedy="write a line of names above the numbers, or "
             + form.remedy_setting("header_line", "LINE", "specify its line"),
@@ -105,7 +105,7 @@ def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
     """Layout with the units of a line of units, or None if the line is not one: its time cell is neither a unit of
     time, nor has it no digits and known units in the other cells."""
     try:
-        cells = [cell.strip() for cell in split(decoded(line), layout.delimiter, where)]
+        cells = [cell.strip() for cell in split(decode(line), layout.delimiter, where)]
     except UserError:
         return None
     read = [cells[column] if column < len(cells) else None for column in layout.columns]
@@ -139,7 +139,7 @@ def split(text: str, delimiter: str, where: str) -> list[str]:
         return next(csv.reader([text], delimiter=delimiter, strict=True), [])
     except csv.Error as error:
         raise UserError(
-            f"{plain(text)} is not a valid table row: {error}",
+            f"{quote(text)} is not a valid table row: {error}",
             where=where,
             remedy="close the quotation marks in the same line",
         ) from None
@@ -154,7 +154,7 @@ def _delimiter(text: str, where: str, form: TextFormat, single: bool) -> str:
     delimiter_names = {",": "commas", ";": "semicolons", "\t": "tabs"}
     if delimiters:
         raise UserError(
-            f"the line of names contains {' and '.join(delimiter_names[sign] for sign in delimiters)}: {plain(text)}",
+            f"the line of names contains {' and '.join(delimiter_names[sign] for sign in delimiters)}: {quote(text)}",
             where=where,
             remedy=form.remedy_setting("delimiter", f'"{delimiters[-1]}"', "specify the delimiter")
             + (", or to the correct delimiter" if form.key else ""),
@@ -162,7 +162,7 @@ def _delimiter(text: str, where: str, form: TextFormat, single: bool) -> str:
     if single:
         return "\t"
     raise UserError(
-        f"the line of names contains no comma, semicolon or tab: {plain(text)}",
+        f"the line of names contains no comma, semicolon or tab: {quote(text)}",
         where=where,
         remedy="the names of the columns are expected in the first line that is not a comment; "
         + form.remedy_setting("header_line", "LINE", "specify another line")
@@ -195,7 +195,7 @@ def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str,
             where=where,
             remedy="use a unique name for every column",
         )
-    shown = [plain(name) for name in names if name]
+    shown = [quote(name) for name in names if name]
     raise UserError(
         f"column {wanted!r} not found",
         where=where,

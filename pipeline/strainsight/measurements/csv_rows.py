@@ -13,7 +13,7 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.measurements.clock import ClockTimes
 from strainsight.measurements.csv_layout import Layout, TextFormat, is_comment, split
-from strainsight.measurements.records import Recording, decoded, plain
+from strainsight.measurements.records import Recording, decode, quote
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,\d*")
 
@@ -38,7 +38,7 @@ def plain_rows(block: bytes, first: int, layout: Layout, form: TextFormat) -> Ro
     """A block in which every line is a full row of plain numbers or empty cells, or else None."""
     mark = layout.delimiter.encode()
     if b'"' in block:
-        block = _unquoted(block, mark)
+        block = _remove_quotes(block, mark)
     odd = ['"', *form.missing, form.comment, "." if form.decimal == "," else ""]
     if any(sign and sign.encode() in block for sign in odd):
         return None
@@ -68,7 +68,7 @@ def plain_rows(block: bytes, first: int, layout: Layout, form: TextFormat) -> Ro
     return Rows(values, first + np.arange(len(values)))
 
 
-def _unquoted(block: bytes, mark: bytes) -> bytes:
+def _remove_quotes(block: bytes, mark: bytes) -> bytes:
     """The block without quotes, if each pair encloses a whole cell without delimiter and quote."""
     signs = np.frombuffer(block, np.uint8)
     quotes = np.flatnonzero(signs == ord('"'))
@@ -99,9 +99,9 @@ def rows_by_line(
             cells.pop()
         if len(cells) != len(layout.names):
             raise UserError(
-                f"the line has {len(cells)} cells, but there are {len(layout.names)} names: {plain(decoded(line))}",
+                f"the line has {len(cells)} cells, but there are {len(layout.names)} names: {quote(decode(line))}",
                 where=where,
-                remedy=_why(len(cells), layout),
+                remedy=_remedy_for_count(len(cells), layout),
             )
         row = [
             _time(cells[column], layout, form, where, clock)
@@ -111,16 +111,16 @@ def rows_by_line(
         ]
         if layout.timed and row[0] != row[0]:
             raise UserError(
-                f"the sample has no time: {plain(decoded(line))}",
+                f"the sample has no time: {quote(decode(line))}",
                 where=where,
-                remedy="add its time, or remove the line",
+                remedy="add its time",
             )
         numbers.extend(row)
         lines.append(number)
     return Rows(np.frombuffer(numbers, float).reshape(len(lines), len(layout.columns)), np.frombuffer(lines, np.int64))
 
 
-def _why(count: int, layout: Layout) -> str:
+def _remedy_for_count(count: int, layout: Layout) -> str:
     if layout.delimiter == "," and count > len(layout.names):
         return "numbers with a decimal comma need another delimiter: export the file with ';'"
     if layout.remarks:
@@ -129,7 +129,7 @@ def _why(count: int, layout: Layout) -> str:
 
 
 def _cells(line: bytes, layout: Layout, where: str) -> list[str]:
-    text = decoded(line)
+    text = decode(line)
     if '"' not in text:
         return [cell.strip() for cell in text.split(layout.delimiter)]
     return [cell.strip() for cell in split(text, layout.delimiter, where)]
@@ -142,7 +142,7 @@ def _time(cell: str, layout: Layout, form: TextFormat, where: str, clock: ClockT
     if (seconds := clock.seconds(cell)) is not None:
         return seconds
     raise UserError(
-        f"{plain(cell)} under {layout.names[layout.columns[0]]!r} is not a "
+        f"{quote(cell)} under {layout.names[layout.columns[0]]!r} is not a "
         + ("time after that of the previous line" if clock.started else "number or clock time"),
         where=where,
         remedy=_COUNTED,
@@ -155,11 +155,13 @@ def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str
     name = layout.names[column]
     if (value := _value(cell, form.decimal)) is None:
         raise UserError(
-            f"{plain(cell)} under {name!r} is not a number", where=where, remedy=_no_number(cell, column, layout, form)
+            f"{quote(cell)} under {name!r} is not a number",
+            where=where,
+            remedy=_remedy_for_cell(cell, column, layout, form),
         )
     if not np.isfinite(value):
         raise UserError(
-            f"{plain(cell)} under {name!r} is not a finite number",
+            f"{quote(cell)} under {name!r} is not a finite number",
             where=where,
             remedy="leave the cell empty for missing samples",
         )
@@ -183,11 +185,11 @@ def _without_thousands(text: str, decimal: str) -> str:
     return text
 
 
-def _no_number(cell: str, column: int, layout: Layout, form: TextFormat) -> str:
+def _remedy_for_cell(cell: str, column: int, layout: Layout, form: TextFormat) -> str:
     """Remedy for a cell that is not a number."""
     if grouped := _GROUPED.fullmatch(cell):
         remedy = (
-            f"{plain(grouped['mark'])} may be a thousands separator or a decimal mark: export numbers without "
+            f"{quote(grouped['mark'])} may be a thousands separator or a decimal mark: export numbers without "
             "thousands separators"
         )
         if "," in (grouped["mark"], (grouped["rest"] or "")[:1]) and form.decimal == ".":

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.records import Signals, check_count, check_no_infinity, missing_error, one_unit, plain
+from strainsight.measurements.records import Signals, check_count, check_no_infinity, missing_error, one_unit, quote
 from strainsight.memory import require_memory
 
 LARGEST_CHUNK = 1 << 28
@@ -27,10 +27,8 @@ INSTEAD = "write the samples into the file itself, as one plain dataset per chan
 
 
 def signals(path: Path, names: Sequence[str]) -> Signals:
-    """Values (T,) [unit of the file] of every name, NaN where missing, with the length of the first, and their units.
-
-    Raises UserError for links to other files, and unsupported shapes, types and packed values.
-    """
+    """Values (T,) [unit of the file] of every name, NaN where missing, with the length of the first, and their units. Raises
+    UserError for links to other files, and unsupported shapes, types and packed values."""
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -42,17 +40,15 @@ def signals(path: Path, names: Sequence[str]) -> Signals:
 
 
 def declared(path: Path, names: Sequence[str]) -> list[int]:
-    """Unpacked size of each name, for a column that of its whole table.
-
-    Raises UserError as `signals` does before it reads samples, and if they do not fit into memory.
-    """
+    """Unpacked size of each name, for a column that of its whole table. Raises UserError as `signals` does before it reads
+    samples, and if they do not fit into memory."""
     import h5py
 
     sizes, largest = [], 0
     with h5py.File(path, "r") as file:
         samples: int | None = None
         for name in names:
-            item, column = _checked(file, name, path, samples)
+            item, column = _checked_dataset(file, name, path, samples)
             samples = item.shape[0]
             sizes.append(int(item.nbytes))
             largest = max(largest, sizes[-1] if column is None else _read_size(item))
@@ -70,12 +66,12 @@ def _read_size(item: Any) -> int:
     return int((item.shape[0] + rows * max(columns, item.shape[1])) * item.dtype.itemsize)
 
 
-def _checked(file: Any, name: str, path: Path, samples: int | None) -> tuple[Any, int | None]:
+def _checked_dataset(file: Any, name: str, path: Path, samples: int | None) -> tuple[Any, int | None]:
     """Dataset of a name, and its column. Raises UserError if it is missing or cannot be imported."""
     where = place_of(path, name)
-    item, column = resolved(file, name, where), None
+    item, column = resolve(file, name, where), None
     if item is None and (match := _COLUMN.fullmatch(name)):
-        item, column = resolved(file, match[1], where), int(match[2])
+        item, column = resolve(file, match[1], where), int(match[2])
     if item is None:
         raise missing_error("dataset", name, datasets(file), str(path))
     _check(item, column, samples, path, where)
@@ -85,7 +81,7 @@ def _checked(file: Any, name: str, path: Path, samples: int | None) -> tuple[Any
 def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.ndarray, str | None]:
     """Values (T,) of a dataset or of its column, NaN where missing, and its unit."""
     where = place_of(path, name)
-    item, column = _checked(file, name, path, samples)
+    item, column = _checked_dataset(file, name, path, samples)
     raw = item[...] if column is None else item[:, column]
     with np.errstate(over="ignore"):
         values = np.asarray(raw).reshape(-1).astype(float)
@@ -97,7 +93,7 @@ def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.n
     return values, _unit(item, column, name, where)
 
 
-def resolved(file: Any, name: str, where: str) -> Any:
+def resolve(file: Any, name: str, where: str) -> Any:
     """The dataset, or None. Every link on the way is checked first; a link to another file is never followed."""
     import h5py
 
@@ -106,9 +102,7 @@ def resolved(file: Any, name: str, where: str) -> Any:
         if not isinstance(group, h5py.Group) or (link := group.get(parts[0], getlink=True)) is None:
             return None
         if isinstance(link, h5py.ExternalLink):
-            raise UserError(
-                f"the path contains a link to another file, {plain(link.filename)}", where=where, remedy=INSTEAD
-            )
+            raise UserError(f"it is a link to another file, {quote(link.filename)}", where=where, remedy=INSTEAD)
         if isinstance(link, h5py.SoftLink):
             hops += 1
             if hops > _HOPS:
@@ -121,8 +115,7 @@ def resolved(file: Any, name: str, where: str) -> Any:
 
 
 def _check(item: Any, column: int | None, samples: int | None, path: Path, where: str) -> None:
-    """Raise UserError unless the dataset contains numbers in this file, of acceptable size, in one column of
-    `samples`."""
+    """Raise UserError unless the dataset contains numbers in this file, of acceptable size, in one column of `samples`."""
     shape, dtype = item.shape, item.dtype
     if item.is_virtual or item.external:
         raise UserError("the samples are in another file", where=where, remedy=INSTEAD)

@@ -12,15 +12,15 @@ import numpy as np
 
 from strainsight.errors import UserError
 from strainsight.measurements.assemble import numbers
-from strainsight.measurements.hdf5_datasets import INSTEAD, check_stored, datasets, resolved
-from strainsight.measurements.records import Signals, check_count, missing_error, one_unit, plain
+from strainsight.measurements.hdf5_datasets import INSTEAD, check_stored, datasets, resolve
+from strainsight.measurements.records import Signals, check_count, missing_error, one_unit, quote
 
 UNITS = ("unit", "units", "Unit", "Units")
 """Fields with a unit: text for all vectors of a struct, or a struct of texts by vector name."""
 _PART = re.compile(r"(.*)\((?::,\s*(\d{1,9})|(\d{1,9}),\s*:)\)")
 
 
-def parted(name: str) -> tuple[str, tuple[int, int] | None]:
+def split_part(name: str) -> tuple[str, tuple[int, int] | None]:
     """ "a(:,2)" → "a", (1, 1): axis and index from 0 of the part; "a" → "a", None."""
     if not (match := _PART.fullmatch(name)):
         return name, None
@@ -59,9 +59,9 @@ def hdf5_signals(path: Path, names: Sequence[str]) -> Signals:
 
     with h5py.File(path, "r") as file:
         for name in names:
-            plainly, part = parted(name)
+            plainly, part = split_part(name)
             where = f"{path}, {plainly}"
-            item = resolved(file, plainly.replace(".", "/"), where)
+            item = resolve(file, plainly.replace(".", "/"), where)
             if item is None:
                 raise _hdf5_missing(file, plainly, path)
             _check_hdf5(item, plainly, path, where)
@@ -100,11 +100,7 @@ def _hdf5_missing(file: Any, name: str, path: Path) -> UserError:
     known = [dataset.replace("/", ".") for dataset in datasets(file) if not dataset.startswith("#")]
     inside = [dataset for dataset in known if dataset.startswith(f"{name}.")]
     if inside:
-        return UserError(
-            f"{name!r} is a struct",
-            where=str(path),
-            remedy=f"specify one of its fields, for example {plain(inside[0])}",
-        )
+        return UserError(f"{name!r} is a struct", where=str(path), remedy=f"use a field, such as {quote(inside[0])}")
     return missing_error("variable", name, known, str(path))
 
 
@@ -113,7 +109,7 @@ def _hdf5_unit(file: Any, name: str, word: str) -> str:
     above, _, field = name.rpartition(".")
     stem = "/".join([*above.split("."), word]).lstrip("/")
     for path in (stem, f"{stem}/{field}"):
-        item = resolved(file, path, name)
+        item = resolve(file, path, name)
         if item is not None and (item.size or 0) <= _LONGEST:
             if item.attrs.get("MATLAB_class") in (b"char", "char") and item.dtype.kind == "u":
                 return "".join(chr(sign) for sign in np.asarray(item[...]).reshape(-1, order="F"))
@@ -140,14 +136,14 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
     tops = {name.split(".")[0].split("(")[0] for name in requested}
     variables = scipy.io.loadmat(path, variable_names=[*tops, *UNITS], struct_as_record=False)
     for name in requested:
-        plainly, part = parted(name)
-        holder, value = _walked(variables, plainly, path)
+        plainly, part = split_part(name)
+        holder, value = _find_variable(variables, plainly, path)
         values = one_line(np.asarray(value), part, name, str(path))
         unit = None if values.size == 1 else one_unit([_unit(holder, plainly, word) for word in UNITS], name, str(path))
         yield numbers(values, name, str(path)), unit
 
 
-def _walked(variables: dict[str, Any], name: str, path: Path) -> tuple[dict[str, Any], Any]:
+def _find_variable(variables: dict[str, Any], name: str, path: Path) -> tuple[dict[str, Any], Any]:
     """The dictionary that contains a value, by field names, and the value."""
     holder: dict[str, Any] = variables
     value: Any = None
@@ -166,7 +162,7 @@ def _walked(variables: dict[str, Any], name: str, path: Path) -> tuple[dict[str,
         raise UserError(
             f"{name!r} {_kind_of_value(value)}",
             where=str(path),
-            remedy=f"specify one of its fields, for example {name}.{next(iter(fields))}"
+            remedy=f"use a field, such as {name}.{next(iter(fields))}"
             if (fields := _fields(value))
             else "save it as a plain vector of numbers",
         )

@@ -36,9 +36,8 @@ Rules = dict[tuple[int, int], Any]
 def signals(path: Path, names: Sequence[str | None]) -> Signals:
     """Time (T,) and physical values (T,) of every name after the first, NaN for invalid samples, and units.
 
-    names: a time channel, or None or the name of the master channel, then "channel", or "group/channel" with the
-    acquisition name of the group, or its number from 0. Raises UserError for channels that are missing, not numeric,
-    or on several clocks.
+    names: a time channel, or None or the name of the master channel, then "channel", or "group/channel" with the acquisition
+    name of the group, or its number from 0. Raises UserError for channels that are missing, not numeric, or on several clocks.
     """
     with _opened(path) as file:
         rules = _take_rules(file)
@@ -70,8 +69,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def _open_stream(path: Path) -> IO[bytes]:
-    """The file, or the member of an archive; an unfinalized file is copied into memory, because asammdf completes it
-    in place."""
+    """The file, or the member of an archive; an unfinalized file is copied into memory, because asammdf completes it in place."""
     file: IO[bytes] = path.open("rb")
     if file.read(len(_ZIP)) == _ZIP:
         with ZipFile(file) as archive:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.errors import UserError
-from strainsight.measurements.records import plain
+from strainsight.measurements.records import quote
 
 LONGEST = 1000
 """Largest length of a formula [characters]."""
@@ -34,8 +34,7 @@ _END = ("end", "")
 
 
 def evaluate(formula: str, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (T,) of a formula of the raw values X or X1 (T,): numbers, + - * /, ^ or ** for powers, parentheses,
-    FUNCTIONS.
+    """Values (T,) of a formula of the raw values X or X1 (T,): numbers, + - * /, ^ or ** for powers, parentheses, FUNCTIONS.
 
     Powers bind stronger than signs and are evaluated from right to left: -X^2 is -(X²). Overflow gives infinity,
     undefined values NaN. Raises ValueError for an invalid formula.
@@ -85,7 +84,7 @@ def _evaluate_product(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Va
 
 
 def _evaluate_signed(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
-    """A power, with any number of plus and minus signs in front."""
+    """A power, with any number of preceding plus and minus signs."""
     if depth > DEEPEST:
         raise ValueError(f"it is nested more than {DEEPEST} levels deep")
     if (sign := tokens[at][1]) in ("+", "-"):
@@ -167,7 +166,7 @@ def to_physical(raw: Values, rule: Any, version: int, integers: bool, name: str,
         raise UserError(f"{name!r} {error}", where=where, remedy=EXPORT) from None
     if not np.isfinite(result[valid]).all():
         sample = int(np.argmax(valid & ~np.isfinite(result)))
-        shown = plain(_formula_text(rule), 100) if rule.formula else "rule"
+        shown = quote(_formula_text(rule), 100) if rule.formula else "rule"
         raise UserError(
             f"{name!r} has no physical value at sample {sample + 1}: its conversion {shown} of the raw value "
             f"{raw[sample]:g} results in {result[sample]:g}",
@@ -203,7 +202,7 @@ def _convert(x: Values, rule: Any, version: int, integers: bool, depth: int) -> 
             try:
                 return evaluate(text := _formula_text(rule), x)
             except ValueError as error:
-                reason = f"has the conversion formula {plain(text, 100)}, which cannot be evaluated: {error}"
+                reason = f"has the conversion formula {quote(text, 100)}, which cannot be evaluated: {error}"
                 raise ValueError(reason) from None
         case "interpolated" | "table":
             return _look_up(x, rule, version, kind == "interpolated")
@@ -232,8 +231,7 @@ def _divide_parabolas(x: Values, rule: Any) -> Values:
 
 
 def _look_up(x: Values, rule: Any, version: int, interpolated: bool) -> Values:
-    """Linear interpolation between entries, or the entry of the nearest (lower) raw value; the first or last entry
-    outside."""
+    """Linear interpolation between entries, or the entry of the nearest (lower) raw value; the first or last entry outside."""
     count = rule.ref_param_nr if version == 3 else rule.val_param_nr // 2
     keys, values = _parameters(rule, "raw", count), _parameters(rule, "phys", count)
     if not count or not (np.diff(keys) > 0).all():
@@ -272,7 +270,7 @@ def _convert_entries(x: Values, rule: Any, version: int, integers: bool, depth: 
         entry = rule.referenced_blocks.get("default_addr" if number < 0 else f"text_{number}")
         if entry is None or isinstance(entry, bytes | str):
             text = entry.decode("utf-8", "replace") if isinstance(entry, bytes) else entry or ""
-            shown = f": {x[here][0]:g} means {plain(text.strip(chr(0)))}" if text else ""
+            shown = f": {x[here][0]:g} means {quote(text.strip(chr(0)))}" if text else ""
             raise ValueError(f"contains text instead of numbers{shown}")
         result[here] = _convert(x[here], entry, version, integers, depth + 1)
     return result

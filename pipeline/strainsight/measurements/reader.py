@@ -15,9 +15,9 @@ import numpy as np
 
 from strainsight.child_reader import Message, answer, child_reader, reason
 from strainsight.errors import UserError
-from strainsight.measurements.clock import counted, recording_of
+from strainsight.measurements.clock import recording_of, time_from_number
 from strainsight.measurements.csv_layout import TextFormat
-from strainsight.measurements.records import DAMAGED, Read, Recording, Signals, opened
+from strainsight.measurements.records import DAMAGED, Read, Recording, Signals, open_file
 from strainsight.processes import python
 
 FORMATS = {
@@ -117,9 +117,7 @@ def format_of(path: Path) -> str:
     remedy = f"set the format to one of {', '.join(FORMATS)}"
     if ending in SPREADSHEETS:
         remedy = "save the table as CSV, with a line of names above the numbers"
-    raise UserError(
-        f"the file name ending {ending!r} does not identify a format of test data", where=str(path), remedy=remedy
-    )
+    raise UserError(f"the ending {ending!r} is not one of a test data format", where=str(path), remedy=remedy)
 
 
 def read_binary(
@@ -138,7 +136,7 @@ def read_binary(
     process. Raises UserError as the reader does, and if its library is not installed or fails.
     """
     path, library = Path(path), LIBRARIES[kind]
-    with opened(path) as file:
+    with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
     if library.package is not None and find_spec(library.modules[0]) is None:
         raise UserError(
@@ -150,7 +148,7 @@ def read_binary(
     signals = list(_signals_in_child_process(kind, path, names, size) if sandboxed else reading(kind)(path, names))
     t, unit = signals[0]
     if time is not None and kind == "mat" and t.size == 1 and len(signals) > 1 and signals[1][0].size > 1:
-        signals[0] = counted(float(t[0]), signals[1][0].size, time, time_unit, unit, str(path))
+        signals[0] = time_from_number(float(t[0]), signals[1][0].size, time, time_unit, unit, str(path))
         time_unit = None
     where = f"{path}, {time}" if time and kind != "hdf5" else _place(kind, path, names[0])
     return recording_of(signals, channels, path, where, time_unit, rate)
@@ -200,9 +198,7 @@ def _library_errors(kind: str, path: Path) -> Iterator[None]:
             remedy=f"{DAMAGED}, or export a part of the record",
         ) from None
     except Exception as error:
-        raise UserError(
-            f"the file cannot be read as {name}: {reason(error)}", where=str(path), remedy=DAMAGED
-        ) from None
+        raise UserError(f"cannot be read as {name}: {reason(error)}", where=str(path), remedy=DAMAGED) from None
 
 
 def messages(kind: str, arguments: Sequence[str | None]) -> Iterator[Message]:

@@ -60,7 +60,7 @@ class Recording:
         return f"{self.source}:{run[1] + sample - run[0]}"
 
 
-def plain(text: str, most: int = 40) -> str:
+def quote(text: str, most: int = 40) -> str:
     """A piece of a file for a message: quoted, shortened, and without control characters."""
     cut = text if len(text) <= most else text[: most - 1] + "…"
     return "'" + "".join(sign if sign.isprintable() else "?" for sign in cut) + "'"
@@ -70,7 +70,7 @@ def missing_error(
     kind: str, name: str, known: Collection[str], where: str, shown: Collection[str] | None = None
 ) -> UserError:
     """Error for a missing `kind` of this name; shown: known names to list in the remedy, by default all."""
-    listed = [plain(each) for each in dict.fromkeys(known if shown is None else shown)]
+    listed = [quote(each) for each in dict.fromkeys(known if shown is None else shown)]
     has = (
         f"the file contains {', '.join(listed[:20])}{' …' * (len(listed) > 20)}" if listed else "the file contains none"
     )
@@ -102,14 +102,14 @@ def one_unit(units_in_file: Sequence[str], name: str, where: str) -> str | None:
     words = sorted({word.strip() for word in units_in_file} - {""})
     if len(words) > 1:
         raise UserError(
-            f"{name!r} has several units: {' and '.join(map(plain, words))}",
+            f"{name!r} has several units: {' and '.join(map(quote, words))}",
             where=where,
             remedy="keep only the correct unit",
         )
     return words[0] if words else None
 
 
-def decoded(line: bytes) -> str:
+def decode(line: bytes) -> str:
     """Text in UTF-8 or else Windows-1252."""
     try:
         return line.decode("utf-8")
@@ -117,7 +117,7 @@ def decoded(line: bytes) -> str:
         return line.decode("cp1252", "replace")
 
 
-def opened(path: Path) -> BinaryIO:
+def open_file(path: Path) -> BinaryIO:
     """Open a file for reading bytes. Raises UserError if it is missing, empty, or not a file."""
     try:
         if not path.is_file():
@@ -130,9 +130,7 @@ def opened(path: Path) -> BinaryIO:
             raise UserError("the file is empty", where=str(path), remedy="export the test data again")
         return path.open("rb")
     except (OSError, ValueError) as error:
-        raise UserError(
-            f"cannot be read: {error}", where=str(path), remedy="check that the file exists and is readable"
-        ) from None
+        raise UserError(f"cannot be read: {error}", where=str(path), remedy="check that the file is readable") from None
 
 
 STANDARD_GRAVITY = 9.80665
@@ -277,10 +275,8 @@ def seconds_in(unit: str) -> float | None:
 
 
 def time_factor(unit_in_config: str | None, unit_in_file: str | None, where: str) -> float:
-    """Seconds in one unit of the time column: unit in the config, or in the file at `where`.
-
-    Raises UserError if both are missing, different, or unknown.
-    """
+    """Seconds in one unit of the time column: unit in the config, or in the file at `where`. Raises UserError if both are
+    missing, different, or unknown."""
     for unit, description in (
         (unit_in_config, "the unit of time in the config"),
         (unit_in_file, "the unit of time in the file"),

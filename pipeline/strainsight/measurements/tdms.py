@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.errors import UserError
 from strainsight.measurements.assemble import Place, check_one_clock, find_channel, numbers
-from strainsight.measurements.records import DAMAGED, Signals, one_unit, plain
+from strainsight.measurements.records import DAMAGED, Signals, one_unit, quote
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units")
 """Properties with a unit: of DAQmx, DIAdem, and common names."""
@@ -77,7 +77,7 @@ def _check_scales(properties: Mapping[str, Any], name: str, path: Path) -> None:
         unscaled = properties.get("NI_Scaling_Status", "unscaled") != "scaled"
         if _SCALE_TYPE.fullmatch(key) and kind not in _SCALES and unscaled:
             raise UserError(
-                f"{name!r} has a scale of type {plain(str(kind))}, which is not supported",
+                f"{name!r} has a scale of type {quote(str(kind))}, which is not supported",
                 where=str(path),
                 remedy="save scaled values, for example with DIAdem, or use another scale type",
             )
@@ -98,7 +98,7 @@ def _waveform_clocks(wanted: dict[str, Any], places: Sequence[Place], path: Path
                 where=str(path),
                 remedy="specify the time channel in estimate.time.channel"
                 + (
-                    f", for example {' or '.join(map(plain, times[:5]))}"
+                    f", for example {' or '.join(map(quote, times[:5]))}"
                     if times
                     else "; without a time channel, record the data as waveforms"
                 ),

@@ -18,10 +18,10 @@ from strainsight.measurements.clock import recording_of
 from strainsight.measurements.records import (
     Recording,
     check_no_infinity,
-    decoded,
+    decode,
     missing_error,
-    opened,
-    plain,
+    open_file,
+    quote,
     time_factor,
 )
 
@@ -85,8 +85,7 @@ class Function:
 
     @property
     def sizes(self) -> tuple[tuple[int, ...], ...]:
-        """Bytes of the numbers of one value in binary. The standard has a single-precision abscissa; some programs
-        write double."""
+        """Bytes of the numbers of one value in binary. The standard abscissa is single precision; some programs write double."""
         ordinate = (8 if self.double else 4,) * (2 if self.complex_ else 1)
         if self.even:
             return (ordinate,)
@@ -96,17 +95,14 @@ class Function:
 def function_of(
     number: int, identifier: bytes, records: Sequence[bytes], line: int, offset: int, where: str, *, si: bool
 ) -> Function:
-    """The function that the identifier line and the next eleven records define.
-
-    line: of the first record, 0 if lines are not counted; where: place of the dataset; si: dataset 164 declares SI
-    units. Raises UserError for an invalid record.
-    """
+    """The function that the identifier line and the next eleven records define. line: of the first record, 0 if lines are not
+    counted; where: place of the dataset; si: dataset 164 declares SI units. Raises UserError for an invalid record."""
 
     def at(record: int) -> str:
         return f"{where.rpartition(':')[0]}:{line + record - 1}" if line else f"{where}, record {record}"
 
-    order = _byte_order(decoded(identifier), where)
-    text = [decoded(record.rstrip(b"\r\n")) for record in records]
+    order = _byte_order(decode(identifier), where)
+    text = [decode(record.rstrip(b"\r\n")) for record in records]
     dof = _fields(text[5], at(6), "the DOF", (5, 10, 5, 10, -11, 10, 4))
     form = _fields(text[6], at(7), "the form of the data", (10, 10, 10, 13.5, 13.5))
     ordinate, count, spacing = (int(value) for value in form[:3])
@@ -172,7 +168,7 @@ def _fields(text: str, where: str, what: str, widths: tuple[float, ...]) -> list
         value = 0.0 if not piece else number_of(piece)
         if value is None or not math.isfinite(value) or (width == int(width) and value != int(value)):
             raise UserError(
-                f"{plain(piece)} is not a valid number of {what}: {plain(text, 80)}",
+                f"{quote(piece)} is not a valid number of {what}: {quote(text, 80)}",
                 where=where,
                 remedy="export the file again with fixed columns, as the format requires",
             )
@@ -229,7 +225,7 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
     the dataset for a binary file.
     """
     path = Path(path)
-    with opened(path) as file:
+    with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
         functions = list(_functions(file, path, size))
         known = known_names(functions)
@@ -276,7 +272,7 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
         number += 1
         if not is_mark(line) or number > _MOST_DATASETS:
             raise UserError(
-                f"expected the start of a dataset, but found {plain(decoded(line.strip()))}",
+                f"expected the start of a dataset, but found {quote(decode(line.strip()))}",
                 where=lines.place(number),
                 remedy="use a universal file, which has lines of -1 around every dataset, or export it again",
             )
@@ -303,9 +299,7 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
         elif kind == b"164":
             si = lines.next()[:10].strip() == b"1"  # metre and newton
         elif not kind.isdigit():
-            raise UserError(
-                f"{plain(decoded(identifier.strip()))} is not a dataset number", where=where, remedy=DAMAGED
-            )
+            raise UserError(f"{quote(decode(identifier.strip()))} is not a dataset number", where=where, remedy=DAMAGED)
         while not is_mark(line := lines.next()):
             if not line:
                 raise UserError(f"the file ends inside dataset {number}", where=where, remedy=DAMAGED)
@@ -340,7 +334,7 @@ def _chosen(name: str, known: Mapping[str, list[Function]], path: Path) -> Funct
     if len(matches) == 1:
         return matches[0]
     if matches:
-        id_lines = ", ".join(plain(function.id_line) for function in matches[:5])
+        id_lines = ", ".join(quote(function.id_line) for function in matches[:5])
         raise UserError(
             f"{name!r} is the name of {len(matches)} functions: {id_lines}",
             where=str(path),
@@ -420,7 +414,7 @@ def _text(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
 def _number(piece: bytes, path: Path, function: Function, line: int) -> float:
     if (value := number_of(piece)) is not None:
         return value
-    text = plain(decoded(piece.strip()))
+    text = quote(decode(piece.strip()))
     wide = piece.strip().startswith(b"*")
     raise UserError(
         f"{text} is not a number"

@@ -125,7 +125,7 @@ def test_orientation_rotates_with_instance(read):
     mesh = check(read, text, turned(inverse(flexibility(*CONSTANTS)), about_z @ TURN))
     assert mesh.regions[1].material in mesh.anisotropic
     plain = text.replace(", ORIENTATION=O", "")
-    with pytest.raises(DeckError, match="anisotropic solids of a rotated instance have no ORIENTATION"):
+    with pytest.raises(DeckError, match="anisotropic solids of a rotated instance need an ORIENTATION"):
         read(plain)
 
 

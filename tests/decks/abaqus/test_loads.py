@@ -66,7 +66,7 @@ def test_cload_moment_is_imported(read):
     text = bar() + "*CLOAD\n5, 4, 3.\n5, 6, -1.\n*CLOAD\n5, 1, 2.\n"
     mesh = read(text)
     loads = mesh.loads
-    assert any(note.startswith("*CLOAD of a moment on node 5 without rotations: applied as a couple") for note in mesh.notes)
+    assert any(note.startswith("*CLOAD of a moment on node 5 without rotations: applied as couples") for note in mesh.notes)
     led = read(bar() + "*NODE\n99, 0., 0., 9.\n*MPC\nBEAM, 5, 99\n*CLOAD\n99, 4, 3.\n5, 1, 2.\n")
     assert not any("without rotations" in note for note in led.notes)
     np.testing.assert_array_equal(loads["CLOAD-1"].moment, [[3, 0, -1]])

@@ -137,7 +137,7 @@ def test_sections_that_are_not_imported_are_counted(read):
 
 
 test_errors_have_line = refusal_table(str.replace, [
-    (OLD, "7 30 4 5\n", "7 30 4 6\n", r"element 8 \(4-node tetrahedron\) refers to node 6", 21),
+    (OLD, "7 30 4 5\n", "7 30 4 6\n", r"element 8 \(4-node tetrahedron\) refers to the missing node 6", 21),
     (OLD, "\n4 0 0 1", "\n7 0 0 1", "node id 7 is used twice", 14),
     (OLD, "2 7 30 4 5", "2 10 30 4 7", r"element 8 \(tet4\): the same nodes as element 6 \(tet4\) at ", 21),
     (OLD, "2 7 30 4 5", "2 7 30 4 4", r"element 8 \(tet4\): the element has the same node twice", 21),

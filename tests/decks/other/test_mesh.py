@@ -67,7 +67,7 @@ def test_mirrored_wedges_are_corrected(tmp_path, kind):
     grid(kind, nodes_of(kind)).save(tmp_path / "part.vtu")
     mesh = read_meshio(tmp_path / "part.vtu")
     check_element(mesh, kind)
-    assert f"node order against the convention of vtu corrected in 1 {kind} element" in mesh.notes
+    assert f"mirrored node order of vtu corrected in 1 {kind} element" in mesh.notes
 
 
 @pytest.mark.parametrize("mirrored", [True, False], ids=["as Salome writes", "as meshio writes"])
@@ -76,7 +76,7 @@ def test_med_solids_are_mirrored(write, kind, mirrored):
     x = nodes_of(kind, mirrored)
     mesh = read_meshio(write("part.med", [(SOLIDS[kind].meshio, [np.arange(len(x))])], x))
     check_element(mesh, kind)
-    assert any("the convention of med corrected" in note for note in mesh.notes) is not mirrored
+    assert any("node order of med corrected" in note for note in mesh.notes) is not mirrored
 
 
 FORMATS = {
@@ -197,7 +197,7 @@ def test_vtu_with_pieces_is_refused(write):
     text = path.read_text()
     piece = text[text.index("<Piece") : text.index("</Piece>") + len("</Piece>")]
     path.write_text(text.replace(piece, piece + piece))
-    with pytest.raises(DeckError, match="the file has 2 pieces, but only one would be read"):
+    with pytest.raises(DeckError, match="the file has 2 pieces instead of one"):
         read_meshio(path)
 
 
@@ -208,7 +208,7 @@ VTK = "# vtk DataFile Version 4.2\nx\nASCII\nDATASET"
     ("name", "content", "message"),
     [
         ("part.vtu", "no mesh", "cannot be read as vtu"),
-        ("part.vtk", f"{VTK} STRUCTURED_POINTS\n", "the data set STRUCTURED_POINTS is not a mesh of elements"),
+        ("part.vtk", f"{VTK} STRUCTURED_POINTS\n", "the data set STRUCTURED_POINTS is not a mesh"),
         ("part.vtk", f"{VTK} UNSTRUCTURED_GRID\nPOINTS 90000000000 double\n", "90000000000 entries are declared"),
         ("part.med", "no mesh", "cannot be read as HDF5"),
         ("part.step", "ISO-10303-21;", ".step is not a known mesh file ending"),

@@ -151,7 +151,7 @@ def test_calculix_matrices_match_deck(job):
     ("ending", "text", "what"),
     [
         (".sti", "{}2 1 0.0\n", "both triangles"),
-        (".sti", "1 1\n", "the lines have 2 numbers instead of row, column and value"),
+        (".sti", "1 1\n", "the lines have 2 numbers, not row, column and value"),
         (".sti", "1 1 1.\n1 2 x\n", r"job.sti:2.*'1 2 x' does not consist of row, column and value"),
         (".sti", "", "the file is empty"),
         (".dof", "{}5\n", r"'5' is not node\.component"),

@@ -80,7 +80,7 @@ def with_contact(
         elif any(other.tied or not pair.tied for other in turned):
             words = "same as the pair above, with the surfaces exchanged"
         elif pair.tied or choice == "bonded":
-            mesh, words = _bonded(mesh, pair)
+            mesh, words = _bond(mesh, pair)
         else:
             words = "open (mesh.contact): the surfaces are not connected, even if they are pressed together"
         sentences.append(f"contact of {pair}: {words}")
@@ -88,7 +88,7 @@ def with_contact(
 
 
 def _pairs(surfaces: Surfaces, keywords: Sequence[Keyword]) -> Iterator[Pair]:
-    tying = _tying(keywords)
+    tying = _tying_interactions(keywords)
     for scope, keyword in surfaces.assembly.keywords("CONTACTPAIR", of_steps=True):
         adjust = keyword.parameters.get("ADJUST", "")
         tied = "TIED" in keyword.parameters or keyword.word("INTERACTION") in tying
@@ -96,7 +96,7 @@ def _pairs(surfaces: Surfaces, keywords: Sequence[Keyword]) -> Iterator[Pair]:
             yield Pair(row, *surfaces.find_pair(scope, row), parse_real(adjust) if adjust else None, tied)
 
 
-def _tying(keywords: Sequence[Keyword]) -> set[str]:
+def _tying_interactions(keywords: Sequence[Keyword]) -> set[str]:
     """Names, in capitals, of the interactions that tie surfaces; a *SURFACE BEHAVIOR belongs to the preceding
     *SURFACE INTERACTION."""
     names, current = set(), ""
@@ -108,7 +108,7 @@ def _tying(keywords: Sequence[Keyword]) -> set[str]:
     return names
 
 
-def _bonded(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
+def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     """Mesh with a bonded pair, and a sentence on the result."""
     if pair.first is pair.second:
         return mesh, "open: contact of a surface with itself"

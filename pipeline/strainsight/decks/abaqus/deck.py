@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.abaqus.contact import Contact, with_contact
-from strainsight.decks.abaqus.history import LARGE, STRESSED, preloads, state_of, stressed
+from strainsight.decks.abaqus.history import LARGE, STRESSED, find_initial_stress, preloads, state_of
 from strainsight.decks.abaqus.loads import LoadReader
 from strainsight.decks.abaqus.materials import by_temperature
 from strainsight.decks.abaqus.parts import SOLIDS, THIN, USUAL
@@ -22,7 +22,15 @@ from strainsight.decks.abaqus.supports import equations, nodal_axes, point_masse
 from strainsight.decks.abaqus.surfaces import Surfaces, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords, split
 from strainsight.decks.abaqus.ties import ties, with_tied_surfaces, with_whole_ring
-from strainsight.decks.faults import ENFORCED, HELD, check_elements, effects, notes_and_doubts, spelt, turning_nodes
+from strainsight.decks.faults import (
+    ENFORCED,
+    HELD,
+    check_elements,
+    classify_effects,
+    notes_and_doubts,
+    spelt,
+    turning_nodes,
+)
 from strainsight.decks.text import error_at
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
@@ -81,15 +89,14 @@ def read_abaqus(
 ) -> Mesh:
     """Read an Abaqus or CalculiX input deck with its units and ids.
 
-    Imported: *NODE, *ELEMENT (the types of `mesh.kinds` and of `cells.THIN`, MASS, ROTARYI, SPRING1, 2, A), *NSET,
-    *ELSET, *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), the sections of
-    `sections`, *BOUNDARY, *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC
-    COUPLING, *MPC (BEAM), *EQUATION, *TIE of surfaces, *CONTACT PAIR, *INCLUDE. Everything else that changes the
-    structure is counted in `ignored`. Sets of a part are "INSTANCE.SET" if there are several instances. required:
-    require elements, and sections of shells and beams; materials_required: require section and material of all
-    elements; ignore: keywords and element types to leave out; include: further folders of included files; contact:
-    treatment of *CONTACT PAIR, see `with_contact`; step: step that defines supports and elements, see `state_of`.
-    Raises DeckError with file:line for unsupported input.
+    Imported: *NODE, *ELEMENT (the types of `mesh.kinds` and of `cells.THIN`, MASS, ROTARYI, SPRING1, 2, A), *NSET, *ELSET,
+    *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), the sections of `sections`, *BOUNDARY,
+    *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
+    *EQUATION, *TIE of surfaces, *CONTACT PAIR, *INCLUDE. Everything else that changes the structure is counted in `ignored`.
+    Sets of a part are "INSTANCE.SET" if there are several instances. required: require elements, and sections of shells and
+    beams; materials_required: require section and material of all elements; ignore: keywords and element types to leave out;
+    include: further folders of included files; contact: treatment of *CONTACT PAIR, see `with_contact`; step: step that defines
+    supports and elements, see `state_of`. Raises DeckError with file:line for unsupported input.
     """
     path = Path(path)
     keywords, included, before, of_files = read_keywords(path, include)
@@ -102,11 +109,11 @@ def read_abaqus(
     assembly = assemble(keywords)
     of_supports: Counter[str] = Counter()
     state = state_of(assembly, of_supports, step)
-    assembly, out = _without(assembly, named, state.elements)
+    assembly, out = _remove_elements(assembly, named, state.elements)
     dropped += out
     _check_elements(assembly, path, required)
     loaded = preloads(assembly.steps)
-    ignored = _ignored(keywords, assembly) + dropped + Counter({BEFORE: before} if before else {})
+    ignored = _count_ignored(keywords, assembly) + dropped + Counter({BEFORE: before} if before else {})
     ignored += of_supports
     ignored.update({card: len(steps) for card, steps in loaded.items()})
     node_sets, element_sets, set_names = _sets(assembly)
@@ -166,11 +173,11 @@ def read_abaqus(
         if spelt(card) in named:
             dropped[card] = len(where)
         ignored[card] = len(where)
-    notes, doubts = notes_and_doubts([*of_files, *_reinterpreted(assembly), *assembly.notes, *mesh.notes])
+    notes, doubts = notes_and_doubts([*of_files, *_note_reinterpreted(assembly), *assembly.notes, *mesh.notes])
     return replace(
         mesh,
         ignored=dict(sorted(ignored.items())),
-        effect=effects(ignored, STRUCTURAL, CONTROL)
+        effect=classify_effects(ignored, STRUCTURAL, CONTROL)
         | control
         | {card: "structure" for card in ignored if card in (ENFORCED, HELD, STRESSED) or card in loaded},
         unsupported={
@@ -190,7 +197,9 @@ def read_abaqus(
     )
 
 
-def _without(assembly: Assembly, named: Collection[str], removed: Collection[int]) -> tuple[Assembly, Counter[str]]:
+def _remove_elements(
+    assembly: Assembly, named: Collection[str], removed: Collection[int]
+) -> tuple[Assembly, Counter[str]]:
     """Assembly with elements of these types and rows removed (their type is empty), and the number removed by type."""
     out = np.array([spelt(type_) in named for type_ in assembly.type], dtype=bool)
     counted = Counter(f"{ELEMENT}{type_}" for type_, is_out in zip(assembly.type, out, strict=True) if is_out)
@@ -227,10 +236,10 @@ def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> No
     )
 
 
-def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
+def _count_ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
     """Count keywords, and elements by type, that change the structure and are not supported."""
     counted = Counter(k.title for k in keywords if not IMPORTED.fullmatch(k.name) and not HARMLESS.fullmatch(k.name))
-    if stress_keywords := stressed(keywords):
+    if stress_keywords := find_initial_stress(keywords):
         counted[STRESSED] = len(stress_keywords)
         counted -= Counter(keyword.title for keyword in stress_keywords)
     for type_, count in Counter(assembly.type).items():
@@ -252,7 +261,7 @@ def _nodes_with_normals(keywords: Sequence[Keyword]) -> int:
     return sum(any(split(text)[4:7]) for text in texts)
 
 
-def _reinterpreted(assembly: Assembly) -> list[str]:
+def _note_reinterpreted(assembly: Assembly) -> list[str]:
     how = {type_: (kind.name, note) for type_, (kind, note) in SOLIDS.items()} | THIN
     return [
         f"{count} {type_} imported as {' '.join(how[type_])}"
@@ -272,9 +281,9 @@ def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray],
     for scope in (assembly.scopes[""], *(scope for name, scope in assembly.scopes.items() if name)):
         for key, written in assembly.set_names("NODE", scope).items():
             rows = assembly.node_set(key, scope, scope.part.keywords[0])
-            nodes[_qualified(written, scope, assembly, used[0])] = np.sort(assembly.node_ids[rows])
+            nodes[_qualified_name(written, scope, assembly, used[0])] = np.sort(assembly.node_ids[rows])
         for key, written in assembly.set_names("ELEMENT", scope).items():
-            name = names[scope.name, key] = _qualified(written, scope, assembly, used[1])
+            name = names[scope.name, key] = _qualified_name(written, scope, assembly, used[1])
             rows = assembly.element_set(key, scope, scope.part.keywords[0])
             known = rows[family[rows] != ""]
             if known.size or not rows.size:
@@ -282,7 +291,7 @@ def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray],
     return nodes, elements, names
 
 
-def _qualified(written: str, scope: Scope, assembly: Assembly, used: set[str]) -> str:
+def _qualified_name(written: str, scope: Scope, assembly: Assembly, used: set[str]) -> str:
     """Name of a set, which is added in capitals to the used names."""
     clash = written.upper() in used
     name = f"{scope.name}.{written}" if scope.name and (not assembly.flat or clash) else written
@@ -295,7 +304,7 @@ def _surface_sets(surfaces: Surfaces, node_sets: dict[str, IntArray]) -> dict[st
     assembly, used, sets = surfaces.assembly, {name.upper() for name in node_sets}, {}
     for surface in surfaces.by_name.values():
         if surface.nodes.size:
-            name = _qualified(surface.name, surface.scope, assembly, set())
+            name = _qualified_name(surface.name, surface.scope, assembly, set())
             name = f"{name} (surface)" if name.upper() in used else name
             used.add(name.upper())
             sets[name] = np.sort(assembly.node_ids[surface.nodes])

@@ -50,7 +50,7 @@ def preloads(steps: Sequence[Step]) -> dict[str, list[Keyword]]:
     return preload_steps | ({LARGE: bent} if bent else {})
 
 
-def stressed(keywords: Sequence[Keyword]) -> list[Keyword]:
+def find_initial_stress(keywords: Sequence[Keyword]) -> list[Keyword]:
     """*INITIAL CONDITIONS of TYPE=STRESS."""
     return [keyword for keyword in keywords if keyword.name == "INITIALCONDITIONS" and keyword.word("TYPE") == "STRESS"]
 
@@ -129,9 +129,7 @@ def state_of(assembly: Assembly, ignored: Counter[str], chosen: int | None = Non
     model = State(Supports().then(reader.supports(assembly.keywords("BOUNDARY"))))
     for _, keyword in assembly.keywords("MODELCHANGE"):
         if "ACTIVATE" not in keyword.parameters:
-            raise keyword.error(
-                "not allowed before the first *STEP", "move it into the step in which it changes the model"
-            )
+            raise keyword.error("not allowed before the first *STEP", "move it into the step that it changes")
     if not assembly.steps:
         return model
     if chosen is not None and not 1 <= chosen <= len(assembly.steps):
@@ -260,9 +258,7 @@ def _fixed_components(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
     label = row.text(1).upper()
     if label and not label[0].isdigit():
         if label not in TYPES:
-            raise row.error(
-                f"{row.text(1)!r} is not a support type", f"write degrees of freedom, or one of {', '.join(TYPES)}"
-            )
+            raise row.error(f"{row.text(1)!r} is not a support type", f"use degrees of freedom, or {', '.join(TYPES)}")
         return TYPES[label]
     first = row.integer(1, "the first degree of freedom")
     last = row.integer(2, "the last degree of freedom", first) or first

@@ -26,8 +26,7 @@ AXES = {"BX": 0, "BY": 1, "BZ": 2}
 
 @dataclass(frozen=True)
 class LoadReader:
-    """Reader of loads; rotations: see `Supports.pairs`; axes: row of a node → its *TRANSFORM; other loads are
-    counted."""
+    """Reader of loads; rotations: see `Supports.pairs`; axes: row of a node → its *TRANSFORM; other loads are counted."""
 
     surfaces: Surfaces
     axes: Mapping[int, FloatArray]
@@ -99,13 +98,15 @@ class LoadReader:
             elif number is None:
                 if shells.size < rows.size:
                     self.ignored["*DLOAD P on elements that are no shells"] += 1
-                parts += _pressed(assembly, shell_facets(assembly, shells), -row.real(2, "the pressure"))
+                parts += _pressure_forces(assembly, shell_facets(assembly, shells), -row.real(2, "the pressure"))
             else:
                 solid = rows[assembly.kind[rows] >= 0]
                 if solid.size < rows.size:
                     self.ignored["*DLOAD on elements that are no solids"] += 1
-                parts += _pressed(assembly, facets_of(assembly, solid, number, row, "P"), row.real(2, "the pressure"))
-        return _summed(parts, body)
+                parts += _pressure_forces(
+                    assembly, facets_of(assembly, solid, number, row, "P"), row.real(2, "the pressure")
+                )
+        return _sum_forces(parts, body)
 
     def _per_volume(self, rows: IntArray, axis: int, b: float) -> list[tuple[IntArray, FloatArray]]:
         """Force b per volume of the shells in rows along a basic axis, b t per area."""
@@ -115,7 +116,9 @@ class LoadReader:
             section = self.sections.properties.sections.get(number)
             if isinstance(section, ShellSection | Laminate):
                 t = b * section.thickness * np.eye(3)[axis]
-                loads += _loaded(assembly, shell_facets(assembly, rows[region[rows] == number]), _even(t))
+                loads += _facet_forces(
+                    assembly, shell_facets(assembly, rows[region[rows] == number]), _uniform_traction(t)
+                )
         return loads
 
     def _on_surfaces(self, scope: Scope, keyword: Keyword) -> NodalForces | None:
@@ -133,8 +136,8 @@ class LoadReader:
                     f"surface {row.text(0)!r} contains shell edges, or shells without a side",
                     "specify the side of each shell, SPOS or SNEG",
                 )
-            parts += _pressed(self.surfaces.assembly, surface.facets, row.real(2, "the pressure"))
-        return _summed(parts, [])
+            parts += _pressure_forces(self.surfaces.assembly, surface.facets, row.real(2, "the pressure"))
+        return _sum_forces(parts, [])
 
 
 def _body(assembly: Assembly, scope: Scope, row: Row, label: str) -> BodyForce:
@@ -156,18 +159,18 @@ def _body(assembly: Assembly, scope: Scope, row: Row, label: str) -> BodyForce:
     return BodyForce(rotation=np.sqrt(size) * direction, centre=centre, elements=elements)
 
 
-def _pressed(
+def _pressure_forces(
     assembly: Assembly, facets: Sequence[tuple[Kind, IntArray]], p: float
 ) -> list[tuple[IntArray, FloatArray]]:
-    return _loaded(assembly, facets, lambda x, n, _: -p * n)
+    return _facet_forces(assembly, facets, lambda x, n, _: -p * n)
 
 
-def _even(t: FloatArray) -> Traction:
+def _uniform_traction(t: FloatArray) -> Traction:
     """Uniform traction."""
     return lambda x, n, _: np.broadcast_to(t, x.shape)
 
 
-def _loaded(
+def _facet_forces(
     assembly: Assembly, facets: Sequence[tuple[Kind, IntArray]], traction: Traction
 ) -> list[tuple[IntArray, FloatArray]]:
     return [
@@ -176,7 +179,7 @@ def _loaded(
     ]
 
 
-def _summed(parts: list[tuple[IntArray, FloatArray]], body: list[BodyForce]) -> NodalForces | None:
+def _sum_forces(parts: list[tuple[IntArray, FloatArray]], body: list[BodyForce]) -> NodalForces | None:
     if not (parts or body):
         return None
     rows = concatenate(nodes for nodes, _ in parts)

@@ -52,11 +52,8 @@ class Materials:
         return number
 
     def number(self, keyword: Keyword) -> int:
-        """Number of the material of a section; 0 if it is missing and not required.
-
-        Raises DeckError for a missing material, one that is not linear elastic, and one of shells and beams that is
-        not isotropic.
-        """
+        """Number of the material of a section; 0 if it is missing and not required. Raises DeckError for a missing material, one
+        that is not linear elastic, and one of shells and beams that is not isotropic."""
         name = keyword.needs("MATERIAL").upper()
         if name not in self.definitions and self.required:
             raise keyword.error(
@@ -163,8 +160,7 @@ def _material(definition: Definition, number: int, notes: list[str]) -> Material
     elastic = definition.options.get("ELASTIC")
     if elastic is None:
         raise definition.keyword.error(
-            f"material {name!r} of a section has no *ELASTIC",
-            f"add Young's modulus and Poisson's ratio{OR_CONFIG}",
+            f"material {name!r} of a section has no *ELASTIC", f"add Young's modulus and Poisson's ratio{OR_CONFIG}"
         )
     if (kind := _type(definition)) not in ("ISO", "ISOTROPIC"):
         raise elastic.error(
@@ -232,9 +228,8 @@ def anisotropic_type(elastic: Keyword | None) -> str:
 def solid_stiffness(elastic: Keyword) -> FloatArray:
     """C (6, 6) along the axes of the material in our order, 11 22 33 12 23 31.
 
-    ORTHOTROPIC lists D₁₁₁₁, D₁₁₂₂, D₂₂₂₂, D₁₁₃₃, D₂₂₃₃, D₃₃₃₃, D₁₂₁₂, D₁₃₁₃, D₂₃₂₃, ANISOTROPIC the upper triangle
-    of D by columns in the order 11 22 33 12 13 23. Raises DeckError if C is not positive definite, with its smallest
-    eigenvalue.
+    ORTHOTROPIC lists D₁₁₁₁, D₁₁₂₂, D₂₂₂₂, D₁₁₃₃, D₂₂₃₃, D₃₃₃₃, D₁₂₁₂, D₁₃₁₃, D₂₃₂₃, ANISOTROPIC the upper triangle of D by
+    columns in the order 11 22 33 12 13 23. Raises DeckError if C is not positive definite, with its smallest eigenvalue.
     """
     kind, rows = anisotropic_type(elastic), elastic.rows()
     if kind == "ENGINEERINGCONSTANTS":
@@ -301,23 +296,18 @@ def rectangular_axes(row: Row) -> FloatArray:
 
 
 def solid_orientation(assembly: Assembly, scope: Scope, keyword: Keyword) -> Orientation:
-    """Orientation of a section of anisotropic solids, see `solid_axes`; the basic axes by default.
-
-    Raises DeckError for a rotated instance without orientation.
-    """
+    """Orientation of a section of anisotropic solids, see `solid_axes`; the basic axes by default. Raises DeckError for a
+    rotated instance without orientation."""
     axes = solid_axes(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
     if axes is None and not np.allclose(scope.rotation, np.eye(3)):
-        raise keyword.error(
-            "anisotropic solids of a rotated instance have no ORIENTATION", "add an ORIENTATION to the section"
-        )
+        raise keyword.error("anisotropic solids of a rotated instance need an ORIENTATION", "add it to the section")
     return Orientation(BASIC, np.eye(3)) if axes is None else axes.orientation
 
 
 def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -> SolidAxes | None:
-    """Axes of an anisotropic material of solids, rotated with its instance: RECTANGULAR (a on x, b in the plane xy),
-    Z RECTANGULAR (a on z, b in the plane xz) or CYLINDRICAL (a and b on the axis; 1 radial, 2 circumferential, 3
-    axial), defined by coordinates; then rotated by an angle [deg] about axis 1, 2 or 3 of the second line. None
-    without a name.
+    """Axes of an anisotropic material of solids, rotated with its instance: RECTANGULAR (a on x, b in the plane xy), Z
+    RECTANGULAR (a on z, b in the plane xz) or CYLINDRICAL (a and b on the axis; 1 radial, 2 circumferential, 3 axial), defined
+    by coordinates; then rotated by an angle [deg] about axis 1, 2 or 3 of the second line. None without a name.
 
     Raises DeckError for a missing orientation, distributions, and other systems and definitions.
     """
@@ -356,10 +346,10 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     about = rows[1].integer(0, "the axis", 1)
     if about not in (1, 2, 3):
         raise rows[1].error(f"axis {about} is not valid", "specify the rotation axis 1, 2 or 3")
-    turn = turned_about(about, rows[1].real(1, "the angle", 0.0))
+    turn = rotate_axes(about, rows[1].real(1, "the angle", 0.0))
     return SolidAxes(Orientation(moved, turn), about if rows[1].text(0) else None, orientation.where)
 
 
-def turned_about(about: int, degrees: float) -> FloatArray:
+def rotate_axes(about: int, degrees: float) -> FloatArray:
     """Axes (3, 3), one in a column, rotated by an angle [deg] about axis 1, 2 or 3."""
     return rotation(np.eye(3)[about - 1], np.radians(degrees))

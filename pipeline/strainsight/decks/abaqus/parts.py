@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.decks.abaqus.text import Keyword, Row, integers, split
 from strainsight.decks.faults import check_once
-from strainsight.decks.text import no_integer, parse_integer
+from strainsight.decks.text import describe_non_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind
@@ -68,7 +68,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     type_ = keyword.needs("TYPE").upper()
     if type_ not in SOLIDS and type_.startswith("C3D"):
         raise keyword.error(
-            f"{type_} solids are not supported ({len(keyword.texts)} lines)", f"mesh with {FAMILIES} ({USUAL})"
+            f"{type_} solids are not supported ({len(keyword.texts)} lines)", f"use {FAMILIES} ({USUAL})"
         )
     if not keyword.texts:
         keyword.rows()
@@ -87,10 +87,10 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
         tokens = [token for text in keyword.texts for token in split(text)[:width]]
         first = np.arange(len(keyword.texts))
     elif len(first) * width != ends[-1]:
-        raise _miscount(keyword, counts, width, type_)
+        raise _wrong_count_error(keyword, counts, width, type_)
     values = integers(tokens)
     if values is None:
-        raise _no_integer(keyword)
+        raise _invalid_id_error(keyword)
     values = values.reshape(-1, width)
     if values[:, 0].min() < 1:
         i = int(np.argmin(values[:, 0]))
@@ -113,7 +113,7 @@ def _at(keyword: Keyword, i: int, what: str, remedy: str = "correct the line and
     return DeckError(what, where=keyword.where_data(i), remedy=remedy)
 
 
-def _miscount(keyword: Keyword, counts: IntArray, width: int, type_: str) -> DeckError:
+def _wrong_count_error(keyword: Keyword, counts: IntArray, width: int, type_: str) -> DeckError:
     """Error for the first element whose lines do not contain exactly its id and its nodes."""
     have = start = 0
     for i, count in enumerate(counts.tolist()):
@@ -133,12 +133,12 @@ def _miscount(keyword: Keyword, counts: IntArray, width: int, type_: str) -> Dec
     raise AssertionError("the lines hold whole elements")
 
 
-def _no_integer(keyword: Keyword) -> DeckError:
+def _invalid_id_error(keyword: Keyword) -> DeckError:
     for row in keyword.rows():
         for i, entry in enumerate(keyword.texts[row.i].rstrip(", \t").split(",")):
             if parse_integer(entry.strip()) is None:
                 return row.error(
-                    f"entry {i + 1} {no_integer(entry.strip())}", "write the ids of the element and its nodes"
+                    f"entry {i + 1} {describe_non_integer(entry.strip())}", "write ids of element and nodes"
                 )
     raise AssertionError("all entries are integers")
 
@@ -198,11 +198,8 @@ class Part:
 
 
 def read_part(keywords: tuple[Keyword, ...]) -> Part:
-    """The nodes and elements that the keywords of a part define.
-
-    Raises DeckError for duplicate ids, a wrong number of nodes, missing nodes, unsupported solids and generated
-    meshes.
-    """
+    """The nodes and elements that the keywords of a part define. Raises DeckError for duplicate ids, a wrong number of nodes,
+    missing nodes, unsupported solids and generated meshes."""
     ids, position, where, rows = _nodes(keywords)
     table = IdTable(ids)
     cells = tuple(read_cells(keyword, table) for keyword in keywords if keyword.name == "ELEMENT")
@@ -225,9 +222,7 @@ def _nodes(
     axes, origin, start = np.eye(3), np.zeros(3), 0
     for keyword in keywords:
         if keyword.name in GENERATORS:
-            raise keyword.error(
-                "generated meshes are not supported", "export the deck with explicit nodes and elements"
-            )
+            raise keyword.error("generated meshes are not supported", "export explicit nodes and elements")
         if keyword.name == "SYSTEM":
             origin, axes = _system(keyword)
         if keyword.name != "NODE":
@@ -272,8 +267,7 @@ def _node_lines(keyword: Keyword) -> tuple[IntArray, FloatArray]:
 
 
 def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
-    """*SYSTEM: origin a, and axes with x towards b and c in the xy plane on the side of y; without c, the z axis
-    stays Z."""
+    """*SYSTEM: origin a, and axes with x towards b and c in the xy plane on the side of y; without c, the z axis stays Z."""
     rows = keyword.rows(needed=False)
     if not rows:
         return np.zeros(3), np.eye(3)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, read_part
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import entity_error
-from strainsight.decks.text import is_whole, no_integer, parse_integer
+from strainsight.decks.text import describe_non_integer, is_whole, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import rotation
 from strainsight.mesh.kinds import ELEMENTS
@@ -103,9 +103,7 @@ def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     values = turns[0].reals(7, "a coordinate of the axis, or the angle")
     a, axis = values[:3], values[3:6] - values[:3]
     if not np.linalg.norm(axis) > 0:
-        raise turns[0].error(
-            "the two points of the axis coincide", "specify two different points, and the angle in degrees"
-        )
+        raise turns[0].error("the two points of the axis coincide", "specify two different points, and the angle [deg]")
     R = rotation(axis / np.linalg.norm(axis), np.radians(values[6]))
     return R, a + R @ (shift - a)
 
@@ -257,14 +255,12 @@ class Assembly:
         within, name = self.split_name(entry, scope)
         number = parse_integer(name)
         if number is None and is_whole(name):
-            raise row.error(f"the {kind.lower()} id {no_integer(name)}")
+            raise row.error(f"the {kind.lower()} id {describe_non_integer(name)}")
         if number is not None:
             rows, missing = self._numbered(kind, np.array([number]), within)
             if missing[0]:
                 place = f" of instance {within.name}" if within.name else ""
-                raise row.error(
-                    f"{kind.lower()} {number}{place} is not in the deck", f"add the {kind.lower()}, or correct the id"
-                )
+                raise row.error(f"{kind.lower()} {number}{place} is not in the deck", "correct the id")
             return rows
         return self._named(kind, entry, scope, row)
 
@@ -343,9 +339,7 @@ class Assembly:
             lost += (high - low) // step + 1 - within.size
             parts.append(self._numbered(kind, within, scope)[0])
         if lost:
-            sentence = (
-                f"{keyword.where}: {keyword.title} generates {lost} ids that are not in the deck; they are left out"
-            )
+            sentence = f"{keyword.where}: {keyword.title} generates {lost} ids that are not in the deck"
             self.notes += [sentence] if sentence not in self.notes else []
         return np.concatenate(parts)
 
@@ -366,9 +360,7 @@ def assemble(keywords: list[Keyword]) -> Assembly:
     for keyword, instance_keywords in instances:
         part_name = keyword.needs("PART").upper()
         if part_name not in parts:
-            raise keyword.error(
-                f"part {keyword.parameters['PART']!r} is not in the deck", "correct the name of the part"
-            )
+            raise keyword.error(f"part {keyword.parameters['PART']!r} is not in the deck", "correct the part name")
         if any(k.name in MESH for k in instance_keywords):
             part = read_part((*parts[part_name], *instance_keywords))
         else:
@@ -382,10 +374,10 @@ def assemble(keywords: list[Keyword]) -> Assembly:
     for name, part, turn, shift in placed:
         scopes[name.upper()] = Scope(name, part, turn, shift, node, element)
         node, element = node + len(part.nodes.ids), element + len(part.elements.ids)
-    return _joined(scopes, model, tuple(steps))
+    return _join_scopes(scopes, model, tuple(steps))
 
 
-def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[Step, ...]) -> Assembly:
+def _join_scopes(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[Step, ...]) -> Assembly:
     """Merge nodes and elements of all scopes into one table."""
     every = list(scopes.values())
     cells = [(scope, block) for scope in every for block in scope.part.cells]

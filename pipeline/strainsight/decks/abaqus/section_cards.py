@@ -11,8 +11,8 @@ from strainsight.decks.abaqus.materials import (
     SolidAxes,
     named_orientation,
     rectangular_axes,
+    rotate_axes,
     solid_axes,
-    turned_about,
 )
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
@@ -53,9 +53,7 @@ def beam_section(
     """
     for parameter in ("NODALTHICKNESS", "TAPER"):
         if parameter in keyword.parameters:
-            raise keyword.error(
-                f"{parameter}: tapered sections are not supported", "use a constant section for each piece of the beam"
-            )
+            raise keyword.error(f"{parameter}: tapered sections are not supported", "use constant sections")
     rows = keyword.rows()
     written = keyword.parameters.get("SECTION", "")
     shape = "".join(written.upper().split()) or ("GENERAL" if keyword.name == GENERAL else "")
@@ -81,14 +79,14 @@ def beam_section(
     return section, centroid, scope.rotation @ _n1(keyword, rows)
 
 
-def own_constants(keyword: Keyword, section: BeamSection, notes: list[str]) -> tuple[BeamSection, float, float, float]:
-    """Section, E, ν and ρ of a *BEAM GENERAL SECTION without MATERIAL: its last line is E, G, and DENSITY its
-    density.
+def section_constants(
+    keyword: Keyword, section: BeamSection, notes: list[str]
+) -> tuple[BeamSection, float, float, float]:
+    """Section, E, ν and ρ of a *BEAM GENERAL SECTION without MATERIAL: its last line is E, G, and DENSITY its density.
 
         ν = E/(2 G) − 1
 
-    If no isotropic material has this G, then ν = 0, and J and the shear factors are scaled so that G J and G A are
-    correct.
+    If no isotropic material has this G, then ν = 0, and J and the shear factors are scaled so that G J and G A are correct.
     """
     row = keyword.rows()[-1]
     if row.i == 0:
@@ -99,10 +97,7 @@ def own_constants(keyword: Keyword, section: BeamSection, notes: list[str]) -> t
     nu = E / (2 * G) - 1
     if elastic_fault(E, nu):
         section = section.with_shear(G / (E / 2))
-        notes.append(
-            f"{row.where}: no isotropic material has E = {E:g} and G = {G:g}: J and the shear factors are scaled to "
-            "match G"
-        )
+        notes.append(f"{row.where}: E = {E:g} and G = {G:g} are not isotropic: J and the shear factors are scaled to G")
         nu = 0.0
     density = keyword.parameters.get("DENSITY", "")
     rho = parse_real(density) if density else 0.0
@@ -144,8 +139,7 @@ def _general(row: Row, d: list[float]) -> BeamSection:
 
 
 def _shape(row: Row, shape: str, d: list[float]) -> tuple[BeamSection, FloatArray]:
-    """Section, and offset of its centroid from the node along n1 and n2; in `section_of_shape` y is up and z to the
-    right."""
+    """Section, and offset of its centroid from the node along n1 and n2; in `section_of_shape` y is up and z to the right."""
     try:
         match shape:
             case "RECT":
@@ -256,8 +250,7 @@ REFUSED = {
 def shell_section(
     assembly: Assembly, scope: Scope, keyword: Keyword, materials: Materials
 ) -> tuple[ShellSection | Laminate, FloatArray, FloatArray]:
-    """Section, offset (1,) of the middle surface from the nodes along the normal, and x of the material (3,), NaN if
-    undefined.
+    """Section, offset (1,) of the middle surface from the nodes along the normal, and x of the material (3,), NaN if undefined.
 
         offset = −OFFSET t
 
@@ -295,7 +288,7 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
     orientation = named_orientation(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
     if orientation is None:
         if matters and not np.allclose(scope.rotation, np.eye(3)):
-            raise keyword.error("plies of a rotated instance have no ORIENTATION", "add an ORIENTATION to the section")
+            raise keyword.error("plies of a rotated instance have no ORIENTATION", "add it to the section")
         return nothing
     name, rows, parameters = (
         orientation.parameters["NAME"].upper(),
@@ -318,18 +311,15 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
         return nothing
     near_normal = rows[1].integer(0, "the axis", 1) if len(rows) > 1 else 1
     if near_normal not in (1, 2, 3):
-        raise rows[1].error(
-            f"axis {near_normal} is not valid", "specify the axis near the normal of the shell, 1, 2 or 3"
-        )
+        raise rows[1].error(f"axis {near_normal} is not valid", "specify the axis near the normal, 1, 2 or 3")
     return np.asarray(scope.rotation @ rectangular_axes(rows[0])[:, near_normal % 3])
 
 
 def composite_solid(
     assembly: Assembly, scope: Scope, keyword: Keyword, rows: IntArray, materials: Materials
 ) -> CompositeSolid:
-    """Layers along STACK DIRECTION 1, 2 or 3 (default) of the elements in rows (k,): one line each with relative
-    thickness, integration points (not used), material, and orientation or angle [deg] relative to the section;
-    mirrored by SYMMETRIC.
+    """Layers along STACK DIRECTION 1, 2 or 3 (default) of the elements in rows (k,): one line each with relative thickness,
+    integration points (not used), material, and orientation or angle [deg] relative to the section; mirrored by SYMMETRIC.
 
     The angle is about axis 1, 2 or 3 in the second line of the ORIENTATION. Raises DeckError for a layer without
     thickness, a material that is missing or plane-stress only, an angle without that axis, and unsupported elements.
@@ -380,7 +370,7 @@ def _layer(
             "define the rotation axis",
             "add a second line to the orientation: the axis across the layers, 1, 2 or 3, and the angle 0.",
         )
-    turn = layer_axes.orientation.turn @ turned_about(layer_axes.about, angle)
+    turn = layer_axes.orientation.turn @ rotate_axes(layer_axes.about, angle)
     return Layer(material, t, replace(layer_axes.orientation, turn=turn))
 
 

@@ -14,11 +14,11 @@ from strainsight.decks.abaqus.section_cards import (
     beam_section,
     composite_solid,
     default_axes,
-    own_constants,
+    section_constants,
     shell_section,
 )
 from strainsight.decks.abaqus.text import Keyword
-from strainsight.decks.faults import OR_CONFIG, folded, note_shared
+from strainsight.decks.faults import OR_CONFIG, find_repeated_node, note_shared
 from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import beam_axes
 from strainsight.mesh.model import FloatArray, IntArray, Properties, Region
@@ -50,9 +50,8 @@ WANTED = {"solid": "*SOLID SECTION", "shell": "*SHELL SECTION", "beam": "*BEAM S
 class Sections:
     """region (m,) of each element, 0 if it is not imported; properties: the regions, one a section, and their data.
 
-    offset: region → offset of the element middle from the nodes, along the normal of a shell, along n1 and n2 of a
-    beam; direction (3,): n1 of a beam, material axis x of a shell; left (k,): rows of shells, beams and rods without
-    section.
+    offset: region → offset of the element middle from the nodes, along the normal of a shell, along n1 and n2 of a beam;
+    direction (3,): n1 of a beam, material axis x of a shell; left (k,): rows of shells, beams and rods without section.
     """
 
     region: IntArray
@@ -72,11 +71,10 @@ def read_sections(
 ) -> Sections:
     """*SOLID SECTION of solids and trusses, *SHELL SECTION, *BEAM SECTION and *BEAM GENERAL SECTION.
 
-    set_name: (instance, SET) → name in the mesh; required: require supported sections of shells and beams; otherwise
-    elements without one are left out and counted; materials_required: require a section of every solid and a material
-    of every section; otherwise a region may have no material, and solids without section form one region. Raises
-    DeckError for an element without section or with two, a section of another family, a missing material or set, and
-    an unsupported section or material.
+    set_name: (instance, SET) → name in the mesh; required: require supported sections of shells and beams; otherwise elements
+    without one are left out and counted; materials_required: require a section of every solid and a material of every section;
+    otherwise a region may have no material, and solids without section form one region. Raises DeckError for an element without
+    section or with two, a section of another family, a missing material or set, and an unsupported section or material.
     """
     properties = Properties()
     materials = Materials(definitions(keywords), materials_required, assembly.notes, properties)
@@ -105,7 +103,7 @@ def read_sections(
                 if required or keyword.name == "SOLIDSECTION":
                     raise
                 left.append(known)
-    left.append(_without(assembly, sections, np.concatenate(left), required, materials_required))
+    left.append(_handle_without_section(assembly, sections, np.concatenate(left), required, materials_required))
     omitted = np.unique(np.concatenate(left))
     omitted = omitted[sections.region[omitted] == 0]
     ignored.update(Counter(f"*ELEMENT, TYPE={assembly.type[row]}" for row in omitted.tolist()))
@@ -163,7 +161,7 @@ def _add(
             )
         beam, offset, direction = beam_section(scope, keyword, types != ["B33"], assembly.notes)
         if "MATERIAL" not in keyword.parameters and keyword.name == "BEAMGENERALSECTION":
-            beam, *constants = own_constants(keyword, beam, assembly.notes)
+            beam, *constants = section_constants(keyword, beam, assembly.notes)
             material = materials.of_section(f"material of {name}", *constants)
         section = beam
     if isinstance(section, Laminate):
@@ -189,7 +187,7 @@ def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
     return BeamSection(rows[0].positive(0, "the area"))
 
 
-def _without(
+def _handle_without_section(
     assembly: Assembly, sections: Sections, left: IntArray, required: bool, materials_required: bool
 ) -> IntArray:
     """Make a region of the solids without section, unless materials are required; return rows of other elements
@@ -226,10 +224,8 @@ APART = 1e-9
 
 
 def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ...]:
-    """Shells with a section, one block a kind.
-
-    Raises DeckError for a repeated node and for a shell without area, or folded or warped too much.
-    """
+    """Shells with a section, one block a kind. Raises DeckError for a repeated node and for a shell without area, or folded or
+    warped too much."""
     blocks = []
     kinds = assembly.thin_kinds
     for kind in SHELL_KINDS:
@@ -237,7 +233,7 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
         if not rows.size:
             continue
         nodes = assembly.connectivity(rows, range(NODES[kind]))
-        if (at := folded(nodes)) is not None:
+        if (at := find_repeated_node(nodes)) is not None:
             raise assembly.element_error(
                 int(rows[at]),
                 "has the same node twice",

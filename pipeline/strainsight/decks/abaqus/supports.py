@@ -22,8 +22,7 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
         TYPE=R   x ∥ a, z ∥ a × b          TYPE=C   r, θ, z about the axis from a to b
         TYPE=S   r, θ, φ about the centre a with the pole b,   φ = r × θ
 
-    Axes of an instance rotate with it. Raises DeckError for a node with two systems, and for points that define no
-    axes.
+    Axes of an instance rotate with it. Raises DeckError for a node with two systems, and for points that define no axes.
     """
     axes: dict[int, FloatArray] = {}
     for scope, keyword in assembly.keywords("TRANSFORM"):
@@ -62,8 +61,7 @@ def _axes(kind: str, a: FloatArray, b: FloatArray, position: FloatArray, row: Ro
 
 
 def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[PointMass, ...]:
-    """MASS elements with their *MASS; a ROTARYI element adds inertia to a mass on the same node, or is a separate
-    point mass.
+    """MASS elements with their *MASS; a ROTARYI element adds inertia to a mass on the same node, or is a separate point mass.
 
     I = [I11 I12 I13; · I22 I23; · · I33], products with the sign of a tensor, rotated with the instance. rotations:
     see `Supports.pairs`. Raises DeckError for an element without value or node, an element on a ROT NODE, whose
@@ -111,16 +109,12 @@ def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterat
         rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
         for row in rows[wanted[rows]].tolist():
             if row in keyword_of_row:
-                raise keyword.error(
-                    f"element {assembly.element_ids[row]} already has a value", "define its value only once"
-                )
+                raise keyword.error(f"element {assembly.element_ids[row]} already has a value", "define it only once")
             keyword_of_row[row] = (scope, keyword)
     for row in np.flatnonzero(wanted).tolist():
         if row not in keyword_of_row:
             title = "ROTARY INERTIA" if name == "ROTARYINERTIA" else name
-            remedy = (
-                f"add *{title} for the element set, or leave these elements out (mesh.ignore: [{assembly.type[row]}])"
-            )
+            remedy = f"add *{title}, or leave these elements out (mesh.ignore: [{assembly.type[row]}])"
             raise assembly.element_error(row, "has no value", remedy)
         yield row, keyword_of_row[row]
 
@@ -128,9 +122,7 @@ def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterat
 def _node_of(assembly: Assembly, row: int, rotations: Mapping[int, int]) -> int:
     nodes = assembly.nodes_of(row)
     if len(nodes) != 1 or nodes[0] < 0:
-        raise assembly.element_error(
-            row, "must have exactly one node of the deck", "specify the element id and one node"
-        )
+        raise assembly.element_error(row, "must have one node of the deck", "specify the element id and one node")
     if int(nodes[0]) in rotations:
         raise assembly.element_error(
             row,
@@ -176,9 +168,7 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
         kind, nodes = assembly.type[row], assembly.nodes_of(row).tolist()
         if len(nodes) != NODES[kind] or min(nodes) < 0:
             remedy = f"add its nodes, or leave these elements out (mesh.ignore: [{kind}])"
-            raise assembly.element_error(
-                row, "refers to a node that is not in the deck, or has the wrong number of nodes", remedy
-            )
+            raise assembly.element_error(row, "has a missing node or a wrong number of nodes", remedy)
         lines = keyword.rows()
         if kind == "SPRINGA":
             along = assembly.position[nodes[1]] - assembly.position[nodes[0]]
@@ -194,15 +184,11 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
                 turns = component > 2 or node in rotations
                 ends.append((rotations.get(node, node), 3 if turns else 0, sign * axis))
             if len({first for _, first, _ in ends}) > 1:
-                raise lines[0].error(
-                    "the spring connects a translation with a rotation", "use two translations or two rotations"
-                )
+                raise lines[0].error("the spring connects a translation with a rotation", "use equal kinds of motion")
         # a SPRINGA has a blank line of degrees of freedom, and blank lines are not stored
         line = lines[-1]
         if len(lines) > 2 or (kind != "SPRINGA" and len(lines) < 2):
-            raise line.error(
-                "the spring needs one line with degrees of freedom and one line with the stiffness", "write both lines"
-            )
+            raise line.error("a spring needs a line of degrees of freedom and a line of stiffness", "write both lines")
         k = line.not_negative(0 if line.text(0) or kind != "SPRINGA" else 1, "the stiffness")
         elements.append(spring_between(assembly.element(row), k, ends))
     return tuple(elements)
@@ -284,14 +270,10 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
                 )
             used = 1 + max(i for i, entry in enumerate(row.tokens) if entry) if any(row.tokens) else 0
             if used % 3:
-                raise row.error(
-                    "a term needs three entries", "write node, degree of freedom and coefficient of every term"
-                )
+                raise row.error("a term needs three entries", "write node, degree of freedom and coefficient")
             terms += [(row, i) for i in range(0, used, 3)]
         if len(terms) > count:
-            raise start.error(
-                f"{count} terms are declared, but {len(terms)} are defined", "correct the number of terms"
-            )
+            raise start.error(f"{count} terms are declared, but {len(terms)} are defined", "correct the number")
         yield start, terms
 
 
@@ -323,9 +305,7 @@ def _motions(
                 "use node sets of equal size, or one node",
             )
     if terms[0].value == 0:
-        raise terms[0].row.error(
-            "the coefficient of the first term is 0", "start with a motion that can depend on the others"
-        )
+        raise terms[0].row.error("the coefficient of the first term is 0", "start with a dependent motion")
     for i in range(count):
         named = [int(term.nodes[i if len(term.nodes) > 1 else 0]) for term in terms]
         node = [rotations.get(node_row, node_row) for node_row in named]

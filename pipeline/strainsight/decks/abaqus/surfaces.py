@@ -78,9 +78,8 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
     """Surfaces of *SURFACE with TYPE=ELEMENT (S1 to S6 or the exterior facets of solids; SPOS, SNEG, edges or both
     sides of shells) and TYPE=NODE.
 
-    Facets of other elements are left out, with a note for beams; other types are counted. The area of a facet and
-    the length of an edge are shared equally among their nodes. Raises DeckError for missing sets and for invalid facet
-    numbers.
+    Facets of other elements are left out, with a note for beams; other types are counted. The area of a facet and the length of
+    an edge are shared equally among their nodes. Raises DeckError for missing sets and for invalid facet numbers.
     """
     gathered: dict[tuple[str, str], _Parts] = {}
     outside: Facets | None = None
@@ -145,9 +144,7 @@ def _of_shells(
     if not rows.size:
         return [], []
     if label and label not in SIDES and label not in EDGES:
-        raise row.error(
-            f"{row.text(1)!r} is not a side or edge of {assembly.element(int(rows[0]))}", "use SPOS, SNEG or E1 to E4"
-        )
+        raise row.error(f"{row.text(1)!r} is not a side or edge of {assembly.element(int(rows[0]))}", "use another")
     facets = shell_facets(assembly, rows)
     if label not in EDGES:
         return [
@@ -156,9 +153,7 @@ def _of_shells(
     lines = []
     for kind, nodes in facets:
         if not EDGES[label] < kind.corners:
-            raise row.error(
-                f"{row.text(1)!r} is not an edge of a shell with {kind.corners} corners", "use another edge"
-            )
+            raise row.error(f"{row.text(1)!r} is not an edge of a shell with {kind.corners} corners", "use another")
         ends = np.take(nodes[:, : kind.corners], [EDGES[label], EDGES[label] + 1], axis=1, mode="wrap")
         length = np.linalg.norm(np.diff(assembly.position[ends], axis=1)[:, 0], axis=1)
         if kind.edges:

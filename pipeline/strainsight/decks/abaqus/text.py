@@ -1,5 +1,4 @@
-"""Abaqus and CalculiX decks as keywords with parameters and data lines; comments, continuations and included files
-are resolved.
+"""Abaqus and CalculiX decks as keywords with parameters and data lines; comments, continuations and included files are resolved.
 
 meshio is not used: it merges the instances of an assembly, loses materials and fails at unknown element types.
 """
@@ -76,8 +75,7 @@ class Keyword:
         return self.parameters.get(parameter, default).upper()
 
     def number(self, parameter: str, default: float, remedy: str) -> float:
-        """Value of a parameter as a finite real; `default` if it is missing or empty, DeckError if it is not a
-        number."""
+        """Value of a parameter as a finite real; `default` if it is missing or empty, DeckError if it is not a number."""
         text = self.parameters.get(parameter.replace(" ", ""), "")
         value = parse_real(text) if text else default
         if value is None:
@@ -135,10 +133,9 @@ def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keywor
     """Keywords of a deck and its included files, in order; names of the included files; number of lines before the
     first keyword, which CalculiX ignores; notes on the files.
 
-    A keyword line that ends in a comma continues if the next line contains parameters; otherwise the comma is
-    ignored, as in CalculiX. *INCLUDE and INPUT= may leave the folder of the deck only for the folders in `include`.
-    Raises DeckError for files that are missing, empty, binary or without a keyword, and for numbers before the first
-    keyword.
+    A keyword line that ends in a comma continues if the next line contains parameters; otherwise the comma is ignored, as in
+    CalculiX. *INCLUDE and INPUT= may leave the folder of the deck only for the folders in `include`. Raises DeckError for files
+    that are missing, empty, binary or without a keyword, and for numbers before the first keyword.
     """
     includes = Includes.of(path, include)
     keywords: list[Keyword] = []
@@ -198,7 +195,7 @@ def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterato
         line = Line(text, file, number)
         if pending is not None:
             if text[0] == "*" or not _parameters(text):
-                yield from _taken_in(pending, path, includes, parents)
+                yield from _expand_include(pending, path, includes, parents)
             else:
                 line = Line(f"{pending.text} {text}", file, pending.number)
             pending = None
@@ -207,9 +204,9 @@ def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterato
         elif line.text[-1] == ",":
             pending = line
         else:
-            yield from _taken_in(line, path, includes, parents)
+            yield from _expand_include(line, path, includes, parents)
     if pending is not None:
-        yield from _taken_in(pending, path, includes, parents)
+        yield from _expand_include(pending, path, includes, parents)
 
 
 def _parameters(text: str) -> bool:
@@ -217,7 +214,7 @@ def _parameters(text: str) -> bool:
     return all(part[:1].isalpha() for part in split_quoted(text.rstrip(", \t")))
 
 
-def _taken_in(line: Line, path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterator[Line]:
+def _expand_include(line: Line, path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterator[Line]:
     """The line itself or, for *INCLUDE, the lines of the included file."""
     if not line.text[1:].lstrip().upper().startswith("INCLUDE"):
         yield line

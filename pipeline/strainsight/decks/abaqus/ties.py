@@ -66,7 +66,7 @@ class Ties:
         """Raise DeckError if basic axes (Abaqus) and nodal axes (`Mesh`) differ; they agree if all three components
         are tied, or none."""
         turned = next((node for node in nodes.tolist() if node in self.axes), None)
-        if turned is not None and _single(components):
+        if turned is not None and _is_partial(components):
             raise at.error(
                 f"ties single components of node {self.surfaces.assembly.node_ids[turned]}, which has nodal "
                 "axes (*TRANSFORM)",
@@ -76,7 +76,7 @@ class Ties:
     def add_kinematic_coupling(self, scope: Scope, keyword: Keyword) -> None:
         reference = self.reference(scope, keyword)
         for row in keyword.rows():
-            nodes = _without(self.surfaces.assembly.node_rows(row.text(0), scope, row), reference, row)
+            nodes = _remove_reference(self.surfaces.assembly.node_rows(row.text(0), scope, row), reference, row)
             components = component_range([row], 1)
             _check_orientation(keyword, row, components)
             self.check_axes(row, nodes, components)
@@ -103,15 +103,13 @@ class Ties:
         if parameters.get("ROTNODE"):
             turning = self.reference(scope, keyword, "ROT NODE")
             if not np.allclose(self.axes.get(turning, np.eye(3)), self.axes.get(reference, np.eye(3))):
-                raise keyword.error(
-                    "REF NODE and ROT NODE have different axes (*TRANSFORM)", "use the same axes for both nodes"
-                )
+                raise keyword.error("REF NODE and ROT NODE have different axes (*TRANSFORM)", "use equal axes")
             self.rotations[turning] = reference
         if parameters.get("POSITION", "INPUT").upper() != "INPUT":
             assembly.notes.append(f"{keyword.where}: the reference node of *RIGID BODY is not moved")
         whole = np.unique(np.concatenate(tied))
         points = np.setdiff1d(np.concatenate(pinned), whole)
-        _without(np.concatenate([whole, points]), reference, keyword)
+        _remove_reference(np.concatenate([whole, points]), reference, keyword)
         for nodes, components in ((whole, SIX), (points, TRANSLATIONS)):
             if (nodes := nodes[nodes != reference]).size:
                 self.add_rigid(keyword, reference, nodes, components)
@@ -126,7 +124,7 @@ class Ties:
         radius = keyword.number("INFLUENCE RADIUS", np.inf, "specify a radius")
         keep = np.linalg.norm(assembly.position[surface.nodes] - assembly.position[reference], axis=1) <= radius
         keep &= surface.nodes != reference
-        nodes = _without(surface.nodes[keep], reference, keyword)
+        nodes = _remove_reference(surface.nodes[keep], reference, keyword)
         components = component_range(kind.rows(needed=False), 0)
         _check_orientation(keyword, keyword, components)
         if kind.name == "KINEMATIC":
@@ -161,13 +159,12 @@ class Ties:
         if len(reference) != 1 or (kind != "BEAM" and np.linalg.norm(distance, axis=1).max(initial=0.0) > 1e-9 * size):
             self.ignored[f"*MPC {kind}"] += 1
             return
-        nodes = _without(nodes, int(reference[0]), row)
+        nodes = _remove_reference(nodes, int(reference[0]), row)
         self.add_rigid(row, int(reference[0]), nodes, TRANSLATIONS if kind == "PIN" else SIX)
 
 
 def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[str]) -> Ties:
-    """*RIGID BODY, *COUPLING with *KINEMATIC or *DISTRIBUTING, *KINEMATIC COUPLING and *MPC of types BEAM, TIE and
-    PIN.
+    """*RIGID BODY, *COUPLING with *KINEMATIC or *DISTRIBUTING, *KINEMATIC COUPLING and *MPC of types BEAM, TIE and PIN.
 
     Raises DeckError for references that are not one node, missing sets and surfaces, and single components of nodes
     with nodal axes or along an ORIENTATION.
@@ -193,7 +190,7 @@ def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[st
     return result
 
 
-def _without(nodes: IntArray, reference: int, at: Keyword | Row) -> IntArray:
+def _remove_reference(nodes: IntArray, reference: int, at: Keyword | Row) -> IntArray:
     rest = nodes[nodes != reference]
     if not rest.size:
         raise at.error("the tie has no node except its reference node", "specify the dependent nodes")
@@ -202,14 +199,14 @@ def _without(nodes: IntArray, reference: int, at: Keyword | Row) -> IntArray:
 
 def _check_orientation(keyword: Keyword, at: Keyword | Row, components: tuple[int, ...]) -> None:
     """Raise DeckError for an ORIENTATION unless all three components are tied, or none."""
-    if keyword.parameters.get("ORIENTATION") and _single(components):
+    if keyword.parameters.get("ORIENTATION") and _is_partial(components):
         raise at.error(
             "single components along an ORIENTATION are not supported",
             "tie all three components, or components along the basic axes",
         )
 
 
-def _single(components: tuple[int, ...]) -> bool:
+def _is_partial(components: tuple[int, ...]) -> bool:
     """Whether some, but not all, translations or rotations are tied."""
     return any(sum(c // 3 == kind for c in components) in (1, 2) for kind in (0, 1))
 
@@ -301,7 +298,7 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     SYMMETRY MODEL, its axis, and the sector faces of *TIE, CYCLIC SYMMETRY. Nodes of the first face without a matching
     node follow facets of the second.
 
-    Faces of a model with CONTACT press on those of the next sector through their *CONTACT PAIR and are not sector
+    Faces of a model with CONTACT press on those through their *CONTACT PAIR and are not sector
     faces. Raises DeckError for sectors of several numbers or axes (multistage), and for errors of `whole_ring`.
     """
     assembly = surfaces.assembly
@@ -309,9 +306,9 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     if not models:
         return mesh, surfaces
     first = models[0][1]
-    count, axis = _of(first)
+    count, axis = _sector_of(first)
     for _, keyword in models[1:]:
-        if _of(keyword)[0] != count or not np.allclose(_of(keyword)[1], axis):
+        if _sector_of(keyword)[0] != count or not np.allclose(_sector_of(keyword)[1], axis):
             raise keyword.error(
                 f"the number of sectors or the axis differs from that at {first.where}",
                 "mesh the full structure; multistage cyclic symmetry is not supported",
@@ -327,7 +324,7 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     except UserError as error:
         raise first.error(error.what, error.remedy or "") from None
     mesh_with_loose = _with_loose(ring, cuts, assembly)
-    whole = {key: _whole(surface, ring.at) for key, surface in surfaces.by_name.items()}
+    whole = {key: _copy_surface(surface, ring.at) for key, surface in surfaces.by_name.items()}
     n = len(mesh.position)
     loose = sum(len(nodes) for nodes, _ in ring.loose)
     merged = count * n - len(ring.mesh.position)
@@ -342,13 +339,11 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     return mesh_with_loose, replace(surfaces, by_name=whole)
 
 
-def _of(keyword: Keyword) -> tuple[int, np.ndarray]:
+def _sector_of(keyword: Keyword) -> tuple[int, np.ndarray]:
     """Number of sectors, and two points (6,) on the axis."""
     count = parse_integer(keyword.needs("N"))
     if count is None or count < 2:
-        raise keyword.error(
-            f"N is {keyword.parameters['N']!r}, which is not a number of sectors", "specify an integer greater than 1"
-        )
+        raise keyword.error(f"N is {keyword.parameters['N']!r}, not a number of sectors", "specify an integer above 1")
     axis = keyword.rows()[0].reals(6, "a coordinate")
     if np.allclose(axis[:3], axis[3:]):
         raise keyword.error("the two points of the axis coincide", "specify two different points on the axis")
@@ -387,7 +382,7 @@ def _with_loose(ring: Ring, cuts: list[tuple[Row, Surface, Surface]], assembly: 
     return mesh
 
 
-def _whole(surface: Surface, at: IntArray) -> Surface:
+def _copy_surface(surface: Surface, at: IntArray) -> Surface:
     """A surface on every copy of the sector."""
     nodes, first = np.unique(at[:, surface.nodes], return_index=True)
     weight = np.tile(surface.weight, len(at))[first]

@@ -32,16 +32,14 @@ from strainsight.mesh.thin import concatenate
 
 @dataclass(frozen=True)
 class Doubled:
-    """Elements that are written once for each physical volume: dropped (k,) ids and remaining (k,) ids of the same
-    elements."""
+    """Elements that are written once for each physical volume: dropped (k,) ids and remaining (k,) ids of the same elements."""
 
     dropped: IntArray
     remaining: IntArray
 
 
-def merged(solids: list[Chunk], version: str) -> tuple[list[Chunk], Doubled]:
-    """Format 2 writes an element once for each of its physical groups, with a new number; keep only that of the
-    lowest group."""
+def merge_doubled(solids: list[Chunk], version: str) -> tuple[list[Chunk], Doubled]:
+    """Format 2 writes an element once for each of its physical groups, with a new number; keep only that of the lowest group."""
     nothing = np.zeros(0, dtype=np.int64)
     tags = {chunk.groups for chunk in solids}
     if not version.startswith("2") or len(tags) < 2:
@@ -85,9 +83,7 @@ def block_of(file: GmshFile, chunk: Chunk, kind: str, order: Order, region: int)
     if missing.any():
         row, column = np.argwhere(missing)[0]
         element = int(chunk.ids[row])
-        what = (
-            f"element {element} ({chunk.kind.name}) refers to node {chunk.nodes[row, column]}, which is not in the file"
-        )
+        what = f"element {element} ({chunk.kind.name}) refers to the missing node {chunk.nodes[row, column]}"
         raise entity_error("element", element, what, "export the mesh again with all its nodes", file.where)
     return CellBlock(kind, chunk.ids, in_order(rows, order), np.full(len(chunk.ids), region))
 
@@ -117,11 +113,8 @@ class Thin:
 def thin_cells(
     file: GmshFile, sections: Mapping[str, GivenSection], solids: Mapping[int, Region], notes: list[str]
 ) -> Thin:
-    """Elements of the physical groups that have a section; solids: regions of the volumes.
-
-    Raises UserError for a missing group, DeckError for elements of higher order, and for an element with two
-    different sections.
-    """
+    """Elements of the physical groups that have a section; solids: regions of the volumes. Raises UserError for a missing group,
+    DeckError for elements of higher order, and for an element with two different sections."""
     chosen = regions_with_sections(_groups(file), sections, solids, notes)
     chunks = []
     for chunk in file.elements:
@@ -140,7 +133,7 @@ def thin_cells(
             raise entity_error("element", element, f"{what} and may contain only {names}", remedy, file.where)
         groups = tuple(sorted(tag for tag in section_tags if tag is not None))
         chunks.append(replace(chunk, groups=groups))
-    left, doubled = merged(chunks, file.version)
+    left, doubled = merge_doubled(chunks, file.version)
     several = [*_in_several(left), *_written_twice(chunks, doubled)]
     for element, dimension, tags in several:
         (first, section), *others = (chosen[dimension, tag] for tag in tags)
@@ -149,10 +142,7 @@ def thin_cells(
             remedy = "assign a section to only one of them (mesh.sections), or separate the physical groups"
             raise entity_error("element", element, what, remedy, file.where)
     if several:
-        notes.append(
-            f"element {several[0][0]} is in several physical groups with a section; the region of the lowest "
-            "tag is used"
-        )
+        notes.append(f"element {several[0][0]} is in several groups with a section; the lowest tag is used")
     cells = []
     for number, kind in THIN_KINDS.items():
         regions = {
@@ -198,11 +188,10 @@ __all__ = ["is_gmsh", "read_gmsh"]
 def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, GivenSection] | None = None) -> Mesh:
     """Read a gmsh mesh (formats 2.0 to 2.2, 4.0, 4.1, text or binary) with its units and numbers.
 
-    Regions are the physical volumes, by tag, and the surfaces and lines with a section. Every physical group is a
-    node set, a region also an element set, by name or as "2d-5" (dimension, tag). The format has no materials and no
-    supports. required: require solids if there are no sections; sections: config key → section of physical surfaces
-    and lines, in the units of the file. Raises DeckError for unsupported input, with file:line in text files, and
-    UserError for a missing region of a section.
+    Regions are the physical volumes, by tag, and the surfaces and lines with a section. Every physical group is a node set, a
+    region also an element set, by name or as "2d-5" (dimension, tag). The format has no materials and no supports. required:
+    require solids if there are no sections; sections: config key → section of physical surfaces and lines, in the units of the
+    file. Raises DeckError for unsupported input, with file:line in text files, and UserError for a missing region of a section.
     """
     path = Path(path)
     file = read_file(path)
@@ -216,7 +205,7 @@ def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, Given
     solids = [chunk for chunk in file.elements if chunk.kind.dimension == 3 and len(chunk.ids)]
     check_nodes(nodes.ids, nodes.position, file.where)
     _check_types(solids, file, required and not sections)
-    solids, doubled = merged(solids, file.version)
+    solids, doubled = merge_doubled(solids, file.version)
     blocks, regions, notes = _blocks(solids, file)
     thin = thin_cells(file, sections, regions, notes)
     check_elements([*blocks, *thin.cells], file.where)
@@ -274,9 +263,7 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     several = [chunk for chunk in solids if len(chunk.groups) > 1]
     if several:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
-        notes.append(
-            f"{plural(count, 'element')} in several physical volumes ({both}); the region of the lowest tag is used"
-        )
+        notes.append(f"{plural(count, 'element')} in several physical volumes ({both}); the lowest tag is used")
     blocks = []
     for kind in ELEMENTS:
         chunks_of_kind = [chunk for chunk in solids if chunk.type == kind.gmsh]

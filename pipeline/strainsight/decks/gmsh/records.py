@@ -1,7 +1,6 @@
 """Nodes, elements and geometrical entities in a gmsh file, formats 2 and 4.
 
-Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)", "version 4" and "Node
-ordering".
+Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)", "version 4" and "Node ordering".
 """
 
 from __future__ import annotations
@@ -232,7 +231,7 @@ class Chunk:
         return TYPES[self.type]
 
 
-def _joined(parts: list[NodeRows]) -> NodeRows:
+def _join_nodes(parts: list[NodeRows]) -> NodeRows:
     lines = [part.line for part in parts if part.line is not None]
     return NodeRows(
         concatenate(part.ids for part in parts),
@@ -262,7 +261,7 @@ def nodes_2(source: Numbers, count: int, parametric: bool) -> NodeRows:
         ids, row = source.rows(1, 5)
         parts.append(NodeRows(ids, row[:, :3], source.lines(1, 6)))
         source.take("double", int(row[0, 3]) if row[0, 3] in (1, 2) else 0)
-    return _joined(parts)
+    return _join_nodes(parts)
 
 
 def nodes_4(source: Numbers, version: str) -> NodeRows:
@@ -274,9 +273,7 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
         header = source.take("int", 3)
         dimension, parametric = int(header[0 if latest else 1]), int(header[2])
         if not 0 <= dimension <= 3 or parametric not in (0, 1):
-            raise source.error(
-                f"a block of nodes has the invalid entity dimension {dimension} or parametric flag {parametric}"
-            )
+            raise source.error(f"invalid entity dimension {dimension} or parametric flag {parametric}")
         count = int(source.take("size", 1)[0])
         width = 3 + (dimension if parametric else 0)
         if latest:
@@ -288,14 +285,12 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
     count_in_blocks = sum(len(part.ids) for part in parts)
     if count_in_blocks != total:
         raise source.error(f"{total} nodes are expected, but the blocks contain {count_in_blocks}")
-    return _joined(parts)
+    return _join_nodes(parts)
 
 
 def entity_groups(source: Numbers, version: str) -> dict[tuple[int, int], tuple[int, ...]]:
-    """(dimension, tag) of a geometrical entity → tags of its physical groups.
-
-    A negative tag denotes the same group with reversed element orientation.
-    """
+    """(dimension, tag) of a geometrical entity → tags of its physical groups. A negative tag denotes the same group with
+    reversed element orientation."""
     groups_of_entity: dict[tuple[int, int], tuple[int, ...]] = {}
     counts = source.take("size", 4)
     for dimension in range(4):
@@ -328,10 +323,8 @@ def elements_4(source: Numbers, version: str, groups: dict[tuple[int, int], tupl
 
 
 def elements_2(source: Numbers, count: int) -> list[Chunk]:
-    """Read rows of number, type, tags, nodes (text), or type, count, tags, and the rows (binary).
-
-    The first tag is the physical group, 0 for none.
-    """
+    """Read rows of number, type, tags, nodes (text), or type, count, tags, and the rows (binary). The first tag is the physical
+    group, 0 for none."""
     chunks: list[Chunk] = []
     done = 0
     if not isinstance(source, Text):

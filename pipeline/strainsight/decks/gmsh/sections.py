@@ -23,7 +23,7 @@ from strainsight.decks.gmsh.records import (
     nodes_2,
     nodes_4,
 )
-from strainsight.decks.text import UNPACKING, error_at, opened, parse_integer, read_bytes
+from strainsight.decks.text import UNPACKING, error_at, open_file, parse_integer, read_bytes
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IdTable
 
@@ -35,8 +35,7 @@ _READ = ("PhysicalNames", "Entities", "Nodes", "ParametricNodes", "Elements")
 
 @dataclass
 class GmshFile:
-    """Contents of a file: version "2.2"; names (dimension, physical tag) → name; nodes; elements; sections that are
-    not read."""
+    """Contents of a file: version "2.2"; names (dimension, physical tag) → name; nodes; elements; sections that are not read."""
 
     path: str
     version: str = ""
@@ -60,20 +59,17 @@ class GmshFile:
 
 
 def is_gmsh(path: Path) -> bool:
-    """Whether a file begins like a gmsh file, with a section ($MeshFormat, $Comments); ANSYS writes another kind of
-    .msh."""
+    """Whether a file begins like a gmsh file, with a section ($MeshFormat, $Comments); ANSYS writes another kind of .msh."""
     try:
-        with opened(Path(path)) as file:
+        with open_file(Path(path)) as file:
             return re.match(rb"(\xef\xbb\xbf)?\s*\$[A-Za-z]", file.read(200)) is not None
     except (OSError, *UNPACKING):
         return False
 
 
 def read_file(path: Path) -> GmshFile:
-    """Read the sections of a gmsh file, unpacked if its name ends in .gz.
-
-    Raises DeckError for a file that is missing, empty, damaged or has an unsupported version.
-    """
+    """Read the sections of a gmsh file, unpacked if its name ends in .gz. Raises DeckError for a file that is missing, empty,
+    damaged or has an unsupported version."""
     return _Reader(read_bytes(Path(path)).removeprefix(b"\xef\xbb\xbf"), str(path)).read()
 
 

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from strainsight.decks.faults import folded
+from strainsight.decks.faults import find_repeated_node
 from strainsight.decks.nastran.cards import Card, Cards, Elements
 from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.springs import components
@@ -29,16 +29,14 @@ def with_defaults(cards: Cards) -> dict[str, list[Card]]:
     for name, default in DEFAULTS.items():
         default_cards = cards.of(default)
         if len(default_cards) > 1:
-            raise default_cards[1].error(
-                f"{default} is defined twice (first at {default_cards[0].where})", f"keep one {default}"
-            )
+            raise default_cards[1].error(f"{default} is defined twice (first at {default_cards[0].where})", "keep one")
         cards_by_name[name] = (
-            [_filled(card, default_cards[0]) for card in cards.of(name)] if default_cards else cards.of(name)
+            [_fill_defaults(card, default_cards[0]) for card in cards.of(name)] if default_cards else cards.of(name)
         )
     return cards_by_name
 
 
-def _filled(card: Card, default: Card) -> Card:
+def _fill_defaults(card: Card, default: Card) -> Card:
     fields = [*card.tokens, *[""] * (8 - len(card.tokens))]
     for group in ((1,), (4, 5, 6), (7,)):
         if not any(fields[i] for i in group):
@@ -67,7 +65,7 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
             dtype=np.int64,
         )
         nodes = grids.nodes.rows_of_cards(node_ids, cards)
-        if (at := folded(nodes)) is not None:
+        if (at := find_repeated_node(nodes)) is not None:
             raise cards[at].error("both ends are at the same node", "specify two nodes, or remove the element")
         n = len(cards)
         offset, released = np.zeros((n, 2, 3)), np.zeros((n, 2, 6), dtype=bool)
@@ -76,14 +74,12 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
                 _check_offt(card)
                 for end in (0, 1):
                     offset[i, end] = _offset(card, end, int(nodes[i, end]), grids)
-                    released[i, end, _released(card, end)] = True
+                    released[i, end, _released_components(card, end)] = True
         along = np.diff(grids.position[nodes] + offset, axis=1)[:, 0]
         length = np.linalg.norm(along, axis=1)
         short = ~(length > APART * extent)
         if short.any():
-            raise cards[int(np.argmax(short))].error(
-                "its ends coincide", "move a node or an offset, or remove the element"
-            )
+            raise cards[int(np.argmax(short))].error("its ends coincide", "move a node or remove the element")
         if kind == "beam":
             v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])
         else:
@@ -106,9 +102,7 @@ def _check_offt(card: Card) -> None:
         return
     if parse_real(text) is not None:
         raise card.error(f"BIT is {text}: pretwist is not supported", "leave the field blank")
-    raise card.error(
-        f"OFFT is {text}: only offsets along the systems CD of the nodes are supported", "set OFFT to GGG or BGG"
-    )
+    raise card.error(f"OFFT is {text}: only offsets along nodal axes are supported", "set OFFT to GGG or BGG")
 
 
 def _offset(card: Card, end: int, row: int, grids: Grids) -> FloatArray:
@@ -117,16 +111,14 @@ def _offset(card: Card, end: int, row: int, grids: Grids) -> FloatArray:
     return np.asarray(grids.axes.get(row, np.eye(3)) @ offset)
 
 
-def _released(card: Card, end: int) -> list[int]:
+def _released_components(card: Card, end: int) -> list[int]:
     """Pin flags PA or PB as components."""
     text = card.text(8 + end)
     if text in ("", "0"):
         return []
     pins = components(text, card)
     if len(pins) > 5:
-        raise card.error(
-            f"all components of end {'AB'[end]} are released", "remove the element, or connect one component"
-        )
+        raise card.error(f"all components of end {'AB'[end]} are released", "connect at least one component")
     return list(pins)
 
 
@@ -150,7 +142,7 @@ def bar_section(card: Card) -> tuple[int, BeamSection]:
     I12 = card.real(18, "I12", 0.0)
     shear = (card.real(16, "K1", 0.0), card.real(17, "K2", 0.0))
     section = BeamSection(A, _second(I1, I2, I12), J, shear, _points(card, 8), nonstructural)
-    return card.integer(1, "the material id"), _checked(card, section)
+    return card.integer(1, "the material id"), _check_section(card, section)
 
 
 _WORDS = ((2, "the area A"), (3, "I1"), (4, "I2"), (5, "J"), (6, "the mass NSM"))
@@ -165,7 +157,7 @@ def rod_section(card: Card) -> tuple[int, BeamSection]:
     mid, *fields = _RODS[card.name]
     area, torsion = card.real(fields[0], "the area A"), card.real(fields[1], "J", 0.0)
     section = BeamSection(area, torsion=torsion, nonstructural=card.real(fields[2], "the mass NSM", 0.0))
-    return card.integer(mid, "the material id"), _checked(card, section)
+    return card.integer(mid, "the material id"), _check_section(card, section)
 
 
 def tube_section(card: Card) -> tuple[int, BeamSection]:
@@ -190,15 +182,12 @@ def tube_section(card: Card) -> tuple[int, BeamSection]:
         torsion=np.pi * (d**4 - inner**4) / 32,
         nonstructural=card.real(4, "the mass NSM", 0.0),
     )
-    return card.integer(1, "the material id"), _checked(card, section)
+    return card.integer(1, "the material id"), _check_section(card, section)
 
 
 def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
-    """MID and section of a PBEAM at its ends; intermediate stations must vary linearly. Blank K1 and K2 are 1.
-
-    N1 and N2, M1 and M2 of end B default to those of end A. Raises DeckError for non-linear stations and shear
-    relief (S1, S2).
-    """
+    """MID and section of a PBEAM at its ends; intermediate stations must vary linearly. Blank K1 and K2 are 1. N1 and N2, M1 and
+    M2 of end B default to those of end A. Raises DeckError for non-linear stations and shear relief (S1, S2)."""
     at, points = 8, np.zeros((0, 2))
     if card.text(8).upper() not in STATIONS:  # the line of stress recovery points is optional
         at, points = 16, _points(card, 8)
@@ -214,7 +203,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
         if not 0 < x <= 1:
             raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
         if x < 1:
-            check_station(card, x, _station(card, field, _between(x, end_a, end_b)), end_a, end_b)
+            check_station(card, x, _station(card, field, _interpolate(x, end_a, end_b)), end_a, end_b)
     words: tuple[str, ...] = ("K1", "K2", "S1", "S2", "NSI(A)", "NSI(B)", "CW(A)", "CW(B)")
     words += ("M1(A)", "M2(A)", "M1(B)", "M2(B)", "N1(A)", "N2(A)", "N1(B)", "N2(B)")
     more: dict[str, float] = {}
@@ -230,9 +219,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
         any(word[0] == "N" and word[1] != "S" for word in nonzero)
         and not min(*_values(end_a)[1:3], *_values(end_b)[1:3]) > 0
     ):
-        raise card.error(
-            "the neutral axis has an offset (N1, N2), but the beam has no bending stiffness", "specify I1 and I2"
-        )
+        raise card.error("the neutral axis has an offset (N1, N2), but I1 and I2 are zero", "specify I1 and I2")
     end_a, end_b = (
         replace(
             station, neutral=(more[f"N1({end})"], more[f"N2({end})"]), beside=(more[f"M1({end})"], more[f"M2({end})"])
@@ -242,17 +229,14 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     if ignored_words := [
         word for i, word in enumerate(words) if more[word] and word[:2] in ("NS", "CW") and card.text(at + i)
     ]:
-        notes.append(
-            f"PBEAM {card.text(0)}: {', '.join(ignored_words)} (inertia about the axis, warping) have no effect"
-        )
+        notes.append(f"PBEAM {card.text(0)}: {', '.join(ignored_words)} (axial inertia, warping) have no effect")
     shear = (more["K1"], more["K2"])
     section = replace(end_a, shear=shear, at_b=None if _equal_sections(end_a, end_b) else replace(end_b, shear=shear))
-    return card.integer(1, "the material id"), _checked(card, section)
+    return card.integer(1, "the material id"), _check_section(card, section)
 
 
 def _station(card: Card, at: int, default: BeamSection | None) -> BeamSection:
-    """A, I1, I2, I12, J, NSM from a field on; blank entries default to `default`, at end A to zero except for A, I1
-    and I2."""
+    """A, I1, I2, I12, J, NSM from a field on; blank entries default to `default`, at end A to zero except for A, I1 and I2."""
     blank = [None, None, None, 0.0, 0.0, 0.0] if default is None else _values(default)
     names = ("the area A", "I1", "I2", "I12", "J", "the mass NSM")
     A, I1, I2, I12, J, nonstructural = (card.real(at + i, names[i], blank[i]) for i in range(6))
@@ -270,14 +254,14 @@ def _equal_sections(a: BeamSection, b: BeamSection) -> bool:
     return all(np.array_equal(getattr(a, entry.name), getattr(b, entry.name)) for entry in fields(a))
 
 
-def _between(x: float, a: BeamSection, b: BeamSection) -> BeamSection:
+def _interpolate(x: float, a: BeamSection, b: BeamSection) -> BeamSection:
     A, I1, I2, I12, J, nonstructural = ((1 - x) * p + x * q for p, q in zip(_values(a), _values(b), strict=True))
     return BeamSection(A, _second(I1, I2, I12), J, nonstructural=nonstructural)
 
 
 def check_station(card: Card, x: float, section: BeamSection, a: BeamSection, b: BeamSection) -> None:
     """Raise DeckError unless a section at x of the length from end A varies linearly between the ends."""
-    line = _values(_between(x, a, b))
+    line = _values(_interpolate(x, a, b))
     for name, value, on_line, p, q in zip(
         ("A", "I1", "I2", "I12", "J", "NSM"), _values(section), line, _values(a), _values(b), strict=True
     ):
@@ -299,7 +283,7 @@ def _points(card: Card, at: int) -> FloatArray:
     return np.array([[card.real(i + j, "a place of stress", 0.0) for j in (0, 1)] for i in filled]).reshape(-1, 2)
 
 
-def _checked(card: Card, section: BeamSection) -> BeamSection:
+def _check_section(card: Card, section: BeamSection) -> BeamSection:
     """Raise DeckError for an invalid section."""
     for end in (section, *((section.at_b,) if section.at_b else ())):
         A, I1, I2, I12, J, nonstructural = _values(end)
@@ -312,9 +296,7 @@ def _checked(card: Card, section: BeamSection) -> BeamSection:
                 "only I12 may be negative, and I12² must not exceed I1 I2",
             )
         if min(section.shear) < 0:
-            raise card.error(
-                f"K1 is {section.shear[0]:g} and K2 {section.shear[1]:g}", "specify K1 and K2 of at least 0"
-            )
+            raise card.error(f"K1 is {section.shear[0]:g} and K2 {section.shear[1]:g}", "specify values of at least 0")
     return section
 
 
@@ -331,11 +313,8 @@ def bar_shape(card: Card) -> tuple[int, BeamSection]:
 
 
 def beam_shape(card: Card) -> tuple[int, BeamSection]:
-    """MID and section of a PBEAML at its ends; intermediate sections must vary linearly.
-
-    Raises DeckError for non-linear stations, and for shapes whose shear centre (the axis of a CBEAM) is not the
-    centroid: those without point symmetry.
-    """
+    """MID and section of a PBEAML at its ends; intermediate sections must vary linearly. Raises DeckError for non-linear
+    stations, and for shapes whose shear centre (the axis of a CBEAM) is not the centroid: those without point symmetry."""
     kind, count = _shape(card)
     dimensions = _dimensions(card, 8, count, None)
     mass = card.not_negative(8 + count, "the mass NSM", 0.0)
@@ -369,9 +348,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
 def _shape(card: Card) -> tuple[str, int]:
     """TYPE, and its number of dimensions."""
     if card.text(2).upper() not in ("", "MSCBML0"):
-        raise card.error(
-            f"GROUP is {card.text(2)}, but must be MSCBML0", "define the section by its area and moments of inertia"
-        )
+        raise card.error(f"GROUP is {card.text(2)}, but must be MSCBML0", "define area and moments of inertia")
     kind = card.text(3).upper()
     return kind, SHAPES[kind][0] if kind in SHAPES else 0
 

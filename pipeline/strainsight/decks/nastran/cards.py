@@ -26,9 +26,8 @@ MOST = 1_000_000
 _STEP = re.compile(r"\*(?:\((.+)\)|(.+))")
 
 
-def times(head: str, card_count: int, line: Line) -> int:
-    """Number of repetitions of =(n) or =n; 1 for =. Raises DeckError if there are more than MOST, including
-    `card_count`."""
+def repeat_count(head: str, card_count: int, line: Line) -> int:
+    """Number of repetitions of =(n) or =n; 1 for =. Raises DeckError if there are more than MOST, including `card_count`."""
     match = HEAD.fullmatch(head)
     count = int(match[1] or match[2] or 1) if match else 1
     if card_count + count > MOST:
@@ -39,12 +38,9 @@ def times(head: str, card_count: int, line: Line) -> int:
     return count
 
 
-def repeated_fields(fields: Sequence[str], pattern: Sequence[str], line: Line) -> list[str]:
-    """The eight fields of the next card: = copies a field of the previous card, *x adds x to it, a blank x repeats,
-    == copies the rest.
-
-    Raises DeckError if *x refers to a field that is not a number, or x is not a number.
-    """
+def expand_fields(fields: Sequence[str], pattern: Sequence[str], line: Line) -> list[str]:
+    """The eight fields of the next card: = copies a field of the previous card, *x adds x to it, a blank x repeats, == copies
+    the rest. Raises DeckError if *x refers to a field that is not a number, or x is not a number."""
     result: list[str] = []
     for i in range(8):
         token, before = entry(pattern, i), entry(fields, i)
@@ -66,9 +62,7 @@ def _sum(before: str, step: str, what: str, line: Line) -> str:
         return str(whole + more)
     x, h = parse_real(before), parse_real(step)
     if x is None or h is None:
-        raise line.error(
-            f"{what} adds {step!r} to {before!r}, but both must be numbers", "correct the card, or write it explicitly"
-        )
+        raise line.error(f"{what} adds {step!r} to {before!r}, but both must be numbers", "write the card explicitly")
     return repr(x + h)
 
 
@@ -83,8 +77,7 @@ _LONGEST_NAME = 8
 
 
 class Card(NamedTuple("_Card", [("name", str), ("tokens", list[str]), ("file", str), ("line", int)]), Entries):
-    """One bulk-data entry: NAME (upper case, no asterisk), tokens of the data fields (stripped), file and line of
-    its start."""
+    """One bulk-data entry: NAME (upper case, no asterisk), tokens of the data fields (stripped), file and line of its start."""
 
     __slots__ = ()
     WORD, FIRST = "field", 2
@@ -226,9 +219,7 @@ def _file_name(argument: str, following: Sequence[str], where: str) -> tuple[str
             return (quoted[2] if quoted[1] else quoted[3]), more
         if whole[:1] not in ("'", '"'):
             break
-    raise error_at(
-        where, f"INCLUDE {argument.strip()}: the file name is incomplete", "write INCLUDE 'file' on one line"
-    )
+    raise error_at(where, f"INCLUDE {argument.strip()}: incomplete file name", "write INCLUDE 'file' on one line")
 
 
 class _Piece(NamedTuple):
@@ -247,7 +238,7 @@ class _Piece(NamedTuple):
 
 
 def _cards(lines: list[Line]) -> Iterator[Card]:
-    pieces = [_cut(line) for line in _joined(lines)]
+    pieces = [_split_fields(line) for line in _join_lines(lines)]
     follower = _continuations(pieces)
     pattern: list[str] | None = None  # of the previous card, if it is a replication
     name, card_count = "", 0
@@ -263,10 +254,10 @@ def _cards(lines: list[Line]) -> Iterator[Card]:
                     "write the repeated cards explicitly",
                 )
             pattern = piece.data if piece.head == "=" else pattern
-            count = times(piece.head, card_count, line)
+            count = repeat_count(piece.head, card_count, line)
             card_count += count
             for _ in range(count):
-                fields = repeated_fields(fields, pattern or [], line)
+                fields = expand_fields(fields, pattern or [], line)
                 yield Card(name, fields, line.file, line.number)
             continue
         pattern, name, fields, large, at = None, piece.head, [*piece.data], piece.large, follower.get(i)
@@ -280,7 +271,7 @@ def _cards(lines: list[Line]) -> Iterator[Card]:
         yield Card(name, fields, line.file, line.number)
 
 
-def _joined(lines: list[Line]) -> Iterator[Line]:
+def _join_lines(lines: list[Line]) -> Iterator[Line]:
     """Lines, where a free-format line that ends in a comma is joined with a next line that begins with a number."""
     before: Line | None = None
     for line in lines:
@@ -351,12 +342,9 @@ def _key(mark: str) -> str:
     return mark.lstrip("+*").strip()
 
 
-def _cut(line: Line) -> _Piece:
-    """Parse a line into head, data fields (8 a line, or 4 in large format) and mark of the next line.
-
-    In free format surplus fields belong to the next line, with or without marks between them: `…,6,+,+,7,8` and
-    `…,6,7,8`.
-    """
+def _split_fields(line: Line) -> _Piece:
+    """Parse a line into head, data fields (8 a line, or 4 in large format) and mark of the next line. In free format surplus
+    fields belong to the next line, with or without marks between them: `…,6,+,+,7,8` and `…,6,7,8`."""
     text = line.text
     if "," in text:
         tokens = [token.strip() for token in text.split(",")]

@@ -12,7 +12,7 @@ import numpy as np
 
 from strainsight.decks.faults import Doubt
 from strainsight.decks.nastran.cards import Card, Deck
-from strainsight.decks.text import Line, error_at, is_whole, no_integer, parse_integer, parse_real
+from strainsight.decks.text import Line, describe_non_integer, error_at, is_whole, parse_integer, parse_real
 from strainsight.mesh.model import IntArray
 
 _SELECTION = re.compile(r"\s*(SPC|MPC)\s*=\s*(\w+)", re.IGNORECASE)
@@ -67,7 +67,7 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
 def _id(word: str, where: str) -> int:
     value = parse_integer(word)
     if value is None or value < 1:
-        what = f"an id {no_integer(word)}" if value is None and is_whole(word) else f"{word!r} is not an id"
+        what = f"an id {describe_non_integer(word)}" if value is None and is_whole(word) else f"{word!r} is not an id"
         raise error_at(where, what, "use positive integers, and ranges first THRU last")
     return value
 
@@ -77,9 +77,8 @@ def sets(
 ) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
     """Node sets and element sets by name.
 
-    SET1 contains nodes; SET3 states its type. A SET of the case control is a node set if all its single ids are
-    nodes, an element set if all are elements, and both if both are true. node_ids and element_ids sorted; left_out:
-    ignored cards.
+    SET1 contains nodes; SET3 states its type. A SET of the case control is a node set if all its single ids are nodes, an
+    element set if all are elements, and both if both are true. node_ids and element_ids sorted; left_out: ignored cards.
     """
     nodes: dict[str, IntArray] = {}
     elements: dict[str, IntArray] = {}
@@ -155,10 +154,9 @@ def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
 
 @dataclass(frozen=True)
 class CardSets:
-    """Sets of supports ("SPC") or relations ("MPC"), with their name `what`; cards of all; combined: set → sets of
-    its SPCADD or MPCADD; ids of all, top: sets that are not part of another; chosen: ids, as written, selected by
-    lines "SPC = n" of the case control, with the first line of each; left_out: some cards are ignored, so sets may be
-    missing."""
+    """Sets of supports ("SPC") or relations ("MPC"), with their name `what`; cards of all; combined: set → sets of its SPCADD or
+    MPCADD; ids of all, top: sets that are not part of another; chosen: ids, as written, selected by lines "SPC = n" of the case
+    control, with the first line of each; left_out: some cards are ignored, so sets may be missing."""
 
     what: str
     cards: list[Card]
@@ -235,32 +233,27 @@ def _of_case_control(deck: Deck) -> list[Card]:
 
 
 def mass_scale(deck: Deck) -> float:
-    """PARAM WTMASS: the factor from weights of the deck to masses.
-
-    Raises DeckError if it is not positive, and if bulk data, case control or subcases differ.
-    """
-    definitions = _named(deck.cards.of("PARAM"), "WTMASS")[-1:]  # the last one of the bulk data applies
-    definitions += _named(_of_case_control(deck), "WTMASS")
+    """PARAM WTMASS: the factor from weights of the deck to masses. Raises DeckError if it is not positive, and if bulk data,
+    case control or subcases differ."""
+    definitions = _parameters_named(deck.cards.of("PARAM"), "WTMASS")[-1:]  # the last one of the bulk data applies
+    definitions += _parameters_named(_of_case_control(deck), "WTMASS")
     factors = [card.real(1, "the factor") for card in definitions]
     for card, scale in zip(definitions, factors, strict=True):
         if scale <= 0:
             raise card.error(f"the factor is {scale:g}, not positive")
         if scale != factors[0]:
-            raise card.error(
-                f"the factor is {scale:g} here, but {factors[0]:g} at {definitions[0].where}",
-                "keep only the correct one",
-            )
+            raise card.error(f"the factor is {scale:g} here, but {factors[0]:g} at {definitions[0].where}", "keep one")
     return factors[0] if factors else 1.0
 
 
-def lumped(deck: Deck) -> bool:
+def is_lumped(deck: Deck) -> bool:
     """Whether the last COUPMASS is not positive, so that the mass of the deck is lumped."""
-    return any((parse_real(card.text(1)) or 0) <= 0 for card in _named(_parameters(deck), "COUPMASS")[-1:])
+    return any((parse_real(card.text(1)) or 0) <= 0 for card in _parameters_named(_parameters(deck), "COUPMASS")[-1:])
 
 
 def large_displacements(deck: Deck) -> bool | None:
     """Whether the last LGDISP activates large displacements; None without LGDISP."""
-    parameters = _named(_parameters(deck), "LGDISP")
+    parameters = _parameters_named(_parameters(deck), "LGDISP")
     return (parse_real(parameters[-1].text(1)) or 0) > 0 if parameters else None
 
 
@@ -270,12 +263,16 @@ def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dic
     effect = {}
     for card in _parameters(deck):
         name = card.text(0).upper()
-        if name in HONOURED or (name in SCALES and _is(card, 1.0)) or (name in STRUCTURE and _is(card, 0.0)):
+        if (
+            name in HONOURED
+            or (name in SCALES and _has_value(card, 1.0))
+            or (name in STRUCTURE and _has_value(card, 0.0))
+        ):
             continue
         if name == "LGDISP" and not large_displacements(deck):
             continue
         ignored[f"PARAM {name}"] += 1
-        if name == "COUPMASS" and lumped(deck):
+        if name == "COUPMASS" and is_lumped(deck):
             effect[f"PARAM {name}"] = "structure"
         elif name in STRUCTURE or name in NONE:
             effect[f"PARAM {name}"] = "structure" if name in STRUCTURE else "none"
@@ -288,9 +285,9 @@ def _parameters(deck: Deck) -> tuple[Card, ...]:
     return (*deck.cards.of("PARAM"), *_of_case_control(deck))
 
 
-def _named(cards: Sequence[Card], name: str) -> list[Card]:
+def _parameters_named(cards: Sequence[Card], name: str) -> list[Card]:
     return [card for card in cards if card.text(0).upper() == name]
 
 
-def _is(card: Card, value: float) -> bool:
+def _has_value(card: Card, value: float) -> bool:
     return parse_real(card.text(1)) == value

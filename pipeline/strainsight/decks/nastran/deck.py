@@ -9,9 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.faults import ENFORCED, HELD, MISSING_END, effects, notes_and_doubts, spelt, turning_nodes
+from strainsight.decks.faults import (
+    ENFORCED,
+    HELD,
+    MISSING_END,
+    classify_effects,
+    notes_and_doubts,
+    spelt,
+    turning_nodes,
+)
 from strainsight.decks.nastran.cards import Cards, Deck, origin, read_deck, unique_ids
-from strainsight.decks.nastran.case_control import count_parameters, lumped, mass_scale, sets
+from strainsight.decks.nastran.case_control import count_parameters, is_lumped, mass_scale, sets
 from strainsight.decks.nastran.grids import BY_NODES, BY_POINTS, read_grids
 from strainsight.decks.nastran.loads import LOADS, PLATES, preloads, static_loads
 from strainsight.decks.nastran.materials import ANISOTROPIC
@@ -98,19 +106,18 @@ def read_nastran(
 ) -> Mesh:
     """Read a Nastran deck with its units and ids.
 
-    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, PCOMPS, MAT1,
-    MAT9 and MAT11 of solids, MAT8 of plies, the cards of `thin`, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR,
-    RBAR1, RROD, RBE1, `MASSES`, springs, the static loads of `static_loads`, SET1, SET3, case-control SPC, MPC and
-    SET, PARAM WTMASS (also of the case control), INCLUDE. Every other card is counted in `ignored`. SET 5 of the case
-    control is the set "SET-5", SET1 5 of the bulk data "SET1-5". Without a selection in the case control the only
-    support set is used. required: require elements, and properties of shells and beams; materials_required: require
-    PSOLID and MAT1 of all elements; ignore: cards to leave out, and MISSING ENDDATA to accept a deck with BEGIN BULK
-    and without ENDDATA; spc: support set instead of the selected one; include: further folders of included files.
-    Raises DeckError with file:line for unsupported input.
+    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, PCOMPS, MAT1, MAT9 and MAT11
+    of solids, MAT8 of plies, the cards of `thin`, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR, RBAR1, RROD, RBE1, `MASSES`,
+    springs, the static loads of `static_loads`, SET1, SET3, case-control SPC, MPC and SET, PARAM WTMASS (also of the case
+    control), INCLUDE. Every other card is counted in `ignored`. SET 5 of the case control is the set "SET-5", SET1 5 of the bulk
+    data "SET1-5". Without a selection in the case control the only support set is used. required: require elements, and
+    properties of shells and beams; materials_required: require PSOLID and MAT1 of all elements; ignore: cards to leave out, and
+    MISSING ENDDATA to accept a deck with BEGIN BULK and without ENDDATA; spc: support set instead of the selected one; include:
+    further folders of included files. Raises DeckError with file:line for unsupported input.
     """
     path = Path(path)
     deck = read_deck(path, include)
-    notes = [*_unended(deck, ignore), *deck.notes]
+    notes = [*_check_end(deck, ignore), *deck.notes]
     cut = deck.begun and not deck.ended
     cards = deck.cards
     left_out = {name: cards.pop(name) for name in {spelt(name) for name in ignore} & {*cards} & IMPORTED}
@@ -163,7 +170,7 @@ def read_nastran(
     of_parameters = _count_ignored(deck, ignored, notes)
     loaded = preloads(deck)
     ignored.update({card: len(lines) for card, lines in loaded.items()})
-    diagonal = lumped(deck) and not (thin.shells or thin.beams)
+    diagonal = is_lumped(deck) and not (thin.shells or thin.beams)
     if diagonal:
         del ignored["PARAM COUPMASS"]
     ignored.update({MISSING_END: 1} if cut else {})
@@ -187,7 +194,7 @@ def read_nastran(
         element_sets=element_sets,
         loads=loads,
         ignored=dict(sorted(ignored.items())),
-        effect=effects(ignored, STRUCTURAL, CONTROL)
+        effect=classify_effects(ignored, STRUCTURAL, CONTROL)
         | of_parameters
         | {card: "structure" for card in ignored if card in (ENFORCED, HELD) or card in loaded},
         unsupported={
@@ -212,9 +219,8 @@ def read_nastran(
     )
 
 
-def _unended(deck: Deck, ignore: Sequence[str]) -> list[str]:
-    """Note on a deck without ENDDATA. Raises DeckError if it has BEGIN BULK and `ignore` does not contain MISSING
-    ENDDATA."""
+def _check_end(deck: Deck, ignore: Sequence[str]) -> list[str]:
+    """Note on a deck without ENDDATA. Raises DeckError if it has BEGIN BULK and `ignore` does not contain MISSING ENDDATA."""
     if deck.ended:
         return []
     if deck.begun and spelt(MISSING_END) not in {spelt(name) for name in ignore}:

@@ -46,16 +46,14 @@ def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateS
             definition = definitions[pending[-1]]
             missing = [reference for reference in definition.systems if reference not in systems]
             if not missing:
-                systems[pending[-1]] = _resolved(definition, systems)
+                systems[pending[-1]] = _resolve(definition, systems)
                 pending.pop()
             elif missing[0] not in definitions:
                 raise definition.card.error(
                     f"refers to coordinate system {missing[0]}, which is not in the deck", "add the card of the system"
                 )
             elif missing[0] in pending:
-                raise definitions[cid].card.error(
-                    "its reference systems are circular", "define one of them in the basic system 0"
-                )
+                raise definitions[cid].card.error("its reference systems are circular", "use the basic system 0")
             else:
                 pending.append(missing[0])
     return systems
@@ -69,9 +67,7 @@ def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
             raise definition.card.error("the system id must be positive")
         if cid in definitions:
             first = definitions[cid].card.where
-            raise definition.card.error(
-                f"system id {cid} is used twice (first at {first})", "number each system uniquely"
-            )
+            raise definition.card.error(f"system id {cid} is used twice (first at {first})", "use unique ids")
         definitions[cid] = definition
 
     for card in cards.of(*BY_POINTS):
@@ -88,15 +84,13 @@ def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
     return definitions
 
 
-def _resolved(definition: _Definition, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
+def _resolve(definition: _Definition, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
     A, B, C = to_basic(definition.points, np.array(definition.systems), systems)
     z, plane = B - A, C - A
     y = np.cross(z, plane)
     length, area = np.linalg.norm(z), np.linalg.norm(y)
     if length == 0 or area <= 1e-9 * length * np.linalg.norm(plane):
-        raise definition.card.error(
-            "the points A, B and C are on one line", "specify a point C that is not on the line from A to B"
-        )
+        raise definition.card.error("the points A, B and C are on one line", "specify a point C off the line A-B")
     z, y = z / length, y / area
     return CoordinateSystem(SHAPES[definition.card.name[-1]], A, np.column_stack([np.cross(y, z), y, z]))
 
@@ -148,7 +142,7 @@ class NodeTable(IdTable):
         if any((expand(card.tokens, ids, card.where)[0] == node_id).any() for card in self._scalar):
             return (
                 f"node {node_id} is a scalar point (SPOINT), which is not supported",
-                "remove the node, or define it as a GRID",
+                "define it as a GRID",
             )
         return f"node {node_id} is not in the deck", f"add a GRID card with id {node_id}, or correct the id"
 
@@ -175,10 +169,8 @@ class Grids:
 
 
 def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
-    """Read GRID; blank fields CP, CD and PS have the values of GRDSET.
-
-    Raises DeckError for a deck without GRID, a duplicate id, and a missing system.
-    """
+    """Read GRID; blank fields CP, CD and PS have the values of GRDSET. Raises DeckError for a deck without GRID, a duplicate id,
+    and a missing system."""
     grids = cards.of("GRID")
     if not grids:
         raise error_at(path, "the deck contains no GRID card", "check that this is the deck of the model")
@@ -232,7 +224,7 @@ def _defaults(cards: list[Card]) -> tuple[int, int, str]:
     return cards[0].integer(1, "the system CP", 0), cards[0].integer(5, "the system CD", 0), cards[0].text(6)
 
 
-def resolved_system(card: Card, field: int, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
+def find_system(card: Card, field: int, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
     """The coordinate system of a field; the basic one if it is blank. Raises DeckError if it is missing."""
     cid = card.integer(field, "the system CID", 0)
     if cid not in systems:

@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.decks.faults import PRELOAD, moment_note
 from strainsight.decks.nastran.cards import Card, Cards, Deck
 from strainsight.decks.nastran.case_control import expand, large_displacements
-from strainsight.decks.nastran.grids import Grids, axes_at, resolved_system
+from strainsight.decks.nastran.grids import Grids, axes_at, find_system
 from strainsight.decks.text import Line
 from strainsight.mesh.coordinates import CoordinateSystem, local_axes
 from strainsight.mesh.facets import consistent_forces
@@ -48,7 +48,7 @@ def pressure_forces(cards: Cards, grids: Grids, mesh: Mesh) -> Iterator[tuple[in
     DeckError for a missing element, node or face, and for loads on edges (SORL = LINE).
     """
     groups: dict[tuple[int, str, int, object], list[Pressed]] = {}
-    for facet in _pressed(cards, grids, mesh):
+    for facet in _pressed_facets(cards, grids, mesh):
         along = None if facet.along is None else (id(facet.along[0]), facet.along[1])
         groups.setdefault((facet.set, facet.kind.name, len(facet.p), along), []).append(facet)
     for group in groups.values():
@@ -72,7 +72,7 @@ def _forces(position: FloatArray, like: Pressed, linear: Kind, nodes: IntArray, 
     return consistent_forces(position, like.kind, nodes, traction)
 
 
-def _pressed(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
+def _pressed_facets(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
     facets: list[Pressed] = []
     outlines: list[tuple[Card, tuple[int, ...], tuple[float, ...]]] = []  # PLOAD and plates: corners in order
     place = (
@@ -103,7 +103,7 @@ def _pressed(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
             last = [card.text(1), *card.tokens[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
             for corners in _named_plates(card, last, plates):
                 outlines.append((card, corners, p4[: len(corners)]))
-    return facets + _outlined(outlines, grids, mesh)
+    return facets + _facets_of_outlines(outlines, grids, mesh)
 
 
 def _set(card: Card) -> int:
@@ -115,7 +115,7 @@ def _pressures_along(card: Card, grids: Grids) -> tuple[CoordinateSystem, tuple[
     if card.text(12).upper() == "LINE":
         raise card.error("SORL is LINE: loads on edges are not supported", "define the load on the face instead")
     a, b, c = (card.real(9 + i, "a component of the direction", 0.0) for i in range(3))
-    return (resolved_system(card, 8, grids.systems), (a, b, c)) if a or b or c else None
+    return (find_system(card, 8, grids.systems), (a, b, c)) if a or b or c else None
 
 
 def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -> tuple[Kind, tuple[int, ...]]:
@@ -128,9 +128,7 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
             return None
         row = grids.nodes.row(card.integer(i, "a node id"), card)
         if row not in node_rows[: kind.corners]:
-            raise card.error(
-                f"node {card.text(i)} is not a corner of element {card.text(1)}", "specify corners of the loaded face"
-            )
+            raise card.error(f"node {card.text(i)} is not a corner of element {card.text(1)}", "use its corners")
         return node_rows.index(row)
 
     first, other = corner(6), corner(7)
@@ -184,7 +182,7 @@ def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int
     return [plates[i] for i in ids.tolist()]
 
 
-def _outlined(
+def _facets_of_outlines(
     outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]], grids: Grids, mesh: Mesh
 ) -> list[Pressed]:
     """Facets of solids, or else shells, with these corners; a pressure along the right-hand normal of the corners
@@ -272,9 +270,8 @@ def static_loads(
         FORCE   F N along the directions of its CID at the node,   FORCE1  along G1G2,   FORCE2  along G1G2 × G3G4
         GRAV    g = A N,     RFORCE  ω = 2π A R through the node G,     LOAD  S Σ S_i L_i
 
-    MOMENTs likewise; mesh: solids and shells; turning: rows of nodes with rotations; a MOMENT on another node
-    becomes a note. Loads on one node are added. Raises DeckError for a missing node, element, system or set, and for
-    an angular acceleration.
+    MOMENTs likewise; mesh: solids and shells; turning: rows of nodes with rotations; a MOMENT on another node becomes a note.
+    Loads on one node are added. Raises DeckError for a missing node, element, system or set, and for an angular acceleration.
     """
     sets: dict[int, LoadSet] = {}
 
@@ -300,9 +297,7 @@ def static_loads(
         of(card).body.append(BodyForce(acceleration=_along(card, 1, 2, grids)))
     for card in cards.of("RFORCE"):
         if card.real(8, "the angular acceleration RACC", 0.0) != 0:
-            raise card.error(
-                "angular acceleration (RACC) is not supported", "leave RACC blank; only steady rotation is supported"
-            )
+            raise card.error("angular acceleration (RACC) is not supported", "leave RACC blank")
         at = card.integer(1, "the node G", 0)
         centre = grids.position[grids.nodes.row(at, card)] if at else np.zeros(3)
         of(card).body.append(BodyForce(rotation=2 * np.pi * _along(card, 2, 3, grids), centre=centre))
@@ -315,10 +310,10 @@ def static_loads(
         f"{'FORCE' if load_set.cards == {'FORCE'} else 'LOAD'}-{number}": load_set.to_nodal_forces()
         for number, load_set in sorted(sets.items())
     }
-    return named | _combined(cards.of("LOAD"), sets)
+    return named | _combine_loads(cards.of("LOAD"), sets)
 
 
-def _combined(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, NodalForces]:
+def _combine_loads(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, NodalForces]:
     combined: dict[int, LoadSet] = {}
     for card in cards:
         number, whole = card.integer(0, "the set id"), card.real(1, "the factor S")
@@ -341,22 +336,20 @@ def _combined(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, Noda
 def _vector(card: Card, row: int, points: int, grids: Grids) -> FloatArray:
     """Force or moment of a card, from the components in its system or from two or four nodes."""
     if not points:
-        axes = axes_at(grids.position[row], resolved_system(card, 2, grids.systems))
+        axes = axes_at(grids.position[row], find_system(card, 2, grids.systems))
         size = card.real(3, f"the {card.name.lower()}")
         return np.asarray(size * axes @ [card.real(i, "the direction", 0.0) for i in (4, 5, 6)])
     x = [grids.position[grids.nodes.row(card.integer(3 + i, "a node id"), card)] for i in range(points)]
     direction = x[1] - x[0] if points == 2 else np.cross(x[1] - x[0], x[3] - x[2])
     if not np.linalg.norm(direction) > 0:
-        raise card.error(
-            "the nodes do not define a direction", "use nodes that do not coincide and are not on one line"
-        )
+        raise card.error("the nodes do not define a direction", "use nodes that are not on one line")
     size = card.real(2, f"the {card.name.rstrip('12').lower()}")
     return np.asarray(size * direction / np.linalg.norm(direction))
 
 
 def _along(card: Card, system: int, size: int, grids: Grids) -> FloatArray:
     """Magnitude times vector, in a rectangular system."""
-    coordinate_system = resolved_system(card, system, grids.systems)
+    coordinate_system = find_system(card, system, grids.systems)
     if coordinate_system.kind != "rectangular":
         raise card.error("the coordinate system is not rectangular", "specify the vector in a rectangular system")
     vector = [card.real(size + 1 + i, "a component of the vector", 0.0) for i in range(3)]

@@ -17,8 +17,7 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
     """Material of a MAT1: two of E, G, ν define the third, E = 2 (1 + ν) G, E alone ν = 0; if all three are
     inconsistent, also G over E/2(1 + ν).
 
-    Solids and membranes use E and ν, transverse shear of shells G, beams and rods E and G. of_beams: only beams and
-    rods use it.
+    Solids and membranes use E and ν, transverse shear of shells G, beams and rods E and G. of_beams: only beams and rods use it.
     """
     number = card.text(0)
     specified = [bool(card.text(i)) for i in (1, 2, 3)]
@@ -47,9 +46,7 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
     ratio = 1.0
     if of_beams and specified[:2] == [True, True] and E > 0 and not -1 < implied < 0.5:
         ratio, nu = 2 * G / E, 0.0
-        notes.append(
-            f"MAT1 {number}: E and G of its beams and rods imply a NU outside -1 to 0.5; E and G are both used"
-        )
+        notes.append(f"MAT1 {number}: E and G of its beams and rods imply NU outside -1 to 0.5; both are used")
     elif not specified[2] or (inconsistent and of_beams):
         nu = implied
     if fault := elastic_fault(E if specified[0] else G, nu):
@@ -83,20 +80,17 @@ def note_damping(cards: Iterable[Card], notes: list[str]) -> None:
         if card.real(field := _DAMPING[card.name], "the structural damping GE", 0.0):
             damped.setdefault(card.name, []).append(f"{card.text(0)} (GE {card.text(field)})")
     for name, ids in damped.items():
-        notes.append(f"{name} {some(ids)}: structural damping GE is not imported; damping is set in the config")
+        notes.append(f"{name} {first_names(ids)}: structural damping GE is not imported; damping is set in the config")
 
 
-def some(names: list[str]) -> str:
+def first_names(names: list[str]) -> str:
     """The first three names, and the number of others."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def solid_material(card: Card) -> Anisotropic:
-    """MAT9, the upper triangle of C by rows in our order xx yy zz xy yz zx; or MAT11, engineering constants.
-
-    Raises DeckError for a stiffness that is not positive definite, with its smallest eigenvalue, and a negative
-    density.
-    """
+    """MAT9, the upper triangle of C by rows in our order xx yy zz xy yz zx; or MAT11, engineering constants. Raises DeckError
+    for a stiffness that is not positive definite, with its smallest eigenvalue, and a negative density."""
     if card.name == "MAT9":
         rows, columns = np.triu_indices(6)
         C = np.zeros((6, 6))
@@ -120,8 +114,7 @@ _FIRST = 8
 
 
 def laminate(card: Card) -> Laminate:
-    """PCOMP or PCOMPG: plies from the bottom up, mirrored for LAM SYM; blank material and thickness repeat the
-    previous ply.
+    """PCOMP or PCOMPG: plies from the bottom up, mirrored for LAM SYM; blank material and thickness repeat the previous ply.
 
     `middle_of` computes the offset. Raises DeckError for a card without plies, a ply without material or thickness,
     and for LAM MEM, BEND, SMEAR and SMCORE.
@@ -139,9 +132,8 @@ def laminate(card: Card) -> Laminate:
 
 
 def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
-    """Material, thickness and angle of each ply, in groups of `step` fields from field `at`; blank material and
-    thickness repeat the previous ply. Raises DeckError for a ply without material or thickness, and if there are no
-    plies."""
+    """Material, thickness and angle of each ply, in groups of `step` fields from field `at`; blank material and thickness repeat
+    the previous ply. Raises DeckError for a ply without material or thickness, and if there are no plies."""
     plies: list[Ply] = []
     for start in range(_FIRST, len(card.tokens), step):
         if not any(card.text(i) for i in range(start, start + step)):
@@ -152,9 +144,7 @@ def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
         t = card.positive(i + 1, f"the thickness of ply {number}", before.thickness if before else None)
         plies.append(Ply(material, t, card.real(i + 2, f"the angle of ply {number}", 0.0)))
     if not plies:
-        raise card.error(
-            "the laminate has no plies", "specify material, thickness and angle of each ply from the second line on"
-        )
+        raise card.error("the laminate has no plies", "specify material, thickness and angle of each ply")
     return tuple(plies)
 
 

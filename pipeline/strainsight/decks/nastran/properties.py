@@ -10,15 +10,15 @@ import numpy as np
 
 from strainsight.decks.faults import OR_CONFIG
 from strainsight.decks.nastran.cards import Card, Cards, unique_ids
-from strainsight.decks.nastran.grids import Grids, resolved_system
+from strainsight.decks.nastran.grids import Grids, find_system
 from strainsight.decks.nastran.materials import (
     ANISOTROPIC,
+    first_names,
     isotropic_material,
     lamina,
     note_damping,
     plies_of,
     solid_material,
-    some,
 )
 from strainsight.decks.nastran.solids import SOLIDS, composite_solid
 from strainsight.decks.nastran.thin import PROPERTIES, Section, Thin
@@ -78,7 +78,7 @@ def properties(
             )
     laminae = {mid: lamina(of_plies[mid]) for _, mid in in_plies if mid in of_plies}
     if rigid := [str(i) for i, each in laminae.items() if np.isinf(each.g1z) or np.isinf(each.g2z)]:
-        notes.append(f"MAT8 {some(rigid)} has no G1Z or G2Z, so it is rigid in transverse shear")
+        notes.append(f"MAT8 {first_names(rigid)} has no G1Z or G2Z, so it is rigid in transverse shear")
     named += [(card, mid) for card, mid in in_plies if mid not in laminae]
     materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, materials_required)
     pairs = ((of_solids, anisotropic), (of_plies, laminae), (isotropic, materials))
@@ -127,7 +127,7 @@ def _layered(cards: Cards, blocks: Sequence[CellBlock], ignored: Counter[str]) -
         if (pid := card.integer(0, "the property id")) not in used:
             ignored["PCOMPS that no element refers to"] += 1
         elif pid in cards_by_id:
-            raise card.error(f"property id {pid} is used twice", "number all properties uniquely")
+            raise card.error(f"property id {pid} is used twice", "use unique ids")
         else:
             cards_by_id[pid] = card
     return cards_by_id
@@ -154,7 +154,7 @@ def _solid_regions(
                 "the basic system",
             )
         if card.text(2) != "-1":
-            system = resolved_system(card, 2, grids.systems)
+            system = find_system(card, 2, grids.systems)
             orientations |= {pid: Orientation(system, np.eye(3))} if mid in anisotropic else {}
         if card.text(3) or card.text(5):
             schemes.append(f"{pid} (IN {card.text(3) or 'blank'}, ISOP {card.text(5) or 'blank'})")
@@ -162,7 +162,7 @@ def _solid_regions(
         named += [(card, mid)] if mid not in anisotropic else []
     if schemes:
         notes.append(
-            f"PSOLID {some(schemes)}: the integration scheme is not supported; solids are fully integrated, "
+            f"PSOLID {first_names(schemes)}: the integration scheme is not supported; solids are fully integrated, "
             "linear hexahedra with incompatible modes"
         )
     return regions, named, orientations
@@ -177,9 +177,7 @@ def _by_id(cards: Cards, *names: str) -> dict[int, Card]:
 def _check_single(mid: int, first: Mapping[int, Card], *others: Mapping[int, Card]) -> None:
     """Raise DeckError for a material id in `first` and also in `others`."""
     if other := next((known[mid] for known in others if mid in known and mid in first), None):
-        raise first[mid].error(
-            f"material id {mid} is used twice, also by a {other.name}", "number all materials uniquely"
-        )
+        raise first[mid].error(f"material id {mid} is used twice, also by a {other.name}", "use unique ids")
 
 
 def _other_material(cards: Cards, mid: int) -> str:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.decks.faults import folded
+from strainsight.decks.faults import find_repeated_node
 from strainsight.decks.nastran.cards import Card, Cards, Elements
-from strainsight.decks.nastran.grids import Grids, resolved_system
+from strainsight.decks.nastran.grids import Grids, find_system
 from strainsight.decks.nastran.materials import isotropic_material, lamina, note_damping
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import general_fault
@@ -63,19 +63,14 @@ class ThinProperty:
 
 
 def shell_section(card: Card) -> tuple[int, ShellSection]:
-    """MID1 of a PSHELL, and its section if all materials are MID1; without MID2 it is a membrane, without MID3 rigid
-    in shear.
-
-    Raises DeckError for plane strain (MID2 = −1), and a thickness that is not positive.
-    """
+    """MID1 of a PSHELL, and its section if all materials are MID1; without MID2 it is a membrane, without MID3 rigid in shear.
+    Raises DeckError for plane strain (MID2 = −1), and a thickness that is not positive."""
     t = card.positive(2, "the thickness")
     if card.is_blank(1):
         raise card.error("MID1 is blank, so the shell has no membrane stiffness", "set MID1 to the material of MID2")
     mid = card.integer(1, "the material MID1")
     if card.text(3) == "-1":
-        raise card.error(
-            "MID2 is -1 (plane strain), which is not supported", "leave MID2 blank for a membrane, in plane stress"
-        )
+        raise card.error("MID2 is -1 (plane strain), which is not supported", "leave MID2 blank for a membrane")
     if card.text(11):
         raise card.error("an entry after MID4 is not supported", "define offsets at the elements (ZOFFS)")
     bending, shear = card.real(4, "12 I/T³", 1.0), card.real(6, "TS/T", 5 / 6)
@@ -104,7 +99,7 @@ def read_shells(
         if not cards:
             continue
         nodes = grids.nodes.rows_of_cards(np.array([_node_ids(card) for card in cards], dtype=np.int64), cards)
-        if (at := folded(nodes)) is not None:
+        if (at := find_repeated_node(nodes)) is not None:
             raise cards[at].error(
                 "the element has the same node twice",
                 "use a CTRIA3 instead of a collapsed quadrilateral; remove other such elements",
@@ -168,7 +163,7 @@ def _axis(card: Card, x: FloatArray, normal: FloatArray, grids: Grids) -> FloatA
     theta_at = SHELLS[card.name].theta
     token = card.text(theta_at)
     if parse_integer(token) is not None:
-        axis = resolved_system(card, theta_at, grids.systems).axes[:, 0]
+        axis = find_system(card, theta_at, grids.systems).axes[:, 0]
         if not math.hypot(*_cross(axis.tolist(), normal.tolist())) > PARALLEL:
             raise card.error(
                 f"x of the material system {token} is normal to the shell",
@@ -221,13 +216,11 @@ def is_general(card: Card, known: Mapping[int, Sequence[Card]]) -> bool:
 
 
 def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str]) -> GeneralShell:
-    """M = G₁, C = −G₄, D = (12 I/T³) G₂ and S = (T_s/T) G₃ of `GeneralShell`, G of the materials MID1, MID4, MID2,
-    MID3.
+    """M = G₁, C = −G₄, D = (12 I/T³) G₂ and S = (T_s/T) G₃ of `GeneralShell`, G of the materials MID1, MID4, MID2, MID3.
 
-    The curvature χ of Nastran is −κ, strain ε − zχ, so that G₄ = ∫ −z G dz/T² of plies. Without MID2 the shell has
-    no bending stiffness, without MID3 it is rigid in shear. The density is that of MID1. Raises DeckError for a
-    missing or unsupported material, MID3 without MID2, MID4 without both, and a stiffness that is not positive
-    definite.
+    The curvature χ of Nastran is −κ, strain ε − zχ, so that G₄ = ∫ −z G dz/T² of plies. Without MID2 the shell has no bending
+    stiffness, without MID3 it is rigid in shear. The density is that of MID1. Raises DeckError for a missing or unsupported
+    material, MID3 without MID2, MID4 without both, and a stiffness that is not positive definite.
     """
     _, plain = shell_section(card)
     named = materials_of(card)
@@ -235,10 +228,7 @@ def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[s
     if (5 in material_cards and 3 not in material_cards) or (
         10 in material_cards and not {3, 5} <= set(material_cards)
     ):
-        raise card.error(
-            "MID3 requires MID2" if 3 not in material_cards else "MID4 requires MID3",
-            "specify both, or leave both blank",
-        )
+        raise card.error("MID3 requires MID2" if 3 not in material_cards else "MID4 requires MID3", "specify both")
     new_notes: list[str] = []
     membrane, zero = _plane(material_cards[1], new_notes), np.zeros((3, 3))
     bending = plain.bending * _plane(material_cards[3], new_notes) if 3 in material_cards else zero
@@ -259,13 +249,9 @@ def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[s
 def _card(card: Card, what: str, number: int, known: Mapping[int, Sequence[Card]]) -> Card:
     cards = known.get(number, [])
     if not cards:
-        raise card.error(
-            f"material {number} of {what} is not a MAT1, MAT2 or MAT8 of the deck", f"add a card with id {number}"
-        )
+        raise card.error(f"material {number} of {what} is not a MAT1, MAT2 or MAT8", f"add a card with id {number}")
     if len(cards) > 1:
-        raise cards[1].error(
-            f"material id {number} is used twice (first at {cards[0].where})", "number all materials uniquely"
-        )
+        raise cards[1].error(f"material id {number} is used twice (first at {cards[0].where})", "use unique ids")
     return cards[0]
 
 

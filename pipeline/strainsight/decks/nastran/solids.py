@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.decks.faults import check_elements, plural
 from strainsight.decks.nastran.cards import Card, Cards, Elements, unique_ids
-from strainsight.decks.nastran.grids import Grids, NodeTable, resolved_system
+from strainsight.decks.nastran.grids import Grids, NodeTable, find_system
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import STACKED, CompositeSolid, Layer, Orientation
 from strainsight.mesh.coordinates import BASIC, rotation
@@ -34,9 +34,8 @@ def read_solids(
 ) -> tuple[tuple[CellBlock, ...], Elements]:
     """One block a kind, elements in the order of the deck, and their cards; position (n, 3) of the nodes.
 
-    The node order of an element that is left-handed at all corners is mirrored, as in MSC Nastran, with a note.
-    Raises DeckError for unsupported solids, a duplicate id, a missing or repeated node, and two elements with the same
-    nodes.
+    The node order of an element that is left-handed at all corners is mirrored, as in MSC Nastran, with a note. Raises DeckError
+    for unsupported solids, a duplicate id, a missing or repeated node, and two elements with the same nodes.
     """
     for name, cards_of_name in cards.items():
         if name.startswith(OTHER_SOLIDS) and name not in SOLIDS:
@@ -100,8 +99,7 @@ def _connectivity(card: Card) -> tuple[ElementKind, list[int]]:
 
 DIRECTIONS = (12, 13, 21, 23, 31, 32)
 MOST, NOTED = 45.0, 5.0
-"""Largest angle [deg] between the normal of the layers of an element and its axis of CORDM: limit for an error and
-for a note."""
+"""Largest angle [deg] between the normal of the layers of an element and its axis of CORDM: limit for an error and for a note."""
 
 
 def composite_solid(
@@ -143,7 +141,7 @@ def composite_solid(
     along, across = directions // 10 - 1, directions % 10 - 1
     axes = np.eye(3)[:, [along, along, across]]
     axes[:, 1] = np.cross(axes[:, 2], axes[:, 0])
-    orientation = Orientation(resolved_system(card, 1, grids.systems), axes)
+    orientation = Orientation(find_system(card, 1, grids.systems), axes)
     layers = [(ply.material, ply.thickness, ply.angle) for ply in plies]
     for block, nodes, ids in elements_by_block:
         off = _off_normal(kind_of(block.kind), grids.position[nodes], orientation, layers == layers[::-1])

@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.decks.faults import ENFORCED, HELD, Doubt
 from strainsight.decks.nastran.cards import Card, Cards, Deck, unique_ids
 from strainsight.decks.nastran.case_control import card_sets, expand
-from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, resolved_system
+from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, find_system
 from strainsight.decks.text import parse_integer
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.coordinates import local_axes
@@ -42,7 +42,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
     bushes = _bush_properties(cards, notes)
     scalar = {
         number: (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping GE", 0.0))
-        for number, card, at in _packed(cards, "PELAS", 4)
+        for number, card, at in _packed_properties(cards, "PELAS", 4)
     }
     elements_found, damped = [], 0
     for card in elements:
@@ -61,7 +61,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
     return tuple(elements_found)
 
 
-def _packed(cards: Cards, name: str, size: int) -> Iterator[tuple[int, Card, int]]:
+def _packed_properties(cards: Cards, name: str, size: int) -> Iterator[tuple[int, Card, int]]:
     """Id, card and first field of the properties on cards with one property in every `size` of eight fields."""
     known: set[int] = set()
     for card in cards.of(name):
@@ -70,7 +70,7 @@ def _packed(cards: Cards, name: str, size: int) -> Iterator[tuple[int, Card, int
                 continue
             number = card.integer(at, "the property id")
             if number in known:
-                raise card.error(f"property id {number} is used twice", "number all properties uniquely")
+                raise card.error(f"property id {number} is used twice", "use unique ids")
             known.add(number)
             yield number, card, at
 
@@ -98,7 +98,7 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
     if not ends:
         raise card.error("the spring is not connected to a node", "specify a node and its component")
     if len({first for _, first, _ in ends}) > 1:
-        raise card.error("the spring connects a translation with a rotation", "use two translations or two rotations")
+        raise card.error("the spring connects a translation with a rotation", "use equal kinds of motion")
     return spring_between(f"{card.name} {card.text(0)}", k, ends)
 
 
@@ -115,10 +115,7 @@ def _bush_properties(cards: Cards, notes: list[str]) -> dict[int, FloatArray]:
                 raise card.error(f"{part!r} is not one of {', '.join(PARTS)}", "specify K and the six stiffnesses")
             if part == "K":
                 if "RIGID" in (value.upper() for value in values):
-                    raise card.error(
-                        "rigid stiffness (RIGID) is not supported",
-                        "connect the nodes with an RBE2, or specify a number",
-                    )
+                    raise card.error("rigid stiffness (RIGID) is not supported", "use an RBE2, or specify a number")
                 k = np.array([card.real(at + 2 + i, f"the stiffness K{i + 1}", 0.0) for i in range(6)])
             elif part == "M" and any(values):
                 raise card.error("mass (M) is not supported", "use a CONM2 for the mass")
@@ -140,9 +137,7 @@ def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Spring
             "define nodes at the position of the spring",
         )
     if not 0 <= (S := card.real(8, "the place S", 0.5)) <= 1:
-        raise card.error(
-            f"S is {card.text(8)}, but must be between 0 and 1", "specify a value from 0 (at GA) to 1 (at GB)"
-        )
+        raise card.error(f"S is {card.text(8)}, but must be between 0 and 1", "specify 0 (at GA) to 1 (at GB)")
     A = grids.nodes.row(card.integer(2, "the node GA"), card)
     B = grids.nodes.row(card.integer(3, "the node GB"), card) if not card.is_blank(3) else None
     axes = _axes(card, grids, A, B, k)
@@ -172,10 +167,9 @@ def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Spring
 
 
 def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> FloatArray:
-    """x, y, z of the element, one in a column: those of CID at GA, or x from GA to GB and y towards GO or the vector
-    X."""
+    """x, y, z of the element, one in a column: those of CID at GA, or x from GA to GB and y towards GO or the vector X."""
     if card.text(7):
-        return np.asarray(local_axes(grids.position[A][None], resolved_system(card, 7, grids.systems))[0][0])
+        return np.asarray(local_axes(grids.position[A][None], find_system(card, 7, grids.systems))[0][0])
     extent = float(np.ptp(grids.position, axis=0).max())
     along = np.zeros(3) if B is None else grids.position[B] - grids.position[A]
     length = float(np.linalg.norm(along))
@@ -208,22 +202,23 @@ def point_masses(
 
         J = [I11, −I21, −I31; −I21, I22, −I32; −I31, −I32, I33] about the centre; the card has positive products
 
-    CONM1 as a matrix (6, 6) along the axes of CID, CMASS as a matrix with one entry along the axes of its node.
-    turning: rows of the nodes with rotations; at other nodes only the mass is used, with a note. Raises DeckError for
-    a negative mass, an inertia or matrix that is not positive semidefinite, a missing node, system or property, and a
-    CMASS between two motions.
+    CONM1 as a matrix (6, 6) along the axes of CID, CMASS as a matrix with one entry along the axes of its node. turning: rows of
+    the nodes with rotations; at other nodes only the mass is used, with a note. Raises DeckError for a negative mass, an inertia
+    or matrix that is not positive semidefinite, a missing node, system or property, and a CMASS between two motions.
     """
     mass_cards = cards.of(*MASSES)
-    properties = {number: card.real(at + 1, "the mass", 0.0) for number, card, at in _packed(cards, "PMASS", 2)}
+    properties = {
+        number: card.real(at + 1, "the mass", 0.0) for number, card, at in _packed_properties(cards, "PMASS", 2)
+    }
     masses = []
     for number, card in zip(unique_ids(mass_cards, "point mass").tolist(), mass_cards, strict=True):
         if card.name != "CONM2":
-            masses.append(_of_matrix(card, grids, properties, scale, turning, notes))
+            masses.append(_mass_from_matrix(card, grids, properties, scale, turning, notes))
             continue
         row = grids.nodes.row(card.integer(1, "the node id"), card)
         mass = card.not_negative(3, "the mass", 0.0)
         at_position = card.text(2) == "-1"
-        axes = np.eye(3) if at_position else axes_at(grids.position[row], resolved_system(card, 2, grids.systems))
+        axes = np.eye(3) if at_position else axes_at(grids.position[row], find_system(card, 2, grids.systems))
         offset = axes @ [card.real(i, "the offset", 0.0) for i in (4, 5, 6)] - at_position * grids.position[row]
         inertia = axes @ _inertia(card) @ axes.T
         if (offset.any() or inertia.any()) and row not in turning:
@@ -247,7 +242,7 @@ def _inertia(card: Card) -> FloatArray:
     return J
 
 
-def _of_matrix(
+def _mass_from_matrix(
     card: Card, grids: Grids, properties: dict[int, float], scale: float, turning: Collection[int], notes: list[str]
 ) -> PointMass:
     """Point mass of a CONM1 or CMASS."""
@@ -268,7 +263,7 @@ def _of_matrix(
 
 def _conm1(card: Card, grids: Grids) -> tuple[int, FloatArray]:
     row = grids.nodes.row(card.integer(1, "the node id"), card)
-    axes = np.kron(np.eye(2), axes_at(grids.position[row], resolved_system(card, 2, grids.systems)))
+    axes = np.kron(np.eye(2), axes_at(grids.position[row], find_system(card, 2, grids.systems)))
     M = np.zeros((6, 6))
     M[np.tril_indices(6)] = [card.real(3 + i, "an entry of the matrix", 0.0) for i in range(21)]
     M = M + np.tril(M, -1).T
@@ -316,10 +311,9 @@ def fixed_components(
     """(f, 2) unique sorted pairs (row, component) that SPC, SPC1 and the GRID cards fix. Prescribed displacements
     are fixed at zero, or left free, and counted.
 
-    free: leave prescribed displacements free; chosen: the support set. Otherwise the case control selects it;
-    without a selection the only set is used. `ignored` contains cards to leave out; notes: set that is used without a
-    selection. Raises ChoiceError for several selections, and for several sets without one, DeckError for missing sets
-    and nodes.
+    free: leave prescribed displacements free; chosen: the support set. Otherwise the case control selects it; without a
+    selection the only set is used. `ignored` contains cards to leave out; notes: set that is used without a selection. Raises
+    ChoiceError for several selections, and for several sets without one, DeckError for missing sets and nodes.
     """
     pairs: list[tuple[int, int]] = []
     for card, row, text in permanent:

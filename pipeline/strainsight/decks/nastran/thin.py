@@ -107,7 +107,7 @@ def read_thin(
     ids = unique_ids(elements_in_order, "element")
     if (clash := np.isin(ids, solids.ids)).any():
         card = elements_in_order[int(np.argmax(clash))]
-        raise card.error(f"element id {card.text(0)} is used twice, also by a solid", "number all elements uniquely")
+        raise card.error(f"element id {card.text(0)} is used twice, also by a solid", "use unique ids")
     numbers = [card.integer(0, "the property id") for card in cards.of("PSOLID")]
     used_ids = np.concatenate([[0], numbers, ids, *(np.unique(block.region) for block in blocks)]).astype(np.int64)
     region, of_region = _regions(elements_in_order, ids, cards, used_ids, required)
@@ -182,9 +182,7 @@ def _regions(
         if other is property_card:
             region[i] = number
         elif required:
-            raise property_card.error(
-                f"property id {number} is used twice (first at {other.where})", "number all properties uniquely"
-            )
+            raise property_card.error(f"property id {number} is used twice (first at {other.where})", "use unique ids")
     free = max([*used_ids.tolist(), *(number for _, number in property_cards)]) + 1
     like: dict[tuple[str, ...], int] = {}
     for i in alone:
@@ -203,9 +201,7 @@ def _no_property(card: Card, number: int, cards: Cards) -> DeckError:
     )
     what = f"is a {other_card}, but must be a {wanted}" if other_card else f"is not in the deck ({wanted})"
     remedy = "assign to these elements" if other_card else f"add, with id {number},"
-    return card.error(
-        f"property {number} {what}", f"{remedy} a {wanted}, or leave them out (mesh.ignore: [{card.name}])"
-    )
+    return card.error(f"property {number} {what}", f"{remedy} a {wanted}, or ignore them (mesh.ignore: [{card.name}])")
 
 
 def _unused(cards: Cards, properties: Mapping[int, ThinProperty]) -> dict[str, int]:

@@ -12,17 +12,15 @@ from strainsight.decks.nastran.cards import Card, Cards, Deck
 from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
 from strainsight.decks.nastran.springs import components
-from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
+from strainsight.decks.text import describe_non_integer, is_whole, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 from strainsight.mesh.model import FloatArray, IntArray
 
 
 def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list[str]) -> tuple[RigidElement, ...]:
-    """RBE2 with their components; turned: ids of the nodes that other cards rotate.
-
-    An RBE2 that ties only rotations of solid nodes without rotations has no effect and becomes a note.
-    """
+    """RBE2 with their components; turned: ids of the nodes that other cards rotate. An RBE2 that ties only rotations of solid
+    nodes without rotations has no effect and becomes a note."""
     elements = []
     led = ((card, i) for name, i in (("RBE2", 1), ("RBE3", 2)) for card in cards.of(name))
     references = {card.integer(i, "the reference node") for card, i in led} | turned
@@ -37,9 +35,7 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
             raise card.error("the card has no dependent node", "specify the dependent nodes")
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
         if reference in rows:
-            raise card.error(
-                f"the reference node {card.tokens[1]} is also dependent", "remove it from the dependent nodes"
-            )
+            raise card.error(f"the reference node {card.tokens[1]} is also dependent", "remove it from these")
         if min(wanted) > 2 and not references.intersection(ids.tolist()):
             notes.append(
                 f"RBE2 {card.tokens[0]} ties only rotations (components {card.text(2)}), but nodes of solids "
@@ -51,11 +47,8 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
 
 
 def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tuple[AveragingElement, ...]:
-    """RBE3: groups of weight, components and nodes, and the UM set, if any.
-
-    turning: rows of nodes with rotations, in addition to the reference nodes; rotations of other nodes cannot be
-    averaged.
-    """
+    """RBE3: groups of weight, components and nodes, and the UM set, if any. turning: rows of nodes with rotations, in addition
+    to the reference nodes; rotations of other nodes cannot be averaged."""
     elements = []
     turning = turning | {nodes.row(card.integer(2, "the reference node"), card) for card in cards.of("RBE3")}
     for card in cards.of("RBE3"):
@@ -71,9 +64,7 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
         counts = np.zeros((place.max() + 1, 6), dtype=int)
         np.add.at(counts, place, directions)
         if counts.max() > 1 or reference in rows:
-            raise card.error(
-                "a node is used twice", "use every node once in a direction, and do not include the reference node"
-            )
+            raise card.error("a node is used twice", "use every node once, without the reference node")
         still = directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))
         if still.any():
             raise card.error(
@@ -106,7 +97,7 @@ def _groups(card: Card, tokens: list[str]) -> tuple[IntArray, FloatArray, np.nda
             i += 1
             continue
         if node is None and is_whole(tokens[i]):
-            raise card.error(f"a node id {no_integer(tokens[i])}")
+            raise card.error(f"a node id {describe_non_integer(tokens[i])}")
         weight = parse_real(tokens[i]) if node is None else None
         if weight is None or weight <= 0:
             raise card.error(f"found {tokens[i]!r} instead of a positive weight (with a decimal point)")
@@ -146,8 +137,7 @@ Motion = tuple[int, int]
 
 @dataclass
 class Bars:
-    """Rigid elements, where the six motions of one node lead, and relations elsewhere, with the cards of the
-    relations."""
+    """Rigid elements, where the six motions of one node lead, and relations elsewhere, with the cards of the relations."""
 
     rigid: list[RigidElement] = field(default_factory=list)
     relations: list[Relation] = field(default_factory=list)
@@ -187,7 +177,7 @@ def rigid_bars(cards: Cards, grids: Grids) -> Bars:
         if "UM" not in tokens:
             raise card.error("the card has no UM before its dependent motions")
         at = tokens.index("UM")
-        _rigid(card, grids, _listed(card, 1, at, grids), _listed(card, at + 1, len(tokens), grids), bars)
+        _rigid(card, grids, _read_motions(card, 1, at, grids), _read_motions(card, at + 1, len(tokens), grids), bars)
     for card in cards.of("RROD"):
         _rod(card, grids, bars)
     return bars
@@ -204,7 +194,7 @@ def _motions(node: int, text: str, card: Card) -> list[Motion]:
     return [(node, c) for c in components(text, card)] if text not in ("", "0") else []
 
 
-def _listed(card: Card, first: int, end: int, grids: Grids) -> list[Motion]:
+def _read_motions(card: Card, first: int, end: int, grids: Grids) -> list[Motion]:
     """Motions of the pairs of a node and its components in some fields; a line has three pairs."""
     tokens = [card.text(i) for i in range(first, end)]
     tokens = [token for token in tokens if token]
@@ -324,8 +314,7 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
 
 
 def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]:
-    """Rows, components 0-5 and coefficients of an MPC, with the dependent motion first. Raises DeckError for an
-    invalid term."""
+    """Rows, components 0-5 and coefficients of an MPC, with the dependent motion first. Raises DeckError for an invalid term."""
     node: list[int] = []
     component: list[int] = []
     value: list[float] = []
@@ -344,5 +333,5 @@ def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]
     if not node:
         raise card.error("the card has no terms", "specify nodes, components and coefficients")
     if value[0] == 0:
-        raise card.error("the coefficient of the first term is 0", "start with a motion that can depend on the others")
+        raise card.error("the coefficient of the first term is 0", "start with a dependent motion")
     return np.array(node, dtype=np.int64), np.array(component, dtype=np.int64), np.array(value)

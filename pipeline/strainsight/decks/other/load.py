@@ -1,7 +1,6 @@
 """Read a mesh with meshio and report its output as messages; meshio prints, exits the process and drops cells.
 
-It runs in a child process, see `child_reader`, because damaged files can make meshio allocate any size or run
-forever.
+It runs in a child process, see `child_reader`, because damaged files can make meshio allocate any size or run forever.
 """
 
 from __future__ import annotations
@@ -52,10 +51,8 @@ class Loaded(NamedTuple):
 
 
 def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded:
-    """Read a mesh with meshio. Raises DeckError for data that it cannot read or would drop.
-
-    weigh: called before reading with the bytes of the file and of the files that it includes.
-    """
+    """Read a mesh with meshio. Raises DeckError for data that it cannot read or would drop. weigh: called before reading with
+    the bytes of the file and of the files that it includes."""
     formats = _formats(path)
     if not path.is_file():
         raise error_at(path, "no such file", "correct the file name or the folder")
@@ -63,7 +60,7 @@ def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded
         raise error_at(path, "the file is empty", "export the mesh again")
     name = formats[0]
     weigh(path.stat().st_size)
-    included = _checked(path, name)
+    included = _check_file(path, name)
     weigh(path.stat().st_size + sum(Path(file).stat().st_size for file in included))
     out, err = io.StringIO(), io.StringIO()
     try:
@@ -128,19 +125,14 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
     return error_at(path, f"cannot be read as {name}: {reason[:300]}", INSTEAD)
 
 
-def _checked(path: Path, name: str) -> tuple[str, ...]:
-    """Raise DeckError for data that meshio reads incorrectly or should not follow; returns additional files of the
-    mesh."""
+def _check_file(path: Path, name: str) -> tuple[str, ...]:
+    """Raise DeckError for data that meshio reads incorrectly or should not follow; returns additional files of the mesh."""
     try:
         if name == "vtk":
             _check_vtk(path)
         elif name == "vtu":
             if (pieces := path.read_bytes().count(b"<Piece")) > 1:
-                raise error_at(
-                    path,
-                    f"the file has {pieces} pieces, but only one would be read",
-                    "merge the pieces into one",
-                )
+                raise error_at(path, f"the file has {pieces} pieces instead of one", "merge the pieces into one")
         elif name == "xdmf":
             return _check_xdmf(path)
         elif name == "tetgen":
@@ -148,7 +140,7 @@ def _checked(path: Path, name: str) -> tuple[str, ...]:
             if not pair.is_file():
                 return ()
             if not pair.resolve().is_relative_to(path.resolve().parent):
-                raise _elsewhere(pair.name, path)
+                raise _outside_error(pair.name, path)
             return (str(pair),)
         elif name in HDF5:
             check_hdf5(path)
@@ -161,9 +153,7 @@ def _check_vtk(path: Path) -> None:
     content = path.read_bytes()
     dataset = re.search(rb"^\s*DATASET\s+(\w+)", content[:5000], re.M | re.I)
     if dataset and dataset[1].upper() != b"UNSTRUCTURED_GRID":
-        raise error_at(
-            path, f"the data set {dataset[1].decode()} is not a mesh of elements", "convert it to an unstructured grid"
-        )
+        raise error_at(path, f"the data set {dataset[1].decode()} is not a mesh", "convert it to an unstructured grid")
     for match in _COUNTS.finditer(content):
         for word in match[1].split():
             if word.isdigit() and int(word) > len(content):
@@ -185,14 +175,14 @@ def _check_xdmf(path: Path) -> tuple[str, ...]:
         if form == "HDF":
             target = folder / text.rpartition(":")[0]
             if not target.resolve().is_relative_to(folder):
-                raise _elsewhere(text, path)
+                raise _outside_error(text, path)
             data_files[str(target)] = None
     for name in data_files:
         check_hdf5(Path(name))
     return tuple(data_files)
 
 
-def _elsewhere(name: str, path: Path) -> DeckError:
+def _outside_error(name: str, path: Path) -> DeckError:
     return error_at(
         path,
         f"the data file {name!r} is outside the folder of the mesh",

@@ -44,7 +44,7 @@ class Labels(NamedTuple):
     values: IntArray
 
 
-def whole(values: Any) -> IntArray | None:
+def as_integers(values: Any) -> IntArray | None:
     """Values (n,) as integers, one a row; None for other data."""
     array = np.asarray(values)
     if array.ndim == 2 and array.shape[1] == 1:
@@ -58,7 +58,7 @@ def whole(values: Any) -> IntArray | None:
 
 def switches(values: Any) -> np.ndarray | None:
     """Rows with value 1, for data that contain only 0 and 1 and at least one 1; None for other data."""
-    numbers = whole(values)
+    numbers = as_integers(values)
     if numbers is None or not numbers.any() or not np.all((numbers == 0) | (numbers == 1)):
         return None
     return numbers == 1
@@ -69,7 +69,7 @@ def numbers_of(
 ) -> tuple[IntArray, str]:
     """Node or element numbers (count,), and the data they come from, "" if the numbers count from 1."""
     for name in (name for name in names if name in data):
-        numbers = whole(data[name])
+        numbers = as_integers(data[name])
         right = numbers is not None and len(numbers) == count and numbers.min(initial=1) > 0
         if numbers is not None and right and len(np.unique(numbers)) == count:
             return numbers, name
@@ -79,12 +79,12 @@ def numbers_of(
 
 
 def labels(data: Mapping[str, Any], name: str | None, count: int, path: str, notes: list[str]) -> Labels | None:
-    """Cell data that define the regions: those of this name, or the first usual ones; None if there are no such data.
-
-    Raises DeckError for a missing name or data that are not integers.
-    """
+    """Cell data that define the regions: those of this name, or the first usual ones; None if there are no such data. Raises
+    DeckError for a missing name or data that are not integers."""
     candidates = {
-        key: numbers for key, values in data.items() if (numbers := whole(values)) is not None and len(numbers) == count
+        key: numbers
+        for key, values in data.items()
+        if (numbers := as_integers(values)) is not None and len(numbers) == count
     }
     if name is not None:
         if name not in candidates:
@@ -116,8 +116,7 @@ WIDTH = {"quad": 4, "triangle": 3, "quad8": 8, "triangle6": 6, "line": 2, "line3
 NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPointIds", "PointIds", "ids")
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
 TURNED = "med"
-"""MED uses the opposite node orientation in every solid ("Connectivity conventions of nodes of elements", Salome
-SMESH)."""
+"""MED uses the opposite node orientation in every solid ("Connectivity conventions of nodes of elements", Salome SMESH)."""
 
 
 class Cells:
@@ -344,17 +343,12 @@ def _check_cells(raw: Any, blocks: list[int], points: int, path: str) -> None:
 
 
 def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatArray, notes: list[str]) -> IntArray:
-    """Convert cells (n, k) from the order of meshio for a format to our order.
-
-    If all cells are then inverted, and both orientations are in use for this kind (wedges; all cells in MED), their
-    order is mirrored, with a note.
-    """
+    """Convert cells (n, k) from the order of meshio for a format to our order. If all cells are then inverted, and both
+    orientations are in use for this kind (wedges; all cells in MED), their order is mirrored, with a note."""
     nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
     if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
         nodes = in_order(nodes, kind.mirrored)
-        notes.append(
-            f"node order against the convention of {form} corrected in {plural(len(nodes), kind.name + ' element')}"
-        )
+        notes.append(f"mirrored node order of {form} corrected in {plural(len(nodes), kind.name + ' element')}")
     return nodes
 
 

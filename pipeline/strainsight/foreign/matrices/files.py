@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from scipy import sparse
 
-from strainsight.decks.text import error_at, no_integer, parse_integer, read_text
+from strainsight.decks.text import describe_non_integer, error_at, parse_integer, read_text
 from strainsight.errors import DeckError
 from strainsight.foreign.matrices.formats import (
     LARGEST,
@@ -50,10 +50,8 @@ HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
 def read_op4(path: Path, name: str | None = None) -> sparse.csr_array:
-    """The matrix of that name (in any case), or the only matrix.
-
-    Raises DeckError for a missing or ambiguous name, complex numbers and a damaged file.
-    """
+    """The matrix of that name (in any case), or the only matrix. Raises DeckError for a missing or ambiguous name, complex
+    numbers and a damaged file."""
     with path.open("rb") as file:
         binary = MARKERS.get(file.read(4))
     matrices = binary_matrices(path, *binary) if binary else text_matrices(path)
@@ -63,25 +61,21 @@ def read_op4(path: Path, name: str | None = None) -> sparse.csr_array:
         wanted = header.name.lower() == name.lower() if name else not names
         names.append(header.name)
         if wanted and matrix is not None:
-            raise error_at(
-                path, f"the file contains the matrix {header.name} twice", "write every matrix with a unique name"
-            )
+            raise error_at(path, f"the file contains the matrix {header.name} twice", "use unique names")
         if wanted:
-            matrix = _collected(header.shape, columns)
+            matrix = _collect_columns(header.shape, columns)
         else:
             for _ in columns:
                 pass
     if name is None and len(names) > 1:
-        raise error_at(
-            path, f"the file contains {len(names)} matrices: {', '.join(names)}", "specify the name of one of them"
-        )
+        raise error_at(path, f"the file contains {len(names)} matrices: {', '.join(names)}", "specify one of them")
     if matrix is None:
         what = f"the file contains no matrix {name!r}" if name else "the file contains no matrix"
         raise error_at(path, what, f"the file contains: {', '.join(names) or 'none'}")
     return matrix
 
 
-def _collected(shape: tuple[int, int], columns: Iterator[Column]) -> sparse.csr_array:
+def _collect_columns(shape: tuple[int, int], columns: Iterator[Column]) -> sparse.csr_array:
     values, column, row, count = array("d"), array("q"), array("q"), array("q")
     for number, rows, lengths, numbers in columns:
         values.frombytes(memoryview(numbers).cast("B"))
@@ -118,9 +112,7 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
         message = " ".join(str(error).split())[:200]
         raise error_at(path, f"cannot be read: {message}", "export the matrix again") from None
     except MemoryError:
-        raise error_at(
-            path, "the matrix does not fit into memory", "write the matrix in sparse form, or check the file"
-        ) from None
+        raise error_at(path, "the matrix does not fit into memory", "write it in sparse form") from None
     if not np.isfinite(matrix.data).all():
         entry = matrix.tocoo()
         first = int(np.argmin(np.isfinite(entry.data)))
@@ -133,10 +125,8 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
 
 
 def symmetric(X: sparse.csr_array, path: Path) -> tuple[sparse.csr_array, float]:
-    """½(X + Xᵀ), and the asymmetry max|X − Xᵀ| / max|X| of X.
-
-    Raises DeckError for a matrix that is not square, has only one triangle, or has an asymmetry above 1e-8.
-    """
+    """½(X + Xᵀ), and the asymmetry max|X − Xᵀ| / max|X| of X. Raises DeckError for a matrix that is not square, has only one
+    triangle, or has an asymmetry above 1e-8."""
     if X.shape[0] != X.shape[1]:
         raise error_at(path, f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns", "specify a square matrix")
     difference = abs(X - X.T)
@@ -165,8 +155,7 @@ def symmetric(X: sparse.csr_array, path: Path) -> tuple[sparse.csr_array, float]
 
 
 def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Node id (r,) and component 0-5 (r,) of each matrix row, from the lines of a CSV below its header, or a .dof of
-    CalculiX.
+    """Node id (r,) and component 0-5 (r,) of each matrix row, from the lines of a CSV below its header, or a .dof of CalculiX.
 
     Raises DeckError with file:line for lines other than "node,component" or "node.component", a scalar point
     (component 0) and a duplicate pair.
@@ -205,10 +194,8 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of every line below the header, which must equal `header` (in any case).
-
-    Raises DeckError with file:line for another header and for lines with a wrong number of cells.
-    """
+    """Line number and cells of every line below the header, which must equal `header` (in any case). Raises DeckError with
+    file:line for another header and for lines with a wrong number of cells."""
     rows = _csv_rows(path)
     while len(rows) > 1 and not any(rows[-1][1]):
         rows.pop()
@@ -222,10 +209,8 @@ def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[s
 
 
 def csv_columns(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line number and cells by column of every non-blank line below the header, including additional columns.
-
-    Raises DeckError with file:line for a missing column of `needed`, and for lines with a wrong number of cells.
-    """
+    """Line number and cells by column of every non-blank line below the header, including additional columns. Raises DeckError
+    with file:line for a missing column of `needed`, and for lines with a wrong number of cells."""
     rows = _csv_rows(path)
     header = [cell.lower() for cell in rows[0][1]]
     if missing := [column for column in needed if column not in header]:
@@ -255,9 +240,7 @@ def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
             rows.append((line, [plain_cell(cell.strip()) for cell in cells or [""]]))
             line = reader.line_num + 1
     except csv.Error as error:
-        raise error_at(
-            f"{path}:{line}", f"the line is not a valid table row: {error}", "check the quotation marks"
-        ) from None
+        raise error_at(f"{path}:{line}", f"the line is not a valid table row: {error}", "check the quotes") from None
     return rows or [(1, [""])]
 
 
@@ -265,7 +248,7 @@ def _integer(cell: str, path: Path, number: int) -> int:
     value = parse_integer(cell)
     if value is None:
         remedy = "write node ids and components"
-        raise error_at(f"{path}:{number}", f"an entry {no_integer(cell[:40])}", remedy)
+        raise error_at(f"{path}:{number}", f"an entry {describe_non_integer(cell[:40])}", remedy)
     return value
 
 
@@ -278,9 +261,7 @@ def _from_matrix_market(path: Path, name: str | None) -> sparse.csr_array:
 def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
     with path.open("rb") as file:
         if file.read(2) != b"PK":
-            raise error_at(
-                path, "the file is not an .npz archive", "write it with scipy.sparse.save_npz or numpy.savez"
-            )
+            raise error_at(path, "the file is not an .npz archive", "use scipy.sparse.save_npz or numpy.savez")
     with np.load(path, allow_pickle=False) as archive:
         names = list(archive.files)
         if "format" in names:
@@ -289,9 +270,7 @@ def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
             require_room(path, names)
             return _csr(sparse.load_npz(path))
         if name is None and len(names) != 1:
-            raise error_at(
-                path, f"the file contains {len(names)} arrays: {', '.join(names)}", "specify the name of one of them"
-            )
+            raise error_at(path, f"the file contains {len(names)} arrays: {', '.join(names)}", "specify one of them")
         if name is not None and name not in names:
             raise error_at(path, f"the file contains no array {name!r}", f"the file contains: {', '.join(names)}")
         require_room(path, [name or names[0]])
@@ -300,9 +279,7 @@ def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
 
 def _csr(matrix: Any) -> sparse.csr_array:
     if matrix.ndim != 2 or matrix.dtype.kind not in "fiub":
-        raise DeckError(
-            f"the array has {matrix.ndim} dimensions and type {matrix.dtype}", remedy="specify a matrix of real numbers"
-        )
+        raise DeckError(f"the array has {matrix.ndim} dimensions and type {matrix.dtype}", remedy="use real numbers")
     if max(matrix.shape) > LARGEST or min(matrix.shape) == 0:
         raise DeckError(
             f"the matrix size {matrix.shape[0]} × {matrix.shape[1]} is not valid",

@@ -22,9 +22,9 @@ from strainsight.decks.text import (
     PACKING,
     SMALL,
     check_plain,
-    damaged,
+    damage_error,
     error_at,
-    opened,
+    open_file,
     parse_integer,
     parse_real,
     text_lines,
@@ -64,19 +64,16 @@ def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where
     return Header(matrix_name, (abs(rows), columns), rows < 0 or rows >= BIGMAT, 1 if kind == 1 else words)
 
 
-def checked(header: Header, column: int, rows: list[int], lengths: list[int], numbers: Any, where: str) -> Column:
+def check_column(header: Header, column: int, rows: list[int], lengths: list[int], numbers: Any, where: str) -> Column:
     for row, length in zip(rows, lengths, strict=True):
         if not (row >= 1 and 1 <= length <= header.shape[0] - row + 1):
-            raise damaged(
-                f"column {column} of {header.name} has {length} numbers starting at row {row} of {header.shape[0]}",
-                where,
-            )
+            raise damage_error(f"column {column} of {header.name} has {length} numbers from row {row}", where)
     return column, rows, lengths, numbers
 
 
-def in_order(column: int, last: int, header: Header, where: str) -> int:
+def check_order(column: int, last: int, header: Header, where: str) -> int:
     if column <= last:
-        raise damaged(f"column {column} of {header.name} follows column {last}", where)
+        raise damage_error(f"column {column} of {header.name} follows column {last}", where)
     return column
 
 
@@ -90,7 +87,7 @@ def binary_matrices(path: Path, order: str, long: bool) -> Iterator[tuple[Header
     integer = 8 if long else 4
     for at, size in records:
         if size != 6 * integer:
-            raise damaged(f"no matrix header at byte {at}", str(path))
+            raise damage_error(f"no matrix header at byte {at}", str(path))
         columns, rows, _, kind = struct.unpack_from(order + ("4q" if long else "4i"), data, at)
         name = data[at + 4 * integer : at + size]
         header = header_of(name, columns, rows, kind, 1 if long else 2, f"{path}, byte {at}")
@@ -104,7 +101,7 @@ def _records(data: bytes, order: str, path: Path) -> Iterator[tuple[int, int]]:
         size = struct.unpack_from(order + "i", data, at)[0] if at + 8 <= len(data) else -1
         end = at + 4 + size
         if size < 0 or data[at : at + 4] != data[end : end + 4]:
-            raise damaged(f"the record at byte {at} is incomplete", str(path))
+            raise damage_error(f"the record at byte {at} is incomplete", str(path))
         yield at + 4, size
         at = end + 4
 
@@ -118,26 +115,26 @@ def _binary_columns(
     for at, size in records:
         where = f"{path}, byte {at}"
         if size < 3 * integer:
-            raise damaged("the record is too short for a column", where)
+            raise damage_error("the record is too short for a column", where)
         column, row, count = np.frombuffer(data, word, 3, at).tolist()
-        last = in_order(column, last, header, where)
+        last = check_order(column, last, header, where)
         if column > header.shape[1]:
             return
         begin = at + 3 * integer
         if count < 0 or begin + count * integer > at + size:
-            raise damaged(f"a column of {count} words is in a record of only {size} bytes", where)
+            raise damage_error(f"a column of {count} words is in a record of only {size} bytes", where)
         if row > 0:
             length = count // header.words
             numbers = np.frombuffer(data, real, length, begin).astype(float)
-            yield checked(header, column, [row], [length], numbers, where)
+            yield check_column(header, column, [row], [length], numbers, where)
             continue
         body = np.frombuffer(data, word, count, begin)
         rows, lengths, places = _strings_of(body.tolist(), header, column, where)
         keep = np.ones(count, dtype=bool)
         for shift in range(heads):
             keep[np.array(places, dtype=np.int64) + shift] = False
-        yield checked(header, column, rows, lengths, body[keep].view(real).astype(float), where)
-    raise damaged(f"the file ends inside matrix {header.name}", str(path))
+        yield check_column(header, column, rows, lengths, body[keep].view(real).astype(float), where)
+    raise damage_error(f"the file ends inside matrix {header.name}", str(path))
 
 
 def _strings_of(words: list[int], header: Header, column: int, where: str) -> tuple[list[int], list[int], list[int]]:
@@ -154,7 +151,7 @@ def _strings_of(words: list[int], header: Header, column: int, where: str) -> tu
             at += 1
         at += size
         if size <= 0 or size % header.words or at > len(words):
-            raise damaged(f"a string in column {column} has the invalid length of {size} words", where)
+            raise damage_error(f"a string in column {column} has the invalid length of {size} words", where)
         rows.append(row)
         lengths.append(size // header.words)
     return rows, lengths, places
@@ -180,7 +177,7 @@ class _Lines:
         self.number += 1
         line = next(self.lines, None)
         if line is None:
-            raise damaged("the file ends inside a matrix", self.where)
+            raise damage_error("the file ends inside a matrix", self.where)
         return line.rstrip(b"\r\n")
 
     def integers(self, line: bytes, *widths: int) -> tuple[int, ...]:
@@ -212,7 +209,7 @@ def text_matrices(path: Path) -> Iterator[tuple[Header, Iterator[Column]]]:
             number_format = _FORMAT.search(line[at + 8 :].decode("ascii", "replace").upper())
             a_line, width = (int(number_format[1]), int(number_format[2])) if number_format else (5, 16)
             if not (0 < a_line <= 100 and 0 < width <= 100):
-                raise damaged(f"the number format {a_line}E{width} is not valid", lines.where)
+                raise damage_error(f"the number format {a_line}E{width} is not valid", lines.where)
             yield header, _text_columns(lines, header, a_line, width)
 
 
@@ -221,14 +218,14 @@ def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Ite
     while True:
         column, row, left = lines.integers(lines.next(), 8, 8, 8)
         where = lines.where
-        last = in_order(column, last, header, where)
+        last = check_order(column, last, header, where)
         if column > header.shape[1]:
             lines.next()
             return
         numbers = array("d")
         if row > 0:
             _read_numbers(numbers, lines, left, a_line, width)
-            yield checked(header, column, [row], [left], numbers, where)
+            yield check_column(header, column, [row], [left], numbers, where)
             continue
         rows, lengths = [], []
         while left > 0:
@@ -241,11 +238,11 @@ def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Ite
                 size, row = (head >> 16) - 1, head & 0xFFFF
             left -= 1 + size
             if size <= 0 or left < 0:
-                raise damaged(f"a string in column {column} has the invalid length of {size} words", lines.where)
+                raise damage_error(f"a string in column {column} has the invalid length of {size} words", lines.where)
             rows.append(row)
             lengths.append(size // header.words)
             _read_numbers(numbers, lines, lengths[-1], a_line, width)
-        yield checked(header, column, rows, lengths, numbers, where)
+        yield check_column(header, column, rows, lengths, numbers, where)
 
 
 def _read_numbers(numbers: array[float], lines: _Lines, count: int, a_line: int, width: int) -> None:
@@ -264,7 +261,7 @@ def _number(text: bytes, lines: _Lines) -> float:
     # Fortran omits the letter of three-digit exponents: 1.5-105
     if split := _NO_LETTER.fullmatch(text):
         return float(split[1] + b"E" + split[2])
-    raise damaged(f"{text.decode('ascii', 'replace')!r} is not a number", lines.where)
+    raise damage_error(f"{text.decode('ascii', 'replace')!r} is not a number", lines.where)
 
 
 REAL = ("real", "integer", "double", "unsigned-integer")
@@ -273,15 +270,12 @@ LONGEST = 10_000
 
 
 def read_market(path: Path) -> sparse.coo_array | np.ndarray:
-    """The matrix, with both triangles if the file declares it symmetric.
-
-    Raises DeckError for complex, pattern and skew matrices and for invalid lines; OSError, EOFError and zlib.error
-    from reading.
-    """
-    with opened(path) as raw, TextIOWrapper(raw, "ascii", "replace") as file:
+    """The matrix, with both triangles if the file declares it symmetric. Raises DeckError for complex, pattern and skew matrices
+    and for invalid lines; OSError, EOFError and zlib.error from reading."""
+    with open_file(path) as raw, TextIOWrapper(raw, "ascii", "replace") as file:
         words = file.readline(LONGEST).lower().split()
         if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("array", "coordinate"):
-            raise damaged("the first line is not that of a Matrix Market file", f"{path}:1")
+            raise damage_error("the first line is not that of a Matrix Market file", f"{path}:1")
         layout, field, kind = words[2:]
         if field not in REAL or kind not in ("general", "symmetric"):
             raise error_at(
@@ -316,9 +310,9 @@ def _sizes(file: TextIO, path: Path, layout: str, kind: str) -> tuple[int, int, 
     sizes = [parse_integer(word) for word in text.split()]
     rows, columns, *more = [size or 0 for size in sizes] if len(sizes) >= 2 else [0, 0]
     if None in sizes or len(more) != (layout == "coordinate") or not (0 < rows <= LARGEST and 0 < columns <= LARGEST):
-        raise damaged(f"{text.strip()[:60]!r} is not a valid matrix size", f"{path}:{number}")
+        raise damage_error(f"{text.strip()[:60]!r} is not a valid matrix size", f"{path}:{number}")
     if kind == "symmetric" and rows != columns:
-        raise damaged(f"a symmetric matrix must be square, but the size is {rows} × {columns}", f"{path}:{number}")
+        raise damage_error(f"a symmetric matrix must be square, but the size is {rows} × {columns}", f"{path}:{number}")
     dense = columns * (columns + 1) // 2 if kind == "symmetric" else rows * columns
     return rows, columns, more[0] if more else dense, number
 
@@ -331,11 +325,11 @@ def _table(file: TextIO, path: Path, entries: int, width: int, line: int) -> np.
         table = np.loadtxt(file, comments=None, ndmin=2, max_rows=entries)
     except ValueError as error:
         message = str(error).partition(";")[0][:200]
-        raise damaged(f"a line below the sizes is not a valid entry: {message}", f"{path}:{line + 1}") from None
+        raise damage_error(f"a line below the sizes is not a valid entry: {message}", f"{path}:{line + 1}") from None
     if table.shape != (entries, width) or any(rest.strip() for rest in iter(lambda: file.readline(LONGEST), "")):
         count = f"{len(table)} entries" if len(table) < entries else f"more than {entries} entries"
         message = count if table.shape[1:] == (width,) else f"lines with {table.shape[1]} numbers"
-        raise damaged(f"the file has {message}, but {entries} entries are declared", f"{path}:{line}")
+        raise damage_error(f"the file has {message}, but {entries} entries are declared", f"{path}:{line}")
     return table
 
 
@@ -356,7 +350,7 @@ def _sparse(table: np.ndarray, rows: int, columns: int, kind: str, path: Path, l
     if outside.any():
         i, j = place[np.argmax(outside)]
         what = f"entry {int(np.argmax(outside)) + 1} is at ({i:g}, {j:g}), outside a {rows} × {columns} matrix"
-        raise damaged(what, f"{path}:{line}")
+        raise damage_error(what, f"{path}:{line}")
     row, column = (place[:, k].astype(np.int64) - 1 for k in (0, 1))
     value = table[:, 2]
     if kind == "symmetric":
@@ -370,17 +364,13 @@ WRITE_AGAIN = "export it again with SOLVER=MATRIXSTORAGE"
 
 
 def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
-    """A symmetric matrix: lines "row column value", each off-diagonal pair once.
-
-    Raises DeckError for a name, invalid row numbers, and a pair that occurs twice.
-    """
+    """A symmetric matrix: lines "row column value", each off-diagonal pair once. Raises DeckError for a name, invalid row
+    numbers, and a pair that occurs twice."""
     if name is not None:
         raise DeckError(f"a CalculiX matrix has no name such as {name!r}", remedy="remove the name")
     entries = _entries(path)
     if entries.shape[1] != 3:
-        raise DeckError(
-            f"the lines have {entries.shape[1]} numbers instead of row, column and value", remedy=WRITE_AGAIN
-        )
+        raise DeckError(f"the lines have {entries.shape[1]} numbers, not row, column and value", remedy=WRITE_AGAIN)
     whole = ((entries[:, :2] == np.floor(entries[:, :2])) & (entries[:, :2] >= 1) & (entries[:, :2] <= LARGEST)).all(
         axis=1
     )
@@ -392,9 +382,7 @@ def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
     n = int(at.max())
     low, high = at.min(axis=1) - 1, at.max(axis=1) - 1
     if len(np.unique(low * n + high)) < len(at):
-        raise DeckError(
-            "the file contains both triangles, or an entry twice", remedy="export it again, or use Matrix Market"
-        )
+        raise DeckError("the file contains both triangles, or an entry twice", remedy="use Matrix Market")
     half = sparse.csr_array((entries[:, 2], (low, high)), shape=(n, n))
     full = sparse.csr_array(half + half.T - sparse.diags_array(half.diagonal()))
     full.eliminate_zeros()

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from strainsight.child_reader import Message, answer, child_reader, reason
-from strainsight.decks.text import damaged, error_at
+from strainsight.decks.text import damage_error, error_at
 from strainsight.errors import DeckError
-from strainsight.foreign.results.response import Response, unsupported
+from strainsight.foreign.results.response import Response, unsupported_error
 from strainsight.processes import python
 
 TIME_LIMIT = 20.0
@@ -28,13 +28,10 @@ _PLAIN = [field.name for field in fields(Response) if field.name not in ("node_i
 
 
 def responses_in_child_process(path: Path) -> Iterator[Response]:
-    """Read `responses` in a child process, one at a time, from a copy, because the library opens the file for
-    writing.
-
-    Raises the same DeckError, and one if the process fails.
-    """
+    """Read `responses` in a child process, one at a time, from a copy, because the library opens the file for writing. Raises
+    the same DeckError, and one if the process fails."""
     limit = TIME_LIMIT + path.stat().st_size / 5e6
-    failure = damaged(f"{PACKAGE} crashed or took too long", str(path))
+    failure = damage_error(f"{PACKAGE} crashed or took too long", str(path))
     with TemporaryDirectory() as folder:
         try:
             copy = copyfile(path, Path(folder) / path.name)
@@ -56,9 +53,9 @@ def messages(path: Path, copy: Path) -> Iterator[Message]:
         raise
     except MemoryError:
         what = f"reading the file with {PACKAGE} requires too much memory for its size"
-        raise damaged(what, str(path)) from None
+        raise damage_error(what, str(path)) from None
     except Exception as error:
-        raise damaged(f"{PACKAGE} cannot read the file: {reason(error)}", str(path)) from None
+        raise damage_error(f"{PACKAGE} cannot read the file: {reason(error)}", str(path)) from None
     yield {}, []
 
 
@@ -105,9 +102,9 @@ def responses(path: Path, copy: Path) -> Iterator[Response]:
     head: dict[str, Any] = result._resultheader
     analysis = int(head["kan"])
     if result._is_cyclic or head["cpxrst"]:
-        raise unsupported("a cyclic analysis" if result._is_cyclic else "complex results", str(path))
+        raise unsupported_error("a cyclic analysis" if result._is_cyclic else "complex results", str(path))
     if analysis not in (_STATIC, _MODAL):
-        raise unsupported(_OTHERS.get(analysis, f"an analysis of type {analysis}"), str(path))
+        raise unsupported_error(_OTHERS.get(analysis, f"an analysis of type {analysis}"), str(path))
     for row in range(int(result.n_results)):
         step, substep = (int(number) for number in head["ls_table"][row][:2])
         yield _response(result, row, analysis == _MODAL, step, substep, path)

@@ -1,15 +1,13 @@
 """Modes and static displacements of a Nastran OUTPUT2 file (.op2) and punch file (.pch).
 
-OUTPUT2: a chain of Fortran records (length, content, length). A record of a single word is a key: n > 0, the next
-record has n words; n < 0, the logical record is complete; 0, the data block is complete. A data block is its name (two
-words), its trailer, and records with a type word in front. The type is 0 for a table, 1 and more for a column of a
-matrix. A displacement table consists of pairs of records: 146 words of header, then the rows. A row is ten times the
-point id plus the device code, the point type, and six components. Source: DMAP Programmer's Guide, data blocks OUG
-(displacements) and LAMA (eigenvalues).
+OUTPUT2: a chain of Fortran records (length, content, length). A record of a single word is a key: n > 0, the next record has n
+words; n < 0, the logical record is complete; 0, the data block is complete. A data block is its name (two words), its trailer,
+and records with a type word in front. The type is 0 for a table, 1 and more for a column of a matrix. A displacement table
+consists of pairs of records: 146 words of header, then the rows. A row is ten times the point id plus the device code, the point
+type, and six components. Source: DMAP Programmer's Guide, data blocks OUG (displacements) and LAMA (eigenvalues).
 
-Punch: lines of 80 columns, with the line number in the last 8. A block is header comments, then two lines a point.
-The first has id (ten columns), type (eight), three components (eighteen each), the second -CONT- and the three
-rotations.
+Punch: lines of 80 columns, with the line number in the last 8. A block is header comments, then two lines a point. The first has
+id (ten columns), type (eight), three components (eighteen each), the second -CONT- and the three rotations.
 """
 
 from __future__ import annotations
@@ -24,15 +22,15 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from strainsight.decks.text import damaged, error_at, opened, parse_integer, parse_real
+from strainsight.decks.text import damage_error, error_at, open_file, parse_integer, parse_real
 from strainsight.foreign.results.response import (
     Response,
     integers,
     natural_frequency,
-    padded,
+    pad_line,
     reals,
     result_lines,
-    unsupported,
+    unsupported_error,
 )
 
 _WIDTHS = {struct.pack(order + "i", width): (order, width) for order in "<>" for width in (4, 8)}
@@ -72,10 +70,8 @@ class Op2File:
         self._int32 = struct.Struct(order + "i")
 
     def records(self, wanted: Callable[[str], bool]) -> Iterator[Record]:
-        """The records of every table whose name is wanted, one in memory at a time; others are skipped.
-
-        Raises DeckError with the byte position if the file is damaged, or ends inside a data block.
-        """
+        """The records of every table whose name is wanted, one in memory at a time; others are skipped. Raises DeckError with
+        the byte position if the file is damaged, or ends inside a data block."""
         while self._length:
             name = self._logical(keep=True)
             if name is None:
@@ -101,7 +97,7 @@ class Op2File:
             at = self._place()
             content = self._record(keep)
             if keep and len(content) != key * self.width:
-                raise damaged(f"{key} words are announced, but {len(content)} bytes follow", at)
+                raise damage_error(f"{key} words are announced, but {len(content)} bytes follow", at)
             if keep:
                 parts.append(content)
         return parts if key < 0 else None
@@ -110,17 +106,17 @@ class Op2File:
         at = self._place()
         content = self._record(keep=True, most=self.width)
         if len(content) != self.width:
-            raise damaged(f"expected a key, but found a record of {len(content)} bytes", at)
+            raise damage_error(f"expected a key, but found a record of {len(content)} bytes", at)
         return int(np.frombuffer(content, self.integer)[0])
 
     def _record(self, keep: bool, most: int | None = None) -> bytes:
         """Content of the next Fortran record, of at most `most` bytes; b"" if it is skipped."""
         at, length = self._place(), self._length
         if len(length) < 4:
-            raise damaged("the file ends inside a data block", at)
+            raise damage_error("the file ends inside a data block", at)
         size = self._int32.unpack(length)[0]
         if size < 0 or (most is not None and size > most):
-            raise damaged(f"a record of {size} bytes is not valid here", at)
+            raise damage_error(f"a record of {size} bytes is not valid here", at)
         content = []
         left = size
         if not keep:
@@ -131,7 +127,7 @@ class Op2File:
             left -= len(part)
         rest = self._file.read(8)
         if rest[:4] != length:
-            raise damaged(f"a record of {size} bytes begins here, but does not end correctly", at)
+            raise damage_error(f"a record of {size} bytes begins here, but does not end correctly", at)
         self._length = rest[4:]
         return b"".join(content)
 
@@ -149,8 +145,7 @@ _STATIC = (1, 7, 10, 11, 12)
 """Analysis codes: linear, before buckling, nonlinear (three)."""
 _OTHERS = {5: "a frequency response", 6: "a transient response", 8: "a buckling shape", 9: "a complex mode"}
 _COMPLEX, _BY_NODE, _RANDOM = 1, 2, 4
-"""Bits of a table code, in thousands: complex numbers; all steps of a node together (SORT2); random response
-statistics."""
+"""Bits of a table code, in thousands: complex numbers; all steps of a node together (SORT2); random response statistics."""
 _NODE = 1
 """Point type of nodes; others are scalar, extra, modal and fluid points."""
 _HEAD, _ROW, _EIGENVALUE_ROW = 146, 8, 7
@@ -164,12 +159,11 @@ _TITLES = ((114, 146), (82, 114), (50, 82))
 def op2_responses(path: Path) -> Iterator[Response]:
     """Modes and static displacements in file order; other tables, velocities and temperatures are skipped.
 
-    The step is the subcase; if it has tables in nodal and in basic axes, the first is used. The frequency of a mode
-    comes from its eigenvalue λ = ω², its modal mass from a preceding table LAMA. Load steps of a nonlinear subcase are
-    numbered from 1. Raises DeckError for a damaged file, other kinds of displacements, and displacements written node
-    by node (SORT2).
+    The step is the subcase; if it has tables in nodal and in basic axes, the first is used. The frequency of a mode comes from
+    its eigenvalue λ = ω², its modal mass from a preceding table LAMA. Load steps of a nonlinear subcase are numbered from 1.
+    Raises DeckError for a damaged file, other kinds of displacements, and displacements written node by node (SORT2).
     """
-    with opened(path) as file:
+    with open_file(path) as file:
         op2 = Op2File(file, path)
         head: _Head | None = None
         masses: dict[tuple[int, float], float] = {}
@@ -212,8 +206,8 @@ class _Head(NamedTuple):
 def _head(op2: Op2File, record: Record) -> _Head:
     words = np.frombuffer(record.content, op2.integer)
     if len(words) != _HEAD:
-        raise damaged(
-            f"record {record.number} of {record.table} has {len(words)} words instead of {_HEAD}", record.where
+        raise damage_error(
+            f"record {record.number} of {record.table} has {len(words)} words, not {_HEAD}", record.where
         )
     sort, table = divmod(int(words[1]), 1000)
     titles = (op2.text(record.content[first * op2.width : last * op2.width]) for first, last in _TITLES)
@@ -243,13 +237,12 @@ def _response(
     is_mode = head.analysis == _MODE
     where = f"{record.where}, {record.table} of subcase {head.subcase}" + (f", mode {head.mode}" if is_mode else "")
     if head.analysis in _OTHERS or head.sort & _COMPLEX:
-        raise unsupported(_OTHERS.get(head.analysis, "complex displacements"), where)
+        raise unsupported_error(_OTHERS.get(head.analysis, "complex displacements"), where)
     if head.sort & _BY_NODE:
         raise error_at(where, "the displacements are written node by node (SORT2)", "request DISPLACEMENT(SORT1)")
     if head.row != _ROW or (not is_mode and head.analysis not in _STATIC) or len(record.content) % (_ROW * op2.width):
-        raise damaged(
-            f"the table has {len(record.content)} bytes in rows of {head.row} words and analysis code {head.analysis}",
-            where,
+        raise damage_error(
+            f"{len(record.content)} bytes in rows of {head.row} words, analysis code {head.analysis}", where
         )
     row = np.dtype([("point", op2.integer), ("type", op2.integer), ("motion", op2.real, (6,))])
     rows = np.frombuffer(record.content, row)
@@ -328,7 +321,7 @@ def _blocks(path: Path) -> Iterator[_Block]:
             block.header[" ".join(key.split())] = " ".join(value.split())
         elif _WORDS & block.header.keys():
             block = block if block.lines else block._replace(number=number)
-            block.lines.extend(padded(line, _WIDTH))
+            block.lines.extend(pad_line(line, _WIDTH))
         in_comments = is_comment
     if block.lines:
         yield block
@@ -338,19 +331,17 @@ def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response
     header, where = block.header, f"{path}:{block.number}"
     subcase = parse_integer(header.get("SUBCASE ID", ""))
     if subcase is None:
-        raise damaged("the comments before this line have no SUBCASE ID", where)
+        raise damage_error("the comments before this line have no SUBCASE ID", where)
     if other := next((what for word, what in _OVER.items() for key in header if key.startswith(word)), None):
-        raise unsupported(other, where)
+        raise unsupported_error(other, where)
     if "REAL OUTPUT" not in header:
-        raise unsupported("complex displacements", where)
+        raise unsupported_error("complex displacements", where)
     if "POINT ID" in header:
-        raise error_at(
-            where, "the displacements are written point by point (SORT2)", "request DISPLACEMENT(SORT1,PUNCH)"
-        )
+        raise error_at(where, "displacements are written point by point (SORT2)", "request DISPLACEMENT(SORT1,PUNCH)")
     mode = _EIGENVALUE.fullmatch(header.get("EIGENVALUE", "")) if "EIGENVECTOR" in header else None
     eigenvalue = parse_real(mode[1]) if mode else 0.0
     if ("EIGENVECTOR" in header and mode is None) or eigenvalue is None:
-        raise damaged("the comments before this line have no EIGENVALUE and MODE", where)
+        raise damage_error("the comments before this line have no EIGENVALUE and MODE", where)
     if mode is None:
         counts[subcase] += 1
     number = int(mode[2]) if mode else counts[subcase]
@@ -380,7 +371,7 @@ def _rows(block: _Block, path: Path) -> tuple[np.ndarray, np.ndarray, int]:
     second = np.append(goes_on, [False, False])
     wrong = first[~second[first + 1] | second[first + 2]]
     if wrong.size:
-        raise damaged("a node does not have two lines", f"{path}:{block.number + int(wrong[0])}")
+        raise damage_error("a node does not have two lines", f"{path}:{block.number + int(wrong[0])}")
 
     def place(row: int) -> str:
         return f"{path}:{block.number + int(first[row])}"

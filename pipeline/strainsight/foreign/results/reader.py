@@ -1,5 +1,4 @@
-"""Read modes and static responses from any result file, one after the other; with readers of .frd, universal and VTU
-files.
+"""Read modes and static responses from any result file, one after the other; with readers of .frd, universal and VTU files.
 
 A universal file has lines of -1 around every dataset; after its header, each node has two lines: its number, and its
 values in columns of 13. Source: the UFF pages of the University of Cincinnati (SDRL).
@@ -22,17 +21,17 @@ from strainsight.decks.frd import (
     Block,
     NodeTable,
     blocks,
-    no_number,
     node_ids,
     skip_rows,
     table,
+    unreadable_line,
 )
 from strainsight.decks.other.load import load_sandboxed
 from strainsight.decks.other.mesh import NODE_IDS, numbers_of
-from strainsight.decks.text import UNPACKING, check_plain, damaged, error_at, opened, parse_integer, parse_real
+from strainsight.decks.text import UNPACKING, check_plain, damage_error, error_at, open_file, parse_integer, parse_real
 from strainsight.foreign.results.ansys import ansys_responses
 from strainsight.foreign.results.nastran import op2_responses, punch_responses
-from strainsight.foreign.results.response import Response, integers, padded, reals, unsupported
+from strainsight.foreign.results.response import Response, integers, pad_line, reals, unsupported_error
 from strainsight.measurements.uff58_file import is_mark
 from strainsight.mesh.model import IdTable
 
@@ -41,21 +40,18 @@ ROUNDING = {0: 5e-6, 1: 5e-6, 2: 6e-8, 3: 2e-16}
 
 
 def frd_responses(path: Path) -> Iterator[Response]:
-    """Every block DISP of the static and frequency steps of the file, in order.
-
-    Raises DeckError for a file that is truncated or damaged, for numbers that are not finite, and for displacements
-    of other steps (dynamic, buckling, complex frequencies).
-    """
+    """Every block DISP of the static and frequency steps of the file, in order. Raises DeckError for a file that is truncated or
+    damaged, for numbers that are not finite, and for displacements of other steps (dynamic, buckling, complex frequencies)."""
     try:
         yield from _responses(path)
     except DAMAGE:
-        raise no_number(str(path)) from None
+        raise unreadable_line(str(path)) from None
 
 
 def _responses(path: Path) -> Iterator[Response]:
     nodes: list[NodeTable] = []
     known: tuple[bytes, np.ndarray, np.ndarray | None] = (b"", np.zeros(0, dtype=np.int64), None)
-    with opened(path) as file:
+    with open_file(path) as file:
         for block, where in blocks(file, path, nodes):
             if block.name != b"DISP":
                 skip_rows(file, block, where)
@@ -189,7 +185,7 @@ def universal_responses(path: Path) -> Iterator[Response]:
 def _datasets(path: Path) -> Iterator[_Dataset]:
     """Datasets 55 and 2414, one in memory at a time."""
     number = 0
-    with opened(path) as file:
+    with open_file(path) as file:
         while line := file.readline(_LONGEST):
             number += 1
             if not line.strip():
@@ -206,9 +202,9 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
             while not is_mark(line := file.readline(_LONGEST)):
                 number += 1
                 if not line:
-                    raise damaged(f"the file ends inside dataset {kind}", f"{path}:{number}")
+                    raise damage_error(f"the file ends inside dataset {kind}", f"{path}:{number}")
                 if layout is not None:
-                    lines.extend(padded(line, _WIDTH))
+                    lines.extend(pad_line(line, _WIDTH))
             number += 1
             if layout is not None:
                 yield _Dataset(layout, lines, first)
@@ -218,7 +214,7 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
     """The response of a dataset; None unless it contains displacement vectors at nodes."""
     layout, lines, where = dataset.layout, dataset.lines, f"{path}:{dataset.number}"
     if (line_count := len(lines) // _WIDTH) < layout.lines:
-        raise damaged(f"the header has {line_count} lines instead of {layout.lines}", where)
+        raise damage_error(f"the header has {line_count} lines instead of {layout.lines}", where)
     head = [lines[row * _WIDTH : (row + 1) * _WIDTH].decode("latin-1") for row in range(layout.lines)]
     _, analysis, characteristic, kind, data, count = _integers(head[layout.parameters], 6, where)
     if layout.location is not None and _integers(head[layout.location], 1, where)[0] != _AT_NODES:
@@ -226,11 +222,11 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
     if characteristic not in _VECTORS or kind not in (_SHAPES if analysis in _SHAPED else (_DISPLACEMENT,)):
         return None
     if analysis not in (_UNIVERSAL_STATIC, _UNIVERSAL_MODE, _NONLINEAR) or data not in _REAL:
-        raise unsupported(
+        raise unsupported_error(
             _OTHERS.get(analysis, "complex values" if data > 4 else f"an analysis of type {analysis}"), where
         )
     if count != _VECTORS[characteristic]:
-        raise damaged(f"the vectors have {count} values instead of {_VECTORS[characteristic]}", where)
+        raise damage_error(f"the vectors have {count} values instead of {_VECTORS[characteristic]}", where)
     integers_, reals_ = _integers(head[layout.integers], 8, where), _reals(head[layout.reals], where)
     step = integers_[layout.load_case] or 1
     is_mode = analysis == _UNIVERSAL_MODE
@@ -255,7 +251,7 @@ def _integers(line: str, count: int, where: str) -> list[int]:
     """The first `count` integers of a header line, 0 if it is shorter."""
     values = [parse_integer(word) for word in line.split()[:count]]
     if None in values:
-        raise damaged(f"{line.strip()!r} contains invalid integers of a header", where)
+        raise damage_error(f"{line.strip()!r} contains invalid integers of a header", where)
     return [value for value in values if value is not None] + [0] * (count - len(values))
 
 
@@ -264,7 +260,7 @@ def _reals(line: str, where: str) -> list[float]:
     words = [line[at : at + _NUMBER].strip() for at in range(0, _WIDTH, _NUMBER)]
     values = [parse_real(word or "0") for word in words]
     if None in values:
-        raise damaged(f"{line.strip()!r} contains invalid numbers of a header", where)
+        raise damage_error(f"{line.strip()!r} contains invalid numbers of a header", where)
     return [value for value in values if value is not None]
 
 
@@ -274,7 +270,7 @@ def _rows(dataset: _Dataset, count: int, path: Path) -> tuple[np.ndarray, np.nda
     number = dataset.number + first
     text = np.frombuffer(dataset.lines, np.uint8).reshape(-1, _WIDTH)[first:]
     if len(text) % 2:
-        raise damaged("a node has no values", f"{path}:{number + len(text)}")
+        raise damage_error("a node has no values", f"{path}:{number + len(text)}")
     return (
         integers(text[::2, :_ID], lambda row: f"{path}:{number + 2 * row}"),
         reals(text[1::2, : count * _NUMBER], _NUMBER, lambda row: f"{path}:{number + 2 * row + 1}"),
@@ -361,8 +357,7 @@ READERS: dict[str, Reader] = {
 
 
 def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Iterator[Response]:
-    """The modes and static responses of a file in order; only one is in memory, so the file may be larger than the
-    memory.
+    """The modes and static responses of a file in order; only one is in memory, so the file may be larger than the memory.
 
     The ending of the name, without .gz, selects the reader. Raises DeckError for an unknown ending, a file that is
     missing, damaged or not a plain file, and errors of the reader.
@@ -370,9 +365,7 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     path = Path(path)
     reader = readers.get(ending_of(path))
     if reader is None:
-        raise error_at(
-            path, f"{path.name} is not a known result file", f"use one of these file endings: {', '.join(readers)}"
-        )
+        raise error_at(path, f"{path.name} is not a known result file", f"known endings: {', '.join(readers)}")
     try:
         check_plain(path)
         yield from reader(path)
@@ -381,9 +374,7 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     except UNPACKING as error:
         raise error_at(path, f"cannot be unpacked: {error}", "compress the file again") from None
     except OSError as error:
-        raise error_at(
-            path, f"cannot be read: {error.strerror}", "check that the file exists and is readable"
-        ) from None
+        raise error_at(path, f"cannot be read: {error.strerror}", "check that the file is readable") from None
 
 
 def ending_of(path: Path) -> str:

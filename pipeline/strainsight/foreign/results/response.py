@@ -15,8 +15,8 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from strainsight.decks.faults import repeated
-from strainsight.decks.text import damaged, error_at, opened, parse_integer, parse_real
+from strainsight.decks.faults import find_duplicate
+from strainsight.decks.text import damage_error, error_at, open_file, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.thin import FloatArray, IntArray
 
@@ -51,8 +51,8 @@ class Response:
     position: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        if (pair := repeated(self.node_ids)) is not None:
-            raise damaged(f"node {self.node_ids[pair[1]]} occurs twice", self.where)
+        if (pair := find_duplicate(self.node_ids)) is not None:
+            raise damage_error(f"node {self.node_ids[pair[1]]} occurs twice", self.where)
         finite = np.isfinite(self.motion).all(axis=1)
         if not finite.all():
             row = int(np.argmin(finite))
@@ -63,7 +63,7 @@ class Response:
                 remedy="check the output of the other program for errors, and export the file again",
             )
         if not math.isfinite(self.frequency):
-            raise damaged(f"the frequency of the mode is {self.frequency:g}", self.where)
+            raise damage_error(f"the frequency of the mode is {self.frequency:g}", self.where)
 
 
 def natural_frequency(eigenvalue: float) -> float:
@@ -71,7 +71,7 @@ def natural_frequency(eigenvalue: float) -> float:
     return math.copysign(math.sqrt(abs(eigenvalue)) / math.tau, eigenvalue)
 
 
-def unsupported(what: str, where: str) -> DeckError:
+def unsupported_error(what: str, where: str) -> DeckError:
     """Error for an unsupported kind of result."""
     return error_at(
         where,
@@ -88,9 +88,8 @@ LONGEST = 4096
 
 
 def result_lines(path: Path, what: str, remedy: str) -> Iterator[tuple[int, bytes]]:
-    """Number and content of every line of a text file. Raises DeckError for a line that is not text; `what`
-    describes the file."""
-    with opened(path) as file:
+    """Number and content of every line of a text file, described by `what`. Raises DeckError for a line that is not text."""
+    with open_file(path) as file:
         number = 0
         while line := file.readline(LONGEST):
             number += 1
@@ -99,22 +98,19 @@ def result_lines(path: Path, what: str, remedy: str) -> Iterator[tuple[int, byte
             yield number, line
 
 
-def padded(line: bytes, width: int) -> bytes:
+def pad_line(line: bytes, width: int) -> bytes:
     """A line without its end, cut or padded with blanks to `width` columns."""
     return line.rstrip(b"\r\n")[:width].ljust(width)
 
 
 def reals(text: np.ndarray, width: int, place: Callable[[int], str]) -> FloatArray:
-    """(n, k) numbers, also in Fortran's short form 1.0-100, of the characters (n, k width) of n rows; place: row →
-    its place.
-
-    Raises DeckError for a word that is not a number.
-    """
+    """(n, k) numbers, also in Fortran's short form 1.0-100, of the characters (n, k width) of n rows; place: row → its place.
+    Raises DeckError for a word that is not a number."""
     words = np.ascontiguousarray(text).view(f"S{width}")
     try:
         return words.astype(float)
     except (ValueError, OverflowError):
-        rows = [[_checked(parse_real, word, place, row) for word in line] for row, line in enumerate(words.tolist())]
+        rows = [[_parse_word(parse_real, word, place, row) for word in line] for row, line in enumerate(words.tolist())]
         return np.array(rows)
 
 
@@ -125,15 +121,15 @@ def integers(text: np.ndarray, place: Callable[[int], str]) -> IntArray:
         return words.astype(np.int64)
     except (ValueError, OverflowError):
         return np.array(
-            [_checked(parse_integer, word, place, row) for row, word in enumerate(words.tolist())], np.int64
+            [_parse_word(parse_integer, word, place, row) for row, word in enumerate(words.tolist())], np.int64
         )
 
 
-def _checked(parse: Callable[[str], T | None], word: bytes, place: Callable[[int], str], row: int) -> T:
+def _parse_word(parse: Callable[[str], T | None], word: bytes, place: Callable[[int], str], row: int) -> T:
     value = parse(word.decode("latin-1").strip())
     if value is None:
         text = " ".join(word.decode("latin-1").split())
-        raise damaged(f"{text!r} is not a finite number", place(row))
+        raise damage_error(f"{text!r} is not a finite number", place(row))
     return value
 
 
@@ -162,9 +158,8 @@ class _Step:
 def printed_modes(path: Path) -> Iterator[Response]:
     """Every mode of the file, step by step; without shapes it has no nodes.
 
-    The step is the subcase of Nastran, or the number of the frequency step of CalculiX. Shapes of an .f06 are along
-    nodal axes (CD); scalar points are left out. Raises DeckError with the line for unreadable data, and for a file
-    without modes.
+    The step is the subcase of Nastran, or the number of the frequency step of CalculiX. Shapes of an .f06 are along nodal axes
+    (CD); scalar points are left out. Raises DeckError with the line for unreadable data, and for a file without modes.
     """
     is_f06 = ".f06" in (ending.lower() for ending in path.suffixes)
     steps = _of_nastran(path) if is_f06 else _of_calculix(path)
@@ -209,7 +204,7 @@ def _of_nastran(path: Path) -> list[_Step]:
         elif _TABLE.search(text):
             vector, table = 0, True
         elif other := next((what for what, title in _OTHER.items() if title.search(text)), None):
-            raise unsupported(other, f"{path}:{number}")
+            raise unsupported_error(other, f"{path}:{number}")
         words = text.split()
         if table and len(words) == 7 and words[0].isdigit() and words[1].isdigit():
             current = steps.setdefault(step.number, step)
@@ -233,7 +228,7 @@ def _of_calculix(path: Path) -> list[_Step]:
         words = text.split()
         if table and len(words) == 5 and words[0].isdigit():
             if _real(words[4], path, number) != 0 and _real(words[1], path, number) >= 0:
-                raise unsupported("complex frequencies", f"{path}:{number}")
+                raise unsupported_error("complex frequencies", f"{path}:{number}")
             steps[-1].eigenvalue[int(words[0])] = (_real(words[1], path, number), number)
     return steps
 
@@ -241,5 +236,5 @@ def _of_calculix(path: Path) -> list[_Step]:
 def _real(word: str, path: Path, line: int) -> float:
     value = parse_real(word)
     if value is None:
-        raise damaged(f"{word!r} is not a finite number", f"{path}:{line}")
+        raise damage_error(f"{word!r} is not a finite number", f"{path}:{line}")
     return value
