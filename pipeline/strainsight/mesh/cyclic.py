@@ -34,7 +34,7 @@ class Copies:
     unique_nodes: IntArray
     shift: int
 
-    def ring(self) -> Mesh:
+    def build(self) -> Mesh:
         """The mesh of the ring."""
         mesh, n, count, shift = self.mesh, len(self.mesh.position), len(self.turns), self.shift
         copy, node = self.unique_nodes // n, self.unique_nodes % n
@@ -212,16 +212,16 @@ class Copies:
                 number.append(tie.id)
                 nodes = np.unique(self.at[group][:, tie.nodes])
                 rigid.append(replace(tie, id=len(number), reference=reference, nodes=nodes[nodes != reference]))
-        for tie in self.mesh.averaging:
-            groups = self._by_reference(tie.reference)
-            if tie.dependent is not None and len(groups) == 1:
+        for element in self.mesh.averaging:
+            groups = self._by_reference(element.reference)
+            if element.dependent is not None and len(groups) == 1:
                 raise UserError(
-                    f"{tie}: an average about the axis that is solved for other nodes cannot be expanded",
+                    f"{element}: an average about the axis that is solved for other nodes cannot be expanded",
                     remedy="Solve it for its reference node.",
                 )
             for reference, group in groups:
-                number.append(tie.id)
-                copy = tie.with_nodes(reference, self.at[group][:, tie.nodes].ravel(), self.at[group[0]])
+                number.append(element.id)
+                copy = element.with_nodes(reference, self.at[group][:, element.nodes].ravel(), self.at[group[0]])
                 averaging.append(replace(copy, id=len(number)))
         return tuple(rigid), tuple(averaging), np.array(number, dtype=np.int64)
 
