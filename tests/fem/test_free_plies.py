@@ -179,9 +179,9 @@ def test_bending_of_a_homogeneous_shell_has_a_factor(kind):
         ("e1", None, stack([0, 45], 1e-3, [1, 9]), "2 orthotropic materials"),
         ("e1", "glas", stack([0, 45], 1e-3, [1, 9]), "no orthotropic material 'glas'"),
         ("e1", None, stack([0, 45], 1e-3, 2), "without orthotropic plies"),
-        ("torsion_factor", None, ANY, "not of beams"),
-        ("bending_factor", None, ANY, "not of beams or homogeneous shells"),
-        ("area_factor", None, ANY, "not of beams or rods"),
+        ("torsion_factor", None, ANY, "not consist of beams"),
+        ("bending_factor", None, ANY, "not consist of beams or homogeneous shells"),
+        ("area_factor", None, ANY, "not consist of beams or rods"),
     ],
 )
 def test_what_a_region_does_not_have_is_refused(property, material, laminate, what):

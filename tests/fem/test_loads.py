@@ -145,7 +145,7 @@ def test_moment_on_dependent_node_acts_on_its_reference():
 
     for node in (17, end[0]):
         np.testing.assert_allclose(shape((node, M[0])), shape((16, M[0])))
-    with pytest.warns(UserWarning, match="the moment on node 100 moves nothing: the node has no rotations"):
+    with pytest.warns(UserWarning, match="the moment on node 100 has no effect: the node has no rotations"):
         np.testing.assert_allclose(shape((18, M[0])), shape())
 
 

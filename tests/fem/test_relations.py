@@ -125,8 +125,8 @@ def test_relation_on_motions_without_stiffness_is_reported(box):
         ([[(7, 0, 1), (6, 0, -1)], [(7, 0, 1), (5, 0, 1)]], "node 8 is dependent in MPC 1 and in MPC 2", 2),
         ([[(0, 2, 1), (6, 0, -1)]], "node 1 is clamped in component 3 and dependent in MPC 1", 1),
         ([[(7, 0, 1), (6, 1, -1)], [(6, 1, 1), (7, 0, 1)]], "ties form a cycle through nodes 7, 8", 1),
-        ([[(7, 0, 0), (6, 0, -1)]], "MPC 1 has the coefficient 0 at node 8 component 1", 1),
-        ([[(7, 0, 1), (6, 0, 1), (7, 0, -1)]], "MPC 1 has the coefficient 0 at node 8 component 1", 1),
+        ([[(7, 0, 0), (6, 0, -1)]], "MPC 1 has the coefficient 0 in its first term, node 8 component 1", 1),
+        ([[(7, 0, 1), (6, 0, 1), (7, 0, -1)]], "MPC 1 has the coefficient 0 in its first term, node 8 component 1", 1),
     ],
 )
 def test_conflicting_relations_are_refused(box, relations, what, number):
@@ -136,7 +136,7 @@ def test_conflicting_relations_are_refused(box, relations, what, number):
     with pytest.raises(DeckError, match=what) as caught:
         constraint_transform(replace(mesh, relations=own))
     assert caught.value.entity[0] == "relation"
-    assert caught.value.entity[1] == number or "circle" in what
+    assert caught.value.entity[1] == number or "cycle" in what
     assert caught.value.remedy
 
 
