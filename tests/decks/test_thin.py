@@ -51,7 +51,7 @@ def test_regions_with_section_become_shells_and_beams(strip):
     assert {name: len(ids) for name, ids in mesh.element_sets.items()} == {"skin": 16, "spar": 8}
     assert {name: len(ids) for name, ids in mesh.node_sets.items()} == {"skin": 27, "spar": 9, "root": 3, "1d-5": 3}
     assert mesh.where("element", 13).endswith(f":{gmsh().splitlines().index('13 3 2 3 3 1 4 5 2') + 1}")
-    assert any("region 3 of lines is region 6 (spar)" in note for note in mesh.notes)
+    assert any("region 3 of lines is imported as region 6 (spar)" in note for note in mesh.notes)
 
 
 def test_sections_are_in_metres_whatever_the_unit_of_the_file(strip):

@@ -42,7 +42,7 @@ def test_patch_test_on_distorted_elements(box, kind):
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e3])
 @pytest.mark.parametrize("kind", KINDS)
-def test_rigid_motions_have_no_energy_and_nothing_else_has_none(box, kind, unit):
+def test_only_rigid_motions_have_no_energy(box, kind, unit):
     mesh = box(kind, (1, 2, 1), size=(unit, unit, unit), distort=0.2)
     K = assemble(mesh)[0].constant
     x = mesh.position / unit
@@ -187,7 +187,7 @@ def with_material(mesh, **change):
         ("tet4", lambda mesh: replace(mesh, materials={}), "material 1"),
     ],
 )
-def test_meshes_that_cannot_be_are_refused(box, kind, change, message):
+def test_invalid_meshes_are_refused(box, kind, change, message):
     with pytest.raises(DeckError, match=message):
         assemble(change(box(kind, (2, 1, 1))))
 
@@ -208,7 +208,7 @@ E_OF, RHO_OF = (Parameter("E", name, (1,), 1.0) for name in ("youngs_modulus", "
         ([E_OF, replace(E_OF, name="F")], "both the youngs_modulus"),
     ],
 )
-def test_parameters_that_contradict_are_refused(box, parameters, message):
+def test_conflicting_parameters_are_refused(box, parameters, message):
     with pytest.raises(UserError, match=message):
         assemble(box("tet4", (1, 1, 1)), parameters)
 
@@ -263,7 +263,7 @@ def test_derivatives_are_those_of_a_complex_step(t):
     assert not PLATE.derivative("rho", {"E": 3.0, "t": t}).any()
 
 
-def test_many_values_are_one_after_the_other():
+def test_affine_operator_broadcasts_over_values():
     E, t = rng.uniform(1, 2, (2, 4)), rng.uniform(0.5, 1.5, (2, 4))
     X, slope = PLATE.at({"E": E, "t": t}), PLATE.derivative("t", {"E": E, "t": t})
     assert X.shape == slope.shape == (2, 4, 3, 3)
@@ -276,7 +276,7 @@ def test_many_values_are_one_after_the_other():
 
 
 @pytest.mark.parametrize("logarithm", [False, True])
-def test_beyond_its_range_a_polynomial_levels_off(logarithm):
+def test_polynomial_levels_off_outside_its_range(logarithm):
     own = Newton("t", (0.0, 0.0, 0.0), 1.0, (0.5, 2.0), 0.1, logarithm)
     t = np.array([1e-5, 0.45, 0.5, 1.0, 2.0, 2.1, 90.0])
     seen = np.array([0.45, 0.5 - 0.05 * np.tanh(1), 0.5, 1.0, 2.0, 2 + 0.2 * np.tanh(0.5), 2.2])
@@ -300,7 +300,7 @@ def test_sums_and_maps_go_term_by_term():
     )
 
 
-def test_a_constant_of_zero_stands_beside_sparse_terms():
+def test_zero_constant_with_sparse_terms():
     term = sparse.csr_array(np.diag([1.0, 2.0]))
     np.testing.assert_array_equal(AffineOperator(0.0, {"a": term}).at({"a": 2.0}).toarray(), np.diag([2.0, 4.0]))
 
@@ -327,7 +327,7 @@ def test_an_operator_on_one_pattern_has_the_values_it_had():
     assert np.array_equal(wide.constant.toarray(), first.toarray())
 
 
-def test_a_value_is_no_part_of_the_operator():
+def test_operator_does_not_depend_on_evaluated_values():
     X = AffineOperator(some(0, 0.4), {"a": some(1, 0.5)}).on_one_pattern()
     before = X.constant.toarray()
     X.at({"a": 2.0}).data[:] = 0.0

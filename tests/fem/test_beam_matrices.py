@@ -73,7 +73,7 @@ def test_tapered_beam_with_I12_is_the_integral_of_its_curvature(k, ratio):
 
 
 @pytest.mark.parametrize("own", [rectangle(1, 0.1, 0.2, SHEAR), rectangle(1, 0.1, 0.2, torsion=0.0)])
-def test_rigid_motions_cost_nothing_and_the_rest_does(own):
+def test_beam_stiffness_vanishes_only_for_rigid_motions(own):
     rng = np.random.default_rng(1)
     position, offset = rng.normal(size=(2, 3)), 0.3 * rng.normal(size=(1, 2, 3))
     K = one(own, position, (0.1, 0.7, 0.4), offset=offset)
@@ -204,7 +204,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_sections_that_cannot_be_are_named(what):
+def test_impossible_sections_are_refused(what):
     words = "resists" if "ends" in what else what
     with pytest.raises(DeckError, match=f"element 7 .*{words}") as error:
         one(WRONG[what])
@@ -212,7 +212,7 @@ def test_sections_that_cannot_be_are_named(what):
     assert error.value.remedy
 
 
-def test_beams_without_length_or_orientation_are_named():
+def test_beams_without_length_or_orientation_are_refused():
     zero, ids, none = np.zeros((2, 2, 3)), np.array([4, 9]), np.zeros((2, 2, 6), bool)
     position = np.array([[[0, 0, 0], [1, 0, 0]], [[5, 5, 5], [5, 5, 5]]], float)
     axes, own = np.tile(np.eye(3), (2, 1, 1)), properties(2, 1.0, np.eye(2), 1.0)

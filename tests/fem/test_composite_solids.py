@@ -149,11 +149,11 @@ def test_other_properties_scale_all_layers(box):
     free, _ = assemble(mesh, [Parameter("s", "stiffness_factor", (1,), 1.0)])
     assert abs(free.terms["s"] - K).max() == 0
     with pytest.raises(
-        UserError, match="is a composite solid without isotropic plies: it has no single youngs_modulus"
+        UserError, match="is a composite solid without isotropic plies and has no single youngs_modulus"
     ) as e:
         value_of(layered(mesh, [(1.0, CARBON, 0)]), 1, "youngs_modulus")
     assert "stiffness_factor" in e.value.remedy
-    with pytest.raises(UserError, match="it has no e1"):
+    with pytest.raises(UserError, match="has no e1"):
         value_of(mesh, 1, "e1")
     with pytest.raises(UserError, match="are of 2 isotropic materials") as e:
         value_of(layered(mesh, [(1.0, STEEL, 0), (1.0, TIN, 0)]), 1, "youngs_modulus")

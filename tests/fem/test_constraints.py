@@ -81,7 +81,7 @@ def test_nodes_of_no_element_have_no_motion(box):
     assert not np.any(constraint.free_rows // 3 == loose)
 
 
-def test_motions_that_nothing_carries_are_left_out(box):
+def test_motions_without_stiffness_are_left_out(box):
     mesh, r = with_reference(box("hex8", (2, 1, 1), clamp_root=True), [1.0, 0.5, 0.5])
     mesh = replace(mesh, rigid=(RigidElement(1, r, tip_of(replace(mesh, position=mesh.position[:-1])), (2,)),))
     constraint = constraint_transform(mesh)
@@ -90,7 +90,7 @@ def test_motions_that_nothing_carries_are_left_out(box):
     assert own == [3 * r + 2, rotation]
 
 
-def test_clamped_rotation_of_a_solid_node_means_nothing(box):
+def test_clamped_rotation_of_a_solid_node_has_no_effect(box):
     mesh = box("hex8", (1, 1, 1), clamp_root=True)
     more = replace(mesh, fixed=np.vstack([mesh.fixed, [[7, 3], [7, 4], [7, 5]]]))
     assert np.array_equal(constraint_transform(mesh).free_rows, constraint_transform(more).free_rows)
@@ -119,7 +119,7 @@ def test_dependents_turn_with_a_reference_that_is_partly_clamped(box, clamped):
     assert not T[3 * b : 3 * b + 3].any()
 
 
-def test_rows_of_other_matrices_have_rotations_and_supports_of_their_own(box):
+def test_constraints_of_imported_matrices_use_their_supports(box):
     mesh, r = with_reference(box("hex8", (1, 1, 1), clamp_root=True), [1.5, 0.5, 0.5])
     one, other = tip_of(replace(mesh, position=mesh.position[:-1]))[:2]
     rigid = RigidElement(1, r, np.array([other]), (0, 1, 2, 3, 4, 5))
@@ -176,7 +176,7 @@ CONTRADICTIONS = [
 
 
 @pytest.mark.parametrize(("entity", "message", "change"), CONTRADICTIONS, ids=[row[1] for row in CONTRADICTIONS])
-def test_contradictions_name_the_nodes(box, entity, message, change):
+def test_conflicting_constraints_are_refused_with_node_ids(box, entity, message, change):
     mesh, a = with_reference(box("hex8", (2, 1, 1), clamp_root=True), [1.5, 0.5, 0.5])
     mesh, b = with_reference(mesh, [1.8, 0.5, 0.5])
     assert (a, b) == (A, B)
@@ -213,7 +213,7 @@ def solution(mesh, force):
     return T[:n] @ np.linalg.solve(K, T[:n].T @ force.ravel())
 
 
-def test_axes_of_their_own_equal_lagrange_multipliers(supported_part):
+def test_local_axes_equal_lagrange_multipliers(supported_part):
     mesh = supported_part
     n = len(mesh.position)
     axes = dict(enumerate(Rotation.random(n, random_state=4).as_matrix()))
@@ -299,7 +299,7 @@ def test_rollers_on_inclined_planes_hold_what_their_normals_span(box, turn):
     assert word.startswith(f"rotation about {axis}")
 
 
-def test_a_clamp_on_a_tied_component_is_reported_in_the_nodes_own_components(supported_part):
+def test_clamped_tied_component_is_reported_in_local_axes(supported_part):
     mesh = supported_part
     node = int(mesh.rigid[0].nodes[0])
     turned = replace(mesh, axes={node: TURN})
@@ -310,7 +310,7 @@ def test_a_clamp_on_a_tied_component_is_reported_in_the_nodes_own_components(sup
     assert caught.value.entity == ("tie", 1)
 
 
-def test_an_averaging_reference_moves_along_its_own_axes(box):
+def test_averaging_reference_uses_its_local_axes(box):
     mesh = box("hex8", (2, 1, 1), clamp_root=True)
     n = len(mesh.position)
     tip = np.flatnonzero(mesh.position[:, 0] == 1)

@@ -82,7 +82,7 @@ def test_without_pardiso_a_warning_and_beyond_the_limit_an_error(monkeypatch):
         factorise(spd())
 
 
-def test_memory_goes_with_the_factor(monkeypatch):
+def test_memory_is_freed_with_the_factor(monkeypatch):
     """PARDISO's memory is released when the last reference to a factor goes, and not before."""
     from pypardiso import PyPardisoSolver
 
@@ -180,7 +180,7 @@ assert np.array_equal(*found), np.abs(found[0] - found[1]).max()
     subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=True, timeout=100)
 
 
-def test_a_complex_factor_solves_and_refuses_what_it_cannot(monkeypatch):
+def test_complex_factor_solves_and_refuses_singular_matrices(monkeypatch):
     rng = np.random.default_rng(0)
     R = rng.standard_normal((30, 30))
     A = R @ R.T + np.eye(30) + 1j * np.diag(rng.uniform(0, 50, 30))

@@ -61,7 +61,7 @@ def apart(X, Y):
         ("tri6", SANDWICH, ("g1z", "g2z")),
     ],
 )
-def test_stiffness_is_that_of_plies_made_anew(kind, laminate, names):
+def test_stiffness_agrees_with_new_plies(kind, laminate, names):
     mesh, free = distorted(laminate, kind), moduli(*names)
     K, M = thin_operators(mesh, free)
     assert not M.terms
@@ -87,7 +87,7 @@ def test_stiffness_stays_positive_definite_however_far_a_filter_tries():
         assert np.linalg.eigvalsh(X / np.outer(d, d))[0] > -1e-10
 
 
-def test_factor_multiplies_what_moduli_shape():
+def test_factor_multiplies_stiffness_of_free_plies():
     mesh = distorted(ANY)
     free = [*moduli("e1"), Parameter("s", "stiffness_factor", (1,), 1.0)]
     K, _ = thin_operators(mesh, free)
@@ -130,7 +130,7 @@ def test_stress_of_the_outer_plies_follows_their_moduli_and_so_does_its_deviatio
     )
 
 
-def test_material_says_which_plies_are_meant():
+def test_material_selects_plies():
     mixed = stack([0, 45, 90], 1e-3, [1, 9, 1])
     mesh = replace(plate(mixed, 2, 1, 0.3, 0.25), laminae={1: CARBON, 9: GLASS})
     assert value_of(mesh, 1, "e1", "glass") == value_of(mesh, 1, "e1", 9) == GLASS.e1
@@ -142,7 +142,7 @@ def test_material_says_which_plies_are_meant():
     assert apart(K.at({"e1": 1.5e11, "glass e1": 3.5e10}), thin_operators(anew)[0].at({})) < 5e-8
 
 
-def test_modulus_of_isotropic_plies_is_that_of_a_plate_beside_them_too():
+def test_modulus_of_isotropic_plies_is_shared_with_plate():
     mesh = plate(stack([10, 55, 0], 1e-3, [2, 1, 1]), 4, 2, 0.4, 0.2, axis=(1.0, 0.3, 0.0))
     mesh.shells[0].region[:4] = 2
     mesh = replace(
@@ -179,9 +179,9 @@ def test_bending_of_a_homogeneous_shell_has_a_factor(kind):
         ("e1", None, stack([0, 45], 1e-3, [1, 9]), "2 orthotropic materials"),
         ("e1", "glas", stack([0, 45], 1e-3, [1, 9]), "no orthotropic material 'glas'"),
         ("e1", None, stack([0, 45], 1e-3, 2), "without orthotropic plies"),
-        ("torsion_factor", None, ANY, "not of beams"),
-        ("bending_factor", None, ANY, "not of beams or homogeneous shells"),
-        ("area_factor", None, ANY, "not of beams or rods"),
+        ("torsion_factor", None, ANY, "not consist of beams"),
+        ("bending_factor", None, ANY, "not consist of beams or homogeneous shells"),
+        ("area_factor", None, ANY, "not consist of beams or rods"),
     ],
 )
 def test_what_a_region_does_not_have_is_refused(property, material, laminate, what):

@@ -81,7 +81,7 @@ def anew(mesh, t):
         ("quad8", "laminate", 0.02, -0.001, (0.3, 0.1)),
     ],
 )
-def test_stiffness_and_mass_are_those_of_a_mesh_made_anew(kind, section, height, offset, size):
+def test_free_thickness_agrees_with_new_mesh(kind, section, height, offset, size):
     mesh = shell(kind, SECTIONS[section], height, offset, size=size)
     for t, slope in (*((t, np.inf) for t in VALUES), (1.2 * T, 1e-7)):
         assert_made_anew(
@@ -102,7 +102,7 @@ def displaced(mesh, t=None):
     ("kind", "height", "length"),
     [("quad4", 0.02, 0.0), ("tri6", 0.02, 0.0), ("tri3", 0.0, 0.03), ("quad8", 0.0, 0.03)],
 )
-def test_gauges_read_what_they_read_on_a_mesh_made_anew(kind, height, length):
+def test_gauge_readings_agree_with_new_mesh(kind, height, length):
     mesh = shell(kind, height=height, offset=0.001, count=(4, 3))
     facets = exterior_facets(mesh)
     pool = candidates(mesh, facets, (1.0, 0.2, 0.1), (0.0, 50.0), on_constraints=True, length=length)
@@ -127,7 +127,7 @@ def test_gauges_read_what_they_read_on_a_mesh_made_anew(kind, height, length):
 
 
 @pytest.mark.parametrize("kind", ["tri3", "quad8"])
-def test_strain_of_the_faces_is_that_of_a_mesh_made_anew(kind):
+def test_face_strain_agrees_with_new_mesh(kind):
     mesh = shell(kind, height=0.02, count=(4, 3))
     facets, field = exterior_facets(mesh), displaced(mesh)
     rows, change = rows_along(mesh, [FREE], lambda own: strain_matrix(mesh, facets, None, own) @ field)
@@ -183,7 +183,7 @@ def test_cantilever_has_the_deflection_frequency_and_strain_of_a_beam_of_that_th
         np.testing.assert_allclose((rows + change.at({"t": t})) @ u, strain, rtol=2e-3)
 
 
-def test_load_on_mass_follows_the_thickness_and_the_density_beside_it_is_refused():
+def test_load_on_mass_follows_thickness():
     """∂f/∂t of gravity is ρ A in all, whatever mass is not of the material."""
     own = replace(FREE, reference=1.2 * T)
     mesh = with_value(shell(), "thickness", (1,), 1.2 * T)
@@ -198,7 +198,7 @@ def test_load_on_mass_follows_the_thickness_and_the_density_beside_it_is_refused
         load_slopes(model, config, [own, Parameter("rho", "density", (1,), RHO)])
 
 
-def test_thickness_of_a_laminate_is_that_of_all_plies_and_of_what_is_no_shell_none():
+def test_laminate_thickness_is_that_of_all_plies():
     mesh = shell(section=SECTIONS["laminate"])
     assert value_of(mesh, 1, "thickness") == pytest.approx(T)
     changed = with_value(mesh, "thickness", (1,), 2 * T)

@@ -154,7 +154,7 @@ def test_stress_on_faces_of_isotropic_plies_is_that_of_a_homogeneous_shell():
 
 @pytest.mark.parametrize("kind", ["quad4", "tri3"])
 @pytest.mark.parametrize("name", LAYUPS)
-def test_first_node_of_an_element_is_without_effect(kind, name):
+def test_first_node_of_an_element_has_no_effect(kind, name):
     reference = None
     for turned in range(3):
         mesh = plate(LAYUPS[name], 3, 2, 0.3, 0.25, kind, axis=(1.0, 0.3, 0.0), turned=turned)

@@ -124,7 +124,7 @@ def test_a_moment_of_the_deck_is_that_of_a_load_with_a_moment(clamped):
     np.testing.assert_allclose(S[:, 0], 5 * S[:, 1])
 
 
-def test_a_moment_on_a_node_that_turns_with_a_reference_node_is_one_on_that():
+def test_moment_on_dependent_node_acts_on_its_reference():
     mesh = body("hex8", (3, 1, 1), lambda *u: u)
     mesh = held(mesh, mesh.position[:, 0] == 0)
     end = np.flatnonzero(mesh.position[:, 0] == 3)
@@ -145,11 +145,11 @@ def test_a_moment_on_a_node_that_turns_with_a_reference_node_is_one_on_that():
 
     for node in (17, end[0]):
         np.testing.assert_allclose(shape((node, M[0])), shape((16, M[0])))
-    with pytest.warns(UserWarning, match="the moment on node 100 moves nothing: the node has no rotations"):
+    with pytest.warns(UserWarning, match="the moment on node 100 has no effect: the node has no rotations"):
         np.testing.assert_allclose(shape((18, M[0])), shape())
 
 
-def test_weight_may_be_turned_and_not_shifted_and_a_rotation_is_neither(clamped):
+def test_gravity_can_be_rotated_but_not_shifted(clamped):
     model = build_model(clamped)
     loads = [PointLoad("g", gravity=(0, 0, -1.0)), PointLoad("w", rotation=((1.0, 0, 0), (0, 5.0, 0)))]
     shapes = misalignment_shapes(model, loads)
@@ -233,7 +233,7 @@ def test_the_centre_of_mass_is_that_of_all_parts(bar):
     np.testing.assert_allclose(centre, sum(m * x for m, x in parts) / mass, rtol=1e-12)
 
 
-def test_bodies_that_cannot_be_are_refused(bar):
+def test_invalid_bodies_are_refused(bar):
     n = len(bar.position) - 2
     with pytest.raises(DeckError, match="point mass 4 is -1 kg"):
         build_model(replace(bar, point_masses=(PointMass(4, n, -1.0),)))

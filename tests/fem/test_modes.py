@@ -147,7 +147,7 @@ def test_breathing_of_a_thick_hollow_sphere_fv42(midsides, mesh_of):
 
 
 @pytest.mark.parametrize("length", [40, 400])
-def test_modes_of_one_frequency_are_not_left_to_rounding(length):
+def test_repeated_modes_do_not_depend_on_rounding(length):
     K, M, exact = chain(length)
     turn = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
     K = sparse.csr_array(sparse.kron(K, turn @ np.diag([1.0, 1.0, 2.0]) @ turn.T))
@@ -179,7 +179,7 @@ def test_no_copy_of_the_last_frequency_is_cut_off(length, count):
         assert np.abs(modes(shaken, M, count)[1] - first).max() < 1e-8
 
 
-def test_a_copy_that_the_iterations_have_passed_over_is_found_beside_them(monkeypatch):
+def test_missed_copy_is_found_in_the_complement(monkeypatch):
     K, M, exact = chain(50)
     K, M = sparse.csr_array(sparse.kron(sparse.eye_array(8), K)), sparse.csr_array(sparse.eye_array(400))
     own = np.linalg.eigh(chain(50)[0].toarray())
@@ -249,7 +249,7 @@ def no_lanczos(monkeypatch):
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-6, 1e-2])
-def test_from_shapes_that_are_a_little_off_come_the_modes_themselves(off, no_lanczos):
+def test_modes_from_nearby_shapes_are_exact(off, no_lanczos):
     exact, shapes = of_chain(N, np.arange(1, COUNT + 3))
     near = shapes + off * np.random.default_rng(3).standard_normal(shapes.shape) / np.sqrt(N)
     frequency, found = modes(chain(N)[0], sparse.eye_array(N, format="csr"), COUNT, near=near)
@@ -257,7 +257,7 @@ def test_from_shapes_that_are_a_little_off_come_the_modes_themselves(off, no_lan
     assert np.allclose(np.abs(np.einsum("ij,ij->j", found, shapes[:, :COUNT])), 1.0, rtol=0, atol=1e-12)
 
 
-def test_a_mode_that_the_near_ones_have_no_part_of_is_found_all_the_same():
+def test_mode_orthogonal_to_nearby_shapes_is_found():
     exact, shapes = of_chain(N, np.arange(1, COUNT + 4))
     frequency, _ = modes(chain(N)[0], sparse.eye_array(N, format="csr"), COUNT, near=np.delete(shapes, 1, axis=1))
     assert np.allclose(frequency, exact[:COUNT], rtol=ROUNDING, atol=0)
@@ -274,7 +274,7 @@ def test_of_two_equal_chains_no_copy_of_the_last_frequency_is_cut_off():
         assert np.allclose(found, alone[1], rtol=0, atol=1e-9)
 
 
-def test_too_few_near_vectors_are_no_help_and_no_harm():
+def test_too_few_nearby_vectors_have_no_effect():
     exact, shapes = of_chain(N, np.arange(1, COUNT + 1))
     frequency, _ = modes(chain(N)[0], sparse.eye_array(N, format="csr"), COUNT, near=shapes)
     assert np.allclose(frequency, exact, rtol=ROUNDING, atol=0)
@@ -282,7 +282,7 @@ def test_too_few_near_vectors_are_no_help_and_no_harm():
 
 @pytest.mark.parametrize("massive", [60, 9])
 @pytest.mark.parametrize("most", [24, 60])
-def test_block_iterations_find_what_the_dense_solution_has(massive, most):
+def test_block_iterations_agree_with_dense_solution(massive, most):
     """A triple eigenvalue, motions without mass, restarts after 24 vectors, and a range that is used up after 9."""
     rng = np.random.default_rng(5)
     n, count = 60, 5
@@ -301,14 +301,14 @@ def test_block_iterations_find_what_the_dense_solution_has(massive, most):
     assert np.all(np.linalg.norm(M @ (inverse @ (M @ phi) - mu * phi), axis=0)[:count] <= 2e-11)
 
 
-def test_vectors_that_depend_on_each_other_are_no_start_and_do_no_harm():
+def test_dependent_start_vectors_have_no_effect():
     exact, shapes = of_chain(N, np.arange(1, COUNT + 4))
     for near in (np.hstack([shapes, shapes[:, :1]]), np.hstack([shapes, np.zeros((N, 1))])):
         frequency, _ = modes(chain(N)[0], sparse.eye_array(N, format="csr"), COUNT, near=near)
         assert np.allclose(frequency, exact[:COUNT], rtol=ROUNDING, atol=0)
 
 
-def test_what_is_left_beside_a_span_is_found_under_a_hundred_times_as_much_within_it():
+def test_orthonormalisation_recovers_small_components():
     rng = np.random.default_rng(2)
     Q = np.linalg.qr(rng.standard_normal((50, 6)))[0]
     W = rng.standard_normal((50, 3)) + 100 * Q @ rng.standard_normal((6, 3))

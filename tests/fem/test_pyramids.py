@@ -36,7 +36,7 @@ def collapsed_rule(across: int, along: int) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([u * (1 - z), v * (1 - z), z]), weight
 
 
-def test_it_is_the_hexahedron_whose_upper_facet_has_shrunk_to_a_point():
+def test_pyramid_is_degenerate_hexahedron():
     u, v, w = np.random.default_rng(0).uniform(-1, 1, (3, 50))
     z = (1 + w) / 2
     hexahedron = HEX8.shape(np.column_stack([u, v, w]))

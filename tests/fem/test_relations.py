@@ -101,7 +101,7 @@ def test_relations_to_the_ground_are_supports(box):
     assert build_model(replace(mesh, relations=held)).size == 18
 
 
-def test_a_relation_that_no_rigid_motion_keeps_holds_the_motion(box):
+def test_relation_that_violates_rigid_motion_constrains_it(box):
     """u_x of one node twice that of another: translation x is none any more, a rotation about a point at −1 of both is."""
     mesh = box("hex8", (1, 1, 1))
     free = rigid_body_motions(mesh, constraint_transform(mesh))
@@ -112,7 +112,7 @@ def test_a_relation_that_no_rigid_motion_keeps_holds_the_motion(box):
     assert {"translation y", "translation z"} <= set(found)
 
 
-def test_motions_of_a_relation_that_move_nothing_are_named(box):
+def test_relation_on_motions_without_stiffness_is_reported(box):
     mesh = with_nodes(box("hex8", (1, 1, 1), clamp_root=True), [2.0, 0.0, 0.0], ids=[900])
     mesh = replace(mesh, relations=(relation((7, 0, 1.0), (8, 0, -1.0), (8, 4, -0.3)),))
     with pytest.raises(UserError, match="node 900, translation x of a relation, node 900, rotation y of a relation"):
@@ -125,18 +125,18 @@ def test_motions_of_a_relation_that_move_nothing_are_named(box):
         ([[(7, 0, 1), (6, 0, -1)], [(7, 0, 1), (5, 0, 1)]], "node 8 is dependent in MPC 1 and in MPC 2", 2),
         ([[(0, 2, 1), (6, 0, -1)]], "node 1 is clamped in component 3 and dependent in MPC 1", 1),
         ([[(7, 0, 1), (6, 1, -1)], [(6, 1, 1), (7, 0, 1)]], "ties form a cycle through nodes 7, 8", 1),
-        ([[(7, 0, 0), (6, 0, -1)]], "MPC 1 has the coefficient 0 at node 8 component 1", 1),
-        ([[(7, 0, 1), (6, 0, 1), (7, 0, -1)]], "MPC 1 has the coefficient 0 at node 8 component 1", 1),
+        ([[(7, 0, 0), (6, 0, -1)]], "MPC 1 has the coefficient 0 in its first term, node 8 component 1", 1),
+        ([[(7, 0, 1), (6, 0, 1), (7, 0, -1)]], "MPC 1 has the coefficient 0 in its first term, node 8 component 1", 1),
     ],
 )
-def test_relations_that_contradict_are_refused(box, relations, what, number):
+def test_conflicting_relations_are_refused(box, relations, what, number):
     mesh = box("hex8", (1, 1, 1), clamp_root=True)
     assert (mesh.position[[5, 6, 7], 0] == 1).all()
     own = tuple(relation(*terms, number=i) for i, terms in enumerate(relations, 1))
     with pytest.raises(DeckError, match=what) as caught:
         constraint_transform(replace(mesh, relations=own))
     assert caught.value.entity[0] == "relation"
-    assert caught.value.entity[1] == number or "circle" in what
+    assert caught.value.entity[1] == number or "cycle" in what
     assert caught.value.remedy
 
 
@@ -209,7 +209,7 @@ def as_of_pyyeti(fields):
 
 @pytest.mark.parametrize("systems", SYSTEMS)
 @pytest.mark.parametrize("case", CASES)
-def test_averaging_is_what_pyyeti_makes_of_it(tmp_path, case, systems):
+def test_averaging_agrees_with_pyyeti(tmp_path, case, systems):
     fields = CASES[case]
     components, groups, um = as_of_pyyeti(fields)
     grids = SOLID.format(*systems)

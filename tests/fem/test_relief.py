@@ -97,7 +97,7 @@ def test_a_bar_that_an_end_force_accelerates_has_a_strain_that_grows_along_it(ba
     assert np.allclose(relief.balance(f[:, None]).sum(), 0.0, atol=1e-9)
 
 
-def test_the_stiffness_of_the_springs_and_where_they_stand_do_not_matter(bar):
+def test_inertia_relief_does_not_depend_on_pinning_springs(bar):
     """K⁺ is that of the pseudo-inverse in the elastic space: KK⁺f = f − MRRᵀf and RᵀMK⁺f = 0 define it."""
     K, M = at(bar)
     relief = relief_of(M, bar.rigid)
@@ -120,7 +120,7 @@ def test_rigid_motions_are_the_null_space_of_the_stiffness(box, kind):
     assert np.abs(K @ model.rigid).max() < 1e-12 * np.abs(K).max() * np.abs(model.rigid).max()
 
 
-def test_what_a_roller_leaves_is_free_and_what_ties_and_masses_carry_moves_along(box):
+def test_rigid_motions_left_by_a_roller(box):
     mesh = box("hex8", (2, 2, 2))
     bottom = np.array([(i, 2) for i in np.flatnonzero(mesh.position[:, 2] == 0)])
     assert build_model(replace(mesh, fixed=bottom), free=True).rigid.shape[1] == 3
@@ -136,7 +136,7 @@ def test_what_a_roller_leaves_is_free_and_what_ties_and_masses_carry_moves_along
     assert np.abs(K @ model.rigid).max() < 1e-12 * np.abs(K).max()
 
 
-def test_loose_parts_and_what_is_held_are_named(box):
+def test_loose_parts_and_supported_structures_are_refused(box):
     apart = two_boxes(box, 0.5)
     with pytest.raises(
         UserError, match="the 2 parts of the structure move relative to each other: 12 free motions"
@@ -308,7 +308,7 @@ def test_a_plate_that_stands_on_a_solid_is_hinged_and_its_line_named(box):
         build_model(mesh)
 
 
-def test_it_is_held_where_a_node_turns_with_its_neighbours_on_the_face(box):
+def test_tied_rotations_remove_the_hinge(box):
     mesh, line = stand(box)
     around = np.flatnonzero((np.abs(mesh.position[:, 2] - 0.5) < 1e-9) & (mesh.position[:, 0] != 0.5))
     tie = AveragingElement(1, int(line[1]), around, np.ones(len(around)), (3, 4, 5))
@@ -316,7 +316,7 @@ def test_it_is_held_where_a_node_turns_with_its_neighbours_on_the_face(box):
     assert rigid_body_motions(held, held_motions(held)) == ()
 
 
-def test_a_corner_of_two_plates_holds_itself(box):
+def test_corner_of_two_plates_is_rigid(box):
     mesh, line = stand(box)
     n = len(mesh.position)
     side = int(np.flatnonzero(np.all(np.isclose(mesh.position, [1.0, 0.5, 0.5]), axis=1))[0])

@@ -155,7 +155,7 @@ def test_a_pin_that_pulls_a_flat_face_from_outside_is_refused():
 
 
 @pytest.mark.parametrize("load", [{"pressure": True}, {"bearing": (1.0, 0, 0)}])
-def test_what_presses_needs_an_area(bored, load):
+def test_pressure_load_requires_a_face(bored, load):
     with pytest.raises(UserError, match="which has no area"):
         nodal_forces(bored, PointLoad("p", node_id=1, **load))
 
@@ -268,7 +268,7 @@ def test_a_part_between_springs_is_free_without_one_of_them():
         build_model(replace(mesh, springs=(replace(between, stiffness=without),)))
 
 
-def test_what_springs_leave_free_is_named():
+def test_free_motions_of_sprung_body_are_reported():
     mesh = rigid()
     corners = np.flatnonzero(mesh.position[:, 2] == 0)
     for k, words in (([0, 0, 1.0], "translation x, translation y, rotation about z"), ([1.0, 1.0, 0], "translation z")):
@@ -281,7 +281,7 @@ def test_what_springs_leave_free_is_named():
         build_model(replace(mesh, springs=(replace(soft, stiffness=0 * soft.stiffness),)))
 
 
-def test_a_spring_on_a_rotation_that_is_not_there_is_named():
+def test_spring_on_missing_rotation_is_refused():
     mesh = rigid()
     one = Springs("CELAS2 9", np.ones(1), np.zeros(1, int), np.zeros(1, int), np.array([4]), np.ones(1))
     with pytest.raises(DeckError, match="CELAS2 9 acts on rotations of node 1, which has no rotations"):
@@ -314,7 +314,7 @@ def test_units_and_size_leave_the_frequencies_of_a_body_what_they_are():
     assert scaled(replace(mesh, springs=(turning,)), 2.0).springs[0].stiffness[0] == 8
 
 
-def test_the_error_of_a_free_body_says_which_soft_springs_would_do():
+def test_error_of_free_body_suggests_soft_springs():
     mesh = named(rigid(stiffer=1.0), bottom=(0, 0, 0))
     with pytest.raises(UserError, match="can move freely") as caught:
         build_model(mesh)
@@ -373,7 +373,7 @@ def face_springs_on_two_ends():
         (("idle",), ("left",), "the springs of parameter a have no stiffness", "name other springs"),
     ],
 )  # fmt: skip
-def test_springs_of_parameters_are_there_and_of_one_parameter_each(first, second, what, remedy):
+def test_springs_of_parameters_exist_and_have_one_parameter(first, second, what, remedy):
     mesh = face_springs_on_two_ends()
     mesh = replace(mesh, springs=(*mesh.springs, replace(mesh.springs[0], name="idle", stiffness=0 * mesh.springs[0].stiffness)))
     own = [Parameter(name, "stiffness_factor", (), 1.0, springs) for name, springs in (("a", first), ("b", second))]

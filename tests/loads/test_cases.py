@@ -72,7 +72,7 @@ def at(model, ratio, **changes):
     return ask(model, x, u, sensors(model, x, u), **changes)
 
 
-def test_all_seven_in_the_order_of_the_tables_and_fewer_where_a_group_is_empty():
+def test_cases_follow_the_order_of_the_tables():
     model = chain_of()
     found = at(model, 0.5)
     assert tuple(found) == SEVEN
@@ -98,7 +98,7 @@ def test_load_modulus_and_density_of_one_material_are_an_exact_null_vector_and_n
 
 
 @pytest.mark.parametrize("ratio", [1 / 20, 1 / 50])
-def test_a_slow_load_tells_neither_load_from_modulus_nor_anything_of_the_density(ratio):
+def test_slow_load_leaves_modulus_and_density_unobservable(ratio):
     slow, near = (at(chain_of(ground=0.0, extra=0.0), r) for r in (ratio, 0.9))
     condition = {label: (slow[label].found.condition, near[label].found.condition) for label in SEVEN}
 
@@ -159,7 +159,7 @@ def test_an_accelerometer_leaves_the_null_space():
     np.testing.assert_allclose(with_them["input+E"].found.sigma_min, bare["input+E"].found.sigma_min, rtol=0.2)
 
 
-def test_the_median_instant_speaks_for_the_case_and_rows_are_as_many_as_there_are():
+def test_case_uses_the_median_instant():
     """One instant after another by the definition: all rows, no compression, singular values of [F*/ω₁; H*/ε]."""
     model = chain_of()
     n = model.size

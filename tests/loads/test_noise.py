@@ -30,7 +30,7 @@ from .conftest import chain_of, theta
 UNKNOWNS = Unknowns(("F",), ("E",), {"F": 1e4}, {"E": 2e11})
 
 
-def test_default_intensities_stand_on_the_unknowns_alone():
+def test_default_intensities_act_on_unknowns_only():
     Q = process_intensity(3, UNKNOWNS, {"F": 20.0}, {"E": 0.05})
     np.testing.assert_allclose(Q, np.diag([0, 0, 0, 0, 0, 0, 20.0, 0.0025]), rtol=1e-14)
     noisy = process_intensity(3, UNKNOWNS, {"F": 20.0}, {"E": 0.05}, velocity=np.array([1.0, 2.0, 3.0]))
@@ -70,7 +70,7 @@ def test_every_input_model_brings_its_own_intensity():
 
 def test_the_rules_of_the_thesis_are_those_of_a_random_walk():
     smooth = Unknowns(("F",), (), {"F": 1e4}, {}, {"F": IntegratedRandomWalk(20.0)})
-    with pytest.raises(ConfigError, match="F is none"):
+    with pytest.raises(ConfigError, match="F has another model"):
         process_intensity(2, smooth, {"F": 20.0}, {}, rule="thesis", h=1e-3)
 
 
@@ -86,7 +86,7 @@ def test_an_accelerometer_reads_the_error_of_the_model_too():
 
 
 @pytest.mark.parametrize("velocity", [1e-4, 1e-2])
-def test_neglecting_the_correlation_hardly_touches_the_claim_neglecting_the_term_ruins_it(velocity):
+def test_acceleration_noise_term_is_required(velocity):
     """Real error by the Lyapunov equation with the correlation S = Q_v φᵀ, at the gain of a filter that does not know it."""
     model, noise = chain_of(3), 1e-3
     n = model.size
@@ -173,12 +173,12 @@ def test_the_rate_of_an_integrated_walk_gains_its_amplitude_in_one_period():
         (lambda: Oscillator(3.0, 0.0), "damping of an oscillator"),
     ],
 )
-def test_nonsense_is_refused(build, said):
+def test_invalid_values_are_refused(build, said):
     with pytest.raises(ConfigError, match=said):
         build()
 
 
-def test_unknowns_say_where_they_stand():
+def test_positions_of_unknowns_in_the_state():
     model = chain_of()
     unknowns = Unknowns(
         ("side", "tip"), ("rho",), {"tip": 40.0, "side": 7.0}, theta, {"side": Matern(3.0, 2.5), "tip": Oscillator(9.0)}

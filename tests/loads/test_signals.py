@@ -123,7 +123,7 @@ def test_signals_share_their_tones():
 
 
 @pytest.mark.parametrize("other", [Sweep(1.0, 2.0, 1.0, 1.0), FromSamples(np.array([0.0, 1.0]), np.array([0.0, 1.0]))])
-def test_a_signal_that_does_not_go_on_for_ever_has_no_tones(other):
+def test_transient_signals_have_no_tones(other):
     assert tones_of([Sine(3.0, 2.0), other]) is None
 
 
@@ -172,7 +172,7 @@ def test_a_recorded_motion_is_a_smooth_curve_through_its_samples():
         motion(SAMPLED, "position")(np.array([3.5]))
 
 
-def test_a_spline_leaves_the_samples_of_a_parabola_by_its_vertex():
+def test_spline_overshoot_of_a_parabola():
     """Which it is exactly: y = t² at ±½, ±3/2 is ¼ below the samples about 0, which range over 2."""
     t = np.array([-1.5, -0.5, 0.5, 1.5])
     assert swing(FromSamples(t, t**2)) == pytest.approx((0.125, 0.0))
@@ -232,7 +232,7 @@ def test_lines_and_share_of_fast_motion():
 
 # Spectral densities: those of scipy where all samples are there, and the mean square of what they are of.
 @pytest.mark.parametrize("samples", [40, 1000, 100_000])
-def test_of_a_whole_record_it_is_that_of_scipy(samples):
+def test_density_agrees_with_scipy(samples):
     values = np.random.default_rng(1).standard_normal(samples) + 7.0
     f, found = density(values, 1e-3)
     length = 2 * len(f) if samples > 40 else 16
@@ -242,7 +242,7 @@ def test_of_a_whole_record_it_is_that_of_scipy(samples):
     assert length <= LONGEST
 
 
-def test_samples_that_are_missing_leave_the_density_where_it_is():
+def test_density_with_missing_samples():
     rng = np.random.default_rng(3)
     values = rng.standard_normal(20_000)
     values[5_000:6_000] = np.nan
@@ -252,7 +252,7 @@ def test_samples_that_are_missing_leave_the_density_where_it_is():
     assert found.mean() == pytest.approx(noise_density(1.0, 0.01), rel=0.1)
 
 
-def test_every_tenth_sample_missing_leaves_nothing_to_tell_and_says_so():
+def test_density_is_empty_without_complete_segment():
     values = np.random.default_rng(4).standard_normal(1000)
     values[::10] = np.nan
     for own in (values, np.full(50, np.nan), np.zeros(0), np.ones(5)):

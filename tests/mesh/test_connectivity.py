@@ -33,7 +33,7 @@ def plates(*parts):
 
 
 @pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8", "hex20", "wedge15", "pyra5"])
-def test_a_sound_mesh_of_any_solid_is_silent(kind):
+def test_valid_solid_mesh_gives_no_warning(kind):
     mesh = body(kind, (3, 2, 2), lambda x, y, z: (np.cos(x / 3) * (2 + y), np.sin(x / 3) * (2 + y), z))
     check_doubled(mesh)
     assert connectivity_warnings(mesh) == hinge_warnings(mesh) == ()
@@ -51,7 +51,7 @@ def bent(kind, counts, inner, outer, arc=2 * np.pi, turn=0.0):
 
 
 @pytest.mark.parametrize(("kind", "around", "thick"), [("hex20", 4, 2e-3), ("tet10", 8, 1e-3), ("hex8", 4, 2e-5)])
-def test_a_thin_tube_does_not_lie_on_its_own_other_side(kind, around, thick):
+def test_thin_tube_wall_is_not_reported_as_hanging(kind, around, thick):
     mesh = bent(kind, (around, 1, 2), 0.1, 0.1 + thick, arc=np.pi / 2)
     assert connectivity_warnings(mesh) == ()
     assert not covered(mesh, exterior_facets(mesh)).any()
@@ -91,12 +91,12 @@ def test_facets_of_a_slit_are_covered_up_to_its_end():
     assert covered(slit, exterior_facets(slit)).sum() == 8
 
 
-def test_coincident_nodes_that_nothing_joins_are_counted_with_the_distance_that_merges_them():
+def test_unconnected_coincident_nodes_give_merge_distance():
     (said,) = connectivity_warnings(TWO)
     first, second = TWO.node_ids[FACE[:, 0]]
     assert said.startswith("18 nodes coincide with another")
     assert "mesh.merge: 1e-06" in said
-    assert f"as {first} and {second} at (1, " in said
+    assert f"for example {first} and {second} at (1, " in said
     apart = replace(TWO, position=TWO.position + np.where(np.arange(54) > 26, 4e-5, 0)[:, None] * [1, 0, 0])
     (said,) = connectivity_warnings(apart)
     assert "mesh.merge: 0.0001" in said
@@ -123,7 +123,7 @@ JOINED = {
 
 
 @pytest.mark.parametrize("way", JOINED)
-def test_nodes_in_one_place_that_are_joined_otherwise_are_meant_and_stay_two(way):
+def test_merge_keeps_coincident_nodes_with_a_tie(way):
     mesh = replace(with_nodes(TWO, [5, 0, 0]) if "both" in way else TWO, **JOINED[way])
     assert connectivity_warnings(mesh) == ()
     kept = merged(mesh, 1e-6)
@@ -131,7 +131,7 @@ def test_nodes_in_one_place_that_are_joined_otherwise_are_meant_and_stay_two(way
     assert "connected otherwise" in kept.notes[-1]
 
 
-def test_an_average_over_both_sides_does_not_join_them():
+def test_average_over_both_sides_does_not_connect_them():
     mesh = with_nodes(TWO, [5, 0, 0])
     mesh = replace(mesh, averaging=(AveragingElement(1, 54, FACE.ravel(), np.ones(18), (0, 1, 2)),))
     assert connectivity_warnings(mesh)[0].startswith("18 nodes")
@@ -150,7 +150,7 @@ def test_a_merged_bar_bends_as_one_of_one_mesh_does():
     assert bends[1] == pytest.approx(bends[0], rel=1e-11)
 
 
-def test_what_names_a_node_that_is_gone_names_the_one_that_stays():
+def test_merge_replaces_references_to_merged_nodes():
     a, b = FACE
     far = int(np.flatnonzero(TWO.position[:, 0] == 2)[0])
     mesh = held(TWO, np.isin(np.arange(54), b))
@@ -167,12 +167,12 @@ def test_what_names_a_node_that_is_gone_names_the_one_that_stays():
     assert "9 nodes were merged into others within 1e-06 m" in own.notes[-1]
 
 
-def test_a_distance_that_collapses_an_element_is_refused_with_the_one_that_does_not():
+def test_merge_distance_that_collapses_an_element_is_refused():
     with pytest.raises(UserError, match=r"would lose a node: two of its nodes are 0\.5 m apart"):
         merged(TWO, 0.6)
 
 
-def test_nodes_of_different_systems_are_not_made_one():
+def test_merge_refuses_different_coordinate_systems():
     turned = replace(TWO, axes={int(FACE[1, 3]): np.eye(3)[:, [1, 2, 0]]})
     with pytest.raises(DeckError, match="different local coordinate systems"):
         merged(turned, 1e-6)
@@ -188,7 +188,7 @@ def test_the_same_mesh_twice_in_one_place_is_an_error(kind):
     assert "remove one" in caught.value.remedy
 
 
-def test_shells_in_one_place_are_an_error_and_layers_of_one_are_none():
+def test_coincident_shells_are_refused_except_layers():
     part = ((2, 2), (1.0, 1.0), (0, 0, 0))
     mesh = plates(part, part)
     with pytest.raises(DeckError, match="quad4"):
@@ -197,7 +197,7 @@ def test_shells_in_one_place_are_an_error_and_layers_of_one_are_none():
     check_doubled(replace(mesh, shells=(joined_shells(mesh.shells[0], up),)))
 
 
-def test_shells_in_one_place_that_are_fastened_at_their_corners_are_a_warning_and_no_error():
+def test_coincident_shells_tied_at_corners_give_a_warning():
     part = ((4, 4), (1.0, 1.0), (0, 0, 0))
     mesh = plates(part, part)
     mesh = replace(mesh, shells=(joined_shells(*mesh.shells),))
@@ -215,7 +215,7 @@ def joined_shells(*blocks):
 
 
 @pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8", "hex20"])
-def test_nodes_of_a_fine_mesh_hang_on_a_coarse_one(kind):
+def test_nonmatching_meshes_have_hanging_nodes(kind):
     mesh = both(box(kind, (1, 1, 1)), box(kind, (2, 2, 2), at=(1, 0, 0)))
     found = {text.split(" nodes ")[1][:40]: int(text.split()[0]) for text in connectivity_warnings(mesh)}
     on_face = np.unique(mesh.position[mesh.nodes_of_elements][mesh.position[mesh.nodes_of_elements][:, 0] == 1], axis=0)
@@ -226,7 +226,7 @@ def test_nodes_of_a_fine_mesh_hang_on_a_coarse_one(kind):
     assert hanging == len(on_face) - at_coarse
 
 
-def test_a_node_on_the_edge_of_a_shell_and_a_beam_between_its_ends_hang():
+def test_hanging_nodes_on_shell_edge_and_beam():
     two = plates(((1, 1), (1.0, 1.0), (0, 0, 0)), ((2, 2), (1.0, 1.0), (1, 0, 0)))
     unmerged, hanging = connectivity_warnings(two)
     assert unmerged.startswith("4 nodes")
@@ -244,7 +244,7 @@ def test_a_node_on_the_edge_of_a_shell_and_a_beam_between_its_ends_hang():
 
 
 @pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8"])
-def test_volumes_that_overlap_are_seen_whatever_nodes_they_have(kind):
+def test_overlapping_volumes_are_detected(kind):
     for other in (
         box("hex8", (3, 3, 3), at=(0.31, 0.27, 0.4)),
         box("tet10", (1, 1, 1), (0.4, 0.4, 0.4), (0.27, 0.31, 0.33)),
@@ -266,12 +266,12 @@ def test_facets_in_a_joint_that_is_not_merged_or_does_not_fit_carry_no_gauge():
         assert lie.tolist() == inside
 
 
-def test_solids_that_share_an_edge_are_hinged_also_where_both_are_held_and_not_where_they_are_tied():
+def test_solids_sharing_an_edge_are_hinged_unless_tied():
     pair = body("hex8", (2, 2, 1), lambda x, y, z: (x, y, z), keep=lambda i, j, k: i == j)
     pair = held(pair, (pair.position[:, 0] == 0) | (pair.position[:, 0] == 2))
     (said,) = hinge_warnings(pair)
     edge = pair.node_ids[(pair.position[:, :2] == 1).all(axis=1)]
-    assert f"nodes {edge[0]}, {edge[1]}:" in said
+    assert f"nodes {edge[0]}, {edge[1]} and are hinged" in said
     ends = [int(np.flatnonzero((pair.position[:, :2] == at).all(axis=1))[0]) for at in ((1, 0), (2, 1))]
     tied = replace(pair, rigid=(RigidElement(1, ends[0], np.array(ends[1:]), (0, 1, 2)),))
     assert hinge_warnings(tied) == ()

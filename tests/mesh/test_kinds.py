@@ -22,7 +22,7 @@ from ..solids import HEX, SOLIDS
 every_kind = pytest.mark.parametrize("kind", ELEMENTS + FACETS, ids=lambda kind: kind.name)
 
 
-def test_every_element_is_described_to_the_tests():
+def test_every_element_kind_is_tested():
     assert [kind.name for kind in ELEMENTS] == list(SOLIDS)
 
 
@@ -50,7 +50,7 @@ def test_gradient_is_the_complex_step_derivative_of_the_shape(kind):
 
 
 @pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.name)
-def test_mid_side_nodes_lie_between_the_corners_that_vtk_says(kind):
+def test_mid_side_nodes_follow_vtk_edges(kind):
     x, solid = kind.nodes, SOLIDS[kind.name]
     assert kind.corners == len(solid.corners)
     for node, (a, b) in zip(x[kind.corners :], solid.edges, strict=True):
@@ -192,7 +192,7 @@ def test_mid_side_nodes_that_are_not_merged_are_refused():
         exterior_facets(tetrahedra(range(10), (0, 2, 1, 10, 11, 12, 13, 14, 15, 16), kind="tet10", points=17))
 
 
-def test_linear_beside_quadratic_is_refused():
+def test_linear_next_to_quadratic_elements_is_refused():
     mesh = tetrahedra(range(10), kind="tet10", points=11)
     linear = CellBlock("tet4", np.array([2]), np.array([[0, 2, 1, 10]]), np.array([1]))
     mixed = Mesh(mesh.node_ids, mesh.position, (*mesh.blocks, linear), mesh.fixed)

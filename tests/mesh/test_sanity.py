@@ -47,26 +47,26 @@ def test_a_structure_of_steel_has_no_warnings():
             2.1e5,
             7.85e-9,
             ("m", "kg"),
-            "length_unit mm and mesh.mass_unit t it is 2.1e+11 Pa and 7850 kg/m³",
+            "length_unit mm and mesh.mass_unit t it would be 2.1e+11 Pa and 7850 kg/m³",
         ),
         (1.0, 2.1e5, 7850.0, ("m", "kg"), "Young's modulus is 2.1e+05 Pa"),
-        (1.0, 2.1e5, 7850.0, ("m", "kg"), "2.1e+05 looks like MPa"),
-        (1.0, 2.1e11, 7850.0, ("mm", "t"), "length_unit m and mesh.mass_unit kg it is 2.1e+11 Pa"),
+        (1.0, 2.1e5, 7850.0, ("m", "kg"), "2.1e+05 appears to be in MPa"),
+        (1.0, 2.1e11, 7850.0, ("mm", "t"), "length_unit m and mesh.mass_unit kg it would be 2.1e+11 Pa"),
         (1000.0, 2.1e5, 7.85e-9, ("mm", "kg"), "density is 7.85 kg/m³, outside 10 to 100000"),
         (1.0, 3.0e7, 15.0, ("m", "kg"), None),
         (1.0, 2.1e9, 78500.0, ("m", "kg"), None),
-        (1.0, 3.0e7, 0.283, ("m", "kg"), "3e+07 looks like psi and 0.283 like lb/in³ (steel)"),
+        (1.0, 3.0e7, 0.283, ("m", "kg"), "3e+07 appears to be in psi and 0.283 in lb/in³ (steel)"),
         (1.0, 2e6, 90000.0, ("m", "kg"), "speed of sound √(E/ρ) is 4.71 m/s"),
         (1000.0, 2.1e11, 7850.0, ("m", "kg"), "extent is 1e+03 m"),
         (1.0, 2.1e11, 0.0, ("m", "kg"), "material 1 has no density"),
     ],
 )
-def test_values_that_speak_of_a_wrong_unit_are_a_warning(length, E, rho, units, says):
+def test_values_in_wrong_unit_give_a_warning(length, E, rho, units, says):
     found = " / ".join(sanity_warnings(to_si(tetrahedron(length, E, rho), *units), *units))
     assert (says in found) if says else not found
 
 
-def test_what_is_not_used_and_what_may_be_missing_are_warnings():
+def test_unused_nodes_and_ignored_cards_give_warnings():
     mesh = tetrahedron()
     mesh = replace(
         mesh,
@@ -85,8 +85,8 @@ def test_what_is_not_used_and_what_may_be_missing_are_warnings():
     )
 
 
-@pytest.mark.parametrize(("nu", "says"), [(0.4999999, "0.4999999. Displacement elements"), (-0.5, "-0.5: it widens")])
-def test_a_ratio_that_locks_and_one_of_a_wrong_shear_modulus_are_named(nu, says):
+@pytest.mark.parametrize(("nu", "says"), [(0.4999999, "0.4999999. Displacement elements"), (-0.5, "-0.5: it expands")])
+def test_locking_or_negative_poisson_ratio_gives_a_warning(nu, says):
     (said,) = sanity_warnings(with_material(tetrahedron(), None, 2.1e11, nu, 7850.0, "steel"))
     assert said.startswith(f"steel: Poisson's ratio is {says}")
     for sound in (0.0, 0.33, 0.49):
@@ -109,25 +109,25 @@ def test_a_reference_node_given_in_millimetres_is_a_warning():
         with_rigid_element(mesh, mesh.node_index(900), np.array([1]), (0, 1, 2), "mesh.ties.0") for mesh in (near, far)
     )
     assert sanity_warnings(near, "mm", "t") == ()
-    assert any("node 900 of mesh.ties.0 lies 49 m from its nodes" in text for text in sanity_warnings(far, "mm", "t"))
+    assert any("node 900 of mesh.ties.0 is 49 m away from its nodes" in text for text in sanity_warnings(far, "mm", "t"))
 
 
 # Moduli and densities in units that do not belong together are warned of, with the unit; real materials never are.
 MM_KG, MM_T, IN_LB, CM_KG = ("mm", "kg"), ("mm", "t"), ("in", "lb"), ("cm", "kg")
 MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning names)
-    "steel in kg, mm and N": (2.1e5, 7.85e-6, MM_KG, "2.1e+05 looks like MPa (steel, 2.1e+11 Pa): in mm, kg and s it is 2.1e+08"),
-    "kg, mm, ms and kN": (210.0, 7.85e-6, MM_KG, "210 looks like GPa with time in ms (steel"),
-    "g, mm, ms and N": (2.1e5, 7.85e-3, ("mm", "g"), "2.1e+05 looks like MPa with time in ms"),
-    "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 looks like g/mm³ (steel): in mm, t and s it is 7.85e-09"),
-    "t, mm and kN": (210.0, 7.85e-9, MM_T, "210 looks like GPa"),
+    "steel in kg, mm and N": (2.1e5, 7.85e-6, MM_KG, "be in MPa (steel, 2.1e+11 Pa). In mm, kg and s it is 2.1e+08"),
+    "kg, mm, ms and kN": (210.0, 7.85e-6, MM_KG, "210 appears to be in GPa with time in ms (steel"),
+    "g, mm, ms and N": (2.1e5, 7.85e-3, ("mm", "g"), "2.1e+05 appears to be in MPa with time in ms"),
+    "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 appears to be in g/mm³ (steel). In mm, t and s it is 7.85e-09"),
+    "t, mm and kN": (210.0, 7.85e-9, MM_T, "210 appears to be in GPa"),
     "pounds without 386": (3e7, 0.283, IN_LB, "Otherwise set mesh.mass_unit lbf*s2/in with the density 0.000733"),
-    "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "0.283 looks like lb/in³ (steel): in in, lbf*s2/in and s it is 0.000733"),
-    "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "in in, lbf*s2/in and s it is 3e+07"),
-    "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "2.1e+07 looks like N/cm² (steel, 2.1e+11 Pa): in cm, kg and s it is 2.1e+09"),
-    "MPa in metres": (2.1e5, 7850.0, ("m", "kg"), "2.1e+05 looks like MPa"),
-    "psi and slugs": (3e7, 15.2, ("ft", "slug"), "in ft, slug and s it is 4.32e+09"),
-    "kgf": (2.1e4, 7.85e-6, MM_KG, "2.1e+04 looks like kgf/mm²"),
-    "pounds a cubic foot": (2.07e11, 490.0, ("m", "kg"), "490 looks like lb/ft³ (steel): in m, kg and s it is 7849"),
+    "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "be in lb/in³ (steel). In in, lbf*s2/in and s it is 0.000733"),
+    "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "In in, lbf*s2/in and s it is 3e+07"),
+    "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "2.1e+07 appears to be in N/cm² (steel, 2.1e+11 Pa). In cm, kg and s it is 2.1e+09"),
+    "MPa in metres": (2.1e5, 7850.0, ("m", "kg"), "2.1e+05 appears to be in MPa"),
+    "psi and slugs": (3e7, 15.2, ("ft", "slug"), "In ft, slug and s it is 4.32e+09"),
+    "kgf": (2.1e4, 7.85e-6, MM_KG, "2.1e+04 appears to be in kgf/mm²"),
+    "pounds a cubic foot": (2.07e11, 490.0, ("m", "kg"), "490 appears to be in lb/ft³ (steel). In m, kg and s it is 7849"),
 }
 REAL = {  # Pa, kg/m³
     "natural rubber": (2e6, 930), "filled rubber": (1e7, 1300), "soft foam": (2e5, 30), "rigid foam": (5e7, 60),
@@ -146,27 +146,27 @@ REAL = {  # Pa, kg/m³
 
 
 @pytest.mark.parametrize(("E", "rho", "units", "words"), MIXED.values(), ids=MIXED)
-def test_units_that_do_not_belong_together_are_named_with_the_number_that_would(E, rho, units, words):
+def test_inconsistent_units_are_reported_with_consistent_value(E, rho, units, words):
     found = " / ".join(sanity_warnings(to_si(tetrahedron(1.0, E, rho), *units), *units))
     assert words in found
 
 
-def test_the_number_that_a_warning_asks_for_is_without_one():
+def test_suggested_value_gives_no_warning():
     for E, rho, units in ((2.1e8, 7.85e-6, MM_KG), (2.1e5, 7.85e-9, MM_T), (1.158e10, 0.283, IN_LB), (2.1e9, 7.85e-3, CM_KG)):
         size = 0.3 / LENGTH[units[0]]
         assert sanity_warnings(to_si(tetrahedron(size, E, rho), *units), *units) == ()
 
 
-def test_no_real_material_is_warned_of_in_any_consistent_units():
+def test_real_materials_give_no_warning_in_consistent_units():
     for units in (*USUAL_UNITS, ("mm", "g"), ("cm", "g"), ("in", "lb"), ("ft", "lb")):
         for name, (E, rho) in REAL.items():
             assert mixed_units(E, rho, *units) == "", (name, units)
             assert sanity_warnings(tetrahedron(1.0, E, rho)) == (), name
 
 
-def test_plies_in_kg_mm_and_n_are_named_and_an_isotropic_material_of_these_numbers_is_not():
+def test_plies_in_kg_mm_n_give_a_warning():
     E, rho = 1.35e8, 1600.0
-    assert "1.35e+05 looks like MPa (a ply of carbon fibre" in mixed_units(E, rho, *MM_KG, ply=True)
+    assert "1.35e+05 appears to be in MPa (a ply of carbon fibre" in mixed_units(E, rho, *MM_KG, ply=True)
     assert mixed_units(E, rho, *MM_KG) == ""
 
 
@@ -212,7 +212,7 @@ def test_a_material_goes_to_the_regions_named_by_id_or_name(mesh):
     assert region_ids(changed, ["PSOLID 7", 1]) == (7, 1)
 
 
-def test_a_material_for_all_regions_leaves_none_of_the_file(mesh):
+def test_material_for_all_regions_replaces_those_of_the_file(mesh):
     changed = with_material(mesh, None, 7e10, 0.33, 2700.0)
     assert [m.density for m in changed.materials.values()] == [2700.0]
     assert {r.material for r in changed.regions.values()} == set(changed.materials)
@@ -226,7 +226,7 @@ def test_supports_add_to_those_of_the_file_each_once(mesh):
     np.testing.assert_array_equal(changed.fixed, again.fixed)
 
 
-def test_a_tie_takes_the_nodes_of_a_set_but_its_reference(mesh):
+def test_tie_excludes_its_reference_from_the_set(mesh):
     changed = with_node(mesh, 900, (0.5, 0.5, 2.0))
     reference = changed.node_index(900)
     assert changed.position[reference].tolist() == [0.5, 0.5, 2.0]

@@ -53,7 +53,7 @@ def heights(mesh):
     return mesh.position[mesh.shells[0].on_faces][..., 2]
 
 
-def test_a_plate_has_faces_at_half_its_thickness_that_look_away_and_its_nodes_once():
+def test_plate_faces_lie_half_a_thickness_from_nodes():
     mesh = plate(*strip())
     assert (len(mesh.arms), mesh.own_nodes) == (2 * 6, 6)
     np.testing.assert_array_equal(mesh.node_ids[mesh.arms[:, 0]], mesh.node_ids[mesh.arms[:, 1]])
@@ -64,7 +64,7 @@ def test_a_plate_has_faces_at_half_its_thickness_that_look_away_and_its_nodes_on
     np.testing.assert_allclose(found.position[:, 2], side * T / 2)
 
 
-def test_an_element_that_is_turned_over_shares_the_other_face():
+def test_flipped_shell_shares_opposite_face():
     (first, second), x = strip()
     mesh = plate([first, second[::-1]], x)
     np.testing.assert_allclose(heights(mesh)[1, 0], -T / 2)
@@ -81,12 +81,12 @@ def test_offsets_move_both_faces_along_the_normal_of_the_element():
 
 
 @pytest.mark.parametrize(("fold", "shared"), [(0.0, 2), (15.0, 2), (25.0, 0), (90.0, 0), (150.0, 0)])
-def test_a_fold_parts_the_faces_and_a_bend_does_not(fold, shared):
+def test_faces_are_split_at_folds_only(fold, shared):
     first, second = plate(*strip(fold)).shells[0].on_faces
     assert len(np.intersect1d(first[0], second[0])) == shared
 
 
-def test_faces_of_another_thickness_part():
+def test_faces_are_split_at_thickness_steps():
     nodes, x = strip()
     mesh = plate(nodes, x, sections={1: ShellSection(T), 2: ShellSection(2 * T)}, region=[1, 2])
     np.testing.assert_allclose(heights(mesh)[:, 0], [[T / 2] * 4, [T] * 4])
@@ -124,14 +124,14 @@ def test_a_gauge_reads_the_strain_of_a_bent_and_stretched_plate():
     np.testing.assert_allclose(channel_rows(own.position, every, field)[:, 0], expected, rtol=1e-9)
 
 
-def test_nodes_that_follow_are_held_and_chosen_with_their_own():
+def test_face_nodes_inherit_supports_and_sets():
     mesh = replace(plate(*strip()), fixed=np.array([(0, c) for c in range(6)]))
     chosen = np.zeros(len(mesh.position), dtype=bool)
     chosen[mesh.held] = True
     assert np.count_nonzero(mesh.above(chosen)) == 3
 
 
-def test_zones_take_one_face_of_the_shells_or_what_is_no_shell():
+def test_zones_select_shell_faces():
     mesh = plate(*strip())
     facets = exterior_facets(mesh)
     every = candidates(mesh, facets, axis=(1.0, 0.0, 0.0))
@@ -165,7 +165,7 @@ def outside_of(mesh):
     )
 
 
-def test_a_shell_inside_of_solids_has_no_faces_and_one_that_stands_on_them_has_both():
+def test_shell_inside_solids_has_no_faces():
     """A fin along y = 1 m that ends one brick deep: as quadrilaterals, and as triangles, whose corners are those of no facet."""
     low = [((0, 1, 1), (1, 1, 1), (1, 1, 2), (0, 1, 2))]
     high = [((0, 1, 2), (1, 1, 2), (1, 1, 3), (0, 1, 3))]
@@ -175,7 +175,7 @@ def test_a_shell_inside_of_solids_has_no_faces_and_one_that_stands_on_them_has_b
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_of_a_skin_on_a_solid_one_face_is_seen_and_what_it_lies_on_is_not(turned):
+def test_skin_on_solid_has_one_exterior_face(turned):
     around = ((0, 0, 2), (1, 0, 2), (1, 1, 2), (0, 1, 2))
     skin = [around[::-1] if turned else around]
     seen = LOWER if turned else UPPER
@@ -211,12 +211,12 @@ def test_sides_are_those_of_the_box_about_the_points_of_the_section_and_look_out
         assert x[axis] == pytest.approx(height + (0.01 if axis == 0 else 0.0))
 
 
-def test_without_points_they_are_those_of_a_square_of_the_same_area():
+def test_sides_without_points_are_those_of_a_square():
     mesh = with_sides(straight(1, section=replace(SECTION, points=np.zeros((0, 2)))))
     np.testing.assert_allclose(np.ptp(mesh.position[mesh.arms[:, 0]], axis=0)[1:], np.sqrt(B * H))
 
 
-def test_rods_and_beams_with_pins_have_none():
+def test_rods_and_released_beams_have_no_sides():
     assert not len(with_sides(straight(2, kind="rod", section=SECTION)).arms)
     beam = straight(2, section=SECTION)
     released = beam.beams[0].released.copy()
@@ -241,7 +241,7 @@ def test_a_gauge_reads_bending_as_its_theory_has_it_at_any_angle(axis, I, along)
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (0.0, 0.02, -0.01)])
-def test_it_reads_stretch_and_what_an_offset_bends(offset):
+def test_side_gauge_measures_axial_strain_and_offset_bending(offset):
     mesh, z, every = tip_loaded(straight(8, section=SECTION, offset=offset), direction=(1, 0, 0))
     _, y, h = every.position.T
     # the force acts at the node, off the middle of the section by the offset
@@ -252,7 +252,7 @@ def test_it_reads_stretch_and_what_an_offset_bends(offset):
     np.testing.assert_allclose(read[own], strain[own], rtol=1e-8)
 
 
-def test_a_side_goes_on_over_the_beams_that_carry_it_up_to_a_knee():
+def test_beam_sides_continue_up_to_a_knee():
     """Six beams in line are four faces from end to end, and a grid walks over their joints; a knee of 90° parts them."""
     mesh = with_sides(straight(6, section=SECTION))
     facets = exterior_facets(mesh)
@@ -293,7 +293,7 @@ def test_a_side_goes_on_over_the_beams_that_carry_it_up_to_a_knee():
         ("CROSS", (0.03, 0.005, 0.05, 0.004), "+y +z -y -z"),
     ],
 )
-def test_a_section_has_the_sides_that_it_is_drawn_with(shape, dimensions, sides):
+def test_section_sides_agree_with_its_shape(shape, dimensions, sides):
     section = section_of_shape(shape, dimensions)
     found = [name for name, there in zip(("+y", "+z", "-y", "-z"), section.sides, strict=True) if there]
     assert found == sides.split()

@@ -93,7 +93,7 @@ def test_nodes_of_parts_of_facets_are_found(kind):
             np.testing.assert_allclose(at, np.einsum("qk,ekc->eqc", face.shape(xi), mesh.position[nodes]), atol=1e-12)
 
 
-def test_bodies_that_only_touch_stay_apart():
+def test_subdivision_keeps_touching_bodies_separate():
     mesh = block("hex8")
     assert len(refined(both(mesh, mesh)).mesh.position) == 2 * len(refined(mesh).mesh.position)
 
@@ -110,7 +110,7 @@ def tied_bar(coarse, fine):
 
 @pytest.mark.parametrize("coarse", ["tet4", "tet10", "hex8", "hex20", "wedge15"])
 @pytest.mark.parametrize("fine", ["tet4", "hex20"])
-def test_what_is_tied_to_a_surface_follows_every_linear_field_and_hangs_no_more(coarse, fine):
+def test_surface_tie_reproduces_linear_fields(coarse, fine):
     mesh = tied_bar(coarse, fine)
     assert connectivity_warnings(mesh) == ()
     assert all(own.value[0] == 1 for own in mesh.relations)
@@ -155,8 +155,8 @@ def test_the_nearest_point_of_a_curved_facet_is_the_foot_of_its_normal(code):
     np.testing.assert_allclose(feet.distance, [0.0, 1e-3, 1e-2], atol=1e-12)
 
 
-def test_a_node_beside_the_surface_is_refused():
-    with pytest.raises(UserError, match=r"node \d+ does not lie on the surface, not within 0\.1 m"):
+def test_surface_tie_refuses_distant_node():
+    with pytest.raises(UserError, match=r"node \d+ is farther than 0\.1 m from the surface"):
         with_surface_tie(TWO, np.flatnonzero(TWO.position[:, 0] == 2), FACE[0], 0.1, "mesh.ties.0")
 
 
@@ -219,7 +219,7 @@ def test_all_kinds_come_back_with_their_data(tmp_path, suffix):
     np.testing.assert_array_equal(mesh.cell_data["element_id"], ids)
 
 
-def test_steps_change_what_changes_and_keep_the_rest(tmp_path):
+def test_vtkhdf_steps_update_only_time_dependent_data(tmp_path):
     cells, n = blocks()
     m = sum(len(block.ids) for block in cells)
     rng = np.random.default_rng(1)
@@ -245,7 +245,7 @@ def test_steps_change_what_changes_and_keep_the_rest(tmp_path):
         assert mesh.n_cells == m
 
 
-def test_points_of_a_surface_may_have_numbers_of_their_own():
+def test_vtkhdf_surface_accepts_alternative_point_numbers():
     nodes = np.full((2, 8), -1)
     nodes[:, :3] = [[0, 1, 2], [1, 3, 2]]
     corner = np.full((2, 8), -1)

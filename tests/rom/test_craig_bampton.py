@@ -57,7 +57,7 @@ def test_a_load_on_the_interface_moves_it_and_all_else_as_in_the_full_model(clam
     assert np.allclose(reduced[:12], flexibility, rtol=0, atol=1e-10 * np.abs(flexibility).max())
 
 
-def test_with_all_modes_nothing_is_lost():
+def test_reduction_with_all_modes_is_exact():
     model = build_model(bar((3, 2, 1), clamped=True))
     body = craig_bampton(model, [TIP], modes=model.size - 6)
     exact = frequencies(dense(model.stiffness.constant), dense(model.mass.constant))
@@ -66,7 +66,7 @@ def test_with_all_modes_nothing_is_lost():
     assert np.allclose(frequencies(body.stiffness.constant, body.mass), exact, rtol=1e-9)
 
 
-def test_modes_are_those_with_the_interface_held(clamped):
+def test_modes_are_fixed_interface_modes(clamped):
     body = craig_bampton(clamped, [TIP, SIDE], modes=6)
     i = np.flatnonzero(~pick(clamped, TIP, SIDE).any(axis=0))
     K, M = (dense(X.constant)[np.ix_(i, i)] for X in (clamped.stiffness, clamped.mass))
@@ -172,7 +172,7 @@ def test_rows_of_an_interface_are_the_motions_of_the_node(free):
         assert np.allclose(body.interface[node], pick(free, node) @ body.basis, rtol=0, atol=1e-12)
 
 
-def test_a_frame_fixed_to_a_node_sees_the_body_that_is_clamped_there(free, clamped):
+def test_floating_basis_equals_clamped_body(free, clamped):
     seen = floating_basis(craig_bampton(free, [ROOT, TIP, SIDE], modes=5), ROOT)
     held = craig_bampton(clamped, [TIP, SIDE], modes=5)
     assert (seen.size, held.size) == (17 + 6, 17 + 3)
@@ -209,7 +209,7 @@ def test_the_stiffness_is_affine_in_the_moduli():
         ((20,), "no rotations"),
     ],
 )
-def test_a_node_that_is_no_interface_is_named(clamped, nodes, words):
+def test_invalid_interface_nodes_are_refused(clamped, nodes, words):
     with pytest.raises(UserError, match=words):
         craig_bampton(clamped, nodes, modes=1)
 
@@ -227,7 +227,7 @@ def test_a_node_that_follows_an_interface_is_refused(free):
     assert np.allclose(alone[:3, :3], np.eye(3))
 
 
-def test_counts_cut_offs_and_parameters_that_do_not_go_are_refused(clamped, free):
+def test_invalid_reduction_options_are_refused(clamped, free):
     with pytest.raises(UserError, match="either"):
         craig_bampton(clamped, [TIP])
     with pytest.raises(UserError, match="either"):
@@ -276,7 +276,7 @@ def test_a_body_that_moves_deforms_as_the_full_one_under_any_acceleration_of_its
 
 
 @pytest.mark.parametrize("count", [0, 40])
-def test_residual_vectors_are_apart_from_the_modes_and_from_each_other(clamped, free, count):
+def test_residual_vectors_are_orthonormal(clamped, free, count):
     for model, vectors in ((clamped, 3), (free, 6)):
         body = craig_bampton(model, [TIP, SIDE] if vectors == 3 else [ROOT, TIP], modes=count)
         K, M = body.stiffness.constant[12:, 12:], body.mass[12:, 12:]
@@ -290,7 +290,7 @@ def test_residual_vectors_are_apart_from_the_modes_and_from_each_other(clamped, 
         assert np.all(np.diff(lam[count:]) > 0)
 
 
-def test_loads_of_inertia_count_held_nodes_and_point_masses(free):
+def test_inertia_loads_include_clamped_nodes_and_point_masses(free):
     """MR of a free body; of a held one what its multibody weight is."""
     points = (
         PointMass(1, free.mesh.node_index(TIP), 40.0, (0.1, 0.2, -0.3), np.diag([3.0, 4.0, 5.0])),

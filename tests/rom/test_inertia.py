@@ -97,7 +97,7 @@ def quadrature_points(mesh: Mesh, field: np.ndarray):
 
 
 @pytest.mark.parametrize("sheared", [False, True])
-def test_they_are_the_integrals_over_hexahedra(sheared):
+def test_inertia_invariants_equal_integrals_over_hexahedra(sheared):
     turn = np.array([[1.0, 0.3, -0.2], [0.1, 0.9, 0.4], [-0.3, 0.2, 1.2]]) if sheared else None
     model = build_model(box(turn=turn), supported=False)
     basis = shapes(model, 4)
@@ -136,7 +136,7 @@ def test_the_modal_mass_is_that_of_the_model(clamped, points):
     assert np.allclose(body.first, body.mass * mass_properties(model.mesh)[1], rtol=1e-12)
 
 
-def test_a_point_mass_is_the_particles_it_stands_for():
+def test_point_mass_equals_its_particles():
     """Six particles m/6 about the centre with the inertia diag(b² + c², a² + c², a² + b²) m/3, on rigid arms, turned."""
     mesh = tied(clamped=False)
     node, n, m = 36, len(mesh.position), 300.0
@@ -175,7 +175,7 @@ def pair(damping, seed=3):
 
 
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
-def test_at_a_value_it_is_the_model_damped_so_much(damping):
+def test_damping_parameter_scales_damping(damping):
     free, known = pair(damping)
     assert free.parameters == ("E", "rho", "zeta")
     for made in (lambda m: modal_step(m, THETA, 7e-3), lambda m: acceleration_map(m, THETA)):
@@ -191,7 +191,7 @@ def test_at_a_value_it_is_the_model_damped_so_much(damping):
 
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
 @pytest.mark.parametrize("of_all", [False, True], ids=["damping alone", "all"])
-def test_many_values_at_once_are_each_alone(damping, of_all):
+def test_damping_broadcasts_over_values(damping, of_all):
     free, _ = pair(damping)
     zeta = np.array([0.5, 1.0, 3.0])
     E = np.array([1.0, 1.1, 1.3]) if of_all else np.full(3, 1.2)
@@ -362,7 +362,7 @@ def test_the_excess_is_that_of_the_flexibility_at_the_interface(theta):
 
 
 @pytest.mark.parametrize("modes", [0, 3])
-def test_within_its_reach_statics_are_right_to_one_per_cent(modes):
+def test_static_error_within_reach_is_below_one_per_cent(modes):
     model, body = reduced(MODULI, modes)
     for name, (low, high) in reach(model, body, [TIP], REFERENCE).items():
         own = REFERENCE[name]
@@ -381,7 +381,7 @@ def test_rigid_motions_of_a_free_body_take_no_work():
     assert 1e-4 < excess(model, body, [TIP], {"E1": 4.2e11, "E2": 7e10}) < 0.5
 
 
-def test_one_modulus_of_the_whole_may_have_any_value():
+def test_single_modulus_has_unlimited_reach():
     model, body = reduced((Parameter("E", "youngs_modulus", (1, 2), 2.1e11),))
     assert reach(model, body, [TIP], {"E": 2.1e11}) == {"E": (0.0, np.inf)}
     assert excess(model, body, [TIP], {"E": 9e11}) < 1e-9

@@ -121,7 +121,7 @@ def test_held_out_errors_are_small_and_shrink_with_samples_of_the_box(two):
         assert worst[1][i] > worst[3][i] > worst[6][i]
 
 
-def test_held_out_errors_are_what_dense_algebra_says(two):
+def test_held_out_errors_agree_with_dense_algebra(two):
     full, S = two
     reduced = reduce_two(two, samples=1)
     theta = {"E1": 1.5e11, "E2": 1.1e11, "rho2": 2000.0}
@@ -222,7 +222,7 @@ def test_energy_singular_values_are_those_of_the_cholesky_factor_times_the_snaps
     np.testing.assert_allclose(svdvals(R)[:5], svdvals(unit)[:5], rtol=1e-5)
 
 
-def test_vectors_are_made_orthogonal_to_what_is_there_already():
+def test_vectors_are_orthogonal_to_previous_basis():
     rng = np.random.default_rng(1)
     G = rng.standard_normal((20, 20))
     K = G @ G.T + np.eye(20)
@@ -244,7 +244,7 @@ def test_samples_start_at_the_reference_and_reach_both_ends_of_every_range_once(
     assert points == parameter_samples(TWO_REFERENCE, TWO_RANGES, 6)
 
 
-def test_held_out_points_are_none_of_the_samples():
+def test_held_out_points_differ_from_samples():
     seen = parameter_samples(TWO_REFERENCE, TWO_RANGES, 6)
     for point in held_out_samples(TWO_REFERENCE, TWO_RANGES, 4):
         for name in TWO_RANGES:
@@ -258,13 +258,13 @@ def test_a_missing_or_impossible_range_is_refused(ranges):
         parameter_samples({"E": 1.0}, ranges, 3)
 
 
-def test_no_sample_at_all_is_refused(one):
+def test_zero_samples_are_refused(one):
     full, S = one
     with pytest.raises(InfeasibleError, match="0 parameter samples"):
         reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 0, 1e-8, DAMPING)
 
 
-def test_one_stiffness_stands_beside_the_factor(one, monkeypatch):
+def test_only_one_stiffness_is_in_memory_during_factorisation(one, monkeypatch):
     """That of its own θ: at a million unknowns each is as large as half the factor."""
     full, S = one
     made: list[weakref.ref] = []

@@ -182,7 +182,7 @@ def test_an_arm_off_the_surface_is_named_with_its_key(beam):
     assert "B, arm 2, is 0.12 m from the surface" in caught.value.what
 
 
-def test_arms_of_opposite_sign_in_one_place_are_refused_and_of_one_sign_are_two_grids(beam):
+def test_coincident_arms_of_opposite_sign_are_refused(beam):
     with pytest.raises(UserError, match="position and direction"):
         bridge(beam, [(TOP, ALONG, 1), (TOP, (-1, 0, 0), -1)])
     assert len(bridge(beam, [(TOP, ALONG, 1), (TOP, ALONG, 1)]).grids) == 2

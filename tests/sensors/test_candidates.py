@@ -49,7 +49,7 @@ def test_facets_on_clamped_and_rigid_nodes_are_left_out(beam):
     assert gauges.position[:, 0].max() == pytest.approx(0.85)
 
 
-def test_rotations_of_solid_nodes_hold_nothing(beam):
+def test_clamped_rotations_of_solid_nodes_are_ignored(beam):
     mesh, facets = beam
     turned = np.array([(node, component) for node in np.unique(mesh.blocks[0].nodes) for component in (3, 4, 5)])
     same = replace(mesh, fixed=np.vstack([mesh.fixed, turned]))
@@ -94,13 +94,13 @@ def test_a_surface_is_an_element_set_or_a_node_set(beam):
     assert len(first) == 4
 
 
-def test_a_set_that_is_not_there_is_refused_and_the_others_named(beam):
+def test_missing_set_is_refused_with_known_sets(beam):
     for name, said in (("topp", "did you mean top?"), ("lid", "first, top")):
         with expect_refusal(UserError, f"'{name}' does not exist in the mesh", remedy=said):
             candidates(*beam, (1, 0, 0), surface=name)
 
 
-def test_zones_are_kept_out(beam):
+def test_excluded_zones_have_no_candidates(beam):
     mesh, facets = beam
     zones = (Box((0.0, -1.0, -1.0), (0.4, 1.0, 1.0)), Box((0.4, -1.0, 0.19), (2.0, 1.0, 1.0)))
     gauges = candidates(mesh, facets, (1, 0, 0), exclude=zones)
@@ -109,7 +109,7 @@ def test_zones_are_kept_out(beam):
     assert len(gauges) == 5 * (2 * NZ + NY)
 
 
-def test_near_edges_are_kept_out(beam):
+def test_near_edges_zone_has_no_candidates(beam):
     assert len(candidates(*beam, (1, 0, 0), exclude=(NearEdges(0.0499),))) == 80
     inner = candidates(*beam, (1, 0, 0), exclude=(NearEdges(0.0501),))
     np.testing.assert_allclose(inner.position[:, 1], 0.15)
@@ -216,7 +216,7 @@ def test_rosettes_mirror_as_wholes(box_mesh):
     assert np.all(where[: single.gauges] < single.gauges)
 
 
-def test_only_the_like_are_images_of_one_another(box_mesh):
+def test_only_equal_gauges_are_mirror_partners(box_mesh):
     facets = exterior_facets(box_mesh)
     strain = candidates(box_mesh, facets, (1, 0, 0))
     motion = motion_candidates(box_mesh, facets, DISPLACEMENT, ((1, 0, 0),))
@@ -235,7 +235,7 @@ def test_only_the_like_are_images_of_one_another(box_mesh):
     np.testing.assert_array_equal(alone >= 0, np.isclose(strain.position[:, 1], 0.15))
 
 
-def test_a_plane_that_is_none_of_the_mesh_pairs_nothing(box_mesh):
+def test_plane_without_symmetry_has_no_pairs(box_mesh):
     pool = candidates(box_mesh, exterior_facets(box_mesh), (1, 0, 0))
     np.testing.assert_array_equal(mirror_partners(pool, (0, 0.151, 0), (0, 1, 0)), -1)
     half = mirror_partners(pool, (0.3, 0, 0), (1, 0, 0))

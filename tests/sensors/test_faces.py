@@ -207,13 +207,13 @@ def test_of_both_sides_of_a_plate_one_is_in_place_of_the_other_unless_it_is_know
 
 @pytest.mark.parametrize("kind", ["hex8", "tet10"])
 @pytest.mark.parametrize(("rise", "faces"), [(0, {DOWN: (1, 0), UP: (1, 0)}), (2, {DOWN: (1, 0)})])
-def test_a_bolted_plate_may_lie_on_both_sides_and_what_stands_on_it_says_which(rise, faces, kind):
+def test_bolted_plate_may_have_contact_on_both_sides(rise, faces, kind):
     mesh = half_disc(rise, kind)
     assert of(held(mesh, radius(mesh) < 1.01)) == faces
 
 
 @pytest.mark.parametrize("of_what", ["a rim", "a tie", "springs"])
-def test_however_the_bolt_is_modelled(of_what):
+def test_contact_face_does_not_depend_on_bolt_model(of_what):
     mesh = half_disc(2)
     bore = radius(mesh) < 1.01
     nodes = np.flatnonzero(bore)
@@ -234,13 +234,13 @@ def test_however_the_bolt_is_modelled(of_what):
     assert of(found) == {DOWN: (1, 0)}
 
 
-def test_a_plane_of_symmetry_that_cuts_a_bore_is_no_bolt():
+def test_symmetry_plane_through_bore_is_not_a_bolt():
     mesh = half_disc(2)
     cut = held(mesh, np.abs(mesh.position[:, 1]) < 1e-9, components=(1,))
     assert of(cut) == {}
 
 
-def test_a_face_that_is_held_in_places_lies_on_something_and_one_held_as_a_whole_has_no_room():
+def test_partly_supported_face_is_a_contact_face():
     mesh = half_disc(2)
     below = mesh.position[:, 2] < 0.01
     assert of(held(mesh, below & (radius(mesh) > 3.9))) == {DOWN: (0, 12)}
@@ -261,7 +261,7 @@ def test_the_lug_has_its_bores_and_stands_on_its_underside():
     assert set(of(turned).values()) == {(4, 0)}
 
 
-def test_a_plate_of_shells_that_is_held_in_places_lies_on_neither_of_its_faces():
+def test_partly_supported_shell_has_no_contact_face():
     mesh = strip_of_shells(clamped=False)
     patch = np.flatnonzero(mesh.position[: mesh.own_nodes, 0] < 0.35)
     mesh = replace(mesh, fixed=np.array([(node, c) for node in patch for c in range(3)]))
@@ -280,7 +280,7 @@ def test_a_tube_bends_by_its_radius(kind):
 
 
 @pytest.mark.parametrize(("kind", "within"), [("tri3", 1.4), ("quad4", 1.25), ("tri6", 1.07), ("quad8", 1.07)])
-def test_of_a_shaken_mesh_it_is_found_within_a_share(kind, within):
+def test_bend_radius_on_irregular_mesh(kind, within):
     position, facets = tube(kind, 24, 6, R, shake=0.15)
     found = bend_radius(position, facets) / R
     assert 1 / within < found.min() < found.max() < within
@@ -288,7 +288,7 @@ def test_of_a_shaken_mesh_it_is_found_within_a_share(kind, within):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_plane_does_not_bend(kind):
+def test_plane_has_no_curvature(kind):
     position, facets = plate(kind, 4, 3, shake=0.2)
     assert np.isinf(bend_radius(position, facets)).all()
 
@@ -318,7 +318,7 @@ def test_a_fold_of_more_than_30_degrees_is_an_edge_and_no_bend(fold, bends):
         np.testing.assert_allclose(found[beside], 0.5 / np.sin(slope / 2), rtol=0.01)
 
 
-def test_what_is_tighter_than_a_radius_is_that_and_its_sides_lie_on_it():
+def test_facets_below_a_bend_radius_are_detected():
     position, facets = tube("quad8", 24, 4, R)
     assert not tight(position, facets, 0.97 * R).any()
     assert tight(position, facets, 1.03 * R).all()

@@ -193,7 +193,7 @@ def test_points_on_a_surface_are_found_where_they_are(kind):
 
 
 @pytest.mark.parametrize("kind", ["tri3", pytest.param("quad8", marks=pytest.mark.slow)])
-def test_all_facets_asked_one_by_one_know_none_nearer(kind):
+def test_locate_agrees_with_projection_on_every_facet(kind):
     position, facets = plate(kind, 6, 2, 0.2)
     position = position * [1, 1, 1] + np.column_stack([np.zeros((len(position), 2)), 0.2 * np.sin(3 * position[:, 0])])
     position[:, 0] = position[:, 0] ** 3 / 10
@@ -229,7 +229,7 @@ def test_a_bonded_gauge_lies_on_the_surface_along_its_direction():
     np.testing.assert_allclose(rows[:, 0], np.einsum("mi,ij,mj->m", d, G, d), atol=2e-3)
 
 
-def test_bonded_where_a_candidate_sits_it_is_that_candidate(box_mesh):
+def test_bonded_gauge_at_candidate_equals_it(box_mesh):
     facets = exterior_facets(box_mesh)
     pool = candidates(box_mesh, facets, (1, 0.2, 0.4), (30.0,))
     entries = [BondedEntry(x + 1e-4 * n, d) for x, n, d in zip(pool.position, pool.normal, pool.direction, strict=True)]
@@ -247,7 +247,7 @@ GOOD = BondedEntry((0.45, 0.12, 0.2), (1, 0, 0))
 @pytest.mark.parametrize(
     ("entry", "says"),
     [
-        (replace(GOOD, position=(0.45, 0.12, 0.206)), "bonded gauge 2 is 0.006 m from the surface .*, beyond 0.005 m"),
+        (replace(GOOD, position=(0.45, 0.12, 0.206)), "bonded gauge 2 is 0.006 m from the surface .*, more than 0.005 m"),
         (replace(GOOD, direction=(0.1, 0, 1)), "bonded gauge 2 has a direction at 5.71° to the surface normal"),
         (replace(GOOD, direction=(0, 0, 0)), "bonded gauge 2 has the direction"),
         (replace(GOOD, position=(0.45, np.nan, 0.2)), "bonded gauge 2 has the position"),
@@ -261,7 +261,7 @@ GOOD = BondedEntry((0.45, 0.12, 0.2), (1, 0, 0))
         ),
     ],
 )
-def test_what_cannot_be_bonded_is_refused_by_its_number(entry, says, box_mesh):
+def test_invalid_bonded_gauges_are_refused(entry, says, box_mesh):
     with expect_refusal(UserError, says, key="gauges.fixed.1"):
         bonded(box_mesh, exterior_facets(box_mesh), [GOOD, entry], 0.005)
 

@@ -49,7 +49,7 @@ def test_a_beam_at_mid_span_is_no_hot_spot(kind, n):
 
 
 @pytest.mark.parametrize("kind", ["hex8", pytest.param("tet10", marks=pytest.mark.slow)])
-def test_beside_a_uniform_traction_uniform_strain_stays(kind):
+def test_uniform_traction_keeps_uniform_strain(kind):
     """Patch test: u = σ/E (−νx, −νy, z), by a traction on its top; forces at nodes of parts would be another load."""
     size = np.array([0.3, 0.2, 0.1])
     mesh = body(kind, (3, 2, 2), lambda u, v, w: size * (u / 3, v / 2, w / 2))
@@ -66,7 +66,7 @@ def test_beside_a_uniform_traction_uniform_strain_stays(kind):
 
 
 @pytest.mark.parametrize("kind", ["hex8", pytest.param("tet10", marks=pytest.mark.slow)])
-def test_a_state_that_the_elements_hold_exactly_does_not_change(kind):
+def test_exactly_represented_field_does_not_change(kind):
     rng = np.random.default_rng(3)
     shift = {}
 
@@ -131,7 +131,7 @@ def slope(mesh, field, place, axis, size):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "n"), [("hex8", 4), ("hex20", 4)])
-def test_what_is_expected_of_refinement_is_what_a_finer_mesh_of_the_whole_brings(kind, n):
+def test_submodel_change_predicts_global_refinement(kind, n):
     """Whole meshes of half and a quarter of the size: signs, and the change that decides within a factor of two."""
     mesh, field = bracket(kind, n)
     own = gauges_at(mesh, [(0, -0.05 / n, 0)], (1, 0, 0), (0, 1, 0))
@@ -157,7 +157,7 @@ def loaded_block(kind, n):
 
 
 @pytest.mark.parametrize(("kind", "n"), [("hex8", 4), pytest.param("tet10", 4, marks=pytest.mark.slow)])
-def test_a_load_on_one_node_makes_a_hot_spot_of_what_is_beside_it_alone(kind, n):
+def test_nodal_load_makes_a_local_hot_spot(kind, n):
     """Saint-Venant: 0.4 and 1.2 elements away it matters how the force is spread, five elements away it does not."""
     mesh, field, node = loaded_block(kind, n)
     size = 0.1 / n
@@ -225,7 +225,7 @@ def on_top(mesh, points, directions):
     )
 
 
-def test_on_a_box_they_are_the_distances_to_two_sides(box_mesh):
+def test_edge_dimensions_of_a_box(box_mesh):
     rng = np.random.default_rng(1)
     xy = rng.uniform(0.05, 0.95, (40, 2)) * [L, W]
     found = on_top(box_mesh, np.column_stack([xy, np.full(40, H)]), np.tile([1.0, 0, 0], (40, 1)))
@@ -257,7 +257,7 @@ def test_a_direction_along_the_normal_has_distances_and_no_angle(box_mesh):
     np.testing.assert_allclose(found.angle[2], [45.0, -45.0], atol=1e-9)
 
 
-def test_an_edge_of_another_face_does_not_count(box_mesh):
+def test_edges_of_other_faces_are_ignored(box_mesh):
     thin = box_mesh.position * [1, 1, 1e-3]
     facets = exterior_facets(box_mesh)
     own = np.all(box_mesh.position[facets.nodes[:, :4]][..., 2] == H, axis=1)
@@ -283,7 +283,7 @@ def test_a_tube_has_the_rims_at_its_ends_and_no_edge_across(kind):
 
 
 @pytest.mark.parametrize(("half", "there"), [(50.0, True), (70.0, False)])
-def test_an_edge_far_round_a_bent_face_is_none_to_measure_across_to(half, there):
+def test_edge_across_a_curved_face_is_ignored(half, there):
     step = np.deg2rad(half) / 10
     chart = lambda u, v: (2 * np.cos(step * (u - 10)), 2 * np.sin(step * (u - 10)), v)  # noqa: E731
     position, facets = surface("quad8", 20, 8, chart)

@@ -41,7 +41,7 @@ def within(values, std):
     return low < np.sum(np.square(values) / std**2) < high
 
 
-def test_everything_is_drawn_with_its_own_standard_deviation_and_independently():
+def test_installation_errors_are_independent_with_given_std():
     position, facets = plate("quad4", 40, 30)
     pool = pool_of(position, facets, bare)
     drawn = drawn_installation(pool, STD, np.random.default_rng(3))
@@ -68,7 +68,7 @@ def test_everything_is_drawn_with_its_own_standard_deviation_and_independently()
     assert np.abs(np.corrcoef(zeros.T)[0, 1]) < 4 / np.sqrt(len(zeros))
 
 
-def test_one_temperature_is_read_by_all_gauges_and_a_little_otherwise_by_each():
+def test_thermal_output_has_common_and_individual_part():
     pool = pool_of(*plate("quad4", 4, 3), bare)
     std = InstallationStd(temperature=5.0, thermal_output=1e-6, thermal_spread=7e-7)
     draws = [drawn_installation(pool, std, np.random.default_rng([8, i])) for i in range(2000)]
@@ -84,7 +84,7 @@ def test_one_temperature_is_read_by_all_gauges_and_a_little_otherwise_by_each():
     assert np.ptp(read[:, pool.gauge == 0], axis=1).max() == 0
 
 
-def test_bonded_gauges_keep_their_place_and_direction_but_not_their_gain():
+def test_bonded_gauges_have_gain_errors_only():
     pool = pool_of(*plate("quad4", 4, 3), bare)
     drawn = drawn_installation(replace(pool, bonded=np.ones(len(pool), dtype=bool)), STD, np.random.default_rng(3))
     free = drawn_installation(pool, STD, np.random.default_rng(3))
@@ -95,7 +95,7 @@ def test_bonded_gauges_keep_their_place_and_direction_but_not_their_gain():
     assert drawn.offset.any()
 
 
-def test_a_few_gauges_are_installed_as_they_are_among_all():
+def test_installation_of_subset_agrees_with_all():
     position, facets = plate("quad8", 6, 5, 0.1)
     pool = pool_of(position, facets, bare)
     field = np.random.default_rng(0).standard_normal((3 * len(position), 2))
@@ -264,7 +264,7 @@ def test_on_a_tube_it_lies_above_its_place_on_the_tangent_plane(kind):
     np.testing.assert_allclose(np.sum(moved.direction * moved.normal, axis=1), 0, atol=1e-12)
 
 
-def test_over_a_sharp_edge_it_is_held_and_over_a_smooth_one_it_is_not():
+def test_sharp_edge_limits_displacement():
     for sides, clipped in ((8, True), (16, False)):
         position, facets = tube("quad4", sides, 1, 1.0)
         half = np.sin(np.pi / sides)
@@ -278,7 +278,7 @@ def test_over_a_sharp_edge_it_is_held_and_over_a_smooth_one_it_is_not():
             assert np.all(away > 1.2 * half)
 
 
-def test_a_grid_stays_within_the_edges_by_less_of_the_same():
+def test_grid_displacement_is_reduced_at_edges():
     position, facets = plate("quad8", 5, 4)
     gauges = candidates(bare(position), facets, (1, 0, 0), length=1.6)
     gauges = gauges.take(np.flatnonzero(np.all(np.isclose(gauges.position, [2.5, 1.5, 0]), axis=1)))

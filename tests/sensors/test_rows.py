@@ -55,7 +55,7 @@ def test_a_linear_field_is_read_exactly_on_distorted_and_curved_facets(kind, ben
 
 
 @pytest.mark.parametrize("kind", ["tri6", "quad8"])
-def test_a_quadratic_field_is_read_exactly_on_a_quadratic_facet_also_beside_its_centre(kind):
+def test_quadratic_field_is_exact_on_quadratic_facets(kind):
     """z_c = xᵀQ_c x: the slope along d at x is dᵀ(Q + Qᵀ)x, at the centre and at an offset along (d, n × d)."""
     position, facets = patch(kind, 0.0)
     shear = np.array([[1.3, 0.4, 0.0], [-0.2, 0.8, 0.0], [0.0, 0.0, 1.0]])
@@ -72,7 +72,7 @@ def test_a_quadratic_field_is_read_exactly_on_a_quadratic_facet_also_beside_its_
 
 
 @pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.name)
-def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
+def test_facet_strain_equals_solid_strain(kind):
     """Oracle: ∇z of the whole element by its own volume shape functions, at the centre of each of its facets."""
     reference = kind.nodes
     rng = np.random.default_rng(6)
@@ -109,7 +109,7 @@ def test_a_triaxial_sensor_on_a_body_in_motion_reads_the_motion_of_its_point(box
 
 
 @pytest.mark.parametrize("every", [0.09, 0.2, 0.33])
-def test_sensors_every_so_far_are_that_far_apart_and_leave_no_gap(every, box_mesh):
+def test_motion_sensor_spacing(every, box_mesh):
     facets = exterior_facets(box_mesh)
     whole = motion_candidates(box_mesh, facets, ACCELERATION)
     thin = motion_candidates(box_mesh, facets, ACCELERATION, every=every)
@@ -147,7 +147,7 @@ NOWHERE, EVERYWHERE = Box((5, 5, 5), (6, 6, 6)), Box((-1, -1, -1), (2, 2, 2))
         ({"include": (EVERYWHERE,), "exclude": (EVERYWHERE,)}, "gauges.exclude.0", "80 in zones to include"),
     ],
 )
-def test_the_step_that_leaves_no_facet_is_named(arguments, key, count, box_mesh):
+def test_step_without_remaining_facet_is_reported(arguments, key, count, box_mesh):
     with expect_refusal(InfeasibleError, "no admissible facet remains", key=key) as caught:
         candidates(box_mesh, exterior_facets(box_mesh), (1, 0, 0), **arguments)
     assert count in caught.value.what

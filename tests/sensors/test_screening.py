@@ -40,12 +40,12 @@ KEPT = {  # rms over the noise, places, how many to keep, spacing, which are kep
 
 @pytest.mark.parametrize("case", KEPT)
 @pytest.mark.parametrize("scale", [1e-300, 1.0, 1e300])
-def test_the_strongest_apart_are_kept_in_any_units(case, scale):
+def test_screening_does_not_depend_on_units(case, scale):
     rms, x, keep, spacing, kept = KEPT[case]
     np.testing.assert_array_equal(screen(scale * np.array(rms), scale, on_a_line(x), keep, spacing).kept, kept)
 
 
-def test_a_tie_is_a_share_of_the_strongest_and_counts_from_the_stronger():
+def test_ties_are_relative_to_the_strongest_signal():
     rms = 1 - 0.6e-8 * np.array([1.0, 0.0, 2.0, 3.0])
     np.testing.assert_array_equal(strongest_first(rms), [0, 1, 2, 3])
     np.testing.assert_array_equal(strongest_first(rms[[2, 0, 1, 3]]), [1, 2, 0, 3])
@@ -65,12 +65,12 @@ def test_noise_must_be_positive_and_responses_finite(last, noise, says):
         screen(np.array([1.0, last]), noise, on_a_line([0.0, 1.0]), 1, 0.0)
 
 
-def test_more_bonded_than_kept_is_refused_with_the_number():
+def test_too_many_bonded_gauges_are_refused():
     with expect_refusal(InfeasibleError, "only 1 of 3 candidates may be selected, but 2 are already bonded", remedy="at least 2"):
         screen(np.ones(3), 1.0, on_a_line(np.arange(3)), 1, 0.0, bonded=np.array([True, True, False]))
 
 
-def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_bonded():
+def test_gauge_over_range_is_dropped_unless_bonded():
     gauge = np.array([0, 0, 1, 1, 2, 3])
     result = screen(
         np.array([5.0, 5.0, 4.0, 4.0, 3.0, 9.0]),
@@ -89,7 +89,7 @@ def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_bonded(
 
 
 @pytest.mark.parametrize("keep", [None, 25])
-def test_rosettes_and_single_gauges_are_kept_as_a_plain_loop_keeps_them(keep):
+def test_screening_agrees_with_plain_loop(keep):
     rng = np.random.default_rng(3)
     sizes = rng.integers(1, 4, 150)
     gauge = np.repeat(np.arange(150), sizes)
@@ -119,7 +119,7 @@ def test_rosettes_and_single_gauges_are_kept_as_a_plain_loop_keeps_them(keep):
     np.testing.assert_array_equal(result.reason == "range", over)
 
 
-def test_each_load_case_takes_in_turn_the_strongest_that_is_free():
+def test_load_cases_select_gauges_in_turn():
     rms = np.array([[9.0, 8.0, 7.0, 4.0, 3.0, 0.1, 0.2, 0.0], [0.01, 0.0, 0.0, 0.0, 0.01, 0.04, 0.03, 0.09]])
     position = on_a_line([0.0, 0.1, 0.2, 1.0, 2.0, 3.0, 4.0, 5.0])
     result = screen(rms, 0.5, position, 4, 0.25)
@@ -186,14 +186,14 @@ def test_a_set_keeps_gauges_at_a_distance_from_its_nodes(beam, name):
         (NormalCone((0, 0, 0), 10.0), "the axis is"),
     ],
 )
-def test_a_zone_of_nothing_is_refused(beam, zone, says):
+def test_empty_zone_is_refused(beam, zone, says):
     with pytest.raises(UserError, match=says):
         kept(beam, (1, 0, 0), zone)
     assert len(kept(beam, (1, 0, 0), Box((5, 5, 5), (6, 6, 6)))) == len(kept(beam, (1, 0, 0)))
 
 
 @pytest.mark.parametrize("name", ["below", "above"])
-def test_of_parts_that_touch_the_facets_of_one_are_its_own(name):
+def test_zone_on_touching_parts_selects_one_part(name):
     one = body("hex8", (4, 4, 1), lambda u, v, w: (u, v, w))
     z, n, ids = one.position[:, 2], len(one.position), one.node_ids
     mesh = replace(stacked(one, np.eye(3)[2]), node_sets={"below": ids[z == 1], "above": n + ids[z == 0]})
@@ -213,7 +213,7 @@ def length(segments):
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("side", [1, -1])
-def test_of_a_box_the_far_face_is_behind(box_mesh, axis, side):
+def test_hidden_edges_of_a_box_from_the_front(box_mesh, axis, side):
     lines = edge_lines(box_mesh.position, exterior_facets(box_mesh))
     toward = side * np.eye(3)[axis]
     seen, hidden = seen_from(lines, toward)
@@ -224,7 +224,7 @@ def test_of_a_box_the_far_face_is_behind(box_mesh, axis, side):
     np.testing.assert_allclose(hidden[..., axis], far, atol=1e-12)
 
 
-def test_from_aslant_three_edges_of_a_box_are_behind(box_mesh):
+def test_hidden_edges_of_a_box_from_an_oblique_view(box_mesh):
     lines = edge_lines(box_mesh.position, exterior_facets(box_mesh))
     seen, hidden = seen_from(lines, np.array([1.0, 2.0, 3.0]))
     assert length(hidden) == pytest.approx(SIZE.sum())

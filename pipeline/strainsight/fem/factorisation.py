@@ -162,7 +162,7 @@ class Lowest(Protocol):
     to `known` (n, k), which are M-orthonormal; by iterations with `basis` vectors from `start` (n,)."""
 
     def __call__(
-        self, M: sparse.csr_array, count: int, basis: int, start: np.ndarray, known: np.ndarray, tolerance: float
+        self, M: sparse.csr_array, count: int, basis: int, start: np.ndarray, known: np.ndarray, tolerance: float, /
     ) -> tuple[np.ndarray, np.ndarray]: ...
 
 
@@ -356,7 +356,7 @@ def factorise_free(K: sparse.csr_array, relief: Relief, by: Factorise = factoris
     inner = by(pin_rigid_motions(K, relief.shapes))
 
     def lowest(
-        M: sparse.csr_array, count: int, basis: int, start: np.ndarray, known: np.ndarray, tolerance: float
+        M: sparse.csr_array, count: int, basis: int, start: np.ndarray, known: np.ndarray, tolerance: float, /
     ) -> tuple[np.ndarray, np.ndarray]:
         """Modes M-orthogonal to R, so that no vector of the iterations stretches a spring; the solver may return A⁻¹Mφ for φ,
         which contains rigid-body motions."""

@@ -97,7 +97,7 @@ def direction_in_words(direction: np.ndarray, names: Sequence[str]) -> str:
     involved = [name for name, size in zip(names, part, strict=True) if size >= 0.1 * part.max()]
     if len(involved) == 1:
         return involved[0]
-    return f"{', '.join(involved[:-1])} and {involved[-1]} jointly (fix one of them, or make one known)"
+    return f"{', '.join(involved[:-1])} and {involved[-1]} together: fix one of them, or make one known"
 
 
 def marginal_modes(F: np.ndarray) -> MarginalModes:
