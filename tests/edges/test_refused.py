@@ -71,7 +71,7 @@ BENCHES = [
     ("estimate.sensors.gauges.noise", "1e-30 is below the smallest noise of 1e-12", {"estimate.sensors.gauges.noise": 1e-30}),
     ("estimate.sensors.gauges.noise", "effect of one σ of an unknown", {"estimate.inputs.side.std": 1e30}),
     ("estimate.inputs.down", "no sensor measures this unknown", {"estimate.sensors.gauges.noise": 1e6}),
-    ("forces.side.signal", "above the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
+    ("forces.side.signal", "exceeds the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
     ("bodies.beam", "500 modes of a body with", {"bodies.beam.modes": 500}),
 ]
 
@@ -95,7 +95,7 @@ def test_what_a_refusal_advises_is_accepted(tmp_path, key, value, others):
     own = {"screen.keep": "all", "place.keep": 1, **others}
     with pytest.raises(UserError) as found:
         finished(tmp_path / "refused", "screen", bricks(COUNTS), {**own, key: value})
-    advised = float(re.search(r"[Ss]et at (?:least|most) ([-+.e\d]+\d)", str(found.value))[1])
+    advised = float(re.search(r"(?:[Ss]et|take) at (?:least|most) ([-+.e\d]+\d)", str(found.value))[1])
     accepted = {"value": advised} if isinstance(value, dict) else advised
     finished(tmp_path / "accepted", "screen", bricks(COUNTS), {**own, key: accepted})
 

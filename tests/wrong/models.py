@@ -35,7 +35,7 @@ def pair(at: tuple[float, float, float], cells: tuple[int, int, int] = (4, 1, 1)
 
 
 UNITS = {
-    "mm and MPa read as m and Pa": (mm("2.1+5", "7.85-9"), {}, "check mesh.length_unit"),
+    "mm and MPa read as m and Pa": (mm("2.1+5", "7.85-9"), {}, "Check mesh.length_unit"),
     "Pa in a deck in mm and t": (mm("2.1+11", "7.85-9"), IN_MM, "the value of the deck is 2.1e+17"),
     "kg/m3 in a deck in mm and t": (mm("2.1+5", "7850."), IN_MM, "density is 7.85e+15 kg/m³, outside"),
     "MPa in a deck in m": (bar(**steel(E="2.1+5")), {}, "the value of the deck is 2.1e+05"),
