@@ -141,7 +141,7 @@ def test_where_gauges_were_bonded_is_known_after_the_layout(project):
     shutil.rmtree(project / "results")
     refused(project, ["estimate", "test.yaml"], "estimate.file: no such file: ", "folder of the config")
     shutil.copy(project / "test.csv", project / "later.csv")
-    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: file not found: ", "Paths are relative to the config file")
+    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: no such file: ", "folder of the config")
 
 
 def test_a_record_beside_the_config_is_named(project, monkeypatch):
