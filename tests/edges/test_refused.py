@@ -71,7 +71,7 @@ BENCHES = [
     ("estimate.sensors.gauges.noise", "1e-30 is below the smallest noise of 1e-12", {"estimate.sensors.gauges.noise": 1e-30}),
     ("estimate.sensors.gauges.noise", "effect of one σ of an unknown", {"estimate.inputs.side.std": 1e30}),
     ("estimate.inputs.down", "no sensor measures this unknown", {"estimate.sensors.gauges.noise": 1e6}),
-    ("forces.side.signal", "above the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
+    ("forces.side.signal", "exceeds the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
     ("bodies.beam", "500 modes requested of a body with", {"bodies.beam.modes": 500}),
 ]
 

@@ -78,7 +78,7 @@ FILES = {
         [history()],
         {"f.csv": table("t [s],F [N]", 5.0, times=300)},
         "loads.tip.signal.file: f.csv covers 0 to 0.299 s, but train.duration requires 0 to 0.4 s",
-        "give train.duration at most 0.299 s",
+        "set train.duration to at most 0.299 s",
     ),
 }
 """What the files contradict, before the import."""
@@ -139,9 +139,9 @@ def test_where_gauges_were_bonded_is_known_after_the_layout(project):
     done = CliRunner().invoke(app, ["import", "test.yaml"])
     assert (done.exit_code, done.stderr) == (0, "")
     shutil.rmtree(project / "results")
-    refused(project, ["estimate", "test.yaml"], "estimate.file: file not found: ", "Paths are relative to the config file")
+    refused(project, ["estimate", "test.yaml"], "estimate.file: no such file: ", "folder of the config")
     shutil.copy(project / "test.csv", project / "later.csv")
-    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: file not found: ", "Paths are relative to the config file")
+    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: no such file: ", "folder of the config")
 
 
 def test_a_record_beside_the_config_is_named(project, monkeypatch):

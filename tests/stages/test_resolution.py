@@ -70,10 +70,10 @@ def test_gauges_of_a_layout_that_read_too_little_are_named_and_the_others_not(ru
     assert len(said) == 1
     assert f"G2 ({1e6 * size.min() / size.max() * 1e-6:.2g} µm/m)" in said[0]
     assert "G1" not in said[0]
-    assert "move them" in said[0]
+    assert "move these gauges" in said[0]
     both = list(unresolved_gauges(listed_gauges(pair, scaled(training, 1e-8), screened)))
     assert "G1 (0.01 µm/m), G2 (" in both[0]
-    assert "move them" not in both[0]
+    assert "move these gauges" not in both[0]
     assert list(unresolved_gauges(listed_gauges(pair[:1], scaled(training, 1.01e-7), screened))) == []
 
 
