@@ -1,7 +1,7 @@
 """Does the interval of damage hold? `python -m benchmarks.damage [records] [case …] [--draws=N] [--key=value …]`.
 
 Every record has a truth of its own. `own`: the filter's own model, its start, loads and parameters drawn as the filter takes
-them to be, no tolerances. `perturbed`: a sine, and installation of the gauges, loads and damping drawn from the tolerances. A table
+them to be, no tolerances. `perturbed`: a sine; installation of the gauges, loads and damping drawn from the tolerances. A table
 says, for slopes 3 and 8 of the S-N curve, how often the interval of 95 % holds the damage of the true stress at places on
 the surface, medians of damage by draws, and by the smoothed history, over the true one, and in how many records the samples
 spoke for the other walk of the load, by which damage is then drawn, and in how many for neither. Numbers are no times.

@@ -1,6 +1,6 @@
 """Which faults of channels does `estimate` name rightly? `python -m benchmarks.faults [records] [case …] [--seed N]`.
 
-Every record has a truth `perturbed` of its own (installation of the gauges, gains, loads and damping drawn from the tolerances), other
+Every record has a truth `perturbed` (installation of the gauges, gains, loads and damping drawn from the tolerances), other
 noise, and one fault of one channel drawn from the list, or none. A table says how many were named rightly, were among several
 candidates, were named wrongly, were seen without a name, and were not seen. Numbers do not depend on the machine.
 `--rest SECONDS`: nothing moves for so long before the loads begin, from rest; gauges are as wrong then as later.

@@ -22,7 +22,7 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import GridRecord
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import Unknowns
-from strainsight.runner.where import Where, opened
+from strainsight.runner.sweep_location import Where, opened
 
 THIRDS = ("E1", "E2", "E3")
 CONSTANTS = 26

@@ -1,6 +1,6 @@
 """Does σ hold where gauges are not where they are meant to be? `python -m benchmarks.sigma [draws] [case …] [--key=value …]`.
 
-Every draw has a truth `perturbed` of its own: installation of the gauges, gains and damping drawn from the tolerances, and other
+Every draw has a truth `perturbed`: installation of the gauges, gains and damping drawn from the tolerances, and other
 noise. A table says, for every unknown, how often the truth lies within 2σ, and the RMS of error over that of σ. Draws of one
 case share the layout and the true parameters. Numbers are errors, not times: they do not depend on the machine.
 """

@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from strainsight import api
-from strainsight.errors import ContradictionError, UserError
+from strainsight.errors import InconsistentRecordError, UserError
 from strainsight.experiment.structure.candidates import reading_sizes
 from strainsight.experiment.structure.problem import problem_of, sample_std
 from strainsight.experiment.structure.start import Loading, motion_of
@@ -248,7 +248,7 @@ def record(folder: Path, study: Study, number: int) -> tuple[str, float]:
     case = api.load(own.file, [f"tolerances={tolerances}", f"estimate={settings}"])
     try:
         found = api.estimate(case, own.mesh, own.reduced, own.training, own.screened, gauges)
-    except ContradictionError as error:
+    except InconsistentRecordError as error:
         return f"3: {error.what}", np.nan
     except UserError as error:
         return f"2: {error.what}", np.nan

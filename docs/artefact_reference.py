@@ -11,14 +11,14 @@ from typing import Any
 
 from strainsight.records.bench import (
     AtRest,
-    BearingsAlone,
+    BearingResults,
     BenchEstimated,
     BenchPlaced,
     BenchTruths,
     Coupled,
     ReducedBodies,
     Simulated,
-    SurfaceInTime,
+    SurfaceHistory,
 )
 from strainsight.records.estimated import CampaignRecord, Estimated
 from strainsight.records.mesh import Imported
@@ -48,12 +48,12 @@ PLACEMENT: dict[str, Any] = {
 
 BENCH: dict[str, Any] = {
     "reduce": ReducedBodies,
-    "bearing": BearingsAlone,
+    "bearing": BearingResults,
     "place": BenchPlaced,
     "simulate": Simulated,
     "truth": BenchTruths,
     "estimate": BenchEstimated,
-    "field": SurfaceInTime,
+    "field": SurfaceHistory,
     "statics": AtRest,
     "modes": Coupled,
 }

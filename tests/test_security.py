@@ -70,7 +70,7 @@ def test_a_name_leads_to_no_other_folder(name):
 
 CHILD = """
 import ctypes, json, os, socket, subprocess, sys
-from strainsight.processes import asked_of_reader
+from strainsight.processes import receive_request
 
 library = ctypes.CDLL(None, use_errno=True)
 functions = {{name: getattr(library, name) for name in {names}}}
@@ -80,7 +80,7 @@ def call(name, *arguments):
         raise OSError(ctypes.get_errno(), "")  # a PermissionError for EPERM and EACCES
 
 attempts = {{{attempts}}}
-os.chdir(asked_of_reader({options}))
+os.chdir(receive_request({options}))
 outcome = {{"threads": len(os.listdir("/proc/self/task")) if os.path.isdir("/proc/self/task") else 1}}
 for name, attempt in attempts.items():
     try:

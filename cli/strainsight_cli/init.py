@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import typer
 
-from strainsight.config.answers import MATERIALS, Answers, DeckPlace, Suggestion
+from strainsight.config.deck_properties import MATERIALS, Answers, CandidateLocation, Suggestion
 from strainsight.errors import ConfigError, UserError, did_you_mean
 from strainsight_cli.failures import reported
 from strainsight_cli.options import Verbose
@@ -131,7 +131,7 @@ def read_direction(option: str, text: str) -> str:
     return vector
 
 
-def read_support(option: str, text: str, hints: Suggestion) -> DeckPlace:
+def read_support(option: str, text: str, hints: Suggestion) -> CandidateLocation:
     """A location as in `read_place` that can be supported. Raises UserError for a load of the deck."""
     place = read_place(option, text, hints)
     if place.kind == "deck_load":
@@ -149,7 +149,7 @@ def refuse_stated(hints: Suggestion, answers: Answers) -> None:
         raise UserError("the deck already has supports", where="--held", remedy=remedy)
 
 
-def read_place(option: str, text: str, hints: Suggestion) -> DeckPlace:
+def read_place(option: str, text: str, hints: Suggestion) -> CandidateLocation:
     """ "node 2", "set NAME", "deck_load NAME" or a point of a face, "x, y, z" [m]. Raises UserError for other text."""
     kind, _, name = text.strip().partition(" ")
     if kind in ("node", "set", "deck_load"):
@@ -162,9 +162,9 @@ def read_place(option: str, text: str, hints: Suggestion) -> DeckPlace:
             raise UserError(f"the deck has no {kind} '{name}'", where=option, remedy=remedy)
         if kind == "node" and not name.isdecimal():
             raise UserError(f"'{name}' is not a node id", where=option, remedy="use a number, as in 'node 2'")
-        return same[0] if same else DeckPlace("node", name, "a node")
+        return same[0] if same else CandidateLocation("node", name, "a node")
     try:
-        return DeckPlace("face", read_vector(option, text), "a face")
+        return CandidateLocation("face", read_vector(option, text), "a face")
     except UserError:
         remedy = "use 'node ID', 'set NAME', 'deck_load NAME', or a point 'x, y, z' in m of a face"
         raise UserError(f"'{text}' is not a location", where=option, remedy=remedy) from None
@@ -235,7 +235,7 @@ def read_positive(option: str, text: str) -> float:
     )
 
 
-def _list_places(places: Sequence[DeckPlace]) -> None:
+def _list_places(places: Sequence[CandidateLocation]) -> None:
     """Print the locations with their numbers."""
     for number, place in enumerate(places[:SHOWN], start=1):
         name = f"near {place.name}" if place.kind == "face" else f"{place.kind} {place.name}"
@@ -244,10 +244,12 @@ def _list_places(places: Sequence[DeckPlace]) -> None:
         say(f"      {len(places) - SHOWN} more")
 
 
-def _numbered(hints: Suggestion, read: Callable[[str, str, Suggestion], DeckPlace]) -> Callable[[str], DeckPlace]:
+def _numbered(
+    hints: Suggestion, read: Callable[[str, str, Suggestion], CandidateLocation]
+) -> Callable[[str], CandidateLocation]:
     """`read`, or the number of a location."""
 
-    def place_of(text: str) -> DeckPlace:
+    def place_of(text: str) -> CandidateLocation:
         if not (text.strip().isdecimal() and 1 <= int(text) <= len(hints.places)):
             return read("place", text, hints)
         place = hints.places[int(text) - 1]

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 import typer
 
-from strainsight.runner.where import Where
+from strainsight.runner.sweep_location import Where
 from strainsight_cli.failures import saying
 
 ConfigFile = Annotated[

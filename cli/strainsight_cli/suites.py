@@ -19,7 +19,7 @@ import typer
 from strainsight import processes
 from strainsight.errors import ConfigError, did_you_mean
 from strainsight.processes import end_with_parent
-from strainsight.runner.where import Where
+from strainsight.runner.sweep_location import Where
 from strainsight_cli import pipelines, printing, render
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import Failure, failure_of, plain_warnings, tell, warn
@@ -32,7 +32,7 @@ from strainsight_cli.work import (
     exit_code,
     makers,
     note,
-    refuse_taken,
+    refuse_foreign_folder,
     show_results,
     show_warnings,
 )
@@ -116,7 +116,7 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
     # the suite's own stage, on the numbers of its runs
     config = suite_config(suite, runs, [[stage.name for stage in work.stages] for work in works])
     page = Work((SUITE,), Job(config, results, results, suite.locate), config["name"])
-    all_of([*works, page], refuse_taken)
+    all_of([*works, page], refuse_foreign_folder)
     all_of(range(len(works)), lambda i: _refuse_inputs(suite, works, i))
     return [*works, page]
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from strainsight.runner.where import Where, opened
+from strainsight.runner.sweep_location import Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import RemainingTime, after, ends_at, seconds_of
 from strainsight_cli.failures import same_text, warn
@@ -56,7 +56,7 @@ def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
     return {key: folders[folder] for key, folder in files.items() if folder in folders}
 
 
-def refuse_taken(work: Work) -> None:
+def refuse_foreign_folder(work: Work) -> None:
     """Raise ConfigError if a suite would write its page into the folder of a run, or a run into that of a suite."""
     from strainsight.errors import ConfigError
 
@@ -85,8 +85,8 @@ def elsewhere(work: Work) -> str:
 
 
 def look_at_folder(work: Work, note: Say) -> None:
-    """Check the results folder before anything else: `refuse_taken`, `elsewhere`."""
-    refuse_taken(work)
+    """Check the results folder before anything else: `refuse_foreign_folder`, `elsewhere`."""
+    refuse_foreign_folder(work)
     if text := elsewhere(work):
         note(text)
 
@@ -158,11 +158,11 @@ def bring_up_to_date(
 def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None:
     """Print the tables of the stages named, a table of all warnings, and the files written for readers."""
     from strainsight.runner.artefact import GRID
-    from strainsight.runner.output import WARNINGS, warnings_in, warnings_table
+    from strainsight.runner.output import WARNINGS, warning_texts, warnings_table
 
     chosen = [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
     warned = [table for table in chosen if table.title == WARNINGS]
-    texts = {same_text(text): text for text in warnings_in(warned)}
+    texts = {same_text(text): text for text in warning_texts(warned)}
     render.print_tables([*(table for table in chosen if table not in warned), *warnings_table([*texts.values()])])
     for artefact in artefacts:
         for name in artefact.header.beside or {}:

@@ -200,10 +200,10 @@ class BenchCase(_Checked[BenchConfig]):
         """Loads and parameters of the section `estimate`, with σ NaN if it is omitted. measured: the motion of
         `estimate.measured.from`, if the config uses one."""
         from strainsight.experiment.bench.bench import bench_of
+        from strainsight.experiment.bench.inverse.consistency import estimate_output
         from strainsight.experiment.bench.inverse.estimation import estimate_bench
         from strainsight.experiment.bench.inverse.problem import free_properties
         from strainsight.experiment.bench.inverse.truth import truths_of
-        from strainsight.experiment.bench.inverse.verdicts import estimate_output
 
         self._has("estimate")
         settings = self.config.estimate

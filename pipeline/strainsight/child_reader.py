@@ -17,7 +17,7 @@ from typing import IO, Any
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.processes import START_LIMIT, asked_of_reader, limit_memory, reader
+from strainsight.processes import START_LIMIT, limit_memory, reader, receive_request
 
 Message = tuple[dict[str, Any], list[np.ndarray]]
 """Plain values, and arrays."""
@@ -60,9 +60,9 @@ def answer(
 ) -> None:
     """In the child process: send the messages that `read` makes of what is asked, or the UserError that it raises.
 
-    modules: imported before; memory: what is asked → bytes that reading may take; writable: see `asked_of_reader`.
+    modules: imported before; memory: what is asked → bytes that reading may take; writable: see `receive_request`.
     """
-    request = asked_of_reader(*modules, writable=writable)
+    request = receive_request(*modules, writable=writable)
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what a library prints is no answer
     if memory is not None:

@@ -22,7 +22,19 @@ with in_package_folder():
 
 config._config_fname = os.devnull  # type: ignore[attr-defined]  # numba reads it again whenever it compiles
 
-__all__ = ["carray", "cfunc", "float64", "inner", "int64", "intrinsic", "joined", "kept", "njit", "noticing", "types"]
+__all__ = [
+    "carray",
+    "cfunc",
+    "float64",
+    "inner",
+    "int64",
+    "intrinsic",
+    "joined",
+    "kept",
+    "njit",
+    "track_dependencies",
+    "types",
+]
 """The only module that imports numba, whose settings in the working folder would move its cache, which holds pickles."""
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -33,7 +45,9 @@ def kept(*files: str, **options: Any) -> Callable[[F], F]:
     (`inner`), and of what its tuples are; what is divided by zero is not finite, which its caller looks for."""
 
     def compiled(function: F) -> F:
-        compiled: F = _compiled_once(noticing(njit(cache=True, error_model="numpy", **options)(function), files))
+        compiled: F = _compiled_once(
+            track_dependencies(njit(cache=True, error_model="numpy", **options)(function), files)
+        )
         return compiled
 
     return compiled
@@ -96,7 +110,7 @@ def joined(function: F) -> F:
     return inner(function, forceinline=True)
 
 
-def noticing(function: Any, files: tuple[str, ...]) -> Any:
+def track_dependencies(function: Any, files: tuple[str, ...]) -> Any:
     """numba by itself looks at the time and the size of a function's own file alone."""
     folder, file_name = Path(__file__).parent, Path(__file__).name
     index: Any = getattr(getattr(function, "_cache", None), "_cache_file", None)

@@ -249,7 +249,7 @@ def equivalent_range(moment: np.ndarray, curve: Curve, cycles: float) -> np.ndar
     return np.asarray(curve.reference * (moment / cycles) ** (1 / curve.slope))
 
 
-def one_number(stress: np.ndarray, kind: str) -> np.ndarray:
+def scalar_stress(stress: np.ndarray, kind: str) -> np.ndarray:
     """Of stress (p, 6, T) [Pa], [xx yy zz xy yz zx], one history (p, T) each:
 
     principal          the principal stress of the largest size

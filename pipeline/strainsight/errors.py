@@ -113,7 +113,7 @@ class InfeasibleError(UserError):
     """A request that no layout or estimate can satisfy."""
 
 
-class ContradictionError(UserError):
+class InconsistentRecordError(UserError):
     """Measurements so inconsistent with the model that no filter can follow them."""
 
     exit_code = 3

@@ -30,14 +30,14 @@ def tied_order(values: np.ndarray, least: float = 0.0, share: float = TIE) -> np
     return np.asarray(order[np.lexsort((order, np.cumsum(level)))])
 
 
-def first_of_largest(values: np.ndarray, least: float = 0.0) -> int:
+def index_of_largest(values: np.ndarray, least: float = 0.0) -> int:
     """The lowest place of the largest of the values (m,) and its ties; infinities are ties, no NaN; least: as in `tied_order`."""
     v = np.clip(values, -_LARGEST, _LARGEST)
     largest = v.max()
     return int(np.argmax(v >= largest - max(TIE * abs(largest), least)))
 
 
-def lowest_first(values: np.ndarray, least: float = 0.0) -> Iterator[int]:
+def ascending_ties(values: np.ndarray, least: float = 0.0) -> Iterator[int]:
     """The places of `tied_order` one by one, of which no more are looked for than are asked for."""
     left, v = np.arange(len(values)), np.clip(values, -_LARGEST, _LARGEST)
     while len(left):

@@ -23,7 +23,7 @@ Progress = Callable[[float], None]
 """Called with the share that is done."""
 
 
-def unwatched(share: float) -> None:
+def ignore_progress(share: float) -> None:
     """Progress that nobody looks at."""
 
 
@@ -37,11 +37,11 @@ class Sweep(Protocol):
     """
 
     def __call__(
-        self, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched
+        self, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = ignore_progress
     ) -> list[R]: ...
 
 
-def serial(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
+def serial(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = ignore_progress) -> list[R]:
     """One point after the other, here."""
     results = []
     for point in points:
@@ -94,7 +94,9 @@ def threads() -> int:
 def in_threads(count: Callable[[], int]) -> Sweep:
     """At most count() at a time, asked when a sweep begins: nothing is sent anywhere, and no process has to start."""
 
-    def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
+    def sweep(
+        task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = ignore_progress
+    ) -> list[R]:
         results = []
         with ThreadPoolExecutor(count()) as pool:
             for result in pool.map(lambda point: task(shared, point), points):
@@ -138,7 +140,9 @@ def in_processes(jobs: int | None, memory: Callable[[], float]) -> Sweep:
     """
     most = jobs or cores()
 
-    def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
+    def sweep(
+        task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = ignore_progress
+    ) -> list[R]:
         results: list[R] = []
         start = time.perf_counter()
 

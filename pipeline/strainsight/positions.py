@@ -34,13 +34,13 @@ class PositionAxes:
         return f"x [{self.unit}]", f"y [{self.unit}]", f"z [{self.unit}]"
 
     @property
-    def of_the_deck(self) -> bool:
+    def is_deck_system(self) -> bool:
         """Whether the axes are those of the deck."""
         return not self.origin.any() and np.array_equal(self.axes, np.eye(3))
 
     def in_words(self) -> str:
         """The coordinate system in words."""
-        if self.of_the_deck:
+        if self.is_deck_system:
             return "deck coordinates"
         origin, x, y = (" ".join(f"{round(v, 6) + 0.0:g}" for v in row) for row in (self.origin, *self.axes[:2]))
         return f"datum at ({origin}) {self.unit} of the deck, x axis ({x}), y axis ({y})"

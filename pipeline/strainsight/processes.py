@@ -277,7 +277,7 @@ class Within(Protocol):
 def reader(command: Sequence[str], asked: Any, start_limit: float) -> Iterator[Within]:
     """A child process that reads a file which may crash it, or hold it for ever: both cost the file and not the run.
 
-    `asked` goes there as JSON, and `asked_of_reader` takes it. A process that crashes, is not ready within start_limit [s],
+    `asked` goes there as JSON, and `receive_request` takes it. A process that crashes, is not ready within start_limit [s],
     or is killed at the limit of `Within`, answers no more.
     """
     process = subprocess.Popen(
@@ -332,7 +332,7 @@ def _used(pid: int) -> float:
     return 0.0
 
 
-def asked_of_reader(*modules: str, writable: Callable[[Any], str] | None = None) -> Any:
+def receive_request(*modules: str, writable: Callable[[Any], str] | None = None) -> Any:
     """In the child process of `reader`: what is asked of it.
 
     The modules are imported first, which no limit counts, away from the parent's working folder, whose settings they do not

@@ -12,13 +12,13 @@ from strainsight.errors import UserError
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
 from strainsight.records.bench import (
-    BearingsAlone,
+    BearingResults,
     BenchEstimated,
     BenchPlaced,
     ReducedBodies,
     ReducedBody,
     Simulated,
-    SurfaceInTime,
+    SurfaceHistory,
 )
 from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import Meshes, mesh_from
@@ -121,11 +121,11 @@ class BenchRun(Written):
     def reduced(self) -> dict[str, ReducedBody]:
         return read(ReducedBodies, self.artefact("reduce")).bodies
 
-    bearings = _Of(BearingsAlone, "bearing")
+    bearings = _Of(BearingResults, "bearing")
     placed = _Of(BenchPlaced, "place")
     simulated = _Of(Simulated, "simulate")
     estimated = _Of(BenchEstimated, "estimate")
-    surface = _Of(SurfaceInTime, "field")
+    surface = _Of(SurfaceHistory, "field")
 
 
 def open_run(folder: Path | str) -> Run:

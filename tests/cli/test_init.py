@@ -9,7 +9,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from strainsight.config.answers import Answers, DeckPlace, Suggestion
+from strainsight.config.deck_properties import Answers, CandidateLocation, Suggestion
 from strainsight.config.load import load_config
 from strainsight.config.template import template
 from strainsight.errors import ConfigError
@@ -81,7 +81,7 @@ def test_unsupported_cards_and_support_sets_are_listed(init):
 @pytest.mark.parametrize("sign", ["\u2028", "\x85", "\n", '"', "\x7f"])
 def test_a_name_of_the_deck_stays_a_name(sign):
     name = f"a{sign}  evil: 1"
-    place = DeckPlace("set", name, "4 nodes")
+    place = CandidateLocation("set", name, "4 nodes")
     found = Suggestion(places=(place,), unsupported=((name, 1, name),))
     config = yaml.safe_load(template(f"{name}.inp", found, Answers(load=place)))
     assert config["mesh"]["file"] == f"{name}.inp"
@@ -192,7 +192,7 @@ def test_answers_that_end_before_the_questions_write_nothing(init, tmp_path):
 @pytest.mark.parametrize("name", ["1e5", "0x1F", "NULL", "it's", "2"])
 def test_the_name_of_a_set_stays_text(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
-    written = template("a.bdf", Suggestion(), Answers(load=DeckPlace("set", name, "a set"), direction="[0, 0, 1]"))
+    written = template("a.bdf", Suggestion(), Answers(load=CandidateLocation("set", name, "a set"), direction="[0, 0, 1]"))
     Path("own.yaml").write_text(
         written.replace("frequency: , amplitude: ", "frequency: 1.0, amplitude: 1.0"), encoding="utf-8"
     )

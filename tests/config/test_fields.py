@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from strainsight.config.answers import Answers, DeckPlace, Suggestion
+from strainsight.config.deck_properties import Answers, CandidateLocation, Suggestion
 from strainsight.config.keys import Override, fields_of, put, sections_at
 from strainsight.config.load import KINDS
 from strainsight.config.template import template
@@ -79,7 +79,7 @@ def keys_in_manual():
 
 
 def templates():
-    place = DeckPlace("node", "2", "a node")
+    place = CandidateLocation("node", "2", "a node")
     for found in (Suggestion(), Suggestion(several_moduli=True, supports=False, thin=("a",), contact="open")):
         for find in ("modulus", "load"):
             yield template("part.bdf", found, Answers(find=find, load=place, held=place, axis="[1, 0, 0]"))

@@ -17,8 +17,8 @@ from strainsight.damage import (
     damage_of,
     equivalent_range,
     interval_of,
-    one_number,
     rainflow,
+    scalar_stress,
 )
 
 ONE_LINE = Curve(1e8, 2e6, 3.0)
@@ -122,8 +122,8 @@ def test_one_number_of_a_state_is_that_of_its_tensor():
     value = np.linalg.eigvalsh(tensor)
     largest = np.where(value[..., 2] + value[..., 0] > 0, value[..., 2], value[..., 0])
     mises = np.sqrt(0.5 * ((np.diff(value, axis=-1) ** 2).sum(axis=-1) + (value[..., 2] - value[..., 0]) ** 2))
-    np.testing.assert_allclose(one_number(stress, "principal"), largest, rtol=1e-7)
-    np.testing.assert_allclose(one_number(stress, "signed_von_mises"), np.sign(largest) * mises, rtol=1e-9)
+    np.testing.assert_allclose(scalar_stress(stress, "principal"), largest, rtol=1e-7)
+    np.testing.assert_allclose(scalar_stress(stress, "signed_von_mises"), np.sign(largest) * mises, rtol=1e-9)
 
 
 def test_histories_with_nan_have_no_damage_and_do_not_touch_others():

@@ -18,7 +18,7 @@ from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.parallel_filters import Data, advance, build_filters
 from strainsight.estimation.step_grid_filter import StepGridProblem, filter_constants
-from strainsight.runner.where import Where, opened
+from strainsight.runner.sweep_location import Where, opened
 
 from .chain import finer
 from .conftest import StepToy, plain_models

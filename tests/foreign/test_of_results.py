@@ -11,7 +11,7 @@ from strainsight.errors import UserError
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.mass import mass_product
 from strainsight.fem.model import nodal
-from strainsight.foreign.of_results import Results, check_rows, given_motion, results_model
+from strainsight.foreign.imported_modes import Results, check_rows, extend_motion, results_model
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 from strainsight.mesh.model import Material
 from strainsight.mesh.thin import ShellSection
@@ -70,7 +70,7 @@ def results_of(mesh, loads=(0,), **more):
 
 def built(mesh, results, loads=LOADS[:1], scaled=None):
     names = tuple(load.name for load in loads)
-    given = given_motion(mesh, results.motion)
+    given = extend_motion(mesh, results.motion)
     found = results_model(mesh, given, results, lambda model: input_shape(model, loads), names, scaled or {})
     return found, input_shape(found.model, loads)
 
@@ -212,7 +212,7 @@ def test_reference_nodes_follow_their_nodes(box):
     motion = np.stack([u[k] + np.cross(turn[k], mesh.position) for k in range(2)])
     known = motion.copy()
     known[:, n:] = np.nan
-    found = given_motion(mesh, known)
+    found = extend_motion(mesh, known)
     assert found.known.all()
     assert np.allclose(found.field[3 * n : 3 * n + 6].T.reshape(2, 2, 3), motion[:, n:], atol=1e-10)
     rows = found.constraint.rotations(np.array([n])).ravel()
@@ -232,7 +232,7 @@ def test_undetermined_rows_are_unknown(box):
     )
     motion = np.zeros((1, 9, 3))
     motion[:, 8] = np.nan
-    found = given_motion(mesh, motion)
+    found = extend_motion(mesh, motion)
     assert found.known[:24].all()
     assert found.known[24:27].tolist() == [True, False, True]  # the line is along z: the arm along x turns about it
 
@@ -267,7 +267,7 @@ def test_shell_faces_follow_rotations(plate):
     mesh, motion = plate
     known = motion.copy()
     known[mesh.own_nodes :] = np.nan
-    found = given_motion(mesh, known[None])
+    found = extend_motion(mesh, known[None])
     assert found.known.all()
     assert np.allclose(found.field[: 3 * len(motion)].reshape(-1, 3), motion[:, :3], atol=1e-14)
 
@@ -277,4 +277,4 @@ def test_results_of_shells_need_rotations(plate):
     known = motion[:, :3].copy()
     known[mesh.own_nodes :] = np.nan
     with pytest.raises(UserError, match="use the mesh of the results, and write displacements of all nodes, with"):
-        check_rows(mesh, given_motion(mesh, known[None]))
+        check_rows(mesh, extend_motion(mesh, known[None]))

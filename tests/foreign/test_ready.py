@@ -14,7 +14,7 @@ from strainsight.fem.assembly import assemble
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.foreign.ready import Term, build_ready_model, ready_matrices
+from strainsight.foreign.imported_matrices import Term, build_imported_model, convert_matrices
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.model import Mesh
 
@@ -32,7 +32,7 @@ def ready_of(mesh, keep=slice(None), order=slice(None)):
     K, M = (X.at({}) for X in assemble(mesh))
     node, component = (column[keep][order] for column in all_rows(mesh))
     rows = np.arange(K.shape[0])[keep][order]
-    return ready_matrices(
+    return convert_matrices(
         node, component, [Term(sparse.csr_array(K[rows][:, rows]))], [Term(sparse.csr_array(M[rows][:, rows]))]
     )
 
@@ -74,14 +74,14 @@ def test_imported_matrices_match_assembly(box, kind):
         n = len(mesh.position)
         owner = {at + k: (node, 3 + k) for node, at in first.items() for k in range(3)}
         pairs = np.array([(r // 3, r % 3) if r < 3 * n else owner[r] for r in row.tolist()])
-        ready = ready_matrices(mesh.node_ids[pairs[:, 0]], pairs[:, 1], [Term(K)], [Term(M)])
+        ready = convert_matrices(mesh.node_ids[pairs[:, 0]], pairs[:, 1], [Term(K)], [Term(M)])
     else:
         clamped = np.zeros(3 * len(mesh.position), dtype=bool)
         clamped[3 * mesh.fixed[:, 0] + mesh.fixed[:, 1]] = True
         keep = np.flatnonzero(~clamped) if kind == "without clamped" else np.arange(len(clamped))
         order = np.random.default_rng(0).permutation(len(keep)) if kind == "shuffled" else slice(None)
         ready = ready_of(mesh, keep, order)
-    built = build_ready_model(mesh, ready)
+    built = build_imported_model(mesh, ready)
     assert built.notes == ()
     assert built.model.size == model.size
     for found, expected in zip(responses(built.model), responses(model), strict=True):
@@ -97,7 +97,7 @@ def test_rows_without_stiffness_are_left_out(box):
         (X.data, (6 * (X.row // 3) + X.row % 3, 6 * (X.col // 3) + X.col % 3)), shape=(size, size)
     )
     node, component = np.repeat(mesh.node_ids, 6), np.tile(np.arange(6), len(mesh.node_ids))
-    built = build_ready_model(mesh, ready_matrices(node, component, [Term(spread(K))], [Term(spread(M))]))
+    built = build_imported_model(mesh, convert_matrices(node, component, [Term(spread(K))], [Term(spread(M))]))
     assert built.model.size == build_model(mesh).size
     assert np.allclose(responses(built.model)[0], responses(build_model(mesh))[0], rtol=1e-10)
 
@@ -108,14 +108,14 @@ def test_region_terms_match_assembly(box):
     expected = build_model(mesh, own)
     K, M = assemble(mesh, own)
     node, component = all_rows(mesh)
-    ready = ready_matrices(
+    ready = convert_matrices(
         node,
         component,
         # one term as it was made at 2.1e11 Pa, the other with unit density
         [Term(K.constant), Term(K.terms["E1"] * E, "E1", E)],
         [Term(M.constant), Term(M.terms["rho2"], "rho2")],
     )
-    found = build_ready_model(mesh, ready).model
+    found = build_imported_model(mesh, ready).model
     theta = {"E1": 1.7e11, "rho2": 7000.0}
     assert ready.at == {"E1": E, "rho2": 1.0}
     for X, Y in ((found.stiffness, expected.stiffness), (found.mass, expected.mass)):
@@ -125,7 +125,7 @@ def test_region_terms_match_assembly(box):
 def test_one_parameter_has_one_value():
     one = Term(sparse.csr_array(np.eye(1)), "E", 2.0)
     with pytest.raises(UserError, match="the matrices of E have different parameter values, 2 and 1"):
-        ready_matrices(np.array([1]), np.array([0]), [one, replace(one, at=1.0)], [])
+        convert_matrices(np.array([1]), np.array([0]), [one, replace(one, at=1.0)], [])
 
 
 # --- a beam along x, six motions a node, its stiffness and mass from a textbook ---
@@ -179,7 +179,7 @@ def closed_form(inertia):
 def test_beam_matrices_match_closed_form():
     mesh = beam_mesh(20)
     K, M = beam_matrices(20)
-    built = build_ready_model(mesh, ready_matrices(*beam_rows(mesh), [Term(K)], [Term(M)]))
+    built = build_imported_model(mesh, convert_matrices(*beam_rows(mesh), [Term(K)], [Term(M)]))
     assert built.notes == ()
     expected = np.sort(np.r_[closed_form(IY), closed_form(IZ)])[:5]
     found = modes(built.model.stiffness.at({}), built.model.mass.at({}), 5)[0]
@@ -188,10 +188,10 @@ def test_beam_matrices_match_closed_form():
 
 def test_matrices_are_independent_of_units():
     mesh = beam_mesh(6)
-    si = build_ready_model(mesh, ready_matrices(*beam_rows(mesh), *([Term(X)] for X in beam_matrices(6))))
+    si = build_imported_model(mesh, convert_matrices(*beam_rows(mesh), *([Term(X)] for X in beam_matrices(6))))
     deck = beam_matrices(6, 1e3 * LENGTH, E * 1e-6, RHO * 1e-12, AREA * 1e6, IY * 1e12, IZ * 1e12)
-    ready = ready_matrices(*beam_rows(mesh), *([Term(X)] for X in deck), 1e-3, 1e3)
-    mm = build_ready_model(mesh, ready)
+    ready = convert_matrices(*beam_rows(mesh), *([Term(X)] for X in deck), 1e-3, 1e3)
+    mm = build_imported_model(mesh, ready)
     for X, Y in ((mm.model.stiffness, si.model.stiffness), (mm.model.mass, si.model.mass)):
         difference = abs(X.at({}) - Y.at({})).toarray()
         assert np.all(difference <= 1e-12 * np.abs(Y.at({}).toarray()) + 1e-12 * np.abs(Y.at({})).max() * 1e-6)
@@ -203,10 +203,10 @@ def test_matrix_components_are_along_nodal_axes():
     rng = np.random.default_rng(0)
     axes = {i: np.linalg.qr(rng.standard_normal((3, 3)))[0] for i in range(1, 6)}
     R = sparse.block_diag([np.eye(6), *(np.kron(np.eye(2), axes[i].T) for i in range(1, 6))], format="csr")
-    plain = build_ready_model(mesh, ready_matrices(*beam_rows(mesh), [Term(K)], [Term(M)])).model
-    turned = build_ready_model(
+    plain = build_imported_model(mesh, convert_matrices(*beam_rows(mesh), [Term(K)], [Term(M)])).model
+    turned = build_imported_model(
         replace(mesh, axes=axes),
-        ready_matrices(*beam_rows(mesh), *([Term(sparse.csr_array(R @ X @ R.T))] for X in (K, M))),
+        convert_matrices(*beam_rows(mesh), *([Term(sparse.csr_array(R @ X @ R.T))] for X in (K, M))),
     ).model
     load = [PointLoad("tip", (1.0, 2.0, 3.0), node_id=6)]
     z = [nodal(m, np.linalg.solve(m.stiffness.at({}).toarray(), input_shape(m, load))) for m in (plain, turned)]
@@ -222,7 +222,7 @@ def test_nodal_axis_without_stiffness_is_left_out():
     # in turned axes, drop the torsional-like third rotation of the tip
     cut = [sparse.csr_array((R @ X @ R.T).tocsr()[rows][:, rows]) for X in (K, M)]
     node, component = (column[rows] for column in beam_rows(mesh))
-    built = build_ready_model(replace(mesh, axes={5: Q}), ready_matrices(node, component, *([Term(X)] for X in cut)))
+    built = build_imported_model(replace(mesh, axes={5: Q}), convert_matrices(node, component, *([Term(X)] for X in cut)))
     clamped = rows[rows >= 6]
     expected = np.linalg.eigvals(
         np.linalg.solve(
@@ -239,37 +239,37 @@ def test_missing_nodes_and_free_motions_are_refused():
     K, M = beam_matrices(4)
     node, component = beam_rows(mesh)
     with pytest.raises(DeckError, match=r"row 8 of the matrices belongs to node 77, which is not in the mesh \(1 such") as caught:
-        build_ready_model(
+        build_imported_model(
             mesh,
-            ready_matrices(np.where(np.arange(30) == 7, 77, node), component, [Term(K)], [Term(M)], source="r.csv"),
+            convert_matrices(np.where(np.arange(30) == 7, 77, node), component, [Term(K)], [Term(M)], source="r.csv"),
         )
     assert caught.value.where == "r.csv:9"
     with pytest.raises(UserError, match=r"not constrained in translation x, translation y, translation z, rotation about x"):
-        build_ready_model(beam_mesh(4, False), ready_matrices(node, component, [Term(K)], [Term(M)]))
+        build_imported_model(beam_mesh(4, False), convert_matrices(node, component, [Term(K)], [Term(M)]))
 
 
 def test_partial_support_is_detected():
     mesh = beam_mesh(4)
     K, M = beam_matrices(4)
-    ready = ready_matrices(*beam_rows(mesh), [Term(K)], [Term(M)])
+    ready = convert_matrices(*beam_rows(mesh), [Term(K)], [Term(M)])
     hinged = np.array([(0, c) for c in (0, 1, 2, 3, 5)])
     with pytest.raises(UserError, match="1 rigid motion"):
-        build_ready_model(replace(mesh, fixed=hinged), ready)
+        build_imported_model(replace(mesh, fixed=hinged), ready)
     beyond = replace(mesh, node_ids=np.r_[mesh.node_ids, 9], position=np.vstack([mesh.position, [0, 0, 1.0]]))
     with pytest.raises(UserError, match="translation x, translation y"):
-        build_ready_model(replace(beyond, fixed=np.array([(5, c) for c in range(3)])), ready)
+        build_imported_model(replace(beyond, fixed=np.array([(5, c) for c in range(3)])), ready)
     one = np.array([(n, c) for n in range(5) for c in range(6) if (n, c) != (4, 2)])
-    assert build_ready_model(replace(mesh, fixed=one), ready).model.size == 1
+    assert build_imported_model(replace(mesh, fixed=one), ready).model.size == 1
 
 
 def test_supports_inside_matrices_are_noted():
     mesh = beam_mesh(4, False)
     K, M = beam_matrices(4)
     node, component = beam_rows(mesh)
-    reduced = ready_matrices(node[6:], component[6:], [Term(K[6:, 6:])], [Term(M[6:, 6:])])
-    assert "constrained by the matrices" in build_ready_model(mesh, reduced).notes[0]
+    reduced = convert_matrices(node[6:], component[6:], [Term(K[6:, 6:])], [Term(M[6:, 6:])])
+    assert "constrained by the matrices" in build_imported_model(mesh, reduced).notes[0]
     springs = sparse.csr_array(K + sparse.diags_array(np.tile([1e2] * 6, 5)))
-    note = build_ready_model(mesh, ready_matrices(node, component, [Term(springs)], [Term(M)])).notes[0]
+    note = build_imported_model(mesh, convert_matrices(node, component, [Term(springs)], [Term(M)])).notes[0]
     mass = RHO * AREA * LENGTH
     assert f"{np.sqrt(5e2 / mass) / (2 * np.pi):.2g}" in note
 
@@ -280,7 +280,7 @@ def test_nonpositive_diagonal_is_refused():
     K = K.tolil()
     K[13, 13] = -1.0
     with pytest.raises(DeckError, match="node 3, translation y: its stiffness is -1"):
-        build_ready_model(mesh, ready_matrices(*beam_rows(mesh), [Term(sparse.csr_array(K))], [Term(M)]))
+        build_imported_model(mesh, convert_matrices(*beam_rows(mesh), [Term(sparse.csr_array(K))], [Term(M)]))
 
 
 def test_lost_mass_and_unmoved_solids_are_noted(box):
@@ -290,16 +290,16 @@ def test_lost_mass_and_unmoved_solids_are_noted(box):
     K, M = (X.at({}) for X in assemble(mesh))
     node, component = all_rows(mesh)
     rows = np.flatnonzero(~np.isin(node, mesh.node_ids[inner]))
-    built = build_ready_model(
+    built = build_imported_model(
         mesh,
-        ready_matrices(node[rows], component[rows], [Term(K[rows][:, rows])], [Term(M[rows][:, rows])]),
+        convert_matrices(node[rows], component[rows], [Term(K[rows][:, rows])], [Term(M[rows][:, rows])]),
     )
     assert "6 translations of 2 nodes of solids" in built.notes[0]
     assert ", ".join(map(str, mesh.node_ids[inner])) in built.notes[0]
     soft = K.tolil()
     gone = np.flatnonzero(np.isin(node, mesh.node_ids[inner]))
     soft[gone], soft[:, gone] = 0, 0
-    built = build_ready_model(mesh, ready_matrices(node, component, [Term(sparse.csr_array(soft))], [Term(M)]))
+    built = build_imported_model(mesh, convert_matrices(node, component, [Term(sparse.csr_array(soft))], [Term(M)]))
     assert (
         f"6 rows have mass but no stiffness and are left out, for example node {mesh.node_ids[inner[0]]}"
         in (built.notes[1])

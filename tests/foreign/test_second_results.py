@@ -14,8 +14,8 @@ from strainsight.fem.affine import Parameter
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.foreign.of_results import Results, given_motion
-from strainsight.foreign.second_results import Change, model_of_two
+from strainsight.foreign.imported_modes import Results, extend_motion
+from strainsight.foreign.two_result_sets import Change, build_two_set_model
 from strainsight.mesh.model import Region
 
 from ..fem.conftest import make_box
@@ -79,8 +79,8 @@ def set_of(mesh, where="a.frd", **value):
 
 
 def built(mesh, first, second, change, names=NAMES, loads=END, scaled=None):
-    givens, results = zip(*((given_motion(mesh, motion), own) for motion, own in (first, second)), strict=True)
-    return model_of_two(mesh, givens, results, lambda model: input_shape(model, loads), names, scaled or {}, change)
+    givens, results = zip(*((extend_motion(mesh, motion), own) for motion, own in (first, second)), strict=True)
+    return build_two_set_model(mesh, givens, results, lambda model: input_shape(model, loads), names, scaled or {}, change)
 
 
 def frequencies(model, theta, count=3):

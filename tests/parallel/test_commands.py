@@ -94,7 +94,7 @@ def test_a_number_of_processes_is_one(config, jobs):
 
 CODE = """
 import sys
-from strainsight.runner.where import Where, opened
+from strainsight.runner.sweep_location import Where, opened
 from strainsight_cli.failures import reported
 import sweep_tasks
 with reported(), opened(Where(dask=sys.argv[1])) as sweep:

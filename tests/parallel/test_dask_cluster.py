@@ -16,7 +16,7 @@ import sweep_tasks as tasks
 from strainsight.contrib import dask_cluster as module
 from strainsight.errors import ConfigError, StrainsightError, UserError
 from strainsight.parallel import serial, watched
-from strainsight.runner.where import Where, opened
+from strainsight.runner.sweep_location import Where, opened
 
 pytest.importorskip("distributed")
 MATRIX = np.random.default_rng(0).standard_normal((200, 300))

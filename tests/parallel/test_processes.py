@@ -13,7 +13,7 @@ import sweep_tasks as tasks
 from strainsight import parallel
 from strainsight.errors import ConfigError
 from strainsight.parallel import in_threads, mapped, serial, side_by_side, threads, watched
-from strainsight.runner.where import Where, opened
+from strainsight.runner.sweep_location import Where, opened
 
 pytestmark = pytest.mark.usefixtures("eager")
 MATRIX = np.random.default_rng(0).standard_normal((200, 300))

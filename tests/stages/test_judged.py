@@ -13,9 +13,9 @@ from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.decision import claims_of
 from strainsight.experiment.structure import record_filter
-from strainsight.experiment.structure.consistency import judgement_of
+from strainsight.experiment.structure.consistency import check_consistency
 from strainsight.experiment.structure.measured import common_part, records_of
-from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words
+from strainsight.experiment.structure.problem import damping_dependence_text, load_dependence_text
 from strainsight.experiment.structure.record_filter import RecordFilter, filter_by_consistency
 from strainsight.measurements.assemble import Signals
 from strainsight.text import number
@@ -47,7 +47,7 @@ def records(which):
 def judged(record, own=None, **second):
     own = own or records_of(settings(**second))[0]
     test = SimpleNamespace(labels=NAMES, time=H * np.arange(len(record.samples) + 1), record=own)
-    return judgement_of(test, SimpleNamespace(known=()), record, 0.0, lambda share: None)
+    return check_consistency(test, SimpleNamespace(known=()), record, 0.0, lambda share: None)
 
 
 def test_nothing_is_shown_as_an_explanation_of_a_record_that_agrees(monkeypatch):
@@ -161,6 +161,6 @@ def test_parameters_rest_on_loads_where_none_is_known_or_beside_a_damping_factor
     unknowns = SimpleNamespace(inputs=inputs, parameters=parameters)
     model = SimpleNamespace(damping=SimpleNamespace(parameter="zeta"))
     own = SimpleNamespace(known=known, unknowns=unknowns, model=model)
-    for said, expected in ((rests_on_loads_in_words(own), alone), (judged_as_stated_in_words(own), together)):
+    for said, expected in ((load_dependence_text(own), alone), (damping_dependence_text(own), together)):
         assert expected in said
         assert bool(said) == bool(expected)

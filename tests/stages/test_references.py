@@ -11,7 +11,7 @@ from strainsight.config.loads import UNITS, LoadSection, RecordedSection
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import UserError
 from strainsight.experiment.recorded import LOADS, QUANTITY, recorded
-from strainsight.experiment.structure.mesh_tables import found_tables
+from strainsight.experiment.structure.mesh_tables import build_mesh_tables
 from strainsight.experiment.structure.references import on_one_node
 
 from ..edges.beam import TIP, bricks, finished
@@ -149,7 +149,7 @@ EIGRL,1
 def test_the_table_of_an_import_has_what_was_found_with_numbers_and_nodes(tmp_path):
     path = tmp_path / "a.bdf"
     path.write_text(DECK)
-    (table,) = found_tables(read_mesh(path), None, (), ("one is odd",))
+    (table,) = build_mesh_tables(read_mesh(path), None, (), ("one is odd",))
     assert ("warning", "", "one is odd") in table.rows
     found = {what: (how_many, detail) for what, how_many, detail in table.rows}
     assert found["fixed"] == ("9 components", "3 nodes")

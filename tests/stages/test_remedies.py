@@ -15,7 +15,7 @@ from strainsight.estimation.conditional import none_considered
 from strainsight.estimation.grid_filter import filter_on_grid
 from strainsight.estimation.record import GridRecord
 from strainsight.experiment.recorded import _calibration
-from strainsight.experiment.structure.consistency import judgement_of
+from strainsight.experiment.structure.consistency import check_consistency
 from strainsight.experiment.structure.measured import records_of
 from strainsight.measurements.calibration import calibrate
 from strainsight.measurements.clock import shifted
@@ -63,7 +63,7 @@ def judged(truth, samples, settings=STATED):
     test = SimpleNamespace(labels=NAMES, time=CLOCK, step=H, record=records_of(settings)[0])
     lowest = SimpleNamespace(known=(), model=model.model)
     record = suspect(model, P, forces(LONG), as_read(samples, settings))
-    return judgement_of(test, lowest, record, 0.0, lambda share: None)
+    return check_consistency(test, lowest, record, 0.0, lambda share: None)
 
 
 def followed(message, samples):

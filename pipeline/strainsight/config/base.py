@@ -100,7 +100,7 @@ def known(key: str, name: str, names: Collection[str], what: str, at_key: bool =
         yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known names: {listed}"), at_key)
 
 
-def named_twice(key: str, names: Sequence[str]) -> Iterator[Problem]:
+def duplicate_name_problems(key: str, names: Sequence[str]) -> Iterator[Problem]:
     """Yield a problem for every repeated entry of the list at a key."""
     for i, name in enumerate(names):
         if name in names[:i]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from strainsight.config.base import Problem, known, named_twice, section_problems, step_problems
+from strainsight.config.base import Problem, duplicate_name_problems, known, section_problems, step_problems
 from strainsight.config.checks_model import gauge_problems, model_problems
 from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
@@ -106,7 +106,7 @@ def _highest(signal: LoadSignal) -> float | None:
 
 
 def _estimate(config: PlacementConfig) -> Iterator[Problem]:
-    yield from named_twice("place.estimate", config.place.estimate)
+    yield from duplicate_name_problems("place.estimate", config.place.estimate)
     for i, name in enumerate(config.place.estimate):
         key = f"place.estimate.{i}"
         yield from known(key, name, [*config.parameters, *config.loads], "parameter or load")

@@ -358,7 +358,7 @@ def explained(problem: Problem, created: Sequence[str], model: type[BaseModel], 
     return replace(problem, remedy=did_you_mean(name, known, problem.remedy))
 
 
-def meant_for_runs(problem: Problem, overrides: Sequence[Override]) -> Problem:
+def explain_suite_key(problem: Problem, overrides: Sequence[Override]) -> Problem:
     """Extend the remedy for a suite, which sets keys of its runs under `set`."""
     if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields | BenchConfig.model_fields:
         return problem

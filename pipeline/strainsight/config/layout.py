@@ -23,9 +23,9 @@ from strainsight.config.base import (
     Size,
     Text,
     box_problem,
+    duplicate_name_problems,
     expert,
     known,
-    named_twice,
 )
 
 NAMED = "name"
@@ -210,7 +210,7 @@ def layout_problems(
     already bonded, by `key`."""
     for i, name in enumerate(place.metric_over):
         yield from known(f"place.metric_over.{i}", name, unknowns, f"unknown of {among}")
-    yield from named_twice("place.metric_over", place.metric_over)
+    yield from duplicate_name_problems("place.metric_over", place.metric_over)
     if place.keep < bonded:
         what = f"keep is {place.keep}, but {bonded} gauges are already bonded ({key})"
         yield Problem("place.keep", what, f"set keep to at least {bonded}")

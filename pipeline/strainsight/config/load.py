@@ -17,7 +17,7 @@ from strainsight.config.bench.bodies import BearingConfig
 from strainsight.config.bench.checks import bearing_problems, bench_problems
 from strainsight.config.checks import problems
 from strainsight.config.gauges import filled
-from strainsight.config.keys import Override, explained, meant_for_runs, parsed, problems_of, put
+from strainsight.config.keys import Override, explain_suite_key, explained, parsed, problems_of, put
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.suite import SuiteConfig, suite_problems
 from strainsight.config.yaml_text import LARGEST, Document, YamlProblem, parse
@@ -77,7 +77,7 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
     model, wrong = _validated(data)
     if model is None:
         if data.get("kind") == "suite":
-            wrong = [meant_for_runs(problem, put_over) for problem in wrong]
+            wrong = [explain_suite_key(problem, put_over) for problem in wrong]
         elif isinstance(data.get("kind"), str) and data["kind"] in KINDS:
             wrong = [explained(problem, created, KINDS[data["kind"]][0], data) for problem in wrong]
         raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in wrong])

@@ -52,7 +52,7 @@ class MaterialAxes(AxesSection):
 Moduli = tuple[Positive, Positive, Positive]
 
 
-class OfRegions(Section):
+class RegionProperty(Section):
     """A property of some regions."""
 
     regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
@@ -61,7 +61,7 @@ class OfRegions(Section):
     )
 
 
-class MaterialSection(OfRegions):
+class MaterialSection(RegionProperty):
     """A linear elastic material that adds to or replaces the materials of the mesh file: isotropic, or for solids orthotropic,
     with three values of each constant."""
 
@@ -97,7 +97,7 @@ class MaterialSection(OfRegions):
             yield Problem("axes", "an isotropic material does not need axes", "remove the key", at_key=True)
 
 
-class ElementSection(OfRegions):
+class ElementSection(RegionProperty):
     """A section for shells, beams or rods. Triangles and quadrangles with a thickness are shells; lines with an area are beams,
     or rods without second moments of area. Nastran and Abaqus decks already contain these data."""
 

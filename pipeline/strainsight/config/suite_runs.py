@@ -71,7 +71,7 @@ def study_of(model: SuiteConfig, run: PlannedRun) -> StudySection | None:
     return next((study for study in model.studies if study.name == run.entry.study), None)
 
 
-def value_over(config: Mapping[str, Any], key: str) -> float | None:
+def number_at(config: Mapping[str, Any], key: str) -> float | None:
     """Number at a dotted key (list indices from 0), or None."""
     value: Any = config
     for part in key.split("."):
@@ -181,7 +181,7 @@ def _refused(
     """Yield the errors of studies and measures; names: run names without suffix, as in measures."""
     for run in runs:
         study = study_of(model, run)
-        if study is not None and study.over is not None and value_over(run.config.data, study.over) is None:
+        if study is not None and study.over is not None and number_at(run.config.data, study.over) is None:
             yield wrong(
                 suite,
                 f"studies.{model.studies.index(study)}.over",

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from strainsight.config.answers import NONE, Answers, DeckPlace, Suggestion
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import BearingConfig
+from strainsight.config.deck_properties import NONE, Answers, CandidateLocation, Suggestion
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.suite import SuiteConfig
 from strainsight.errors import printable
@@ -166,7 +166,7 @@ def _named(suggestion: Suggestion, answers: Answers) -> dict[str, str]:
     }
 
 
-def _seats(suggestion: Suggestion, answers: Answers) -> dict[str, DeckPlace]:
+def _seats(suggestion: Suggestion, answers: Answers) -> dict[str, CandidateLocation]:
     """Probable contact faces, by the name of the user if there is one."""
     names_of_user = {suggestion.face_at(point): name for name, point in _named(suggestion, answers).items()}
     seats = [place for place in suggestion.places if place.lies_on]
@@ -321,7 +321,7 @@ def _direction(axis: str | None) -> str:
     return "  direction: {type: principal, angles: [0]}   # ← principal strain; or {type: axis, axis: [1, 0, 0], angles: [0]}"
 
 
-def _value(place: DeckPlace) -> str:
+def _value(place: CandidateLocation) -> str:
     return place.name if place.kind == "node" else _quoted(place.name)
 
 

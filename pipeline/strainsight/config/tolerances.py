@@ -175,7 +175,7 @@ class TruthSection(Section):
     )
     gauge_rotation: Annotated[NotNegative | None, Plausible(0.01, 45.0, "deg")] = expert(
         None,
-        description="`perturbed`: direction error of every gauge [deg], with constant magnitude; null: sampled from `tolerances`.",
+        description="`perturbed`: direction error of every gauge [deg], of constant magnitude; null: sampled from `tolerances`.",
     )
 
 

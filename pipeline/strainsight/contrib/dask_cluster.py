@@ -16,7 +16,7 @@ from typing import Any
 
 import strainsight
 from strainsight.errors import StrainsightError, UserError
-from strainsight.parallel import Captured, P, Progress, R, S, Sweep, captured, repeated, unwatched
+from strainsight.parallel import Captured, P, Progress, R, S, Sweep, captured, ignore_progress, repeated
 
 PATIENCE = 5.0
 """[s] for the scheduler to answer, and for a first worker."""
@@ -164,7 +164,7 @@ def _format_version(version: str | None) -> str:
 
 
 def _sweep(
-    client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched
+    client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = ignore_progress
 ) -> list[R]:
     import dask
     from distributed import CancelledError

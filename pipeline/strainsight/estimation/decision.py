@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.special import bdtr, gammaincinv
 
-from strainsight.errors import ContradictionError
+from strainsight.errors import InconsistentRecordError
 
 LEVEL = 0.9973
 """Probability that a calibrated σ is found consistent, two-sided: that of ±3 σ for one normal draw."""
@@ -264,7 +264,7 @@ class Decision:
 
 def exit_code_in(summary: Mapping[str, object]) -> int:
     """Exit code of a command that shows this summary: 3 for inconsistent measurements that are not accepted."""
-    return ContradictionError.exit_code * (summary.get("trusted") is False and not summary.get("accepted"))
+    return InconsistentRecordError.exit_code * (summary.get("trusted") is False and not summary.get("accepted"))
 
 
 def out_of_range(

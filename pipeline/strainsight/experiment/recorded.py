@@ -22,7 +22,7 @@ from strainsight.measurements.csv_file import read_csv
 from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.csv_rows import check_marks
 from strainsight.measurements.reader import read_recording
-from strainsight.measurements.records import Recording, meant_by, required_unit
+from strainsight.measurements.records import Recording, required_unit, suggest_unit
 from strainsight.rom.model import Damping
 
 LOADS = ("force", "moment", "pressure", "acceleration", "ratio", "angular velocity squared")
@@ -107,7 +107,7 @@ def _factor(column: str, recording: Recording, path: Path, of: Sequence[str]) ->
 def _in_round_brackets(column: str) -> str | None:
     """Unknown unit in round brackets after a name, as in "F (KN)"; known units are removed by the reader."""
     inside = column.rstrip().removesuffix(")").rpartition("(")[2].strip() if column.rstrip().endswith(")") else ""
-    return inside if inside and meant_by(inside) else None
+    return inside if inside and suggest_unit(inside) else None
 
 
 def signals_of(

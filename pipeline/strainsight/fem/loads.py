@@ -16,7 +16,7 @@ from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.nodal_forces import bearing, body_forces, evenly, pressure, summed, turning
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.model import Mesh
-from strainsight.ordering import first_of_largest
+from strainsight.ordering import index_of_largest
 
 FLAT = 1e-9
 """Smallest principal moment of inertia of nodes, as a share of the largest, for a couple about that axis."""
@@ -312,7 +312,7 @@ MISALIGNMENTS = 4
 
 def axes_across(direction: np.ndarray) -> np.ndarray:
     """Unit vectors a₁, a₂ (2, 3) with a₁ × a₂ = d, the direction (3,) of unit length."""
-    first = np.cross(np.eye(3)[first_of_largest(-np.abs(direction))], direction)
+    first = np.cross(np.eye(3)[index_of_largest(-np.abs(direction))], direction)
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(direction, first)])
 

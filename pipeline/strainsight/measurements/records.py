@@ -253,7 +253,7 @@ def required_unit(unit: str, of: Collection[str] = ()) -> Unit:
     if (matched := known_unit(unit)) is None:
         known = [name for name, unit_ in UNITS.items() if not of or unit_.quantity in of]
         remedy = f"known units: {', '.join(known)}"
-        if meant := meant_by(unit):
+        if meant := suggest_unit(unit):
             remedy = f"did you mean {meant}?"
         elif len(unit) > SIGN and unit.isalpha():  # symbols of similar spelling differ: mm/m is a thousandth of mm/mm
             remedy = did_you_mean(unit, [name for name in known if len(name) > SIGN and name.isalpha()], remedy)
@@ -261,7 +261,7 @@ def required_unit(unit: str, of: Collection[str] = ()) -> Unit:
     return matched
 
 
-def meant_by(unit: str) -> str | None:
+def suggest_unit(unit: str) -> str | None:
     """Correct spelling of a unit with other capitals or another name; None if there is no suggestion."""
     spelt = spelling(unit)
     same_letters = [name for name in UNITS if name.lower() == spelt.lower()]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 
-from strainsight.compiled import cfunc, float64, int64, intrinsic, noticing, types
+from strainsight.compiled import cfunc, float64, int64, intrinsic, track_dependencies, types
 from strainsight.errors import NumericalError
 from strainsight.multibody.bodies import Frame
 from strainsight.multibody.relations import Relation
@@ -139,7 +139,7 @@ _C = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, *[_DOUBLES
 def compiled_law(function: Callable[..., int], *files: str) -> Any:
     """A force law with SIGNATURE that other compiled code calls by its `address`, made when it is first asked for; files as of
     `kept`."""
-    return noticing(cfunc(SIGNATURE, cache=True)(function), files)
+    return track_dependencies(cfunc(SIGNATURE, cache=True)(function), files)
 
 
 @intrinsic

@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 
 from strainsight.errors import ConfigError
-from strainsight.ordering import first_of_largest, lowest_first
+from strainsight.ordering import ascending_ties, index_of_largest
 
 VITAL = 1e-9
 """Eigenvalue of a hat block, up to 1, above which a mode depends on the unit."""
@@ -67,7 +67,7 @@ def effective_independence(rows: np.ndarray, keep: int) -> np.ndarray:
 def _least_leverage(basis: np.ndarray) -> int:
     """The unit with the smallest trace of its hat block among those that lose no mode; basis (units, c, k) orthonormal."""
     leverage = np.einsum("uck,uck->u", basis, basis)
-    order = lowest_first(leverage, LEVEL)
+    order = ascending_ties(leverage, LEVEL)
     least = next(order)
     spared = (at for at in chain([least], order) if np.linalg.norm(basis[at], 2) ** 2 < 1 - VITAL)
     return next(spared, least)
@@ -97,7 +97,7 @@ def _pivots(rows: np.ndarray) -> np.ndarray:
     selected: list[int] = []
     length = np.sum(rest**2, axis=1)
     while len(selected) < min(rows.shape) and length.max() > DEPENDENT**2 * np.sum(rows**2, axis=1).max():
-        selected.append(first_of_largest(length))
+        selected.append(index_of_largest(length))
         unit = rest[selected[-1]] / np.sqrt(length[selected[-1]])
         rest -= np.outer(rest @ unit, unit)
         rest[selected[-1]] = 0.0
@@ -128,7 +128,7 @@ def d_optimal(rows: np.ndarray, variance: np.ndarray, prior: np.ndarray, keep: i
             read = np.linalg.eigvalsh(np.einsum("gik,gjk->gij", answer.reshape(pool, c, k), blocks))
             gain = np.log1p(np.maximum(read, 0.0)).sum(axis=1)
         rounding = rounding or NOTHING * float(gain.max())
-        best = first_of_largest(np.where(free, gain, -np.inf), rounding)
+        best = index_of_largest(np.where(free, gain, -np.inf), rounding)
         free[best] = False
         for channel in range(best * c, (best + 1) * c):
             # one channel after the other is the same update as all at once

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from strainsight.errors import InfeasibleError
-from strainsight.ordering import TIE, first_of_largest
+from strainsight.ordering import TIE, index_of_largest
 from strainsight.placement.increment import Slopes, least_increments, removal, sharper_bound, slopes, squares
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import Limits, as_limits
@@ -286,4 +286,4 @@ def _blocks(pools: Sequence[Pool], loops: Sequence[Loop], costs: np.ndarray, agg
     at = np.flatnonzero(np.any([p.metric.weight > 0 for p in pools], axis=0))
     root = [np.sqrt(p.metric.weight[at]) for p in pools]
     parts = np.array([np.diag(l.P)[at] * (w * w) for w, l in zip(root, loops, strict=True)])
-    return parts.mean(axis=0) if aggregate == "mean" else parts[first_of_largest(costs)]
+    return parts.mean(axis=0) if aggregate == "mean" else parts[index_of_largest(costs)]

@@ -76,7 +76,7 @@ class Simulated:
 
 
 @record
-class SurfaceInTime:
+class SurfaceHistory:
     """Data of field.h5 in addition to its grid."""
 
     time: np.ndarray = dataset("s", "/time", "instants of the frames")
@@ -236,7 +236,7 @@ class BearingCurves:
 
 
 @record
-class BearingsAlone:
+class BearingResults:
     """bearing.h5, by bearing."""
 
     cases: dict[str, BearingCases] = group()

@@ -68,7 +68,7 @@ class CandidateColumns(GridColumns):
 
 
 @record
-class GivenRows:
+class StrainOperatorRows:
     """Imported strain operator (channel × matrix row), as the three arrays of a CSR matrix."""
 
     value: np.ndarray = dataset("1/m or 1/rad", "value", "imported strain per unit motion of a matrix row")
@@ -77,7 +77,7 @@ class GivenRows:
     offset: np.ndarray = dataset("1", "channel + 1", "values of candidate i are [offset[i], offset[i + 1])")
 
     @classmethod
-    def of(cls, rows: sparse.csr_array) -> GivenRows:
+    def of(cls, rows: sparse.csr_array) -> StrainOperatorRows:
         return cls(
             value=rows.data,
             size=rows.shape[1],
@@ -131,7 +131,7 @@ class Training:
         "static strain, or displacement [m], of load misalignments outside the reduced basis",
         path="/gauges/missed",
     )
-    given: sparse.csr_array | None = group(GivenRows, path="/gauges/given", default=None)
+    given: sparse.csr_array | None = group(StrainOperatorRows, path="/gauges/given", default=None)
     moved: np.ndarray | None = dataset(
         "m",
         "bonded gauge",

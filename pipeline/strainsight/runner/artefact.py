@@ -27,7 +27,7 @@ from strainsight.runner.output import (
     content_digest,
     damaged,
     read_contents,
-    warnings_in,
+    warning_texts,
 )
 
 BLOCK = 512
@@ -140,7 +140,7 @@ class Artefact:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the stage, also printed if the artefact is up to date."""
-        return warnings_in(self.tables)
+        return warning_texts(self.tables)
 
     @property
     def key(self) -> str:
@@ -194,12 +194,12 @@ class Artefact:
         )
 
 
-def plain_name(name: str) -> bool:
+def is_plain_name(name: str) -> bool:
     """Whether a file with that name can be next to an artefact: no folder, no hidden file, no artefact."""
     return Path(name).name == name and not name.startswith(".") and not name.endswith(".h5")
 
 
-def missing_in(folder: Path, stages: Iterable[str]) -> list[str]:
+def missing_stages(folder: Path, stages: Iterable[str]) -> list[str]:
     """Stages without an artefact in the folder of a run."""
     return [stage for stage in stages if not (folder / f"{stage}.h5").is_file()]
 
@@ -299,7 +299,7 @@ def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
         code=str(attributes.get("code", "")),
         **{name: json.loads(attributes.get(name, "{}")) for name in MAPPINGS},
     )
-    if foreign := [name for name in header.beside or {} if not plain_name(name)]:
+    if foreign := [name for name in header.beside or {} if not is_plain_name(name)]:
         raise damaged(path, f"it refers to the additional file {foreign[0]!r}")
     return header, str(attributes["digest"]), str(attributes["message"])
 

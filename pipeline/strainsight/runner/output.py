@@ -80,7 +80,7 @@ def warnings_table(texts: Sequence[str], title: str = WARNINGS) -> tuple[Table, 
     return (Table(title, ("",), tuple((text,) for text in texts)),) if texts else ()
 
 
-def warnings_in(tables: Iterable[Table]) -> tuple[str, ...]:
+def warning_texts(tables: Iterable[Table]) -> tuple[str, ...]:
     """Texts of tables titled `WARNINGS`, and of rows that begin with "warning"."""
     return tuple(row[-1] for table in tables for row in table.rows if table.title == WARNINGS or row[0] == "warning")
 

@@ -24,7 +24,7 @@ from strainsight.runner.output import warnings_table
 from strainsight.runner.plan import UP_TO_DATE, Inputs, Job, code_of, inputs_of, judge, other_code
 from strainsight.runner.slices import attributes_of, declared
 from strainsight.runner.stage import Context, Stage
-from strainsight.runner.store import former, named_together, write_artefact
+from strainsight.runner.store import former, replace_together, write_artefact
 from strainsight.writing import NO_LINK, TEMPORARY, make_folder, open_file, temporary, umask
 
 NAME = ".lock"
@@ -143,7 +143,7 @@ def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
 def _copied(source: Path, folder: Path, header: ArtefactHeader, records: tuple[str, ...]) -> Artefact:
     """Copy an artefact and its files; they get their names after all are complete and verified. Files of `records` stay."""
     make_folder(folder)
-    with named_together() as parts:
+    with replace_together() as parts:
         parts.append((_shared(source, folder), folder / source.name))
         artefact = Artefact(parts[0][0])
         if artefact.header != header:

@@ -32,7 +32,7 @@ from strainsight.runner.artefact import (
     ArtefactHeader,
     digest_or_none,
     header_of,
-    plain_name,
+    is_plain_name,
     seal,
     sha256_of,
 )
@@ -136,7 +136,7 @@ def write_artefact(path: Path, output: Output, header: ArtefactHeader, records: 
     with suppress(StrainsightError):  # where it cannot be read nothing is known to be its own
         before = (header_of(path).beside or {}) if path.is_file() else {}
         obsolete = {name: digest for name, digest in before.items() if name not in output.files}
-    with kept_on_disk(path), named_together() as parts:
+    with kept_on_disk(path), replace_together() as parts:
         make_folder(path.parent)
         parts.append((temporary(path, write), path))
         written = Artefact(parts[0][0])
@@ -179,7 +179,7 @@ def _grid_of(artefact: str, output: Output) -> bytes:
 
 
 @contextmanager
-def named_together() -> Iterator[list[tuple[Path, Path]]]:
+def replace_together() -> Iterator[list[tuple[Path, Path]]]:
     """Collect an artefact and its files as (temporary file, name); on success all get their names, the artefact last. After an
     error, none does."""
     parts: list[tuple[Path, Path]] = []
@@ -235,7 +235,7 @@ def _check(output: Output) -> None:
         if len(dataset.scales) > np.ndim(dataset.array):
             raise ValueError(f"{path}: {len(dataset.scales)} scales for {np.ndim(dataset.array)} axes")
     for name in output.files:
-        if not plain_name(name):
+        if not is_plain_name(name):
             raise ValueError(f"'{name}' cannot be the name of a file next to an artefact")
 
 

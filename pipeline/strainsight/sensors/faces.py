@@ -13,7 +13,7 @@ from strainsight.errors import UserError
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.unjoined import component_labels
-from strainsight.ordering import first_of_largest, tied_order
+from strainsight.ordering import index_of_largest, tied_order
 from strainsight.sensors.edges import edges_of
 from strainsight.sensors.surface import angle_between, by_kind, facet_centres
 from strainsight.sensors.walk import Skin, locate, skin_of
@@ -228,7 +228,7 @@ def _describe_faces(group: np.ndarray, position: np.ndarray, facets: Facets, vec
     point = np.zeros((count, 3))
     corner = np.where(np.arange(4) < CORNERS[facets.kind][:, None], facets.nodes[:, :4], -1)
     for face, members in enumerate(np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))[:-1])):
-        first = members[first_of_largest(-np.linalg.norm(middle[members] - centre[face], axis=1))]
+        first = members[index_of_largest(-np.linalg.norm(middle[members] - centre[face], axis=1))]
         point[face] = middle[first].round(int(np.ceil(6 - 0.5 * np.log10(max(size[first], 1e-24)))))
         if bent[face]:
             nodes = np.unique(corner[members])
@@ -264,7 +264,7 @@ def cylinder(x: np.ndarray, middle: np.ndarray, vector: np.ndarray) -> tuple[flo
     if not 0 < radius < LARGEST or np.abs(fitted.fun).max() > ROUND * radius:
         return none
     axis, out = _frame(fitted.x, V, (middle - origin) / size)
-    return radius * size, axis * np.sign(axis[first_of_largest(np.abs(axis))]), bool(np.sum(out * vector) < 0)
+    return radius * size, axis * np.sign(axis[index_of_largest(np.abs(axis))]), bool(np.sum(out * vector) < 0)
 
 
 def _frame(p: np.ndarray, V: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from strainsight.errors import UserError
 from strainsight.experiment.system import silent
 from strainsight.pages.chart.drawing import Drawing, recorded_figures
 from strainsight.pages.chart.files import figure_files
-from strainsight.runner.artefact import Artefact, missing_in
+from strainsight.runner.artefact import Artefact, missing_stages
 from strainsight.runner.slices import declared, prune
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
@@ -42,10 +42,10 @@ def figures_of(
 
     Raises UserError with the command to run where there is no page yet.
     """
-    ready = [page for page in pages if not missing_in(folder, page.upstream)]
+    ready = [page for page in pages if not missing_stages(folder, page.upstream)]
     if not ready:
         raise UserError(
-            f"no figures yet: {folder / missing_in(folder, pages[-1].upstream)[0]}.h5 is missing",
+            f"no figures yet: {folder / missing_stages(folder, pages[-1].upstream)[0]}.h5 is missing",
             where=config_file,
             remedy=f"first run: strainsight run {config_file}",
         )
@@ -78,7 +78,7 @@ def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
     unknown."""
     from strainsight.pages.tested.campaign import campaign_figures
     from strainsight.pages.tested.figures import figures_of_test
-    from strainsight.stages.tested import pages_of
+    from strainsight.stages.measurement_report import pages_of
 
     records, campaign = pages_of(context)
     pages = [] if campaign is None else [("", "", campaign_figures(campaign))]

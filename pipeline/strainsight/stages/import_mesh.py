@@ -11,8 +11,8 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.decks.reader import format_of
 from strainsight.experiment.structure.early import check_files
 from strainsight.experiment.structure.mesh import checked, contact_warnings, mesh_of, model_warnings
-from strainsight.experiment.structure.mesh_tables import assumed_table, faces_table, found_tables
-from strainsight.experiment.structure.references import READS, beyond_range, check_references, on_one_node
+from strainsight.experiment.structure.mesh_tables import assumed_table, build_mesh_tables, faces_table
+from strainsight.experiment.structure.references import READS, check_references, on_one_node, range_warnings
 from strainsight.fem.checks import Quality
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -20,7 +20,7 @@ from strainsight.mesh.sanity import ignored_structure, size_of
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
 from strainsight.records.mesh import Imported, MeshColumns, vtkhdf_datasets
 from strainsight.records.record import written
-from strainsight.runner.output import Output, warnings_in
+from strainsight.runner.output import Output, warning_texts
 from strainsight.runner.stage import Context, Stage
 from strainsight.sensors.faces import faces_of
 
@@ -49,8 +49,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     if weight is not None:
         summary["mass"] = float(weight[0])
         parts.append(f"mass {weight[0]:.5g} kg")
-    tables = found_tables(mesh, weight, quality, (*warnings, *alone))
-    summary["warnings"] = len(warnings_in(tables))
+    tables = build_mesh_tables(mesh, weight, quality, (*warnings, *alone))
+    summary["warnings"] = len(warning_texts(tables))
     program = format_of(file) if config.format == "auto" else config.format
     computed = config.matrices is None and config.results is None
     assumed = assumed_table(mesh, program, config.free) if computed else None
@@ -77,7 +77,7 @@ def looked_at(
         section.matrices is None and section.results is None
     ):  # with imported matrices, materials and unused nodes have no effect
         warnings = model_warnings(mesh, section.length_unit, section.mass_unit, section.free)
-    return weight, quality, (*warnings, *beyond_range(config, mesh))
+    return weight, quality, (*warnings, *range_warnings(config, mesh))
 
 
 def _grid(mesh: Mesh) -> VtkHdf:

@@ -24,7 +24,7 @@ def stages_for(estimates: bool, truth: str) -> tuple[Stage, ...]:
     if not estimates:
         return stages
     from strainsight.stages.estimate import ESTIMATE  # with readers that no other stage needs
-    from strainsight.stages.tested import TEST
+    from strainsight.stages.measurement_report import TEST
 
     place = stages.index(PLACE) + 1
     linked = replace(REPORT, upstream=(*REPORT.upstream, ESTIMATE.name))

@@ -15,7 +15,7 @@ from strainsight.experiment.structure.observation import mat_file
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.chart.files import file_name
-from strainsight.pages.picture.scene import drawn_or_why, render
+from strainsight.pages.picture.scene import draw_or_explain, render
 from strainsight.pages.placement.figures import placement_figures
 from strainsight.pages.placement.page import placement_page
 from strainsight.pages.sheets.sheet import sheet_svg
@@ -145,7 +145,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     shop = workshop_of_run(context, mesh)
     report, sheets = placement_report(context, mesh, shop), sheet_files(sheets_of(context, shop, mesh))
     context.progress("picture", 0.1)
-    scene, problem = drawn_or_why(lambda: render(report.layout))
+    scene, problem = draw_or_explain(lambda: render(report.layout))
     modes = placement_view(context.config, "modes", context.upstream, None)
     strains = strain_shapes(report.layout, strains_of(context.config, mesh, context.upstream))
     shapes = (*strains, *(ShownState(panel.title, panel.shift) for panel in modes.panels))

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.config.answers import DeckPlace, Lacking, Suggestion
+from strainsight.config.deck_properties import CandidateLocation, MissingMaterial, Suggestion
 from strainsight.config.gauges import fitting_type
 from strainsight.decks.faults import MISSING_END, short
 from strainsight.decks.reader import format_of, read_mesh
@@ -136,21 +136,21 @@ def _modulus_and_density(mesh: Mesh, region: int) -> tuple[float, float] | None:
     return (first.e1 if isinstance(first, Lamina) else first.youngs_modulus), first.density
 
 
-def _lacking(mesh: Mesh) -> Iterator[Lacking]:
+def _lacking(mesh: Mesh) -> Iterator[MissingMaterial]:
     """Regions without a material, and in a deck without mass those of each material."""
     of = {number: region.material for number, region in mesh.regions.items()}
     plies = {number for number in of if mesh.laminate(number) is not None or mesh.general_shell(number) is not None}
     plies |= {*mesh.composites}
     known = {*mesh.materials, *mesh.anisotropic}
     if without := tuple(i for i, material in of.items() if material not in known and i not in plies):
-        yield Lacking(without)
+        yield MissingMaterial(without)
     shells = [section for section in mesh.sections.values() if isinstance(section, GeneralShell)]
     materials = (*mesh.materials.values(), *mesh.laminae.values(), *mesh.anisotropic.values(), *shells)
     massless = not mesh.point_masses and not any(getattr(material, "density", None) for material in materials)
     for material in dict.fromkeys(of.values()):
         if massless and (elastic := mesh.materials.get(material)):
             regions = tuple(number for number, its in of.items() if its == material and number not in plies)
-            yield Lacking(regions, elastic.youngs_modulus, elastic.poisson_ratio)
+            yield MissingMaterial(regions, elastic.youngs_modulus, elastic.poisson_ratio)
 
 
 def _by_size(mesh: Mesh) -> tuple[str, str] | None:
@@ -173,7 +173,7 @@ def _unit(v: np.ndarray) -> str:
     return "(" + ", ".join(f"{round(float(x), 3) + 0.0:g}" for x in v / np.linalg.norm(v)) + ")"
 
 
-def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: str) -> Iterator[DeckPlace]:
+def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: str) -> Iterator[CandidateLocation]:
     """Loads with a resultant or on all mass, reference nodes of ties, node sets, faces.
     by_which: support set, in the description of a supported face."""
     is_supported = np.zeros(len(mesh.position), dtype=bool)
@@ -182,11 +182,11 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
         force = float(np.linalg.norm(load.force.sum(axis=0)))
         if force > 1e-9 * np.abs(load.force).sum():
             loaded = load.nodes[load.force.any(axis=1)]
-            yield DeckPlace(
+            yield CandidateLocation(
                 "deck_load", name, f"a load of the deck, {force:.4g} N", bool(is_supported[loaded].all()), force
             )
         elif load.body:
-            yield DeckPlace("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
+            yield CandidateLocation("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
     # an average of rotations alone ties a shell to a solid: no load is put there
     ties: list[RigidElement | AveragingElement] = [
         *mesh.rigid,
@@ -195,11 +195,11 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
     for reference in dict.fromkeys(tie.reference for tie in ties):
         led = [tie for tie in ties if tie.reference == reference]
         what = f"reference node of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
-        yield DeckPlace("node", str(mesh.node_ids[reference]), what, bool(is_supported[reference]))
+        yield CandidateLocation("node", str(mesh.node_ids[reference]), what, bool(is_supported[reference]))
     for name, ids in mesh.node_sets.items():
         nodes = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
         if nodes.size:
-            yield DeckPlace("set", name, f"{nodes.size} nodes", bool(is_supported[nodes].all()))
+            yield CandidateLocation("set", name, f"{nodes.size} nodes", bool(is_supported[nodes].all()))
     if facets is not None and faces is not None:
         supported = np.asarray((is_supported[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         contact = contact_faces(mesh, facets, faces)
@@ -209,7 +209,7 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
         for face in range(len(faces.area)):
             on_support = bool(supported[faces.of == face].all())
             what = f"{faces.area[face]:.3g} m², {faces.in_words(face)}"
-            yield DeckPlace(
+            yield CandidateLocation(
                 "face",
                 faces.near(face),
                 what,

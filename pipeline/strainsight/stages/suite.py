@@ -15,7 +15,7 @@ from strainsight.errors import ConfigError, did_you_mean
 from strainsight.estimation.decision import FAULTS
 from strainsight.pages.arrays import rms
 from strainsight.pages.bench.data import BenchPageRun
-from strainsight.pages.picture.scene import drawn_or_why, look, render_all
+from strainsight.pages.picture.scene import draw_or_explain, look, render_all
 from strainsight.pages.placement.data import Repeats, Unknown
 from strainsight.pages.suite.data import (
     CONFIRMED,
@@ -384,7 +384,7 @@ def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
     different = {looks[name]: layout for name, layout in layouts.items()}
     if not different:
         return {}, ""
-    rendered, problem = drawn_or_why(lambda: render_all(list(different.values())))
+    rendered, problem = draw_or_explain(lambda: render_all(list(different.values())))
     pictures = dict(zip(different, rendered or (), strict=False))
     return {name: pictures[digest] for name, digest in looks.items() if digest in pictures}, problem
 

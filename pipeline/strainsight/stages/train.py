@@ -25,7 +25,7 @@ from strainsight.experiment.structure.references import KINDS_OF_LOAD, WHERE_SEN
 from strainsight.experiment.structure.screening import screened_of
 from strainsight.experiment.structure.training import trained
 from strainsight.measurements.calibration import LARGE_STRAIN
-from strainsight.ordering import first_of_largest
+from strainsight.ordering import index_of_largest
 from strainsight.records.placed import Observed
 from strainsight.records.record import written
 from strainsight.records.training import Screened
@@ -243,8 +243,8 @@ def run_observe(context: Context[PlacementConfig]) -> Output:
     observed = observed_of(context.config, reduced, training, screened, context)
     trained = observed.condition[: len(training.motions)]
     condition = trained.max(axis=0)
-    worst = first_of_largest(condition)
-    where = f" in {observed.excitation[first_of_largest(trained[:, worst])]}" * bool(training.cases)
+    worst = index_of_largest(condition)
+    where = f" in {observed.excitation[index_of_largest(trained[:, worst])]}" * bool(training.cases)
     return Output(
         datasets=written(observed),
         summary={f"condition.{case}": float(value) for case, value in zip(observed.case, condition, strict=True)},

@@ -11,7 +11,7 @@ import pytest
 from strainsight.config.template import template
 from strainsight.errors import ContactError, DeckError, UserError
 from strainsight.fem.model import build_model
-from strainsight.foreign.of_results import check_positions
+from strainsight.foreign.imported_modes import check_positions
 from strainsight.mesh.additions import node_indices
 from strainsight.mesh.connectivity import merged
 from strainsight.mesh.surface_ties import with_surface_tie, without_held

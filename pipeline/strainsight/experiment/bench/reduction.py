@@ -21,8 +21,8 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import facet_cells, unstructured_grid
 from strainsight.multibody.bodies import RIGID
-from strainsight.ordering import first_of_largest
-from strainsight.records.bench import ReducedBodies, ReducedBody, SurfaceInTime
+from strainsight.ordering import index_of_largest
+from strainsight.records.bench import ReducedBodies, ReducedBody, SurfaceHistory
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import written
 from strainsight.rom.craig_bampton import (
@@ -199,11 +199,11 @@ def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: 
         steps=time[at],
     )
     mises = np.stack(data["von_mises"])
-    worst, where = np.unravel_index(first_of_largest(mises.astype(float).ravel()), mises.shape)
+    worst, where = np.unravel_index(index_of_largest(mises.astype(float).ravel()), mises.shape)
     element, largest, instant = int(facets.element_id[order][where]), float(mises.max()), float(time[at][worst])
     grid, attributes = vtkhdf_datasets(surface_grid)
     return Output(
-        datasets=grid | written(SurfaceInTime(time=time[at], von_mises=mises.max(axis=1), moduli=theta)),
+        datasets=grid | written(SurfaceHistory(time=time[at], von_mises=mises.max(axis=1), moduli=theta)),
         attributes=attributes,
         summary={
             "pictures": len(at),

@@ -34,7 +34,7 @@ from strainsight.multibody.laws import TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
 from strainsight.multibody.step import GAIN, LAG
-from strainsight.ordering import first_of_largest
+from strainsight.ordering import index_of_largest
 from strainsight.records.bench import (
     AtRest,
     Coupled,
@@ -60,7 +60,7 @@ def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
         q = np.array([displacements.read(a, b)[0] for a, b in zip(run.q, run.v, strict=True)])
         balls = [ball_loads(bearing, each) for each in q]
         pressure = np.array([ball.pressure.max() for ball in balls])
-        worst = first_of_largest(pressure)
+        worst = index_of_largest(pressure)
         ellipse = max(float(ball.semi_axes.max()) for ball in balls)
         if ellipse > bearing.ball_diameter / 2:
             raise ConfigError(

@@ -11,7 +11,7 @@ from strainsight.errors import at_least
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.layout import OptimisedLayout
 from strainsight.experiment.layout.task import Task
-from strainsight.ordering import first_of_largest, tied_order
+from strainsight.ordering import index_of_largest, tied_order
 from strainsight.placement.certificate import Certificate
 from strainsight.placement.criteria import Criterion
 from strainsight.placement.elimination import Elimination
@@ -92,7 +92,7 @@ def helps(budget: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
     """Sentences on the largest source of variance of the unknowns, and its remedy."""
     led: dict[str, list[str]] = {}
     for name, shares in budget.items():
-        largest = list(shares)[first_of_largest(np.array(list(shares.values())))]
+        largest = list(shares)[index_of_largest(np.array(list(shares.values())))]
         led.setdefault(largest, []).append(name)
     for source, names in led.items():
         much = listed_words([f"{100 * budget[name][source]:.0f} % of the variance of {name}" for name in names])
@@ -218,7 +218,7 @@ def _failures(
     elif not unsolved:
         known = {name: values for name, values in without.items() if np.isfinite(values).all()}
         growths = (
-            (float(np.max(values)) / std[name], name, first_of_largest(values)) for name, values in known.items()
+            (float(np.max(values)) / std[name], name, index_of_largest(values)) for name, values in known.items()
         )
         for growth, name, worst in [max(growths, key=lambda growth_and_name: growth_and_name[0])] if known else ():
             if growth > 1:

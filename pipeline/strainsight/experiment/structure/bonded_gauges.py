@@ -15,8 +15,8 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import ConfigError, DeckError, blame, did_you_mean
 from strainsight.experiment.layout.gauge_list import layout_labels
+from strainsight.foreign.imported_matrices import row_scale
 from strainsight.foreign.matrices.files import csv_columns, csv_lines, read_matrix
-from strainsight.foreign.ready import row_scale
 from strainsight.records.training import Training
 from strainsight.sensors.bonded import GivenGauges, given_pool
 from strainsight.sensors.candidates import STRAIN, Candidates

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
-from strainsight.errors import ConfigError, ContradictionError, NumericalError
+from strainsight.errors import ConfigError, InconsistentRecordError, NumericalError
 from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
@@ -19,10 +19,10 @@ from strainsight.experiment.hold_out import held_out
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.considered import exact_frequencies_in_words, not_held_in_words, tolerated
 from strainsight.experiment.structure.consistency import (
-    Judgement,
+    ConsistencyResult,
     Together,
     build_check_record,
-    judgement_of,
+    check_consistency,
     together_of,
     turning_of,
 )
@@ -40,7 +40,7 @@ from strainsight.experiment.structure.filtering import (
 )
 from strainsight.experiment.structure.measured import in_record, measured_of, records_of, source_of
 from strainsight.experiment.structure.observation import undetectable
-from strainsight.experiment.structure.problem import problem_of, rests_on_loads_in_words
+from strainsight.experiment.structure.problem import load_dependence_text, problem_of
 from strainsight.experiment.structure.record_filter import (
     FilteredRecord,
     RecordFilter,
@@ -123,8 +123,8 @@ def campaign_of(
     """Read the files, check observability, filter and smooth, then reconstruct fields and damage.
 
     gauges (k,): numbers of the gauges of the layout. Raises ConfigError if no file is specified, InfeasibleError if the unknowns
-    are not observable and this is not allowed, and ContradictionError if every filter diverges on a faulty record or records are
-    inconsistent with each other.
+    are not observable and this is not allowed, and InconsistentRecordError if every filter diverges on a faulty record or
+    records are inconsistent with each other.
     """
     settings = config.estimate
     records = () if settings is None else records_of(settings)
@@ -178,16 +178,16 @@ def campaign_of(
             progress(f"channels{of}", CHECKED + (FILTERED - CHECKED) * (i + share) / len(records))
 
         check_records.append(build_check_record(structure, record, turning))
-        judgements.append(judgement_of(record.test, problem, check_records[-1], tolerances.discrepancy, checking))
+        judgements.append(check_consistency(record.test, problem, check_records[-1], tolerances.discrepancy, checking))
     together = None if len(records) == 1 else together_of(filters, check_records)
     apart = together.words if together is not None and all(one.trusted for one in judgements) else ""
     if apart and not settings.accept:
-        raise ContradictionError(
+        raise InconsistentRecordError(
             apart,
             key="estimate.records",
             remedy="Remove records of another part or of re-bonded gauges, or correct the known loads and units.",
         )
-    uncertain_loads = "" if settings.loads_as_stated else rests_on_loads_in_words(problem)
+    uncertain_loads = "" if settings.loads_as_stated else load_dependence_text(problem)
     uncertain_loads += ", or set estimate.loads_as_stated if the loads are exact" * bool(uncertain_loads)
 
     def of_records(texts: Sequence[str]) -> str:
@@ -290,7 +290,7 @@ def _filtered(
     config: PlacementConfig,
     filters: Sequence[RecordFilter],
     decision: Decision,
-    judgements: Sequence[Judgement],
+    judgements: Sequence[ConsistencyResult],
     wanted: Wants,
     progress: Callable[[float], None],
 ) -> tuple[FilteredRecord, ...]:
@@ -310,14 +310,14 @@ def _filtered(
     except (NumericalError, np.linalg.LinAlgError) as error:
         if decision.inconsistent:
             why = error.what if isinstance(error, NumericalError) else error
-            raise ContradictionError(
+            raise InconsistentRecordError(
                 f"every filter diverges on this record ({why}): {decision.inconsistent}",
                 key="estimate",
                 remedy="Correct the cause and run the estimate again.",
             ) from error
         if len(filters) == 1:
             raise
-        raise ContradictionError(
+        raise InconsistentRecordError(
             f"the joint estimate of all records diverges although each record is consistent with the model: {error}",
             key="estimate.records",
             remedy="Estimate each record separately (estimate.file) and compare the parameters.",

@@ -120,7 +120,7 @@ def build_check_record(structure: Structure, record: RecordFilter, turning: Turn
 
 
 @dataclass(frozen=True)
-class Judgement:
+class ConsistencyResult:
     """Result of the consistency check of one record.
 
     words: why the record is inconsistent with the model, else empty; named: the only fault that explains it, with the key that
@@ -139,9 +139,9 @@ class Judgement:
         return not self.words
 
 
-def judgement_of(
+def check_consistency(
     test: Measured, problem: Problem, checked_record: CheckRecord, discrepancy: float, progress: Callable[[float], None]
-) -> Judgement:
+) -> ConsistencyResult:
     """Check a record by `check_record`; discrepancy: allowed model error as a share of a reading."""
     check = check_record(checked_record, discrepancy, progress)
     finding, words, channels = check.finding, FaultInWords(test, check.stretch, problem.known), test.record.channels
@@ -162,7 +162,7 @@ def judgement_of(
         candidate=candidates,
     )
     if not finding.inconsistent:
-        return Judgement("", "", by_channel)
+        return ConsistencyResult("", "", by_channel)
     ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains this"
     if named:
         text = f": {named}"
@@ -181,7 +181,9 @@ def judgement_of(
             f": innovations are {size}{_worst_in_words(check, test)}; {alone}. Check {channels}, loads, estimate.start "
             f"and the model{_step_in_words(problem, test)}"
         )
-    return Judgement(INCONSISTENT + text, named, by_channel, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
+    return ConsistencyResult(
+        INCONSISTENT + text, named, by_channel, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0
+    )
 
 
 def _worst_in_words(check: RecordCheck, test: Measured) -> str:

@@ -19,7 +19,7 @@ from strainsight.damage import (
     damage_of,
     equivalent_range,
     interval_of,
-    one_number,
+    scalar_stress,
 )
 from strainsight.errors import NumericalError, UserError
 from strainsight.estimation.grid_filter import GridRun
@@ -324,7 +324,7 @@ def damage_at(
     for start in range(0, count, part):
         here = slice(start, start + part)
         stress = (rows[here].reshape(-1, r) @ motion).reshape(-1, components, len(q))
-        one = stress[:, 0] if components == 1 else one_number(stress, settings.stress)
+        one = stress[:, 0] if components == 1 else scalar_stress(stress, settings.stress)
         sums = damage_of(E[here, None] * one, curve, mean)
         miner[here], moment[here] = sums.miner, sums.moment
     return miner, moment

@@ -16,9 +16,9 @@ from strainsight.estimation.decision import Decision
 from strainsight.estimation.model import surface_reading
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
-from strainsight.experiment.structure.consistency import Judgement, clock_in_words
+from strainsight.experiment.structure.consistency import ConsistencyResult, clock_in_words
 from strainsight.experiment.structure.filtering import histories, posteriors_of
-from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
+from strainsight.experiment.structure.problem import damping_dependence_text, load_dependence_text, scheme_in_words
 from strainsight.experiment.structure.record_filter import (
     LONGEST_COMPARED,
     FilteredRecord,
@@ -42,7 +42,7 @@ class Estimation:
     """
 
     estimated: Estimated
-    judgement: Judgement
+    judgement: ConsistencyResult
     decision: Decision
     surface: VtkHdf | None
 
@@ -76,7 +76,7 @@ def estimation_of_record(
     source: TestSource,
     record: RecordFilter,
     result: FilteredRecord,
-    judgement: Judgement,
+    judgement: ConsistencyResult,
     hold_out: HoldOut | None,
     damage: Damaged | None,
 ) -> Estimation:
@@ -124,7 +124,9 @@ def estimation_of_record(
     return Estimation(estimated, judgement, common.decision, surface)
 
 
-def _notes(common: Common, record: RecordFilter, judgement: Judgement, no_budget: Sequence[str]) -> tuple[str, ...]:
+def _notes(
+    common: Common, record: RecordFilter, judgement: ConsistencyResult, no_budget: Sequence[str]
+) -> tuple[str, ...]:
     """Notes on corrections of the measurements and on limits of the estimate."""
     config, problem, withheld = common.config, record.problem, common.decision.withheld
     accepted = replace(common.decision, inconsistent=judgement.words).message
@@ -139,8 +141,8 @@ def _notes(common: Common, record: RecordFilter, judgement: Judgement, no_budget
         clock_in_words(record.test, config.train.time_step),
         scheme_in_words(problem, record.test.h),
         *common.tolerances,
-        withheld or accepted or rests_on_loads_in_words(problem),
-        "" if as_stated else judged_as_stated_in_words(problem),
+        withheld or accepted or load_dependence_text(problem),
+        "" if as_stated else damping_dependence_text(problem),
         others,
         *no_budget,
         *common.notes,

@@ -15,7 +15,7 @@ from strainsight.experiment.layout.placement import Placement
 from strainsight.experiment.structure.candidates import of_channels
 from strainsight.experiment.structure.considered import Tolerated, build_considered, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
-from strainsight.ordering import first_of_largest
+from strainsight.ordering import index_of_largest
 from strainsight.placement.score import redundant_groups, score
 from strainsight.records.placed import ByCase
 from strainsight.records.training import Screened, Training
@@ -86,7 +86,7 @@ def worst_case(cases: Sequence[Expectation], acts: Sequence[np.ndarray]) -> Expe
     std, without, budget = {}, {}, {}
     for i, name in enumerate(cases[0].std):
         acting = [case for case, act in zip(cases, acts, strict=True) if act[i]]
-        worst = acting[first_of_largest(np.array([case.std[name] for case in acting]))]
+        worst = acting[index_of_largest(np.array([case.std[name] for case in acting]))]
         std[name] = worst.std[name]
         without[name] = np.max([case.without[name] for case in acting], axis=0)
         budget[name] = worst.budget[name]
@@ -117,7 +117,7 @@ def cases_of(placement: Placement, expected: Sequence[Expectation]) -> ByCase:
         acts={name: cases.acts[:, i] for i, name in enumerate(names)},
         scale={name: cases.scale[:, i] for i, name in enumerate(names)},
         worst={
-            name: cases.names[first_of_largest(np.where(cases.acts[:, i], std[:, i], -np.inf))]
+            name: cases.names[index_of_largest(np.where(cases.acts[:, i], std[:, i], -np.inf))]
             for i, name in enumerate(names)
         },
     )
@@ -148,7 +148,7 @@ def cases_in_words(cases: ByCase, aggregate: str) -> Iterator[str]:
     for case, unknowns in least.items():
         yield f"Load case with the largest σ of {' and '.join(unknowns)}: {case}."
     if aggregate == "worst":
-        yield f"Load case that determines the layout: {cases.name[first_of_largest(cases.weight * cases.metric)]}."
+        yield f"Load case that determines the layout: {cases.name[index_of_largest(cases.weight * cases.metric)]}."
 
 
 RESOLVED = 1e-7

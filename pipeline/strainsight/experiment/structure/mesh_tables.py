@@ -33,7 +33,7 @@ FACES = 24
 """Most faces that are listed."""
 
 
-def found_tables(
+def build_mesh_tables(
     mesh: Mesh, weight: tuple[float, np.ndarray] | None, quality: Sequence[Quality], warnings: Sequence[str]
 ) -> tuple[Table, ...]:
     """Table of nodes, elements, materials, supports, ties, sets, quality, mass, ignored cards, notes and warnings.

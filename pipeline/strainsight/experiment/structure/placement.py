@@ -43,9 +43,9 @@ from strainsight.experiment.structure.expectation import (
 )
 from strainsight.experiment.structure.problem import (
     Problem,
+    load_dependence_text,
     placed_instants,
     problem_of,
-    rests_on_loads_in_words,
     scenarios_of,
 )
 from strainsight.experiment.structure.references import families
@@ -377,7 +377,7 @@ def placement_output(placement: StructurePlacement, mesh: Mesh, length_unit: str
         at_gauges=placement.at_gauges,
         by_case=by_case,
     )
-    rests, lost = rests_on_loads_in_words(placement.problem), condition.null_direction
+    rests, lost = load_dependence_text(placement.problem), condition.null_direction
     words = {"null_direction": lost, "rests_on_loads": rests}
     numbers: dict[str, Scalar] = {"condition": condition.condition} | {key: text for key, text in words.items() if text}
     tables: tuple[Table, ...] = (budget_table(expected.budget),)

@@ -228,7 +228,7 @@ def exactly_damped(problem: Problem, model: FilterModel) -> FilterModel:
     return replace(model, Q=Q, r=model.r + np.where(model.accelerometers, sensed, 0.0))
 
 
-def rests_on_loads_in_words(problem: Problem) -> str:
+def load_dependence_text(problem: Problem) -> str:
     """Warning that parameters depend on the noise model of the unknown loads; empty if a load is known.
 
     Without a known load, a different size or speed of the loads explains the readings as well (docs/measured.md, Coverage).
@@ -243,7 +243,7 @@ def rests_on_loads_in_words(problem: Problem) -> str:
     )
 
 
-def judged_as_stated_in_words(problem: Problem) -> str:
+def damping_dependence_text(problem: Problem) -> str:
     """Warning that parameters depend on the load noise model because a damping factor is estimated, too; else empty."""
     unknowns, damping = problem.unknowns, problem.model.damping.parameter
     others = [name for name in unknowns.parameters if name != damping]

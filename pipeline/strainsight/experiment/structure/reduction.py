@@ -31,8 +31,8 @@ from strainsight.fem.factorisation import Factorise, factorise, relief_of
 from strainsight.fem.loads import misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, FullModel, build_model, nodal
 from strainsight.fem.modes import modes as lowest_modes
+from strainsight.foreign.imported_matrices import ImportedMatrices, Term, build_imported_model, convert_matrices
 from strainsight.foreign.matrices.files import NOTED, read_matrix, read_numbering, symmetric
-from strainsight.foreign.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
 from strainsight.memory import available_memory
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import OF_MASS, shapes, with_value
@@ -77,7 +77,7 @@ def full_model(
     else:
         ready, notes = _read(config.matrices, config, files)
         with blame("mesh.matrices.numbering"), mesh.located():
-            full = build_ready_model(mesh, ready)
+            full = build_imported_model(mesh, ready)
         full = replace(full, notes=(*notes, *full.notes))
     return replace(full, model=replace(full.model, factorise=by))
 
@@ -107,7 +107,7 @@ def _whole_mass(model: FiniteElementModel) -> None:
         )
 
 
-def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tuple[ReadyMatrices, list[str]]:
+def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tuple[ImportedMatrices, list[str]]:
     with blame("mesh.matrices.numbering"):
         path = files["mesh.matrices.numbering"]
         node_ids, components = read_numbering(path)
@@ -130,7 +130,7 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
                 notes.append(f"{files[key].name} was made symmetric (asymmetry {off:.1e} of its largest entry)")
             terms[kind].append(Term(X, entry.parameter, 1.0 if entry.at is None else entry.at))
     with blame("mesh.matrices"):
-        ready = ready_matrices(
+        ready = convert_matrices(
             node_ids,
             components,
             terms["stiffness"],

@@ -396,7 +396,7 @@ def on_one_node(loads: Mapping[str, LoadSection], mesh: Mesh) -> tuple[str, ...]
     return tuple(sentences)
 
 
-def beyond_range(config: PlacementConfig, mesh: Mesh) -> tuple[str, ...]:
+def range_warnings(config: PlacementConfig, mesh: Mesh) -> tuple[str, ...]:
     """Warnings about parameters whose value in the deck is outside their range."""
     sentences = []
     known = {

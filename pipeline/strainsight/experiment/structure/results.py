@@ -15,11 +15,11 @@ from strainsight.experiment.structure.references import load_shapes
 from strainsight.fem.affine import Parameter, of_stiffness
 from strainsight.fem.by_region import density_of, modulus_of, regions_of
 from strainsight.fem.model import FullModel
-from strainsight.foreign.of_results import GivenMotion, Results, check_positions, given_motion, results_model
+from strainsight.foreign.imported_modes import ImportedMotion, Results, check_positions, extend_motion, results_model
 from strainsight.foreign.results.reader import read_responses
 from strainsight.foreign.results.response import Response
-from strainsight.foreign.second_results import KEY as SECOND
-from strainsight.foreign.second_results import Change, model_of_two
+from strainsight.foreign.two_result_sets import KEY as SECOND
+from strainsight.foreign.two_result_sets import Change, build_two_set_model
 from strainsight.mesh.model import IdTable, Mesh
 from strainsight.mesh.units import length_factor, mass_factor
 
@@ -57,7 +57,7 @@ def model_of_results(
 
     def set_of(
         key: str, modes: ModesOfResults, responses: Mapping[str, ResponseOfLoad]
-    ) -> tuple[GivenMotion, Results, list[str]]:
+    ) -> tuple[ImportedMotion, Results, list[str]]:
         return _set_of(config, key, modes, {} if loads is None else responses, mesh, files, names)
 
     motion, results, notes = set_of("mesh.results", stated.modes, stated.loads)
@@ -74,7 +74,7 @@ def model_of_results(
             other_motion, other_results, more = set_of(SECOND, stated.second.modes, of_loads)
             notes += more
             sets = (motion, other_motion), (results, other_results)
-            built = model_of_two(mesh, *sets, forces, names, scaled, change)
+            built = build_two_set_model(mesh, *sets, forces, names, scaled, change)
     return replace(built, notes=tuple(dict.fromkeys((*notes, *built.notes))))
 
 
@@ -86,7 +86,7 @@ def _set_of(
     mesh: Mesh,
     files: Mapping[str, Path],
     names: tuple[str, ...],
-) -> tuple[GivenMotion, Results, list[str]]:
+) -> tuple[ImportedMotion, Results, list[str]]:
     """Motion on the nodes of the mesh in SI units (modes by frequency, then responses in the order of the config), results, and
     notes. key: config section; names: of all loads."""
     stated = config.results
@@ -109,7 +109,7 @@ def _set_of(
         where=tuple(response.where for response in responses),
     )
     with blame(key), mesh.located():
-        return given_motion(mesh, _stacked(motion, size, L)), results, notes
+        return extend_motion(mesh, _stacked(motion, size, L)), results, notes
 
 
 def _change(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:

@@ -44,10 +44,10 @@ from strainsight.experiment.structure.filtering import (
     widen,
 )
 from strainsight.experiment.structure.problem import (
+    damping_dependence_text,
     filter_model,
-    judged_as_stated_in_words,
+    load_dependence_text,
     problem_of,
-    rests_on_loads_in_words,
     scheme_in_words,
 )
 from strainsight.experiment.structure.structure import Structure
@@ -55,7 +55,7 @@ from strainsight.experiment.structure.studies import Rank, rank_of, studies_of, 
 from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.experiment.structure.truth import truth_of
 from strainsight.experiment.system import Resources
-from strainsight.ordering import first_of_largest
+from strainsight.ordering import index_of_largest
 from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.mesh import STRAIN as STRAIN_UNIT
 from strainsight.records.mesh import gauge_grid
@@ -231,7 +231,7 @@ def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
     straining = np.flatnonzero(channels.quantity == STRAIN)
     looked_at = straining if len(straining) else np.arange(len(channels.quantity))
     largest = np.max([np.abs(trial.reading(part)[1:]).max(axis=1) for part in _parts(looked_at)], axis=0)
-    instant = first_of_largest(largest) + 1  # after the start
+    instant = index_of_largest(largest) + 1  # after the start
     moving = channels.quantity == ACCELERATION
     assert run.covariance is not None
     true = np.concatenate([trial.reading(part)[instant] for part in _parts(np.arange(len(moving)))])
@@ -365,7 +365,7 @@ def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
 def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
     """Message of one line, problems first; claims: by unknown, the decisive one first; withheld: why σ is withheld."""
     trial, problem = validation.trial, validation.trial.problem
-    words = [*filter(None, (withheld, rests_on_loads_in_words(problem), judged_as_stated_in_words(problem)))]
+    words = [*filter(None, (withheld, load_dependence_text(problem), damping_dependence_text(problem)))]
     words += [
         f"{name} is {every[0].words(number)}" for name, every in claims.items() if every and every[0].overconfident
     ]

@@ -25,7 +25,7 @@ from strainsight.pages.chart.panels import legend_above, plain_axis, plain_ticks
 from strainsight.pages.page.markup import bullets, figures, measure, picture, plain, table
 from strainsight.pages.page.markup import figure as card
 from strainsight.pages.page.problems import headline
-from strainsight.pages.page.sections import advice_card, document, notes_card, panel, rests_on, section
+from strainsight.pages.page.sections import advice_card, document, notes_card, panel, provenance_section, section
 from strainsight.pages.placement.figures import trend_figure
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
@@ -245,7 +245,7 @@ def bench_page(
     if run.simulated is not None:
         lead = '<p class="lead">Simulation with the configured loads.</p>'
         sections.append(f"<h2>Motion of the bench</h2>{lead}{figures(each('motion'))}")
-    sections.append(rests_on({}, provenance, panel("Numbers", table("numbers", (), _facts(run)))))
+    sections.append(provenance_section({}, provenance, panel("Numbers", table("numbers", (), _facts(run)))))
     faults = [(unknown.name, run.faults(unknown.name)) for unknown in run.unknowns]
     if run.stress is not None and run.stress.too_high:
         faults.append(("stress", ("above the allowable",)))

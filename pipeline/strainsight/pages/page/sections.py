@@ -125,7 +125,7 @@ def notes_card(heading: str, content: str, level: str = "h2", kind: str = "notes
     return f'<section class="card {kind}"><{level}>{heading}</{level}>{content}</section>' if content else ""
 
 
-def rests_on(facts: Mapping[str, str], provenance: Mapping[str, str], more: str = "") -> str:
+def provenance_section(facts: Mapping[str, str], provenance: Mapping[str, str], more: str = "") -> str:
     """Panels of model and run, `more`, and provenance."""
     first, last = (
         panel(heading, pairs(heading.lower(), entries.items()) if entries else "")

@@ -64,7 +64,7 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
     )
 
 
-def drawn_or_why(draw: Callable[[], Pictures]) -> tuple[Pictures | None, str]:
+def draw_or_explain(draw: Callable[[], Pictures]) -> tuple[Pictures | None, str]:
     """Pictures of `draw`, or None and the reason."""
     try:
         return draw(), ""

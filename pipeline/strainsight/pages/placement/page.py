@@ -307,7 +307,7 @@ def placement_page(
         figures([*select_figures(drawings, "noise", "repeats-"), *_noise(report)], "<h2>Noise and repeats</h2>"),
         sections.filters_section(report.filters, report.units),
         _observability(report),
-        sections.rests_on(report.facts, report.provenance, sections.panel("Computing time", _time(report))),
+        sections.provenance_section(report.facts, report.provenance, sections.panel("Computing time", _time(report))),
         sections.section("Model assumptions", assumes, "assumes"),
         sections.warnings_section(report.warnings),
     )

@@ -9,7 +9,7 @@ from html import escape
 from strainsight.pages.chart.drawing import Drawing
 from strainsight.pages.chart.panels import posterior_figure
 from strainsight.pages.page.markup import bullets, count, figure, figures, measure, plain, share, table
-from strainsight.pages.page.sections import damage_section, document, rests_on, section, warnings_section
+from strainsight.pages.page.sections import damage_section, document, provenance_section, section, warnings_section
 from strainsight.pages.tested.data import Findings, TestedUnknown
 from strainsight.pages.tested.page import broken_digest
 from strainsight.records.estimated import CampaignRecord
@@ -57,7 +57,7 @@ def page_of_campaign(report: CampaignFindings, drawings: tuple[Drawing, ...]) ->
         damage_section(report.damage),
         warnings_section(report.warnings),
         _files(report),
-        rests_on(report.first.facts, report.first.provenance),
+        provenance_section(report.first.facts, report.first.provenance),
     ]
     return document("test", report.first.name, report.title, _answer(report), sections, FOOTER)
 

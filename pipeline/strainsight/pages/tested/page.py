@@ -218,7 +218,7 @@ def page_of_test(
         sections.filters_section(report.filters, report.units),
         sections.warnings_section(report.warnings),
         _file(report),
-        sections.rests_on(report.facts, report.provenance),
+        sections.provenance_section(report.facts, report.provenance),
     )
     return sections.document("test", report.name, report.title, answer(report), parts, FOOTER, turned=True)
 

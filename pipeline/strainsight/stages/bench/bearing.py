@@ -16,7 +16,7 @@ from strainsight.pages.bench.bearing_page import (
     bearing_page,
     case_rows,
 )
-from strainsight.records.bench import BearingCases, BearingCurve, BearingCurves, BearingsAlone
+from strainsight.records.bench import BearingCases, BearingCurve, BearingCurves, BearingResults
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table, warnings_table
 from strainsight.runner.stage import Context, Stage
@@ -30,7 +30,7 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
     curves: dict[str, dict[str, BearingCurve]] = {name: {} for name in bearings}
     for i, entry in enumerate(along):
         curves[entry.bearing][str(i)] = entry.curve
-    alone = BearingsAlone(
+    alone = BearingResults(
         cases={name: BearingCases(cases=states) for name, states in under.items()},
         curves={name: BearingCurves(curves=of_bearing) for name, of_bearing in curves.items()},
     )

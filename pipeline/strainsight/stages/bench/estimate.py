@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ArtefactError
+from strainsight.experiment.bench.inverse.consistency import estimate_output
 from strainsight.experiment.bench.inverse.estimation import estimate_bench
 from strainsight.experiment.bench.inverse.problem import free_properties
-from strainsight.experiment.bench.inverse.verdicts import estimate_output
 from strainsight.records.bench import BenchTruths, Simulated
 from strainsight.records.record import read
 from strainsight.runner.artefact import Artefact

@@ -9,7 +9,7 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError
 from strainsight.experiment.bench.reduction import reduce_output
 from strainsight.experiment.structure.mesh import checked, mesh_of, model_warnings
-from strainsight.experiment.structure.mesh_tables import found_tables
+from strainsight.experiment.structure.mesh_tables import build_mesh_tables
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import size_of
 from strainsight.mesh.units import scaled
@@ -50,7 +50,8 @@ def run_import(context: Context[BenchConfig]) -> Output:
         assert weight is not None
         warnings = model_warnings(deck, body.mesh.length_unit, body.mesh.mass_unit)
         tables += [
-            replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, warnings)
+            replace(table, title=f"{name}: {table.title}")
+            for table in build_mesh_tables(mesh, weight, quality, warnings)
         ]
         included += [Path(file) for file in mesh.included]
         summary |= {

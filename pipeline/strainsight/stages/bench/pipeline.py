@@ -50,7 +50,7 @@ def demanded(stage: str, config: Mapping[str, Any]) -> tuple[Stage, ...]:
     """The stages up to one that is no part of a run, and is computed when its command asks for it; none of another name."""
     if stage not in ON_DEMAND:
         return ()
-    from strainsight.stages.bench.at_rest import MODES, STATICS
+    from strainsight.stages.bench.equilibrium import MODES, STATICS
     from strainsight.stages.bench.import_bodies import IMPORT, REDUCE
 
     last = MODES if stage == MODES.name else STATICS

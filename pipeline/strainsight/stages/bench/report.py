@@ -13,11 +13,11 @@ from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.pages.arrays import Reading
 from strainsight.pages.bench.data import BenchPageRun, BenchSensor, BenchStress, BenchUnknown, PlacedGauges
 from strainsight.pages.bench.page import bench_figures, bench_page
-from strainsight.pages.picture.scene import drawn_or_why
+from strainsight.pages.picture.scene import draw_or_explain
 from strainsight.pages.space.model import ShownState
 from strainsight.pages.space.section import space_section
 from strainsight.pages.view.viewing import View, screenshots, untitled
-from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated, SurfaceInTime
+from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated, SurfaceHistory
 from strainsight.records.record import read, unit_of
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Dataset, Output
@@ -158,7 +158,7 @@ def _pictures(views: Mapping[str, View]) -> tuple[list[tuple[str, bytes]], str]:
     shown = [views[what] for what in ("layout", "field") if what in views]
     shown = [view for view in shown if view.layout.gauges or len(view.panels[0].values)]
     # The caption is below the picture, not in it.
-    pictures, problem = drawn_or_why(lambda: screenshots([*map(untitled, shown)])) if shown else (None, "")
+    pictures, problem = draw_or_explain(lambda: screenshots([*map(untitled, shown)])) if shown else (None, "")
     return list(zip(map(_caption, shown), pictures or (), strict=False)), problem
 
 
@@ -179,7 +179,7 @@ def bench_run(context: Context[BenchConfig]) -> BenchPageRun:
         criteria = criteria_of(list(placed.inputs), place)
         placement = PlacedGauges(placed, trend_of(place), metrics_of(place), criteria, labels)
     if "field" in up and settings:
-        field, element = read(SurfaceInTime, up["field"]), int(str(up["field"].summary["element"]))
+        field, element = read(SurfaceHistory, up["field"]), int(str(up["field"].summary["element"]))
         stress = BenchStress(settings.body, field.time, field.von_mises, element, settings.allowable)
     return BenchPageRun(context.config.name, **run_of(up), placement=placement, stress=stress)
 

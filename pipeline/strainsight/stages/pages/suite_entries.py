@@ -8,7 +8,7 @@ from typing import Any
 from strainsight.config.load import LoadedConfig
 from strainsight.config.loads import unit_of
 from strainsight.config.suite import Measure, SuiteConfig, as_texts, measures_of
-from strainsight.config.suite_runs import PlannedRun, all_of, study_of, value_over, wrong
+from strainsight.config.suite_runs import PlannedRun, all_of, number_at, study_of, wrong
 from strainsight.experiment.structure.references import PARAMETER_UNITS
 
 DRAWN = (
@@ -77,7 +77,7 @@ def _entry(model: SuiteConfig, run: PlannedRun, reached: Sequence[str], wanted: 
         "note": entry.note,
         "study": entry.study or "",
         "group": entry.group,
-        "at": None if study is None or study.over is None else value_over(data, study.over),
+        "at": None if study is None or study.over is None else number_at(data, study.over),
         "reached": reached[-1],
         "artefacts": {stage: f"{data['name']}/{stage}.h5" for stage in shown},
     }

@@ -22,7 +22,7 @@ from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.records.validated import Validated
-from strainsight.runner.artefact import Artefact, missing_in
+from strainsight.runner.artefact import Artefact, missing_stages
 from strainsight.sensors.candidates import STRAIN
 from strainsight.sensors.surface import unit_vector
 from strainsight.stages.pages.page_layout import bare, layout_of_page
@@ -271,14 +271,14 @@ def chosen(offers: Offers, folder: Path, view: str | None, config_file: str) -> 
                 where=config_file,
                 remedy=f"{offers.absent[view]}; available views: {can}",
             )
-        if missing := missing_in(folder, offers.stages[view]):
+        if missing := missing_stages(folder, offers.stages[view]):
             raise UserError(
                 f"the view '{view}' is not available yet: {folder / missing[0]}.h5 is missing",
                 where=config_file,
                 remedy=f"first run: strainsight {missing[-1]} {config_file}",
             )
         return view
-    ready = [what for what in FURTHEST if what in offers.stages and not missing_in(folder, offers.stages[what])]
+    ready = [what for what in FURTHEST if what in offers.stages and not missing_stages(folder, offers.stages[what])]
     if not ready:
         raise UserError(
             f"no results to show yet in {folder}",
@@ -325,13 +325,13 @@ def view_of(
         remedy = "omit the option; a bench has one field" if isinstance(config, BenchConfig) else "use --what field"
         raise UserError(f"--of {of}: this view has one source only", where=config_file, remedy=remedy)
     shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
-    available = VALIDATION if missing_in(folder, [STAGE[TEST]]) else TEST
+    available = VALIDATION if missing_stages(folder, [STAGE[TEST]]) else TEST
     offers = offers_of(config, stages, shown, of or available)
     # Whoever names an instant, a record or a source means the field.
     named = any(option is not None for option in (at, of, record))
     picked = chosen(offers, folder, "field" if what is None and named else what, config_file)
     read = offers.stages[picked]
-    if picked == "strain" and offers.gauges and not missing_in(folder, offers.gauges):
+    if picked == "strain" and offers.gauges and not missing_stages(folder, offers.gauges):
         read = offers.gauges
     up = opened(read, folder)
     if at is not None and not (picked in ("field", "strain") and "/VTKHDF/Steps" in up[read[-1]]):

@@ -30,7 +30,7 @@ from strainsight.experiment.bench.inverse.problem import (
     zero_of,
 )
 from strainsight.experiment.bench.inverse.trial import BenchTrial, trial_of
-from strainsight.experiment.bench.inverse.truth import Reality, drawn_reality, reality_of
+from strainsight.experiment.bench.inverse.truth import Reality, reality_of, sample_reality
 from strainsight.experiment.bench.sensors import channel_labels, misread
 from strainsight.experiment.bench.simulation import turns_in_a_step
 from strainsight.experiment.hold_out import LeftOut, held_out, left_out
@@ -280,7 +280,7 @@ def estimate_bench(
 
     trial = trial_with(available)
     if reality is None:
-        reality = drawn_reality(trial)
+        reality = sample_reality(trial)
     y = _samples(trial, reality)
     until = 1.0 if estimate.hold_out is None else 1 / (1 + available.sum())
 

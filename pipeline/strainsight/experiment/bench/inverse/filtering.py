@@ -22,7 +22,7 @@ from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.relations import relation_rows
-from strainsight.ordering import first_of_largest
+from strainsight.ordering import index_of_largest
 from strainsight.records.bench import BallsThen, RingEstimate
 from strainsight.records.estimated import EXTENDED, GRID_FILTER, Compared
 from strainsight.records.record import record_from
@@ -317,7 +317,7 @@ def _ring(time: np.ndarray, mean: np.ndarray, covariance: np.ndarray, carried: C
     spreads = [spread(mean[k], covariance[k], carried) for k in at]
     pressure = np.array([ball.pressure.max() for ball in balls])
     pressure_std = [std.flat[np.argmax(ball.pressure)] for ball, (_, std) in zip(balls, spreads, strict=True)]
-    worst = first_of_largest(pressure)
+    worst = index_of_largest(pressure)
     then = {"force_std": spreads[worst][0], "pressure_std": spreads[worst][1], "station": balls[worst].angle}
     return RingEstimate(
         displacement=mean[:, :5],

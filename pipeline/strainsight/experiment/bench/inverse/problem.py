@@ -28,7 +28,7 @@ from strainsight.multibody.inverse.parameters import (
     static_response,
     zero_at_rest,
 )
-from strainsight.ordering import first_of_largest
+from strainsight.ordering import index_of_largest
 
 
 @dataclass(frozen=True)
@@ -219,7 +219,7 @@ def problem_of(bench: Bench, files: Mapping[str, Path]) -> BenchProblem:
     known = loads(h * np.arange(round(config.filter_duration / h) + 1))
     refuse_spun(bench, known, "estimate")
     zeroing = known[0].copy()
-    heaviest = known[first_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
+    heaviest = known[index_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
     for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
         guess = estimate.inputs[name].guess
         known[:, column] = known[0, column] if guess is None else guess

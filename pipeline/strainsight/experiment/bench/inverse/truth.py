@@ -64,7 +64,7 @@ def reality_of(
     problem: BenchProblem, other: Simulated | None, truths: BenchTruths | None, using: Resources
 ) -> Reality | None:
     """Build the truth of `estimate`: from a file, another bench, another integrator (truths), or a simulation; None for a truth
-    sampled from the filter's own model (`drawn_reality`)."""
+    sampled from the filter's own model (`sample_reality`)."""
     truth, measured = problem.estimate.truth, problem.estimate.measured
     if isinstance(measured, FromFile):
         read, done = from_file(problem, measured, using.files["estimate.measured.file"])
@@ -128,7 +128,7 @@ def _as_read(
     return Reality(inputs, np.tile(bench.theta, (len(motions), 1)), read[1:], q)
 
 
-def drawn_reality(trial: BenchTrial) -> Reality:
+def sample_reality(trial: BenchTrial) -> Reality:
     """Sample truths from the filter's own model; only its sensors are read."""
     problem, runs = trial.problem, trial.problem.estimate.runs
     states = slice(trial.model.size)

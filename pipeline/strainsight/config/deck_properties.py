@@ -10,7 +10,7 @@ Kind = Literal["deck_load", "node", "set", "face"]
 
 
 @dataclass(frozen=True)
-class DeckPlace:
+class CandidateLocation:
     """A possible location of a load or support.
 
     kind, name   load or set of the deck, id of a node, or point of a face, "[x, y, z]" in m
@@ -35,7 +35,7 @@ class DeckPlace:
 
 
 @dataclass(frozen=True)
-class Lacking:
+class MissingMaterial:
     """Regions (ids) without material, or, in a deck without mass, without density; youngs_modulus [Pa] and poisson_ratio if
     known."""
 
@@ -68,13 +68,13 @@ class Suggestion:
     region: int = 1
     several_moduli: bool = False
     youngs_modulus: float | None = 2.0e11
-    lacking: tuple[Lacking, ...] = ()
+    lacking: tuple[MissingMaterial, ...] = ()
     supports: bool = True
     solids: bool = True
     support_sets: tuple[int, ...] = ()
     support_key: Literal["spc", "step"] = "spc"
     unsupported: tuple[tuple[str, int, str], ...] = ()
-    places: tuple[DeckPlace, ...] = ()
+    places: tuple[CandidateLocation, ...] = ()
     taken: tuple[str, ...] = ()
     gauge_type: str | None = "3/350"
     thin: tuple[str, ...] = ()
@@ -103,8 +103,8 @@ class Answers:
     """
 
     material: tuple[float, float, float] | None = None
-    held: DeckPlace | None = None
-    load: DeckPlace | None = None
+    held: CandidateLocation | None = None
+    load: CandidateLocation | None = None
     direction: str | None = None
     amplitude: float | None = None
     frequency: float | None = None

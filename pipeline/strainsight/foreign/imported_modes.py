@@ -30,7 +30,7 @@ LOOSE = 1e-10
 
 
 @dataclass(frozen=True)
-class GivenMotion:
+class ImportedMotion:
     """constraint: ties of the mesh without supports; field (3n + 3r, k) on the rows of its z, zero where `known` (3n
     + 3r,) is False."""
 
@@ -39,7 +39,7 @@ class GivenMotion:
     known: np.ndarray
 
 
-def given_motion(mesh: Mesh, motion: np.ndarray) -> GivenMotion:
+def extend_motion(mesh: Mesh, motion: np.ndarray) -> ImportedMotion:
     """Motions (k, n, 3 or 6) of the nodes, NaN if missing → rows of z.
 
         z = data at the nodes with data,     z = T z_free elsewhere,     z_free by least squares of T z_free = data
@@ -66,7 +66,7 @@ def given_motion(mesh: Mesh, motion: np.ndarray) -> GivenMotion:
     rows = rows[reached & ~open_]
     z[rows] = T[rows] @ free
     known[rows] = True
-    return GivenMotion(constraint, z, known)
+    return ImportedMotion(constraint, z, known)
 
 
 def _free_motions(constraint: Constraint, z: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +127,7 @@ def check_modes(frequency: np.ndarray, where: tuple[str, ...]) -> None:
         )
 
 
-def check_rows(mesh: Mesh, imported: GivenMotion, rows: np.ndarray | None = None) -> None:
+def check_rows(mesh: Mesh, imported: ImportedMotion, rows: np.ndarray | None = None) -> None:
     """Raise UserError if the results lack one of these rows of z, by default those of surface nodes."""
     if rows is None:
         lacking, what = unresolved_rows(mesh, imported, mesh.nodes_of_elements), "which is on the surface"
@@ -172,7 +172,7 @@ def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding
         )
 
 
-def unresolved_rows(mesh: Mesh, imported: GivenMotion, nodes: np.ndarray) -> np.ndarray:
+def unresolved_rows(mesh: Mesh, imported: ImportedMotion, nodes: np.ndarray) -> np.ndarray:
     """Rows of the translations of nodes, and of the rotations of nodes of shells and beams, that the results do not determine."""
     rows = (3 * nodes[:, None] + np.arange(3)).ravel()
     turning = np.intersect1d(nodes, mesh.turning)
@@ -295,7 +295,7 @@ Forces = Callable[[FiniteElementModel], np.ndarray]
 
 @dataclass(frozen=True)
 class Results:
-    """Data of m modes and s static responses to loads, in SI units; their motion is a `GivenMotion`.
+    """Data of m modes and s static responses to loads, in SI units; their motion is a `ImportedMotion`.
 
     frequency (m,) [Hz] ascending; load (s,): index of the load of each static response, per unit of it; modal_mass (m,) [kg m²]:
     ΦᵀMΦ of the shapes, None if unknown; rounding: largest relative error of a number; where (m + s,): file and step of each.
@@ -310,7 +310,7 @@ class Results:
 
 def results_model(
     mesh: Mesh,
-    imported: GivenMotion,
+    imported: ImportedMotion,
     results: Results,
     forces: Forces | None,
     names: tuple[str, ...],
@@ -359,7 +359,9 @@ class NormalisedResults:
     notes: list[str]
 
 
-def normalise_results(mesh: Mesh, imported: GivenMotion, results: Results, by_mesh: bool = False) -> NormalisedResults:
+def normalise_results(
+    mesh: Mesh, imported: ImportedMotion, results: Results, by_mesh: bool = False
+) -> NormalisedResults:
     """Normalise the modes by the modal mass of the file, else, or with `by_mesh`, by that of the mesh, which
     requires densities and motions of all nodes. Raises UserError for rigid modes, unknown modal mass, and missing rows."""
     m = len(results.frequency)
@@ -395,7 +397,7 @@ def _residuals(
     return Residuals(field, R, 0.5 * (mass + mass.T)), notes
 
 
-def forces_on_rows(mesh: Mesh, imported: GivenMotion, forces: Forces) -> np.ndarray:
+def forces_on_rows(mesh: Mesh, imported: ImportedMotion, forces: Forces) -> np.ndarray:
     """e (3n + 3r, n_u) of unit loads. Raises UserError if a load acts on a row without results."""
     moves = ~imported.known | imported.field.any(axis=1)
     T = sparse.csr_array(sparse.diags_array(moves.astype(float)))

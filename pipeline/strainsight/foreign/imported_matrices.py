@@ -32,7 +32,7 @@ class Term:
 
 
 @dataclass(frozen=True)
-class ReadyMatrices:
+class ImportedMatrices:
     """Stiffness and mass on numbered rows, in SI units.
 
     node_ids (r,) of the file and components (r,) 0-5 along nodal axes; stiffness and mass (r, r) [N/m, N, N m; kg, kg m, kg m²]
@@ -47,7 +47,7 @@ class ReadyMatrices:
     source: str = ""
 
 
-def ready_matrices(
+def convert_matrices(
     node_ids: np.ndarray,
     components: np.ndarray,
     stiffness: Sequence[Term],
@@ -55,7 +55,7 @@ def ready_matrices(
     length: float = 1.0,
     mass_unit: float = 1.0,
     source: str = "",
-) -> ReadyMatrices:
+) -> ImportedMatrices:
     """Terms in deck units → affine operators in SI:
 
         X(θ) = Σ M s_i s_j X_ij θ/at,     s = 1 for translations, L for rotations
@@ -80,7 +80,7 @@ def ready_matrices(
             parts[term.parameter] = parts[term.parameter] + part if term.parameter in parts else part
         return AffineOperator(parts.pop(None), {str(name): part for name, part in parts.items()})
 
-    return ReadyMatrices(node_ids, components, operator(stiffness), operator(mass), at, source)
+    return ImportedMatrices(node_ids, components, operator(stiffness), operator(mass), at, source)
 
 
 def row_scale(components: np.ndarray, length: float) -> np.ndarray:
@@ -88,7 +88,7 @@ def row_scale(components: np.ndarray, length: float) -> np.ndarray:
     return np.where(components < 3, 1.0, length)
 
 
-def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> FullModel:
+def build_imported_model(mesh: Mesh, ready: ImportedMatrices) -> FullModel:
     """Put the matrices on the nodes of the mesh, with its supports and ties:
 
         u_rows = P z,   z = T z_free,     K_free = Bᵀ K B,   M_free = Bᵀ M B,   B = P T
@@ -121,7 +121,7 @@ def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> FullModel:
     return FullModel(model, B, notes)
 
 
-def _nodes_of(mesh: Mesh, ready: ReadyMatrices) -> np.ndarray:
+def _nodes_of(mesh: Mesh, ready: ImportedMatrices) -> np.ndarray:
     """Index of the node of every row."""
     nodes, missing = IdTable(mesh.node_ids).rows(ready.node_ids)
     if missing.any():

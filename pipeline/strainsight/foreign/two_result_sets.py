@@ -29,10 +29,10 @@ from strainsight.fem.assembly import assemble_stiffness
 from strainsight.fem.constraints import Constraint, describe_row
 from strainsight.fem.mass import has_mass, mass_product
 from strainsight.fem.model import FiniteElementModel, FullModel
-from strainsight.foreign.of_results import (
+from strainsight.foreign.imported_modes import (
     DIGITS,
     Forces,
-    GivenMotion,
+    ImportedMotion,
     Results,
     as_operator,
     as_sparse,
@@ -86,7 +86,7 @@ def check_values(change: Change) -> None:
         )
 
 
-def check_supports(mesh: Mesh, imported: tuple[GivenMotion, GivenMotion]) -> None:
+def check_supports(mesh: Mesh, imported: tuple[ImportedMotion, ImportedMotion]) -> None:
     """Raise UserError unless the same rows are fixed in both sets."""
     fixed_rows = [~motion.field.any(axis=1) & motion.known for motion in imported]
     other = np.flatnonzero((fixed_rows[0] != fixed_rows[1]) & imported[0].known & imported[1].known)
@@ -101,7 +101,7 @@ def check_supports(mesh: Mesh, imported: tuple[GivenMotion, GivenMotion]) -> Non
 
 
 def observe(
-    mesh: Mesh, imported: GivenMotion, results: Results, forces: Forces | None, names: tuple[str, ...], key: str
+    mesh: Mesh, imported: ImportedMotion, results: Results, forces: Forces | None, names: tuple[str, ...], key: str
 ) -> Observed:
     """One set with the forces from the mass of our mesh, each motion scaled to unit energy:
 
@@ -179,9 +179,9 @@ BEYOND = 0.1
 """Relative tolerance of the bounds on the stiffness of the region, because the sets are not exact."""
 
 
-def model_of_two(
+def build_two_set_model(
     mesh: Mesh,
-    imported: tuple[GivenMotion, GivenMotion],
+    imported: tuple[ImportedMotion, ImportedMotion],
     results: tuple[Results, Results],
     forces: Forces | None,
     names: tuple[str, ...],

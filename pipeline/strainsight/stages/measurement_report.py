@@ -17,7 +17,7 @@ from strainsight.experiment.structure.filtering import posterior_doubts
 from strainsight.experiment.structure.surface import virtual_labels
 from strainsight.loads.histories import density, noise_density
 from strainsight.pages.arrays import History, Reading
-from strainsight.pages.picture.scene import drawn_or_why
+from strainsight.pages.picture.scene import draw_or_explain
 from strainsight.pages.placement.page import TEST_PAGE
 from strainsight.pages.tested.campaign import CampaignFindings, campaign_figures, page_of_campaign
 from strainsight.pages.tested.data import File, Findings, Map, Spectrum, SurfaceMoment, TestedUnknown, peak_of
@@ -257,7 +257,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     for i, report in enumerate(records):
         context.progress(f"pictures of {report.record}" if report.record else "pictures", (i + 0.1) / len(records))
         views = views_of(report)
-        pictures, problem = drawn_or_why(partial(screenshots, views)) if views else (None, "")
+        pictures, problem = draw_or_explain(partial(screenshots, views)) if views else (None, "")
         context.progress("figures", (i + 0.5) / len(records))
         drawings = figures_of_test(report)
         files[report.page] = page_of_test(report, drawings, tuple(pictures or ()), problem).encode()
