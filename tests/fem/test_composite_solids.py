@@ -155,7 +155,7 @@ def test_other_properties_scale_all_layers(box):
     assert "stiffness_factor" in e.value.remedy
     with pytest.raises(UserError, match="has no e1"):
         value_of(mesh, 1, "e1")
-    with pytest.raises(UserError, match="are of 2 isotropic materials") as e:
+    with pytest.raises(UserError, match="have 2 isotropic materials") as e:
         value_of(layered(mesh, [(1.0, STEEL, 0), (1.0, TIN, 0)]), 1, "youngs_modulus")
     assert "material:" in e.value.remedy
     with pytest.raises(UserError, match="is a composite solid, whose layers have separate materials"):
