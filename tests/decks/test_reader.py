@@ -14,7 +14,7 @@ from strainsight.config.mesh import MeshFile
 from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import ConfigError, DeckError, UserError
 from strainsight.experiment.structure.mesh import mesh_of
-from strainsight.mesh.given_sections import GivenSection
+from strainsight.mesh.assigned_sections import GivenSection
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.thin import ShellSection
 from strainsight.mesh.units import LENGTH, MASS, length_factor, mass_factor

@@ -10,7 +10,7 @@ from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.model import build_model
-from strainsight.mesh.given_sections import GivenSection
+from strainsight.mesh.assigned_sections import GivenSection
 from strainsight.mesh.thin import BeamSection, Laminate, ShellSection
 
 from ..refusals import expect_refusal

@@ -8,7 +8,7 @@ import pytest
 
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError, UserError
-from strainsight.mesh.given_sections import GivenSection
+from strainsight.mesh.assigned_sections import GivenSection
 from strainsight.mesh.thin import BeamSection, ShellSection
 
 from ..refusals import expect_refusal

@@ -25,7 +25,7 @@ from strainsight.fem.modes import modes
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.units import to_si
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 from strainsight.sensors.zones import NormalCone
 
 from ..frd import calculix

@@ -15,7 +15,7 @@ from strainsight.experiment.structure.references import load_slopes
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model
 from strainsight.fem.recovery import facet_strain, surface_model, surface_state
-from strainsight.fem.thin import thin_operators
+from strainsight.fem.shells_and_beams import thin_operators
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Region
 from strainsight.mesh.properties import value_of, with_value

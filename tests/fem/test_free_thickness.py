@@ -16,14 +16,14 @@ from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.recovery import facet_strain, strain_matrix
-from strainsight.fem.thin import thin_operators
+from strainsight.fem.shells_and_beams import thin_operators
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Material, Region
 from strainsight.mesh.properties import value_of, with_value
 from strainsight.mesh.thin import BeamSection, GeneralShell, Lamina, Laminate, Ply, ShellSection
 from strainsight.mesh.thin_faces import with_faces
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.rows import channel_rows, fits
+from strainsight.sensors.strain_operator import channel_rows, fits
 
 from .laminate_models import assert_made_anew
 from .shell_models import sheet

@@ -14,7 +14,7 @@ from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.recovery import facet_strain, surface_model, surface_state
-from strainsight.fem.thin import of_laminate, thin_operators
+from strainsight.fem.shells_and_beams import of_laminate, thin_operators
 from strainsight.mesh.additions import with_properties
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Material

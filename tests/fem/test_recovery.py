@@ -20,7 +20,7 @@ from strainsight.mesh.kinds.solids import HEX8
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.hot_spots import refined_submodel, submodel, with_spread_forces
-from strainsight.sensors.rows import channel_matrix
+from strainsight.sensors.strain_operator import channel_matrix
 
 from ..bodies import body, held, moved, with_nodes
 from ..shared import slowly

@@ -17,7 +17,7 @@ from strainsight.fem.equations import turning_nodes
 from strainsight.fem.factorisation import factorise_free, pin_rigid_motions, relief_of
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
-from strainsight.fem.pieces import stiff_pieces
+from strainsight.fem.stiff_pieces import stiff_pieces
 from strainsight.fem.support import rigid_body_motions, rigid_motions
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 from strainsight.mesh.thin import ShellBlock, ShellSection

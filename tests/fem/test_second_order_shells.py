@@ -19,8 +19,8 @@ from strainsight.mesh.model import Material
 from strainsight.mesh.thin import ShellSection
 from strainsight.mesh.thin_faces import with_faces
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.rows import channel_rows
-from strainsight.sensors.walk import skin_of
+from strainsight.sensors.strain_operator import channel_rows
+from strainsight.sensors.surface_paths import skin_of
 
 from .shell_models import SECOND, isotropic, on_line, rigid_motions, rows, sheet, stiffness, summed, unit_square
 from .test_shell_elements import bent, motions

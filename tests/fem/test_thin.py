@@ -27,7 +27,7 @@ from strainsight.mesh.model import Material, Mesh, Region
 from strainsight.mesh.thin import BeamBlock, BeamSection, ShellSection
 from strainsight.mesh.thin_faces import with_faces
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 
 from ..beams import axes_of
 from ..shared import slowly

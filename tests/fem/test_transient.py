@@ -36,7 +36,7 @@ from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import Damping
 from strainsight.rom.reduction import modal_model
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.rows import channel_matrix
+from strainsight.sensors.strain_operator import channel_matrix
 
 from ..bodies import with_nodes
 from ..shared import slowly

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import DeckError, UserError
-from strainsight.fem.pieces import hinge_warnings
+from strainsight.fem.stiff_pieces import hinge_warnings
 from strainsight.mesh.connectivity import check_doubled, connectivity_warnings, merged
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement, Springs

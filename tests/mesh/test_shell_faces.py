@@ -20,8 +20,8 @@ from strainsight.mesh.thin_faces import with_faces, with_sides
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.edges import sharp_edges
 from strainsight.sensors.faces import faces_of
-from strainsight.sensors.rows import channel_rows
-from strainsight.sensors.walk import skin_of, walk
+from strainsight.sensors.strain_operator import channel_rows
+from strainsight.sensors.surface_paths import skin_of, walk
 from strainsight.sensors.zones import OnElements, ShellFace, inside
 
 from ..fem.shell_models import shells

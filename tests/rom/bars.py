@@ -14,7 +14,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 
 from ..bodies import with_nodes
 from ..fem.conftest import make_box

@@ -12,7 +12,7 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
-from strainsight.sensors.rows import channel_rows, misplaced
+from strainsight.sensors.strain_operator import channel_rows, misplaced
 
 from ..bodies import body, held
 

@@ -13,9 +13,9 @@ from strainsight.sensors.access import opposite, room
 from strainsight.sensors.bonded import PATTERNS, bridges
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.edges import carrier, carrier_clearance, crowded, obstacles, room_for
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 from strainsight.sensors.surface import facet_centres
-from strainsight.sensors.walk import skin_of
+from strainsight.sensors.surface_paths import skin_of
 from strainsight.sensors.zones import NormalCone
 
 from ..bodies import body, stacked

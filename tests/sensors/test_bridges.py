@@ -17,13 +17,13 @@ from strainsight.sensors.candidates import candidates, concatenate
 from strainsight.sensors.export import uff_text
 from strainsight.sensors.installation import (
     InstallationStd,
-    drawn_installation,
     installation_variance,
     installed_rows,
+    sample_installation,
     sensitivity_rows,
 )
-from strainsight.sensors.rows import channel_matrix, channel_rows
 from strainsight.sensors.screening import screen
+from strainsight.sensors.strain_operator import channel_matrix, channel_rows
 
 from ..bodies import NU, E, body, held, moved
 
@@ -158,7 +158,7 @@ def test_the_variance_by_tolerances_is_the_sum_of_those_of_single_gauges(beam, m
     parts = [variance(to_bond(single(beam, x, d))) for x, d, _ in TORSION]
     assert variance(whole) == pytest.approx(sum(parts), rel=1e-9)
     many = concatenate([whole] * 3000)
-    installation = drawn_installation(many, STD, np.random.default_rng(2))
+    installation = sample_installation(many, STD, np.random.default_rng(2))
     drawn = installed_rows(mesh.position, many, z, installation, facets=facets)[0]
     assert np.var(drawn) == pytest.approx(variance(whole), rel=0.08)
 
@@ -167,7 +167,7 @@ def test_zeros_belong_to_the_channel_and_temperature_to_the_arms(beam):
     std = InstallationStd(offset=2e-6, temperature=10.0, thermal_output=1e-6, thermal_spread=1e-7)
     half, two = bridge(beam, BENDING[:2]), bridge(beam, [BENDING[0], (TOP, ALONG, 1)])
     both, rng = concatenate([half, two]), np.random.default_rng(1)
-    drawn = [drawn_installation(both, std, rng) for _ in range(1500)]
+    drawn = [sample_installation(both, std, rng) for _ in range(1500)]
     offset, drift = (np.array([getattr(d, name) for d in drawn]) for name in ("offset", "drift"))
     np.testing.assert_allclose(offset.std(axis=0), 2e-6, rtol=0.05)
     np.testing.assert_allclose(drift[:, 0].std(), 10 * np.sqrt(2) * 1e-7, rtol=0.06)

@@ -11,7 +11,7 @@ from strainsight.errors import InfeasibleError, UserError
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import AveragingElement
 from strainsight.mesh.model import Mesh
-from strainsight.sensors.bonded import BondedEntry, bonded, given_pool
+from strainsight.sensors.bonded import BondedEntry, bonded, imported_pool
 from strainsight.sensors.candidates import DISPLACEMENT, candidates, concatenate, motion_candidates, tangents
 from strainsight.sensors.edges import near_segments, sharp_edges
 from strainsight.sensors.symmetry import mirror_partners
@@ -256,7 +256,7 @@ def test_pairs_are_those_of_a_plain_double_loop():
     x, d = np.vstack([x, y + 1e-7 * rng.uniform(-1, 1, (40, 3))]), np.vstack([d, e])
     order = rng.permutation(80)
     x, d = x[order], d[order]
-    partner = mirror_partners(given_pool(np.arange(80), x, d), p, 2 * n)
+    partner = mirror_partners(imported_pool(np.arange(80), x, d), p, 2 * n)
     expected = np.full(80, -1)
     for i in range(80):
         for j in range(80):

@@ -14,9 +14,9 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import Candidates, candidates
-from strainsight.sensors.rows import channel_matrix, channel_rows, fits
+from strainsight.sensors.strain_operator import channel_matrix, channel_rows, fits
 from strainsight.sensors.surface import by_kind
-from strainsight.sensors.walk import locate, project, skin_of
+from strainsight.sensors.surface_paths import locate, project, skin_of
 
 from ..refusals import expect_refusal
 from .conftest import KINDS, bare, plate, tube

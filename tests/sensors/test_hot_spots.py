@@ -9,7 +9,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.edges import angle_from, edge_dimensions
 from strainsight.sensors.hot_spots import hot_spots
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 from strainsight.sensors.zones import NormalCone
 
 from ..bodies import NU, E, body, held, moved

@@ -15,12 +15,12 @@ from strainsight.sensors.installation import (
     PER_CHANNEL,
     SECOND,
     InstallationStd,
-    drawn_installation,
     installation_variance,
     installed_rows,
+    sample_installation,
     sensitivity_rows,
 )
-from strainsight.sensors.rows import channel_rows, fits, misplaced
+from strainsight.sensors.strain_operator import channel_rows, fits, misplaced
 
 from .conftest import KINDS, bare, misplaced_rows, plate, tube
 
@@ -44,7 +44,7 @@ def within(values, std):
 def test_installation_errors_are_independent_with_given_std():
     position, facets = plate("quad4", 40, 30)
     pool = pool_of(position, facets, bare)
-    drawn = drawn_installation(pool, STD, np.random.default_rng(3))
+    drawn = sample_installation(pool, STD, np.random.default_rng(3))
     straining, sensing = pool.quantity != ACCELERATION, pool.quantity == ACCELERATION
     first = pool.first
     assert within(drawn.place, STD.position)
@@ -71,7 +71,7 @@ def test_installation_errors_are_independent_with_given_std():
 def test_thermal_output_has_common_and_individual_part():
     pool = pool_of(*plate("quad4", 4, 3), bare)
     std = InstallationStd(temperature=5.0, thermal_output=1e-6, thermal_spread=7e-7)
-    draws = [drawn_installation(pool, std, np.random.default_rng([8, i])) for i in range(2000)]
+    draws = [sample_installation(pool, std, np.random.default_rng([8, i])) for i in range(2000)]
     read = np.array([own.drift for own in draws]) / (5.0 * 1e-6)
     straining = pool.quantity != ACCELERATION
     assert not read[:, ~straining].any()
@@ -86,8 +86,8 @@ def test_thermal_output_has_common_and_individual_part():
 
 def test_bonded_gauges_have_gain_errors_only():
     pool = pool_of(*plate("quad4", 4, 3), bare)
-    drawn = drawn_installation(replace(pool, bonded=np.ones(len(pool), dtype=bool)), STD, np.random.default_rng(3))
-    free = drawn_installation(pool, STD, np.random.default_rng(3))
+    drawn = sample_installation(replace(pool, bonded=np.ones(len(pool), dtype=bool)), STD, np.random.default_rng(3))
+    free = sample_installation(pool, STD, np.random.default_rng(3))
     for nothing in (drawn.place, drawn.angle, drawn.tilt):
         assert not nothing.any()
     np.testing.assert_array_equal(drawn.gain, free.gain)
@@ -99,7 +99,7 @@ def test_installation_of_subset_agrees_with_all():
     position, facets = plate("quad8", 6, 5, 0.1)
     pool = pool_of(position, facets, bare)
     field = np.random.default_rng(0).standard_normal((3 * len(position), 2))
-    drawn = drawn_installation(pool, STD, np.random.default_rng(5))
+    drawn = sample_installation(pool, STD, np.random.default_rng(5))
     every, held = installed_rows(position, pool, field, drawn, facets=facets)
     some = np.array([17, 3, 40])
     channels = pool.channels(some)
@@ -113,7 +113,7 @@ def test_homogeneous_strain_is_read_with_gain_and_transverse_sensitivity_in_the_
     position, facets = plate(kind, 5, 4, 0.2)
     position = position @ Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix().T
     pool = pool_of(position, facets, bare)
-    drawn = drawn_installation(pool, STD, np.random.default_rng(2))
+    drawn = sample_installation(pool, STD, np.random.default_rng(2))
     G = np.random.default_rng(6).standard_normal((3, 3))
     rows, _ = installed_rows(position, pool, (position @ G.T).reshape(-1, 1), drawn, facets=facets)
     d, n = pool.direction, pool.normal
@@ -128,7 +128,7 @@ def test_homogeneous_strain_is_read_with_gain_and_transverse_sensitivity_in_the_
 def test_an_accelerometer_is_turned_about_the_normal_and_then_tilted_as_a_whole():
     position, facets = plate("quad4", 5, 4)
     sensors = motion_candidates(bare(position), facets, ACCELERATION, ((1, 0, 0), (0, 1, 0), "normal"))
-    drawn = drawn_installation(sensors, InstallationStd(angle=0.3), np.random.default_rng(2))
+    drawn = sample_installation(sensors, InstallationStd(angle=0.3), np.random.default_rng(2))
     # the fields are unit motions of the whole: what a channel reads of them is its direction
     unit = np.tile(np.eye(3), (len(position), 1))
     rows, held = installed_rows(position, sensors, unit, drawn, facets=facets)
@@ -159,7 +159,7 @@ def test_the_variance_of_a_motion_is_that_of_many_installations():
     sensing, rng = pool.quantity == ACCELERATION, np.random.default_rng(8)
     exact, squares = channel_rows(position, pool, field, facets=facets), np.zeros(len(pool))
     for _ in range(100):
-        drawn = drawn_installation(pool, std, rng)
+        drawn = sample_installation(pool, std, rng)
         rows, _ = installed_rows(position, pool, field, drawn, facets=facets)
         change = np.where(sensing, rates @ (rows - exact).T, motion @ (rows - exact).T) + drawn.offset
         change += np.outer((np.arange(30) + 0.5) / 30, drawn.drift)
@@ -190,7 +190,7 @@ def test_small_errors_of_installation_change_readings_by_their_sensitivities():
     left = []
     for size in (1e-2, 1e-3):
         std = InstallationStd(size, size, size, size)
-        drawn = drawn_installation(pool, std, np.random.default_rng(7))
+        drawn = sample_installation(pool, std, np.random.default_rng(7))
         rows, _ = installed_rows(position, pool, field, drawn, facets=facets)
         common = np.column_stack([drawn.place, drawn.angle, drawn.tilt])[pool.gauge]
         own = np.column_stack([drawn.gain, drawn.transverse])

@@ -12,7 +12,7 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock
 from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, motion_candidates
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 from strainsight.sensors.zones import Box
 
 from ..refusals import expect_refusal

@@ -11,8 +11,8 @@ from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.sensors.bonded import BondedEntry, bonded, bridges
 from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, candidates, motion_candidates, principal_angles
 from strainsight.sensors.installation import InstallationStd, sensitivity_rows
-from strainsight.sensors.rows import channel_rows, installation_axes, misplaced
-from strainsight.sensors.walk import skin_of
+from strainsight.sensors.strain_operator import channel_rows, installation_axes, misplaced
+from strainsight.sensors.surface_paths import skin_of
 
 from ..fem.test_thin import B, L, T, strip
 from .conftest import KINDS, bare, misplaced_rows, plate, tube

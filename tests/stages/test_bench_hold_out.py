@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.experiment.bench.inverse import consistency
 from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 

@@ -19,7 +19,7 @@ from strainsight.experiment.structure.trial import sample_noise
 from strainsight.experiment.structure.truth import truth_of
 from strainsight.fem.loads import axes_across
 from strainsight.mesh.facets import exterior_facets
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 
 from .drawn_truths import NOTHING, beam_in, trial
 from .test_load_tolerances import OF_A_LOAD, SIDE, strain_under

@@ -15,7 +15,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.facets import exterior_facets
 from strainsight.records.record import read
 from strainsight.records.training import Training
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 from strainsight.stages.placement import PLACEMENT
 
 from ..shared import PLACED_EXACTLY, strains

@@ -17,7 +17,7 @@ from strainsight.experiment.structure.clearance import HAND, IN_PLACE, OVER_GRID
 from strainsight.mesh.facets import exterior_facets
 from strainsight.records.placed import AtGauges
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.walk import skin_of
+from strainsight.sensors.surface_paths import skin_of
 from strainsight.sensors.zones import NormalCone
 
 from ..bodies import body

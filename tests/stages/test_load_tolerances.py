@@ -20,7 +20,7 @@ from strainsight.experiment.structure.truth import installation_of, load_error_o
 from strainsight.fem.loads import axes_across
 from strainsight.fem.model import nodal
 from strainsight.mesh.facets import exterior_facets
-from strainsight.sensors.rows import channel_rows, misplaced
+from strainsight.sensors.strain_operator import channel_rows, misplaced
 
 from ..edges.beam import TIP, E, bricks, prepared
 from .drawn_truths import NOTHING, beam_in, spread, trial

@@ -20,7 +20,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.records.record import read
 from strainsight.records.training import Training
 from strainsight.runner.artefact import Artefact
-from strainsight.sensors.rows import channel_matrix
+from strainsight.sensors.strain_operator import channel_matrix
 from strainsight_cli.main import app
 
 from ..foreign.test_ready import AREA, HEIGHT, IY, LENGTH, RHO, E, beam_matrices, closed_form

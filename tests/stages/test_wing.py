@@ -17,7 +17,7 @@ from strainsight.mesh.thin_faces import with_faces
 from strainsight.mesh.units import to_si
 from strainsight.runner.artefact import Artefact
 from strainsight.sensors.bonded import BondedEntry, bonded
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 
 from .conftest import invoked
 from .wing_record import CASE, DIVISIONS, GUESS, LOADS, MESHES, RATE, SOFTER, deck_text, loads, record, stored

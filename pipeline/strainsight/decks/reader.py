@@ -8,8 +8,8 @@ from typing import Literal
 
 from strainsight.decks.text import error_at
 from strainsight.errors import UserError
+from strainsight.mesh.assigned_sections import GivenSection
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.node_order import check_node_order
 from strainsight.mesh.units import length_factor, mass_factor, rescaled, to_si

@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.mixture import PosteriorWeights
 from strainsight.estimation.parallel_filters import concatenate
-from strainsight.mesh.unjoined import component_labels
+from strainsight.mesh.coincident import component_labels
 
 SPACING = 1.0
 """Grid spacing in standard deviations of the posterior."""

@@ -12,7 +12,7 @@ from strainsight.errors import DeckError
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.by_region import interpolated
 from strainsight.fem.shells import shell_axes
-from strainsight.fem.thin import material_angle, plies_of, ply_stiffness
+from strainsight.fem.shells_and_beams import material_angle, plies_of, ply_stiffness
 from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid
 from strainsight.mesh.facets import UPPER, Facets, on_solids
 from strainsight.mesh.kinds import FACETS, kind_of

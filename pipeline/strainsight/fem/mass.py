@@ -14,7 +14,7 @@ from strainsight.fem.by_region import by_element, density_of, regions_of
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.elasticity import relative_masses
 from strainsight.fem.equations import rigid_rows, translation_rows
-from strainsight.fem.thin import motions, thin_mass
+from strainsight.fem.shells_and_beams import motions, thin_mass
 from strainsight.mesh.joins import PointMass
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import CellBlock, Mesh

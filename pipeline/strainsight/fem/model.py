@@ -16,9 +16,9 @@ from strainsight.fem.equations import turning_nodes
 from strainsight.fem.factorisation import Factorise, factorise
 from strainsight.fem.mass import mass_properties, point_mass_matrix
 from strainsight.fem.modes import modes
+from strainsight.fem.shells_and_beams import motions, thin_operators
 from strainsight.fem.springs import spring_operator
 from strainsight.fem.support import require_support, rigid_motions
-from strainsight.fem.thin import motions, thin_operators
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import Material, Mesh

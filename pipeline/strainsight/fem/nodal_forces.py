@@ -13,7 +13,7 @@ from strainsight.fem.assembly import assemble_stiffness
 from strainsight.fem.equations import joined
 from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.patch import Patch
-from strainsight.fem.thin import thin_mass
+from strainsight.fem.shells_and_beams import thin_mass
 from strainsight.mesh.facets import Facets, all_facets, consistent_forces, facet_key
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.kinds import FACETS

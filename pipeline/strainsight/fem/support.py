@@ -12,8 +12,8 @@ from strainsight.errors import UserError
 from strainsight.fem.affine import from_entries
 from strainsight.fem.constraints import Constraint, describe_row
 from strainsight.fem.equations import references, rigid_rows, translation_rows
-from strainsight.fem.pieces import Pieces, parts, single_piece, stiff_pieces
 from strainsight.fem.springs import spring_rows
+from strainsight.fem.stiff_pieces import Pieces, parts, single_piece, stiff_pieces
 from strainsight.mesh.model import FloatArray, IntArray, Mesh
 
 AXES = "xyz"

@@ -15,7 +15,7 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
 from strainsight.loads.input_models import Unknowns
 from strainsight.loads.linearisation import Sensed, linearisation_instants, linearise
-from strainsight.mesh.unjoined import component_labels
+from strainsight.mesh.coincident import component_labels
 from strainsight.rom.model import ReducedModel, modal_basis
 
 MARGINAL = 1e-9

@@ -10,10 +10,10 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError, UserError
+from strainsight.mesh.coincident import Coincident, Joints, component_labels, doubled
 from strainsight.mesh.joins import NodalForces, RigidElement
 from strainsight.mesh.model import FloatArray, IdTable, IntArray, Mesh, element_error
 from strainsight.mesh.projection import hanging, inside, patches
-from strainsight.mesh.unjoined import Coincident, Joints, component_labels, doubled
 
 
 def check_doubled(mesh: Mesh) -> None:

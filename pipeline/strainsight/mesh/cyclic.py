@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 
 from strainsight.errors import UserError
 from strainsight.mesh.anisotropic import Orientation
+from strainsight.mesh.coincident import component_labels
 from strainsight.mesh.coordinates import BASIC, rotation
 from strainsight.mesh.joins import AveragingElement, BodyForce, NodalForces, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Mesh, Origin
-from strainsight.mesh.unjoined import component_labels
 
 NO_TURN = Orientation(BASIC, np.eye(3))
 """Default orientation of a material: the basic axes."""

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from strainsight.mesh.coincident import component_labels
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, element_error
 from strainsight.mesh.thin import BeamBlock, ShellBlock, concatenate
-from strainsight.mesh.unjoined import component_labels
 
 CODE = {kind.name: code for code, kind in enumerate(FACETS)}
 ON_SHELL = {"quad8": "shell8", "tri6": "shell6"}

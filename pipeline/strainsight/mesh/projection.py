@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from strainsight.mesh.coincident import APART, Coincident, Joints, shortest_sides
 from strainsight.mesh.facets import CODE, Facets, exterior_facets
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import Values, barycentric, quadratic_simplex
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
-from strainsight.mesh.unjoined import APART, Coincident, Joints, shortest_sides
 
 STEPS = 20
 """Largest number of Gauss-Newton steps; a facet with little curvature needs three."""

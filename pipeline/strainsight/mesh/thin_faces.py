@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from strainsight.mesh.coincident import component_labels
 from strainsight.mesh.kinds import facet_of
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import FloatArray, Mesh
 from strainsight.mesh.thin import BeamBlock, BeamSection, ShellBlock
-from strainsight.mesh.unjoined import component_labels
 
 ALONG = np.array([-1.0, 1.0, 0.0])
 """ξ of the nodes: end A, end B and the middle node."""

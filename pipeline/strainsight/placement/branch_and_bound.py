@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.mesh.unjoined import component_labels
+from strainsight.mesh.coincident import component_labels
 from strainsight.ordering import TIE, tied_order
 from strainsight.placement.certificate import Bound, Cut, certify, cut_at, detects, lowest
 from strainsight.placement.elimination import eliminate_from

@@ -11,9 +11,9 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.faces import Faces
-from strainsight.sensors.rows import installation_axes
+from strainsight.sensors.strain_operator import installation_axes
 from strainsight.sensors.surface import by_kind, facet_centres, farthest_axis, on_reference
-from strainsight.sensors.walk import Located, Skin, local_at, radius_of
+from strainsight.sensors.surface_paths import Located, Skin, local_at, radius_of
 
 ON = 1e-7
 """How far outside a facet a point still counts as on it, as a share of the local range, so that no point between two is lost."""

@@ -11,14 +11,14 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from strainsight.errors import InfeasibleError, UserError
+from strainsight.mesh.coincident import component_labels
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.unjoined import component_labels
 from strainsight.sensors.access import opposite
 from strainsight.sensors.candidates import STEEPEST, Arms, Candidates, concatenate
-from strainsight.sensors.rows import fits
+from strainsight.sensors.strain_operator import fits
 from strainsight.sensors.surface import tangent, turned
-from strainsight.sensors.walk import Located, Skin, locate, skin_of
+from strainsight.sensors.surface_paths import Located, Skin, locate, skin_of
 from strainsight.sensors.zones import Zone, inside
 
 COINCIDENT = 1e-6
@@ -198,7 +198,7 @@ def _xyz(x: np.ndarray) -> str:
 
 
 @dataclass(frozen=True)
-class GivenGauges:
+class ImportedGauges:
     """pool (m): element is the number of the gauge in the table, facet 0, nodes −1, normal zero, direction unit or zero if blank
     in the table; rows, CSR (m, r) [1/m, 1/rad]: strain operator, per motion of every row of the matrices."""
 
@@ -206,7 +206,7 @@ class GivenGauges:
     rows: sparse.csr_array
 
 
-def without(gauges: GivenGauges, mesh: Mesh, facets: Facets | None, zones: Sequence[Zone]) -> GivenGauges:
+def without(gauges: ImportedGauges, mesh: Mesh, facets: Facets | None, zones: Sequence[Zone]) -> ImportedGauges:
     """The gauges outside all zones. Raises InfeasibleError if no gauge remains."""
     selected = np.ones(len(gauges.pool), dtype=bool)
     for zone in zones:
@@ -217,10 +217,10 @@ def without(gauges: GivenGauges, mesh: Mesh, facets: Facets | None, zones: Seque
             remedy="Reduce the zones to exclude.",
         )
     index = np.flatnonzero(selected)
-    return GivenGauges(gauges.pool.take(index), gauges.rows[index])
+    return ImportedGauges(gauges.pool.take(index), gauges.rows[index])
 
 
-def given_pool(number: np.ndarray, position: np.ndarray, direction: np.ndarray) -> Candidates:
+def imported_pool(number: np.ndarray, position: np.ndarray, direction: np.ndarray) -> Candidates:
     """Candidates by their numbers (m,), positions (m, 3) [m] and directions (m, 3) of any length."""
     m = len(number)
     length = np.linalg.norm(direction, axis=1)

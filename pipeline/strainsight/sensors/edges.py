@@ -9,10 +9,10 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from strainsight.mesh.coincident import component_labels
 from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.unjoined import component_labels
 from strainsight.sensors.surface import angle_between, by_kind, facet_centres, facet_points, farthest_axis, normals
 
 SHARP = np.deg2rad(30.0)

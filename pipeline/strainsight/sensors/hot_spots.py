@@ -19,7 +19,7 @@ from strainsight.mesh.kinds.kind import Kind, with_midsides
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.subdivision import Refined, refined
 from strainsight.sensors.candidates import STRAIN, Candidates
-from strainsight.sensors.rows import ChannelPoints, matrix_of, points_within, surface_of
+from strainsight.sensors.strain_operator import ChannelPoints, matrix_of, points_within, surface_of
 from strainsight.sensors.surface import by_kind, on_reference
 
 

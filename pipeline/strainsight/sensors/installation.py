@@ -10,7 +10,7 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
-from strainsight.sensors.rows import (
+from strainsight.sensors.strain_operator import (
     ChannelPoints,
     channel_rows,
     installation_axes,
@@ -20,7 +20,7 @@ from strainsight.sensors.rows import (
     surface_of,
 )
 from strainsight.sensors.surface import facet_frames, turned
-from strainsight.sensors.walk import Skin
+from strainsight.sensors.surface_paths import Skin
 
 LEAST = 1e-6
 """Smallest displacement over a step that counts as movement."""
@@ -265,7 +265,7 @@ class Installation:
         )
 
 
-def drawn_installation(candidates: Candidates, std: InstallationStd, rng: np.random.Generator) -> Installation:
+def sample_installation(candidates: Candidates, std: InstallationStd, rng: np.random.Generator) -> Installation:
     """Sample independent normal errors: position, angle and tilt of every gauge, gain and K_t of every grid, offset and drift of
     every channel, one temperature of the part, and the thermal output of every gauge. The arms of a bridge are gauges.
 

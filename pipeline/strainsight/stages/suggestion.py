@@ -16,8 +16,8 @@ from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import ChoiceError, ContactError, StrainsightError, UserError
 from strainsight.experiment.structure.mesh import free_motions
 from strainsight.mesh.anisotropic import Anisotropic
+from strainsight.mesh.assigned_sections import GivenSection
 from strainsight.mesh.facets import Facets, exterior_facets
-from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.joins import AveragingElement, BodyForce, RigidElement
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import without_modulus

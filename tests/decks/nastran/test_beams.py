@@ -7,7 +7,7 @@ import pytest
 
 from strainsight.errors import DeckError
 from strainsight.fem.model import build_model
-from strainsight.fem.thin import thin_operators
+from strainsight.fem.shells_and_beams import thin_operators
 from strainsight.mesh.units import rescaled
 from strainsight.records.mesh import MeshColumns
 

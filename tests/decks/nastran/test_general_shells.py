@@ -11,7 +11,7 @@ from strainsight.fem.assembly import assemble
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.recovery import facet_strain, surface_model, surface_state
-from strainsight.fem.thin import thin_operators
+from strainsight.fem.shells_and_beams import thin_operators
 from strainsight.mesh.additions import with_material, with_properties
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.thin_faces import with_faces

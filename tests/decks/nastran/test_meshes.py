@@ -18,7 +18,7 @@ from strainsight.fem.modes import modes
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.thin_faces import with_faces, with_sides
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 from strainsight.sensors.zones import NormalCone
 
 from ...shared import ROOT

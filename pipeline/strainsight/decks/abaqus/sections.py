@@ -20,7 +20,7 @@ from strainsight.decks.abaqus.section_cards import (
 from strainsight.decks.abaqus.text import Keyword
 from strainsight.decks.faults import OR_CONFIG, find_repeated_node, note_shared
 from strainsight.errors import DeckError
-from strainsight.mesh.given_sections import beam_axes
+from strainsight.mesh.assigned_sections import beam_axes
 from strainsight.mesh.model import FloatArray, IntArray, Properties, Region
 from strainsight.mesh.node_order import plate_normals
 from strainsight.mesh.thin import (

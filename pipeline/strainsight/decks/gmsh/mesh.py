@@ -14,7 +14,7 @@ from strainsight.decks.gmsh.records import KINDS, TYPES, Chunk, NodeRows, remedy
 from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
 from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
-from strainsight.mesh.given_sections import (
+from strainsight.mesh.assigned_sections import (
     LINE,
     LINE3,
     SHELLS,

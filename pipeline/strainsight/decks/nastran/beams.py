@@ -12,7 +12,7 @@ from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.springs import components
 from strainsight.decks.text import parse_real
 from strainsight.errors import DeckError
-from strainsight.mesh.given_sections import beam_axes
+from strainsight.mesh.assigned_sections import beam_axes
 from strainsight.mesh.model import FloatArray
 from strainsight.mesh.section_shapes import SHAPES, section_of_shape
 from strainsight.mesh.thin import BeamBlock, BeamSection

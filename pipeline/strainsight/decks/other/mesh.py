@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.decks.faults import check_elements, check_nodes, plural
 from strainsight.decks.other.load import load, load_sandboxed
 from strainsight.decks.text import error_at
-from strainsight.mesh.given_sections import (
+from strainsight.mesh.assigned_sections import (
     LINE,
     LINE3,
     SHELLS,

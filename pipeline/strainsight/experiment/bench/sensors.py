@@ -43,11 +43,11 @@ from strainsight.sensors.installation import (
     COMMON,
     SECOND,
     InstallationStd,
-    drawn_installation,
     installed_rows,
+    sample_installation,
     sensitivity_rows,
 )
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 
 
 @dataclass(frozen=True)
@@ -259,7 +259,7 @@ def misread(bench: Bench, used: Sensors, errors: tuple[Toleranced, ...], q: np.n
             on, count = error.on, len(error.on.gauges)
             free = replace(on.gauges, bonded=np.zeros(count, dtype=bool))
             eta = q[:, min(run, q.shape[1] - 1), bench.system.modal(on.body)]
-            sampled, nominal = (drawn_installation(free, sigma, draw) for sigma in (std, InstallationStd()))
+            sampled, nominal = (sample_installation(free, sigma, draw) for sigma in (std, InstallationStd()))
             rows, meant = (
                 installed_rows(on.mesh.position, free, on.basis, installation, facets=on.facets)[0]
                 for installation in (sampled, nominal)

@@ -28,7 +28,7 @@ from strainsight.sensors.candidates import (
     principal_angles,
 )
 from strainsight.sensors.edges import EdgeDimensions, edge_dimensions, facet_keys, no_edges
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 from strainsight.sensors.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, On, OnElements, ShellFace, Zone
 
 

@@ -18,7 +18,7 @@ from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.foreign.imported_matrices import row_scale
 from strainsight.foreign.matrices.files import csv_columns, csv_lines, read_matrix
 from strainsight.records.training import Training
-from strainsight.sensors.bonded import GivenGauges, given_pool
+from strainsight.sensors.bonded import ImportedGauges, imported_pool
 from strainsight.sensors.candidates import STRAIN, Candidates
 
 AXES = ("x", "y", "z")
@@ -270,7 +270,7 @@ def _xyz(x: np.ndarray) -> str:
 COLUMNS = ("gauge", "x", "y", "z", "dx", "dy", "dz")
 
 
-def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -> GivenGauges:
+def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -> ImportedGauges:
     """Read the strain operator ε = R u [1/L on translations, 1/rad on rotations] and the table gauge,x,y,z,dx,dy,dz [L], L [m].
 
     components (r,) 0-5 of the rows of the matrices. Raises DeckError for files that cannot be read or do not fit together.
@@ -283,7 +283,7 @@ def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -
             where=str(rows),
             remedy="Write one row per gauge, in the order of the table.",
         )
-    return GivenGauges(given_pool(number, position * length, direction), R)
+    return ImportedGauges(imported_pool(number, position * length, direction), R)
 
 
 def _rows(path: Path, components: np.ndarray, length: float) -> sparse.csr_array:

@@ -35,9 +35,9 @@ from strainsight.sensors.candidates import (
     motion_candidates,
     units_in_words,
 )
-from strainsight.sensors.rows import fits
+from strainsight.sensors.strain_operator import fits
 from strainsight.sensors.surface import facet_centres
-from strainsight.sensors.walk import skin_of
+from strainsight.sensors.surface_paths import skin_of
 from strainsight.sensors.zones import admissible, inside
 
 FILE = "gauges.fixed_file"

@@ -26,7 +26,7 @@ from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.edges import carrier_clearance, crowded, half_diagonal, obstacles, room_for, sides, tight
 from strainsight.sensors.hot_spots import hot_spots
 from strainsight.sensors.installation import sensitivity_rows
-from strainsight.sensors.rows import installation_axes
+from strainsight.sensors.strain_operator import installation_axes
 from strainsight.sensors.zones import on_surface
 
 CHOICE = 50

@@ -28,7 +28,7 @@ from strainsight.records.estimated import ChannelsChecked
 from strainsight.records.record import record_from
 from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import STRAIN, UNITS, Candidates
-from strainsight.sensors.rows import channel_rows, fits
+from strainsight.sensors.strain_operator import channel_rows, fits
 from strainsight.sensors.surface import turned
 
 MOST_TIMES = 20

@@ -22,8 +22,8 @@ from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.equations import turning_nodes
 from strainsight.fem.mass import has_mass, mass_properties
 from strainsight.fem.nodal_forces import gravity_warnings, with_body_forces
-from strainsight.fem.pieces import hinge_warnings
 from strainsight.fem.springs import spring_rows
+from strainsight.fem.stiff_pieces import hinge_warnings
 from strainsight.fem.support import EXACT, links, rigid_body_motions
 from strainsight.mesh.additions import (
     face_springs,
@@ -38,10 +38,10 @@ from strainsight.mesh.additions import (
     with_support,
 )
 from strainsight.mesh.anisotropic import Orientation, constants_fault, orthotropic
+from strainsight.mesh.assigned_sections import GivenSection
 from strainsight.mesh.connectivity import check_doubled, connectivity_warnings, merged
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem
 from strainsight.mesh.facets import Facets, exterior_facets, facet_key
-from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.joins import Springs
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import leading_warnings, sanity_warnings, without_loose_masses

@@ -13,15 +13,15 @@ from strainsight.errors import StrainsightError
 from strainsight.experiment.structure.mesh import free_motions
 from strainsight.fem.checks import POOR, Quality
 from strainsight.fem.mass import element_mass_parts
-from strainsight.fem.pieces import parts
+from strainsight.fem.shells_and_beams import thin_mass
+from strainsight.fem.stiff_pieces import parts
 from strainsight.fem.support import EXACT, links
-from strainsight.fem.thin import thin_mass
 from strainsight.mesh.anisotropic import CompositeSolid
+from strainsight.mesh.coincident import Coincident, Joints, joined_parts
 from strainsight.mesh.joins import NodalForces, PointMass, Springs
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import lost
-from strainsight.mesh.unjoined import Coincident, Joints, joined_parts
 from strainsight.runner.output import Table
 from strainsight.sensors.faces import Faces
 

@@ -22,7 +22,7 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training, with_missed
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.installation import InstallationStd, Sensitivity, given_sensitivity, sensitivity_rows
-from strainsight.sensors.walk import Skin, skin_of
+from strainsight.sensors.surface_paths import Skin, skin_of
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import STRAIN, Candidates
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.strain_operator import channel_rows
 
 SHOWN = ("strain", "strain_std", "stress", "von_mises", "von_mises_std", "principal")
 FRAMES = 100

@@ -38,8 +38,8 @@ from strainsight.records.training import CaseMotion, Training, with_missed
 from strainsight.rom.model import Damping, accelerations
 from strainsight.sensors.bonded import without
 from strainsight.sensors.candidates import Candidates
-from strainsight.sensors.rows import channel_rows
-from strainsight.sensors.walk import skin_of
+from strainsight.sensors.strain_operator import channel_rows
+from strainsight.sensors.surface_paths import skin_of
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,8 @@ from strainsight.records.reduced import Modes
 from strainsight.rom.model import Damping, ReducedModel, accelerations, first_of_equal, modal_basis
 from strainsight.rom.reduction import Snapshots, modal_model
 from strainsight.sensors.candidates import ACCELERATION, Candidates
-from strainsight.sensors.installation import Installation, drawn_installation, installed_rows
-from strainsight.sensors.rows import channel_matrix, channel_rows
+from strainsight.sensors.installation import Installation, installed_rows, sample_installation
+from strainsight.sensors.strain_operator import channel_matrix, channel_rows
 
 INSTALLATION, MODEL, LOADS = 1, 2, 3
 """Streams of random numbers of gauges, model and loads, independent of the noise."""
@@ -57,7 +57,7 @@ def installation_of(config: PlacementConfig, pool: Candidates, realisation: int)
     """
     stated = config.validation.truth
     rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
-    installation = drawn_installation(pool, installation_std(tolerances_of(config.tolerances)), rng)
+    installation = sample_installation(pool, installation_std(tolerances_of(config.tolerances)), rng)
     fixed = np.random.default_rng(config.seed)
     grids = pool.grids
     heading, way = fixed.uniform(0, 2 * np.pi, grids.gauges), fixed.choice([-1.0, 1.0], grids.gauges)

@@ -27,11 +27,11 @@ from strainsight.multibody.accelerations import at_rest, measure
 from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.multibody.inverse.parameters import static_response
 from strainsight.multibody.sensors import readings
-from strainsight.sensors.bonded import BondedEntry, bonded, given_pool
+from strainsight.sensors.bonded import BondedEntry, bonded, imported_pool
 from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, Candidates, concatenate
 from strainsight.sensors.installation import sensitivity_rows
-from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.screening import screen, strongest_first
+from strainsight.sensors.strain_operator import channel_rows
 
 UNFELT = 1e-12
 """Strain relative to that of the strongest input below which it is a rounding error."""
@@ -246,7 +246,7 @@ def _candidates(config: BenchConfig, bench: Bench, names: Sequence[str], q: np.n
         place = np.vstack([place, np.tile(frame_at(bench, bench.frames[at], q)[0][:3], (3, 1))])
         direction = np.vstack([direction, axes])
         quantity += [ACCELERATION if isinstance(entry, AccelerationSensor) else DISPLACEMENT] * 3
-    pool = given_pool(np.zeros(len(place), dtype=np.int64), place, direction)
+    pool = imported_pool(np.zeros(len(place), dtype=np.int64), place, direction)
     return replace(pool, quantity=np.array(quantity, dtype=np.int64))
 
 

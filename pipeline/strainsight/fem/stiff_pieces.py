@@ -10,9 +10,9 @@ from itertools import combinations
 
 import numpy as np
 
+from strainsight.mesh.coincident import component_labels
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import FloatArray, IntArray, Mesh
-from strainsight.mesh.unjoined import component_labels
 
 IN_LINE = 1e-6
 """Largest ratio of the extents across and along a line of nodes that counts as straight."""
