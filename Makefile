@@ -20,7 +20,7 @@ FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Of the slow tests, chosen by the commit: eight commits reach all of them on average.
 N ?= $(shell echo $$((0x$$(git rev-parse --short=8 HEAD 2>/dev/null || echo 0) % 8 + 1)))
-# Files that `make lint` searches for words: the changed ones; with `WORDS=` all, as in CI.
+# Files whose prose `make lint` checks: the changed ones; with `WORDS=` all, as in CI.
 WORDS ?= --changed
 # Modules that are compiled once start a worker in half the time.
 TESTS := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q
@@ -42,7 +42,7 @@ help:
 	@echo 'make test-all       all tests; ARGS=--times says where the processor time went'
 	@echo 'make shard N=3      an eighth of the long tests; without N the one that CI runs for this commit'
 	@echo 'make pages          the tests that open the pages in a browser; pictures of the pages in build/pages'
-	@echo 'make lint           ruff, words of changed files, mypy, import-linter; licences and known vulnerabilities of the packages'
+	@echo 'make lint           ruff, prose of changed files, mypy, import-linter; licences and known vulnerabilities of the packages'
 	@echo 'make lowest         fast tests and the cantilever with the oldest packages that pyproject.toml allows'
 	@echo 'make coverage       branches of the kernels that their fast tests reach; takes long'
 	@echo 'make mutants        200 small faults in KERNEL=$(KERNEL), and which of them no test notices; takes long'
@@ -134,7 +134,7 @@ history: $(READY)
 lint: $(READY)
 	@$(VENV)/$(BIN)/ruff check .
 	@$(VENV)/$(BIN)/ruff format --check --quiet pipeline cli
-	@$(VENV)/$(BIN)/python .ci/words.py $(WORDS)
+	@$(VENV)/$(BIN)/python .ci/prose.py $(WORDS)
 	@$(VENV)/$(BIN)/mypy
 	@$(VENV)/$(BIN)/lint-imports
 	@$(VENV)/$(BIN)/python .ci/licences.py

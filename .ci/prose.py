@@ -227,6 +227,11 @@ def page_problems(path, text):
 # -- files
 
 
+def prose_of_page(path, text):
+    """The text without code in backticks, which may name keys and datasets."""
+    return [(1, re.sub(r"`[^`\n]*`", "", text), False)]
+
+
 def whole(path, text):
     return [(1, text, False)]
 
@@ -244,8 +249,8 @@ def no_problems(path, text):
 
 
 READERS = {
-    "*.md": (whole, page_problems),
-    "docs/**/*.md": (whole, page_problems),
+    "*.md": (prose_of_page, page_problems),
+    "docs/**/*.md": (prose_of_page, page_problems),
     "pipeline/**/*.js": (whole, no_problems),
     "pipeline/**/*.py": (source_texts, source_problems),
     "cli/**/*.py": (source_texts, source_problems),
@@ -253,23 +258,23 @@ READERS = {
 }
 
 
-def changed_files():
+def changed_files(root=ROOT):
     """Files changed by the last commit or since; None, which is all, without Git or if the rules have changed."""
     names = set()
     for command in ("diff --name-only --relative HEAD~1", "ls-files --others --exclude-standard"):
-        done = subprocess.run(["git", *command.split()], cwd=ROOT, capture_output=True, text=True)
+        done = subprocess.run(["git", *command.split()], cwd=root, capture_output=True, text=True)
         if done.returncode:
             return None
         names.update(done.stdout.splitlines())
     return None if {".ci/prose.py", ".ci/words.toml"} & names else names
 
 
-def problems(names=None, prefixes=("",)):
+def problems(root=ROOT, names=None, prefixes=("",)):
     """(file, line, problem) of the files `names`, or of all, whose path begins with one of `prefixes`, in order."""
     result = set()
     for pattern, (reader, checker) in READERS.items():
-        for path in ROOT.glob(pattern):
-            name = path.relative_to(ROOT).as_posix()
+        for path in root.glob(pattern):
+            name = path.relative_to(root).as_posix()
             if name.startswith(GENERATED) or not name.startswith(prefixes) or (names is not None and name not in names):
                 continue
             content = path.read_text(encoding="utf-8")
@@ -310,7 +315,7 @@ def main():
         for name, line, text in listed:
             print(f"{name}:{line}: {text}")
         return 0
-    hits = problems(changed_files() if options.changed else None, prefixes)
+    hits = problems(ROOT, changed_files() if options.changed else None, prefixes)
     if options.count:
         for by in (lambda hit: rule(hit[2]), lambda hit: package(hit[0])):
             for what, count in Counter(map(by, hits)).most_common():

@@ -1,4 +1,4 @@
-"""The files beside the package agree with it: citation, workflow, hooks, links of the first pages, locks, words to avoid."""
+"""The files beside the package agree with it: citation, workflow, hooks, links of the first pages, locks, checks of the prose."""
 
 import ast
 import importlib
@@ -101,31 +101,52 @@ def test_ci_runs_the_commands_of_the_readme_in_their_order():
 
 
 @pytest.fixture(scope="module")
-def words():
-    return script(".ci/words.py")
+def prose():
+    return script(".ci/prose.py")
+
+
+LONG = " ".join(["word"] * 31)
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "found"),
+    ("name", "text", "problems"),
     [
-        ("docs/a.md", "# A\nIt is sure and wrong.\nNothing is taken\nover.\n", [(2, "sure and wrong"), (3, "taken over")]),
-        ("README.md", "He mends recommended amendments.\n", [(1, "mends")]),
-        ("docs/a.md", "`/glued/distance` is how far a glued gauge was moved\n", [(1, "glued")]),
-        ("CHANGELOG.md", "# Changes\n## 2.0 (unreleased)\n- glued\n## 1.0\n- glued\n", [(3, "glued")]),
-        ("pipeline/p/a.py", '"""Sure\nand wrong."""\nx_sure_and_wrong = f"{1} glued"\n', [(1, "Sure and wrong"), (3, "glued")]),
-        ("pipeline/p/heard.py", "x = Heard_of(told, mended)\n", [(1, "Heard"), (1, "heard"), (1, "told")]),
-        ("tests/a/test_x.py", 'x = "glued"\ndef test_a_card_is_taken_over():\n    pass\n', [(2, "taken over")]),
+        ("docs/a.md", "# A\nIt is sure and wrong.\nNothing is taken\nover.\n", [(2, "'sure and wrong'"), (3, "'taken over'")]),
+        ("README.md", "He mends recommended amendments.\n", [(1, "'mends'")]),
+        ("docs/a.md", "`/glued/distance` is how far a glued gauge was moved\n", [(1, "'glued'")]),
+        ("docs/a.md", f"{LONG}.\n\n| {LONG}. | b |\n", [(1, "line of 155"), (1, "sentence of 31"), (3, "sentence of 31")]),
+        ("docs/a.md", "A. B. C. D. E.\n\nA. B. C.\nD. E. F.\n", [(3, "paragraph of 6")]),
+        ("docs/a.md", f"```\n{LONG}\n```\n", []),
+        ("pipeline/p/a.py", '"""Sure\nand wrong."""\nx_sure_and_wrong = f"{1} glued"\n',
+         [(1, "'Sure and wrong'"), (3, "'glued'")]),
+        ("pipeline/p/heard.py", "x = Heard_of(told, mended)\n", [(1, "'Heard'"), (1, "'heard'"), (1, "'told'")]),
+        ("pipeline/p/a.py", f'def f(own):\n    """{LONG}."""\n', [(1, "'own' as a name"), (2, "sentence of 31")]),
+        ("pipeline/p/a.py", f'x = f"{LONG} {{x}}"\n', [(1, "sentence of 3")]),
+        ("tests/a/test_x.py", 'x = "glued"\ndef test_a_card_is_taken_over():\n    pass\n', [(2, "'taken over'")]),
     ],
-    ids=["page, across lines", "within a word", "code", "unreleased", "texts of source", "names", "names of tests"],
+    ids=[
+        "page, across lines", "within a word", "code", "long sentence", "long paragraph", "block of code", "texts of source",
+        "names", "vague name", "long message", "names of tests",
+    ],
 )  # fmt: skip
-def test_word_is_found_at_its_line(words, tmp_path, name, text, found):
+def test_problem_of_prose_is_reported_at_its_line(prose, tmp_path, name, text, problems):
     path = tmp_path / name
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
-    assert [(line, word) for _, line, word, _ in words.hits(tmp_path)] == found
+    reported = prose.problems(tmp_path)
+    assert [line for _, line, _ in reported] == [line for line, _ in problems]
+    assert all(message.startswith(start) for (_, _, message), (_, start) in zip(reported, problems, strict=True))
 
 
-def test_changed_files_are_those_of_the_last_commit_and_of_the_work_since(words, tmp_path):
+def test_user_sentences_are_messages_and_help_without_code(prose, tmp_path, monkeypatch):
+    source = 'raise E(f"the mass {m:g} kg is negative", remedy="Set a positive mass.")\nx = "a.b(c) d e"\n"""Not a message."""\n'
+    (tmp_path / "pipeline").mkdir()
+    (tmp_path / "pipeline" / "a.py").write_text(source, encoding="utf-8")
+    monkeypatch.setattr(prose, "ROOT", tmp_path)
+    assert [text for *_, text in prose.user_sentences()] == ["the mass {…} kg is negative", "Set a positive mass."]
+
+
+def test_changed_files_are_those_of_the_last_commit_and_later_edits(prose, tmp_path):
     git = ["git", "-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false"]
 
     def commit(*names):
@@ -135,17 +156,17 @@ def test_changed_files_are_those_of_the_last_commit_and_of_the_work_since(words,
         for command in (["add", "-A"], ["commit", "-qm", "x"]):
             subprocess.run([*git, *command], cwd=tmp_path, check=True)
 
-    assert words.changed(tmp_path) is None
+    assert prose.changed_files(tmp_path) is None
     subprocess.run([*git, "init", "-q"], cwd=tmp_path, check=True)
     commit("README.md", "OLD.md", "docs/a.md")
-    assert words.changed(tmp_path) is None
+    assert prose.changed_files(tmp_path) is None
     commit("README.md")
     (tmp_path / "docs" / "a.md").write_text("bonded\n", encoding="utf-8")
     (tmp_path / "NEW.md").write_text("glued\n", encoding="utf-8")
-    assert words.changed(tmp_path) == {"README.md", "docs/a.md", "NEW.md"}
-    assert [name for name, *_ in words.hits(tmp_path, words.changed(tmp_path))] == ["NEW.md", "README.md"]
+    assert prose.changed_files(tmp_path) == {"README.md", "docs/a.md", "NEW.md"}
+    assert [name for name, *_ in prose.problems(tmp_path, prose.changed_files(tmp_path))] == ["NEW.md", "README.md"]
     commit(".ci/words.toml")
-    assert words.changed(tmp_path) is None
+    assert prose.changed_files(tmp_path) is None
 
 
 def test_a_test_file_that_cannot_be_imported_is_an_error(tmp_path):
