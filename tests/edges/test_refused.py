@@ -95,7 +95,7 @@ def test_what_a_refusal_advises_is_accepted(tmp_path, key, value, others):
     own = {"screen.keep": "all", "place.keep": 1, **others}
     with pytest.raises(UserError) as found:
         finished(tmp_path / "refused", "screen", bricks(COUNTS), {**own, key: value})
-    advised = float(re.search(r"(?:take|use|[Ss]et) at (?:least|most) ([-+.e\d]+\d)", str(found.value))[1])
+    advised = float(re.search(r"(?:[Tt]ake|[Uu]se|[Ss]et) at (?:least|most) ([-+.e\d]+\d)", str(found.value))[1])
     accepted = {"value": advised} if isinstance(value, dict) else advised
     finished(tmp_path / "accepted", "screen", bricks(COUNTS), {**own, key: accepted})
 
