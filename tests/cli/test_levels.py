@@ -26,7 +26,7 @@ from strainsight_cli.work import Work, bring_up_to_date
 from ..robustness.small import PLACEMENT, write_project
 from ..shared import slowly
 
-ON_ONE_NODE = "acts on node 1 of a solid alone"
+ON_ONE_NODE = "is a concentrated force on node 1 of a solid"
 
 
 @pytest.fixture(scope="module")

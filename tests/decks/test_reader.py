@@ -274,7 +274,7 @@ def test_windows_paths_are_read(project, tmp_path):
 
 
 def test_missing_include_folder_is_refused(project):
-    with expect_refusal(ConfigError, "no such folder", key="mesh.include_dirs"):
+    with expect_refusal(ConfigError, "folder not found", key="mesh.include_dirs"):
         project[0]("part", "../bulk", "../none")
 
 

@@ -29,7 +29,7 @@ PLACEMENTS = [
     # key, value in the message, changes
     ("gauges.noise_std", "1e-30 is", {"gauges.noise_std": {"value": 1e-30}}),
     ("gauges.noise_std", "the noise of 0.009", {"gauges.noise_std": {"value": 9e-3}, "loads.tip.signal.amplitude": 1e-6}),
-    ("gauges.noise_std.value", "1e+06 m/m are 1e+08 %", {"gauges.noise_std": {"value": 1e6}}),
+    ("gauges.noise_std.value", "1e+06 m/m is 1e+08 %", {"gauges.noise_std": {"value": 1e6}}),
     ("validate.initial_std.E", "1e+06 times the guess", {"validate.initial_std.E": 1e6}),
     ("parameters.E.process_noise_scale", "3.16e+06 %", {"parameters.E.process_noise_scale": 1e6}),
     (
@@ -43,7 +43,7 @@ PLACEMENTS = [
     ("rom.modes", "200 modes requested of a model with 30 massive unknowns", {"rom.modes": 200}),
     ("loads", "above the limit of 1e+50", {"loads.tip.signal.amplitude": 1e300}),
     ("train.time_step", "1 steps", {"train.duration": 1e-3}),
-    ("place.keep", "8 is larger", {"place.keep": 8, "screen.keep": 4}),
+    ("place.keep", "8, larger than", {"place.keep": 8, "screen.keep": 4}),
 ]
 
 

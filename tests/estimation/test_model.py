@@ -335,7 +335,7 @@ def test_a_schedule_of_noise_is_scaled_as_a_whole(best):
 
 def test_a_part_without_noise_cannot_be_tuned():
     model, *rest = recorded(make_beam, make_filter)
-    with pytest.raises(ConfigError, match="no process noise of model_error"):
+    with pytest.raises(ConfigError, match="process noise of model_error is zero"):
         tune(model, *rest, parts=("model_error",))
 
 

@@ -217,7 +217,7 @@ def test_init_selects_bonded_contact(tmp_path):
     assert suggestion(path).contact == "open"
     path.write_text(deck(2))
     assert suggestion(path).contact is None
-    assert "contact" not in template("deck.inp", suggestion(path))
+    assert "contact:" not in template("deck.inp", suggestion(path))
 
 
 @needs_calculix
