@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
@@ -35,18 +34,10 @@ class StrainsightError(Exception):
         head = "  ".join(part for part in (where, key and f"{key}: {what}") if part)
         if not key:
             head = f"{where}  {what}" if where else what or ""
-        message = f"{head}\n    {_sentence(remedy)}" if remedy else head
+        message = f"{head}\n    {remedy}" if remedy else head
         return "\n".join([message, *map(str, self.others)])
 
 
-def _sentence(remedy: str) -> str:
-    """A remedy with a capital letter and a full stop, unless it begins with a command or ends with a value, name or symbol."""
-    first = remedy.split(" ", 1)[0]
-    start = remedy[:1].upper() if first.isalpha() and first.islower() and first not in COMMANDS else remedy[:1]
-    return start + remedy[1:] + "." * bool(re.search(r"(?<!:) [a-z]+$", remedy))
-
-
-COMMANDS = {"strainsight", "pip", "make"}
 LONGEST = 1500
 """Largest number of characters of a part of a message; the middle of longer texts is omitted."""
 SPACES = "\u00a0\u202f"

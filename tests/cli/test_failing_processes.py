@@ -85,7 +85,7 @@ def test_failure_is_reported_and_parallel_run_ends(works, capfd):
     assert failed(works("slow", "refuses", "good"), moved=moved) == 2
     out = capfd.readouterr()
     text = "".join(err for _, err in said)
-    assert text.count("run 2 of 3 refuses2 failed:\nown.yaml:1:1  too much\n    Take less") == 1
+    assert text.count("run 2 of 3 refuses2 failed:\nown.yaml:1:1  too much\n    take less") == 1
     assert "too much" not in out.err
     assert "Traceback" not in text
     assert sum(run == "run 1 of 3 slow1" for run, _ in said) > 1000

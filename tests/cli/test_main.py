@@ -169,7 +169,7 @@ def test_missing_working_folder_is_reported(tmp_path):
     (tmp_path / "gone").mkdir()
     done = shell('cd gone && rmdir ../gone && "$@"', tmp_path, "status", "c.yaml")
     assert done.returncode == 2
-    assert done.stderr.startswith("the working folder does not exist, or cannot be read\n    Change to")
+    assert done.stderr.startswith("the working folder does not exist, or cannot be read\n    change to")
 
 
 @posix

@@ -58,7 +58,7 @@ def test_fewer_blocks_than_unknowns_are_enough_where_their_channels_are():
     pairs = replace(single, H=single.H.reshape(6, 2, -1), r=single.r.reshape(6, 2))
     assert fewest_gauges([solve_pool(pairs)]) == (3, 2)
     assert eliminate([pairs], 2).selected.shape == (2,)
-    with pytest.raises(InfeasibleError, match=r"1 gauges cannot observe 3 unknowns \(Fz, Fy, E\)\n    Keep at least 2"):
+    with pytest.raises(InfeasibleError, match=r"1 gauges cannot observe 3 unknowns \(Fz, Fy, E\)\n    keep at least 2"):
         eliminate([pairs], 1, names=("Fz", "Fy", "E"))
     with pytest.raises(InfeasibleError, match="2 gauges for 3 unknowns: if any gauge fails"):
         robust_set([solve_pool(pairs)], 2)
