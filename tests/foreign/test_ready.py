@@ -279,7 +279,7 @@ def test_nonpositive_diagonal_is_refused():
     K, M = beam_matrices(3)
     K = K.tolil()
     K[13, 13] = -1.0
-    with pytest.raises(DeckError, match="node 3, translation y: its stiffness is -1"):
+    with pytest.raises(DeckError, match="node 3, translation y: the stiffness is -1"):
         build_imported_model(mesh, convert_matrices(*beam_rows(mesh), [Term(sparse.csr_array(K))], [Term(M)]))
 
 

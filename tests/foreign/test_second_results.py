@@ -159,7 +159,7 @@ def test_two_sets_match_projected_deck(cantilever, unlike):
         whole = replace(whole, stiffness=replace(whole.stiffness, constant=apart.constant, terms={"E": K1}))
     first, second = (solved(cantilever, whole, value) for value in (E, 1.3 * E))
     found = built(cantilever, first, second, Change(LEFT, E, 1.3 * E), loads=BENT)
-    assert bool(unlike) == any("does not fit our elements" in text for text in found.notes)
+    assert bool(unlike) == any("does not fit the element formulation" in text for text in found.notes)
     for factor in (0.8, 0.9, 1.15, 1.3, 1.5):
         exact = modes(whole.stiffness.at({"E": factor * E}), whole.mass.at({}), 6)[0]
         assert np.allclose(frequencies(found.model, {"E": factor * E}, 6), exact, rtol=3e-5 if unlike else 6e-6, atol=0)
@@ -174,9 +174,9 @@ def test_two_sets_match_projected_deck(cantilever, unlike):
     ("first", "second", "change", "said"),
     [
         ({}, {"modulus": 1.4 * E}, Change(LEFT, E, E), r"both result sets have the same value E = 2\.1e\+11"),
-        ({}, {}, Change(LEFT, E, 1.4 * E), r"both result sets have the same frequencies: E from 2\.1e\+11 to 2\.94e\+11"),
+        ({}, {}, Change(LEFT, E, 1.4 * E), r"both result sets have the same frequencies: the change of E from 2\.1e\+11"),
         ({}, {"modulus": 0.7 * E}, Change(LEFT, E, 1.4 * E), r"mode 1 changes from 646\.524 to 566\.174 Hz"),
-        ({}, {"density": 0.8 * RHO}, Change(LEFT, E, 1.4 * E), r"the response contains 6\.8432e-09 of mode 1"),
+        ({}, {"density": 0.8 * RHO}, Change(LEFT, E, 1.4 * E), r"the response contains mode 1 with the amplitude 6\.8432e-09"),
         ({}, {"modulus": 1.4 * E}, Change(replace(LEFT, regions=(2,)), E, 1.4 * E), "99% of the difference between the sets"),
         ({}, {"modulus": 1.4 * E}, Change(LEFT, E, 1.1 * E), r"mode 1 changes from 646\.524 to 722\.244 Hz"),
     ],
@@ -192,7 +192,7 @@ def test_a_second_set_with_other_supports_is_refused(bar):
     motion, own = set_of(bar, modulus=1.4 * E)
     held = motion.copy()
     held[:, bar.position[:, 0] == L] = 0.0
-    with pytest.raises(UserError, match=r"second is fixed in the node 1601, translation x set \(4 such motions\), but") as caught:
+    with pytest.raises(UserError, match=r"node 1601, translation x is fixed in the second set \(4 such motions\), but") as caught:
         built(bar, set_of(bar), (held, own), Change(LEFT, E, 1.4 * E))
     assert "same supports" in caught.value.remedy
 

@@ -95,7 +95,7 @@ def test_delayed_channel_is_shifted(delay):
     found = assemble(late_record(), {"a": ChannelSettings("m/m"), "b": ChannelSettings("m/m", delay=delay)})
     np.testing.assert_allclose(found.values[:-LATE, 1], found.values[:-LATE, 0], atol=1e-12)
     assert np.isnan(found.values[-LATE:, 1]).all()
-    assert any("b: 7 samples late" in note for note in found.notes)
+    assert any("b: a delay of 7 samples was corrected" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("step", [2 * STEP, STEP / 2])
@@ -110,7 +110,7 @@ def test_delay_is_in_file_samples(step):
 @pytest.mark.parametrize(
     ("delay", "what"),
     [
-        (Delay(seconds=2.4 * STEP), r"a delay of 0\.0024 s is 2\.4 samples of 0\.001 s, but delays are not"),
+        (Delay(seconds=2.4 * STEP), r"a delay of 0\.0024 s is 2\.4 samples of 0\.001 s, but must be a whole number"),
         (Delay(samples=100), "the delay is 100 samples, but the record has only 100"),
         (Delay(seconds=-1.0), "the delay is -1000 samples, but the record has only 100"),
     ],

@@ -62,7 +62,7 @@ def test_file_unit_must_match_config():
     values, notes = calibrated(ones, ChannelSettings("um/m", override=True), "mV/V")
     assert values[0] == 1e-6
     assert notes[0] == "a: the unit is mV/V in the file, but um/m is used as set in the config"
-    with pytest.raises(UserError, match=r"-9999 um/m in 1 of 1000 samples.*marks missing values"):
+    with pytest.raises(UserError, match=r"-9999 um/m in 1 of 1000 samples.*marks missing samples"):
         calibrated(np.r_[ones[1:], -9999.0], ChannelSettings("um/m", override=True), "mV/V")
 
 
@@ -84,7 +84,7 @@ def test_missing_samples_are_excluded_from_mean():
     assert np.nanmax(np.abs(values)) < 1e-18
     dead, notes = calibrated(np.full(1000, np.nan), ChannelSettings("um/m", zero=(0, 1)))
     assert np.isnan(dead).all()
-    assert "a: the channel has no samples, so nothing was zeroed" in notes
+    assert "a: the channel has no samples, so it was not zeroed" in notes
 
 
 def test_marked_samples_are_excluded_from_mean():
@@ -200,7 +200,7 @@ def jump(at, size, count=1000, step=1e-3):
         (jump(400, 0.0104), r"the time increases by 0\.0114 s from 0\.399 to 0\.4104 s, which is 11\.4 steps", 402),
         (jump(400, -0.0105), r"the time decreases by 0\.0095 s, from 0\.399 to 0\.3895 s", 402),
         (jump(400, -0.001), r"0.399 s occurs twice", 402),
-        (jump(999, 1e6), r"filling the gaps of the record with 1000 samples would result in 1e\+09", 1001),
+        (jump(999, 1e6), r"filling the gaps would extend the record from 1000 to 1e\+09", 1001),
         (np.cumsum(np.r_[np.full(500, 1e-3), np.full(499, 1.3e-3)]), ", and in many other places", 502),
         (np.arange(1000)[::-1] * 1e-3, r"the time decreases by 0\.001 s, from 0\.999 to 0\.998 s,", 3),
         (np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700), r"the time 0\.70008 s deviates by 7\.99 %", 702),
@@ -220,7 +220,7 @@ def test_finer_and_coarser_filter_step():
     np.testing.assert_array_equal(taken, np.arange(8))
     np.testing.assert_allclose(fine.time[fine.row], clock.time[clock.row], rtol=1e-15)
     assert fine.count == 37
-    assert "3 rows without samples were inserted between two samples" in notes[0]
+    assert "3 rows without samples were inserted between consecutive samples" in notes[0]
     coarse, taken, notes = to_step(clock, 2e-3)
     np.testing.assert_allclose(coarse.time, [2, 2.002, 2.004, 2.006, 2.008])
     np.testing.assert_array_equal(coarse.row, [0, 1, 2, 4])

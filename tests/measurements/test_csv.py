@@ -57,7 +57,7 @@ def test_equivalent_csv_forms_agree(read, content):
 
 
 def test_decimal_commas_between_commas_are_refused_with_a_remedy(read):
-    with expect_refusal(UserError, "the line has 4 cells, but there are 2 names: '0,001,2,5'", where=":2", remedy="';'"):
+    with expect_refusal(UserError, "the line has 4 cells, but the table has 2 columns: '0,001,2,5'", where=":2", remedy="';'"):
         read("time [s],a [um/m]\n0,001,2,5\n", ["a"])
 
 
@@ -126,13 +126,13 @@ HEAD = "time [s],a [um/m],b [um/m]\n"
 FAULTS = {
     # content, line, what is said, word of the remedy
     "a word": (HEAD + "0,1,2\n0.001,oops,3\n", 3, "'oops' under 'a' is not a number", ""),
-    "a cut line": (HEAD + "0,1,2\n0.001,1\n", 3, r"the line has 2 cells, but there are 3 names: '0\.001,1'", ""),
+    "a cut line": (HEAD + "0,1,2\n0.001,1\n", 3, r"the line has 2 cells, but the table has 3 columns: '0\.001,1'", ""),
     "no time": (HEAD + "0,1,2\n,1,2\n", 3, "the sample has no time: ',1,2'", ""),
     "infinite": (HEAD + "0,1,2\n1,inf,2\n", 3, "'inf' under 'a' is not a finite number", ""),
     "underscores": (HEAD + "0,1,2\n1,1_000,2\n", 3, "'1_000' under 'a' is not a number", ""),
     "open quote": (HEAD + '0,1,2\n1,"2,3\n', 3, "is not a valid table row", ""),
     "binary": (HEAD + "0,1,2\n1,\0\0,2\n", 3, "the file is binary, not a text table", ""),
-    "too few units": (HEAD + "[s],[um/m]\n0,1,2\n", 2, "the line has 2 units, but there are 3 names", ""),
+    "too few units": (HEAD + "[s],[um/m]\n0,1,2\n", 2, "the line of units has 2 cells, but the table has 3 columns", ""),
     "other units": (HEAD + "[s],[mm],[um/m]\n0,1,2\n", 2, "is um/m in the line of names", ""),
     "a date alone": (HEAD + "2024-05-01,1,2\n", 2, r"write the time in seconds, or as clock time: 10:00:00\.01, 2024-05-03", ""),
     "a number below clock times": (HEAD + "12:00:00,1,2\n7,1,2\n", 3, "'7' under 'time' is not a time after", ""),

@@ -87,8 +87,8 @@ def virtual(file):
 
 FAULTS = {
     # datasets and links of a file, or what makes them
-    "external link": ({"a": h5py.ExternalLink("other.h5", "/a")}, "link to another file"),
-    "behind a soft link": ({"e": h5py.ExternalLink("x.h5", "/"), "a": h5py.SoftLink("/e/a")}, "link to another file"),
+    "external link": ({"a": h5py.ExternalLink("other.h5", "/a")}, "links to another file"),
+    "behind a soft link": ({"e": h5py.ExternalLink("x.h5", "/"), "a": h5py.SoftLink("/e/a")}, "links to another file"),
     "soft links in a circle": ({"a": h5py.SoftLink("/b"), "b": h5py.SoftLink("/a")}, "more than 16 consecutive links"),
     "virtual": (virtual, "in another file"),
     "external storage": (

@@ -121,7 +121,7 @@ def a_table(file):
     [
         (never_written, "0 of 4 blocks"),
         (a_table, "'a' is a MATLAB table or object"),
-        (lambda file: file.__setitem__("a", h5py.ExternalLink("other.h5", "/a")), "a link to another file"),
+        (lambda file: file.__setitem__("a", h5py.ExternalLink("other.h5", "/a")), "the dataset links to another file"),
         (lambda file: file.create_dataset("a", (1, 8), float, external=[("o.raw", 0, 64)]), "in another file"),
         (lambda file: file.create_dataset("a", (1, 10**12), float, chunks=(1, 1000)), "'a' has 1000000000000 samples"),
     ],

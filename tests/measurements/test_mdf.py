@@ -61,7 +61,7 @@ def test_ambiguous_channel_requires_group(tmp_path):
     path = two_groups(tmp_path / "a.mf4")
     with pytest.raises(UserError, match="2 channels have the name 'G1'") as caught:
         read(path, ["G1"])
-    assert caught.value.remedy == "specify the group too: 'fast/G1' or 'slow/G1'"
+    assert caught.value.remedy == "specify group and channel: 'fast/G1' or 'slow/G1'"
     np.testing.assert_array_equal(read(path, ["fast/G1"]).channels["fast/G1"], A)
     assert read(path, ["slow/G1"]).units == {"slow/G1": "N"}
     np.testing.assert_array_equal(read(path, ["1/G1"]).channels["1/G1"], A[::10])
@@ -95,7 +95,7 @@ def test_time_channel_of_same_group(tmp_path):
     )
     np.testing.assert_allclose(read(path, ["G1"], time="t2", time_unit="ms").time, T + 5.0, atol=1e-12)
     np.testing.assert_allclose(read(path, ["G1"], time="time", time_unit="s").time, T, atol=1e-12)
-    with pytest.raises(UserError, match="the time 't2' and 'F' belong to different groups"):
+    with pytest.raises(UserError, match="the time channel 't2' and 'F' belong to different groups"):
         read(path, ["F"], time="t2")
     with pytest.raises(UserError, match="the time unit is s in the config, but ms in the file"):
         read(path, ["G1"], time="t2", time_unit="s")
@@ -177,8 +177,8 @@ def test_table_with_unused_text_is_converted(tmp_path):
         (table("phys", [5.0, 5.0, 20.0], [1.0, 2.0, 3.0]) | {"interpolation": True}, "raw values that do not increase"),
         (ranges([(0, 9, 1.0), (5, 19, 2.0)], "phys", default=0.0), "ranges that overlap"),
         ({"formula": "X1*foo"}, "the conversion formula 'X1\\*foo', which cannot be evaluated: 'foo' is neither"),
-        ({"formula": "1/X1"}, "no physical value at sample 1: its conversion '1/X1' of the raw value 0 results in inf"),
-        (dict.fromkeys(P, 0.0), "no physical value at sample 1: its conversion rule of the raw value 0 results in nan"),
+        ({"formula": "1/X1"}, "no physical value at sample 1: the conversion '1/X1' of the raw value 0 yields inf"),
+        (dict.fromkeys(P, 0.0), "no physical value at sample 1: the conversion rule of the raw value 0 yields nan"),
     ],
 )
 def test_conversion_without_value_is_refused(tmp_path, rule, message):

@@ -182,7 +182,7 @@ FAULTS = {
     "cut": (TEXT[:-20], ":", "the file ends inside dataset 1"),
     "claims": (TEXT.replace(f"{101:10d}", f"{10**9:10d}"), ":2", "1000000000 values are declared"),
     "form": (TEXT.replace(f"{2:10d}{101:10d}", f"{3:10d}{101:10d}"), ":9", "ordinate type 3, 101 values,"),
-    "increment": (text(A, step=0.0), f":{DATA}", "the abscissa increment is 0"),
+    "increment": (text(A, step=0.0), f":{DATA}", "the time increment is 0"),
     "spectrum": (text(A, kind=2), f":{DATA}", "function type 2"),
     "no mark": ("hello\n" + TEXT, ":1", "expected the start of a dataset, but found 'hello'"),
     "binary cut": (BINARY[:-50], "dataset 1 (12:3)", "the dataset does not end after 101 values of 8 bytes"),

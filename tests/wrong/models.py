@@ -137,7 +137,7 @@ CONNECTIONS = {
         "5 nodes lie on elements that do not contain them",
     ),
     "a beam twice": (frame("CBAR,9,1,1,2,0.,0.,1."), {}, "CBAR 9 has the same nodes as CBAR 1"),
-    "an element twice": (bar("CHEXA,9,1,1,2,7,6,11,12,\n,17,16"), {}, "CHEXA 9: the same nodes as CHEXA 1"),
+    "an element twice": (bar("CHEXA,9,1,1,2,7,6,11,12,\n,17,16"), {}, "CHEXA 9 has the same nodes as CHEXA 1"),
     "a relation that grounds": (
         bar("MPC,1,5,3,1.,3,3,-1.", case="SPC = 1\nMPC = 1"),
         {},

@@ -233,7 +233,7 @@ def test_a_number_that_stands_for_a_missing_value_is_named_with_its_line_and_the
     found = said(project)
     assert "test.csv:9  estimate.channels.0" in found
     assert f"'G1' has the value {mark:g} um/m in 2 of" in found
-    assert "it marks missing values" in found
+    assert "this value marks missing samples" in found
     named = said(project, ("file: test.csv", f'file: test.csv\n  text: {{missing: ["{mark:.9g}"]}}'))
     assert named == ""
 
@@ -276,7 +276,7 @@ def dead_and_clipped(values):
     [
         (mark_among_large, ["'G1' has the value -32768 um/m in 3 of"]),
         (mark_between_smooth, ["'G1' has the value -999 um/m in 3 of"]),
-        (marks_of_both_signs, ["it marks missing values"]),
+        (marks_of_both_signs, ["this value marks missing samples"]),
         (dead_and_clipped, ["G1 is constant in all", "G2 is clipped"]),
     ],
 )

@@ -103,7 +103,7 @@ def lamina_fault(moduli: Mapping[str, float], poisson_ratio: float, name: str = 
     e1, e2 = list(moduli.values())[:2]
     if not poisson_ratio**2 < e1 / e2:
         what = f"{name} is {poisson_ratio:g}, but its square must be less than E1/E2 = {e1 / e2:g}"
-        return what, f"{name} = −ε₂/ε₁ for a stress along axis 1"
+        return what, f"define {name} as −ε₂/ε₁ for a stress along axis 1"
     return None
 
 
@@ -137,7 +137,7 @@ def check_elements(
         if (pair := find_coincident(block.nodes)) is not None:
             first, second = (int(block.ids[row]) for row in pair)
             place, other = where("element", second), where("element", first)
-            what = f"{called(block, pair[1])}: the same nodes as {called(block, pair[0])}"
+            what = f"{called(block, pair[1])} has the same nodes as {called(block, pair[0])}"
             what += f" at {other}" if other != place else ""
             remedy = "remove one of the two elements; together they double the stiffness and mass"
             raise entity_error("element", second, what, remedy, where)

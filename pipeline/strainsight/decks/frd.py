@@ -65,7 +65,7 @@ def blocks(file: BinaryIO, path: Path, nodes: list[NodeTable]) -> Iterator[tuple
             yield _header(file, line, parameters), str(path)
         elif line[:5] == b" 9999":
             return
-    raise error_at(path, "the last line, 9999, is missing: the file may be truncated", "export it again")
+    raise error_at(path, "the last line, 9999, is missing: the file may be truncated", "export the results again")
 
 
 def _header(file: BinaryIO, line: bytes, parameters: dict[bytes, list[bytes]]) -> Block:
@@ -91,7 +91,7 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
         table_rows = np.frombuffer(read_exactly(file, block.rows * item.itemsize, where), item)
         return table_rows["node"].tobytes(), table_rows["value"].astype(float)
     if k > NUMBERS_A_LINE:
-        raise error_at(where, f"a displacement block has {k} numbers per node", "export the results again")
+        raise error_at(where, f"a displacement block has {k} numbers per node, too many", "export the results again")
     width = ID_WIDTH[block.format]
     start = file.tell()
     length = len(file.readline())

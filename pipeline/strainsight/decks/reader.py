@@ -56,14 +56,14 @@ def read_mesh(
         raise error_at(
             path,
             "no such file" if not path.exists() else "not a file",
-            "correct the name; a relative path is relative to the folder of the config file",
+            "correct the file name; a relative path is relative to the folder of the config file",
         )
     format = format_of(path) if format == "auto" else format
     for value, key, of, program in ((spc, "spc", "nastran", "Nastran"), (step, "step", "abaqus", "Abaqus")):
         if value is not None and format != of:
             raise UserError(
                 f"{path.name} is not a {program} deck, and mesh.{key} applies only to {program} decks",
-                remedy="remove the key",
+                remedy=f"remove mesh.{key}",
             )
     if sections and format in ("nastran", "abaqus"):
         raise UserError(

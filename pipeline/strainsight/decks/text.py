@@ -157,7 +157,7 @@ class Includes:
         if not files:
             files = [target for base in bases for target in _but_for_capitals(base, name.replace("\\", "/"))]
             self.notes += (
-                [f"{word} {name!r} ({line.where}): read from {files[0]}, whose name differs in capitals"]
+                [f"{word} {name!r} ({line.where}): read from {files[0]}, whose name differs in upper and lower case"]
                 if files
                 else []
             )

@@ -109,7 +109,7 @@ def build_imported_model(mesh: Mesh, ready: ImportedMatrices) -> FullModel:
     constrained_mesh = _for_constraints(mesh, nodes, ready.components, stiff)
     constraint = constraint_transform(constrained_mesh, supported=supported, rotations=rotations)
     if constraint.transform.shape[1] == 0:
-        raise UserError("no motion is free: every row is fixed or has no stiffness", remedy="release some nodes")
+        raise UserError("no degree of freedom is free: each row is fixed or has no stiffness", remedy="remove supports")
     B = sparse.csr_array(P @ constraint.transform)
     model = FiniteElementModel(mesh, constraint, restricted(ready.stiffness, B), restricted(ready.mass, B))
     check_diagonal(model)
@@ -184,7 +184,7 @@ def check_diagonal(model: FiniteElementModel) -> None:
         free = int(np.argmin(diagonal > 0))
         name = describe_row(model.mesh, model.constraint, int(model.constraint.free_rows[free]))
         raise DeckError(
-            f"{name}: its stiffness is {diagonal[free]:g} ({np.count_nonzero(~(diagonal > 0))} such motions)",
+            f"{name}: the stiffness is {diagonal[free]:g}, not positive ({np.count_nonzero(~(diagonal > 0))} such motions)",
             remedy="check the matrix and its numbering; the diagonal of a stiffness must be positive",
         )
 
@@ -203,7 +203,7 @@ def unmoved_solids(mesh: Mesh, constraint: Constraint, rows: int) -> list[str]:
     listed = ", ".join(map(str, named[:5])) + (", …" if len(named) > 5 else "")
     return [
         f"{np.count_nonzero(still)} translations of {len(named)} nodes of solids have no stiffness in the "
-        f"{rows} rows of the matrices and are set to zero, so that strains there are too small (nodes {listed})"
+        f"{rows} rows of the matrices and are set to zero, so strains at these nodes are too small (nodes {listed})"
     ]
 
 

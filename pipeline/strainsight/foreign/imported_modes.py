@@ -110,7 +110,7 @@ FOLLOWS, FACTOR = 0.9, 1.5
 """A response with cos² above FOLLOWS to the modal response of its load must have the same size within FACTOR."""
 
 AS_LOADED = (
-    "check that the load is that of this step, with its direction and nodes, and that `applied` is its "
+    "check that nodes and direction of the load are those of this step, and that `applied` is the load "
     "magnitude [N, N m, Pa]. Check the units of the mesh, and that modes and step have the same supports"
 )
 
@@ -120,7 +120,7 @@ def check_modes(frequency: np.ndarray, where: tuple[str, ...]) -> None:
     rigid = np.flatnonzero(~(frequency > RIGID * frequency.max(initial=0.0)))
     if rigid.size:
         raise UserError(
-            f"the structure is free or unstable: a mode has {frequency[rigid[0]]:.4g} Hz ({rigid.size} modes "
+            f"the structure is free or unstable: a mode is at {frequency[rigid[0]]:.4g} Hz ({rigid.size} modes "
             f"below {RIGID:g} of the highest frequency {frequency.max():.4g} Hz)",
             where=where[int(rigid[0])],
             remedy="add the supports of the test, or soft springs, in the other program, and write modes and responses again",
@@ -202,16 +202,16 @@ def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None)
     worst = int(np.argmax(np.abs(np.log(off))))
     if abs(off[worst] - 1) > OFF:
         raise UserError(
-            f"the modal mass of mode {worst + 1} from the densities of the mesh is {off[worst]:.4g} times that "
-            "of the results",
+            f"the modal mass of mode {worst + 1} from the densities of the mesh is {off[worst]:.4g} times the "
+            "value in the results",
             key="mesh.results",
             remedy="use the densities, point masses and units of the original analysis, or remove the densities. If "
             "the modes do not have unit mass, set modal_mass: mesh",
         )
     if abs(off[worst] - 1) > UNIT:
         return file_mass, [
-            f"the modal mass of mode {worst + 1} from the densities of the mesh is {off[worst]:.4g} times that "
-            "of the results, which is used"
+            f"the modal mass of mode {worst + 1} from the densities of the mesh is {off[worst]:.4g} times the "
+            "value in the results, which is used"
         ]
     return file_mass, []
 
@@ -244,8 +244,8 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         for j in range(i):
             off = abs(G[i, j] - G[j, i]) / np.sqrt(energy[i] * energy[j])
             message = (
-                f"the response to {names[j]} moves by {names[i]} m/N along {G[i, j]:.5g}, and the response to "
-                f"{names[i]} along {names[j]}"
+                f"the response to {names[i]} moves {names[j]} by {G[i, j]:.5g} m/N, and the response to "
+                f"{names[j]} moves {names[i]}"
             )
             if off > SYMMETRIC:
                 raise UserError(
@@ -273,7 +273,7 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         if wrong:
             i = int(np.argmax(lam * np.maximum(share**2, projected**2)))
             raise UserError(
-                f"the response contains {projected[i]:.5g} of mode {i + 1}, but this load requires "
+                f"the response contains mode {i + 1} with the amplitude {projected[i]:.5g}, but this load requires "
                 f"{share[i]:.5g}: the relative difference is {off:.2g}",
                 key=f"mesh.results.loads.{names[j]}",
                 where=where[j],
@@ -427,18 +427,18 @@ def describe_responses(
     without = [name for i, name in enumerate(names) if i not in results.load]
     if without:
         notes.append(
-            f"no static response to {', '.join(without)}, so its strain lacks the part that the "
+            f"the results have no static response to {', '.join(without)}, so its strain lacks the part that the "
             f"{len(results.frequency)} modes do not represent"
         )
     if dropped:
         notes.append(
             f"{dropped} of {len(results.load)} static responses depend on the modes and the other responses, "
-            f"within the relative precision {results.rounding:.0e} of their file"
+            f"within the relative precision {results.rounding:.0e} of their file, and are left out"
         )
     if quasi_static and len(results.load) > dropped:
         notes.append(
             "the mesh does not define the mass of the static residuals: they follow their loads "
-            f"quasi-statically, with a frequency of {above:.4g} Hz, {ABOVE:g} times the highest mode"
+            f"quasi-statically, with a frequency of {above:.4g} Hz, {ABOVE:g} times the highest natural frequency"
         )
     return notes
 

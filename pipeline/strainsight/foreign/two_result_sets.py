@@ -93,7 +93,7 @@ def check_supports(mesh: Mesh, imported: tuple[ImportedMotion, ImportedMotion]) 
     if other.size:
         which = "first" if fixed_rows[0][other[0]] else "second"
         raise UserError(
-            f"{which} is fixed in the {describe_row(mesh, imported[0].constraint, int(other[0]))} set "
+            f"{describe_row(mesh, imported[0].constraint, int(other[0]))} is fixed in the {which} set "
             f"({other.size} such motions), but not in the other set",
             key=KEY,
             remedy="compute both sets with the same supports",
@@ -147,15 +147,15 @@ def check_frequencies(change: Change, first: Observed, second: Observed, stiff: 
     if wrong.size:
         i = int(wrong[0])
         raise UserError(
-            f"mode {i + 1} changes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz, but {values} "
-            f"can change it only by a factor of {np.sqrt(low):.4g} to {np.sqrt(high):.4g}",
+            f"mode {i + 1} changes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz, but a "
+            f"change of {values} can change it only by a factor of {np.sqrt(low):.4g} to {np.sqrt(high):.4g}",
             key=KEY,
             remedy="change only this parameter between the sets, write the same number of modes from the lowest on, "
             "and check both values (mesh.results.at, mesh.results.second.at)",
         )
     if np.abs(moved - 1).max() < slack:
         raise UserError(
-            f"both result sets have the same frequencies: {values} changes none of {count} modes",
+            f"both result sets have the same frequencies: the change of {values} affects none of {count} modes",
             key=KEY,
             remedy="specify the file that was computed with the other value",
         )
@@ -256,8 +256,8 @@ def _change_of_stiffness(
             f"{off:.0%} of the difference between the sets does not fit an isotropic stiffness of "
             f"{', '.join(str(mesh.regions[r]) for r in parameter.regions)}",
             key=KEY,
-            remedy="change only this parameter in these regions; for anisotropic materials or other changes, use the "
-            "deck itself, or mesh.matrices",
+            remedy="change only this parameter in these regions; for anisotropic materials or other changes, "
+            "import the input deck, or use mesh.matrices",
         )
     energy = _symmetrize(np.asarray(sum(forms)))
     a = _pseudo_inverse(energy[:k, :k]) @ energy[:k, k:]
@@ -266,8 +266,8 @@ def _change_of_stiffness(
     if off <= NOTED:
         return D, []
     return D, [
-        f"{off:.1%} of the effect of {parameter.name} does not fit our elements: between the two values "
-        "frequencies are off by about a hundredth of this"
+        f"{off:.1%} of the effect of {parameter.name} does not fit the element formulation: frequencies between "
+        "the two values have a relative error of about one hundredth of this"
     ]
 
 
@@ -283,7 +283,7 @@ def _forms(mesh: Mesh, parameter: Parameter) -> list[sparse.csr_array]:
                 f"{mesh.regions[number]} does not consist only of isotropic solids, so two result sets do not "
                 "determine its stiffness",
                 key=f"parameters.{parameter.name}.region",
-                remedy="use a parameter of isotropic solids, or use the deck itself, or mesh.matrices",
+                remedy="use a parameter of isotropic solids, or import the input deck, or use mesh.matrices",
             )
         blocks = tuple(
             replace(block, ids=block.ids[here], nodes=block.nodes[here], region=block.region[here])

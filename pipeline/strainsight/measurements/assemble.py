@@ -74,8 +74,8 @@ def assemble(
         if late:
             on_clock = shifted(written.spread(calibrated), late)
             notes.append(
-                f"{name}: {abs(late)} samples {'late' if late > 0 else 'early'}, which was corrected; it has no samples in the "
-                f"{'last' if late > 0 else 'first'} {abs(late) * written.step:.6g} s"
+                f"{name}: a {'delay' if late > 0 else 'lead'} of {abs(late)} samples was corrected; the "
+                f"{'last' if late > 0 else 'first'} {abs(late) * written.step:.6g} s have no samples"
             )
             values[:, column] = on_clock if step is None else clock.spread(on_clock[written.row[used]])
         else:
@@ -93,8 +93,8 @@ def _stretch(name: str, missing: np.ndarray, time: np.ndarray) -> tuple[str, ...
         return ()
     start, end = time[first[longest]], time[behind[longest] - 1]
     return (
-        f"{name}: {count} consecutive samples are missing, from {start:.9g} to {end:.9g} s; only the other "
-        "channels are used there",
+        f"{name}: {count} consecutive samples are missing, from {start:.9g} to {end:.9g} s; in this "
+        "interval only the other channels are used",
     )
 
 
@@ -156,8 +156,8 @@ def remove_repeated_samples(name: str, values: np.ndarray, step: float) -> tuple
         )
     note = (
         f"{name}: every sample is repeated {n} times, from a channel of {1 / (step * n):.4g} Hz with a mean "
-        f"delay of (n − 1)/2 = {(n - 1) / 2:g} samples. The first of each run is used, the others are marked as "
-        "missing"
+        f"delay of (n − 1)/2 = {(n - 1) / 2:g} samples. The first sample of each run is used, the "
+        "repeated samples are marked as missing"
     )
     return np.where(repeated.fresh, values, np.nan), (note,)
 
@@ -194,7 +194,7 @@ def find_channel(name: str, places: Sequence[Place], path: Path) -> int:
             raise UserError(
                 f"{len(matches)} channels have the name {name!r}",
                 where=str(path),
-                remedy=f"specify the group too: {' or '.join(map(quote, full_names))}{' …' if len(matches) > 10 else ''}",
+                remedy=f"specify group and channel: {' or '.join(map(quote, full_names))}{' …' if len(matches) > 10 else ''}",
             )
     known = list(dict.fromkeys(word for place in places for word in place.names[:2]))
     raise missing_error("channel", name, known, str(path), [place.names[0] for place in places])
@@ -222,7 +222,7 @@ def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
     two = {next(iter(clocks)): first, name: t}
     spans = [f"{quote(n)} has {len(x)} samples from {_at(x, 0)} to {_at(x, -1)} s" for n, x in two.items()]
     raise UserError(
-        ", ".join(spans),
+        "the channels have different clocks: " + ", ".join(spans),
         where=str(path),
         remedy="use channels of one clock, or export the record with all channels cut and resampled to one clock",
     )

@@ -119,7 +119,7 @@ class ChannelSettings:
         if quantity == "bridge" and self.bridge is None:
             raise UserError(
                 f"a channel in {self.unit} requires a bridge and a gauge factor",
-                remedy="specify bridge and gauge factor; for a load cell specify its unit, scale and override",
+                remedy="specify bridge and gauge factor; for a load cell set `unit`, `scale` and `override: true`",
             )
         if quantity != "bridge" and self.bridge is not None:
             raise UserError(
@@ -129,13 +129,13 @@ class ChannelSettings:
         if self.zero is not None and not self.zero[0] < self.zero[1]:
             raise UserError(
                 f"the zeroing window from {self.zero[0]:g} to {self.zero[1]:g} s is empty",
-                remedy="specify its start and its end",
+                remedy="specify a start before the end",
             )
         for first, last in self.missing:
             if not first <= last:
                 raise UserError(
                     f"the span of missing samples from {first:g} to {last:g} s is empty",
-                    remedy="specify start and end of each span",
+                    remedy="specify a start before the end of each span",
                 )
 
     @property
@@ -196,7 +196,7 @@ def _mark_missing(recording: Recording, name: str, settings: ChannelSettings, va
                 f"there is no sample from {first:g} to {last:g} s; the record runs from {recording.time[0]:g} "
                 f"to {recording.time[-1]:g} s",
                 where=recording.source,
-                remedy="use times of the file in `missing`, in seconds",
+                remedy="specify the spans of `missing` in seconds of the file",
             )
         marked |= within
     values[marked] = np.nan
@@ -225,9 +225,9 @@ def _check_size(recording: Recording, name: str, settings: ChannelSettings, valu
     if too_large.size:
         sample = int(too_large[0])
         raise UserError(
-            f"{name!r} has the value {values[sample]:g} {settings.unit}",
+            f"{name!r} has the value {values[sample]:g} {settings.unit}, above the limit of {LARGEST:g}",
             where=recording.place(sample),
-            remedy="leave the cell empty for missing samples, and declare numbers that mark missing samples",
+            remedy="leave the cell empty for missing samples, or declare the numbers that mark missing samples",
         )
 
 
@@ -235,7 +235,7 @@ def _subtract_zero(recording: Recording, name: str, settings: ChannelSettings, v
     assert settings.zero is not None
     start, end = settings.zero
     if np.isnan(values).all():
-        return f"{name}: the channel has no samples, so nothing was zeroed"
+        return f"{name}: the channel has no samples, so it was not zeroed"
     within = values[(recording.time >= start) & (recording.time <= end)]
     within = within[np.isfinite(within)]
     if not within.size:

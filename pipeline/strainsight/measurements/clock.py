@@ -78,7 +78,7 @@ def uniform_clock(recording: Recording) -> Clock:
     if (count := float(whole.sum()) + 1) > MOST_FILLED * t.size:
         worst = int(np.argmax(whole))
         raise UserError(
-            f"filling the gaps of the record with {t.size} samples would result in {count:.4g} samples; the "
+            f"filling the gaps would extend the record from {t.size} to {count:.4g} samples; the "
             f"longest gap is {between[worst]:.6g} s after {t[worst]:.9g} s",
             where=recording.place(worst + 1),
             remedy="cut the record at the gap, or correct the time stamp",
@@ -112,14 +112,14 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
             remedy=f"use an integer multiple or fraction such as {near:.9g} s, or resample the record",
         )
     ppm = 1e6 * (max(ratio, 1 / ratio) / k - 1)
-    notes = (f"the clock of the record differs from {step:g} s by {abs(ppm):.2g} ppm",) if abs(ppm) > 0.1 else ()
+    notes = (f"the record step differs from filter step {step:g} s by {abs(ppm):.2g} ppm",) if abs(ppm) > 0.1 else ()
     if ratio < 1 or k == 1:
         if k > 1:
-            rows = f"{k - 1} rows without samples were inserted between two samples: the record step is"
+            rows = f"{k - 1} rows without samples were inserted between consecutive samples: the record step is"
             notes = (*notes, f"{rows} {clock.step:g} s, the filter step {step:g} s")
         return Clock(clock.start, step, (clock.count - 1) * k + 1, clock.row * k), np.arange(len(clock.row)), notes
     used = np.flatnonzero(clock.row % k == 0)
-    note = f"one of {k} samples was used: frequencies above {0.5 / step:g} Hz cause aliasing"
+    note = f"one in {k} samples was used: frequencies above {0.5 / step:g} Hz cause aliasing"
     return Clock(clock.start, step, (clock.count - 1) // k + 1, clock.row[used] // k), used, (*notes, note)
 
 
@@ -324,7 +324,7 @@ def time_from_number(
     """Time (samples,) from 0 and its unit "s", from one number: the sampling interval, or, with unit Hz or kHz, the sampling
     rate. name: name of the number; a name that suggests a rate is refused with a unit of time."""
     if not 0 < scalar < np.inf:
-        raise UserError(f"{name!r} is {scalar:g}", where=where, remedy="specify sampling interval or rate")
+        raise UserError(f"{name!r} is {scalar:g}, not positive", where=where, remedy="specify the interval or rate")
     units = [unit for unit in (time_unit, unit_in_file) if unit is not None]
     rates = [spelling(unit) for unit in units if spelling(unit) in RATES]
     if rates and len(rates) == len(units) and len(set(rates)) == 1:
@@ -362,8 +362,8 @@ class Delay:
         whole = round(exact)
         if abs(exact - whole) > WHOLE:
             raise UserError(
-                f"a delay of {self.seconds:g} s is {exact:.4g} samples of {step:.6g} s, but delays are not "
-                "interpolated",
+                f"a delay of {self.seconds:g} s is {exact:.4g} samples of {step:.6g} s, but must be a "
+                "whole number of samples",
                 remedy=f"specify {whole * step:.6g} s, or a whole number of samples",
             )
         return whole

@@ -74,7 +74,7 @@ def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[int, bytes]]:
             number += lines.count(b"\n")
         if len(rest) > LONGEST:
             _check_lines(rest, number, path)
-            raise UserError("a line is longer than 1 MiB", where=f"{path}:{number}", remedy="use a text table")
+            raise UserError("a line is longer than 1 MiB", where=f"{path}:{number}", remedy="write one sample per line")
     if rest.strip():
         yield number, _check_lines(rest + b"\n", number, path)
 

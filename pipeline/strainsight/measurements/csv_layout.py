@@ -92,7 +92,7 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
             f"the columns have no names: the first line is {quote(text)}",
             where=where,
             remedy="write a line of names above the numbers, or "
-            + form.remedy_setting("header_line", "LINE", "specify its line"),
+            + form.remedy_setting("header_line", "LINE", "specify the number of this line"),
         )
     names, units = zip(*(_name_and_unit(cell, time) for cell in cells), strict=True)
     columns = [_column(name, cells, names, where) for name in channels]
@@ -116,7 +116,7 @@ def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
         return None
     if len(cells) != len(layout.names):
         raise UserError(
-            f"the line has {len(cells)} units, but there are {len(layout.names)} names",
+            f"the line of units has {len(cells)} cells, but the table has {len(layout.names)} columns",
             where=where,
             remedy="write a unit, or an empty cell, for every column",
         )
@@ -157,7 +157,7 @@ def _delimiter(text: str, where: str, form: TextFormat, single: bool) -> str:
             f"the line of names contains {' and '.join(delimiter_names[sign] for sign in delimiters)}: {quote(text)}",
             where=where,
             remedy=form.remedy_setting("delimiter", f'"{delimiters[-1]}"', "specify the delimiter")
-            + (", or to the correct delimiter" if form.key else ""),
+            + (", or the correct delimiter" if form.key else ""),
         )
     if single:
         return "\t"

@@ -99,7 +99,7 @@ def rows_by_line(
             cells.pop()
         if len(cells) != len(layout.names):
             raise UserError(
-                f"the line has {len(cells)} cells, but there are {len(layout.names)} names: {quote(decode(line))}",
+                f"the line has {len(cells)} cells, but the table has {len(layout.names)} columns: {quote(decode(line))}",
                 where=where,
                 remedy=_remedy_for_count(len(cells), layout),
             )
@@ -113,7 +113,7 @@ def rows_by_line(
             raise UserError(
                 f"the sample has no time: {quote(decode(line))}",
                 where=where,
-                remedy="add its time",
+                remedy="add the time of this sample",
             )
         numbers.extend(row)
         lines.append(number)
@@ -201,7 +201,7 @@ def _remedy_for_cell(cell: str, column: int, layout: Layout, form: TextFormat) -
         return _COUNTED
     if form.decimal == "," and "." in cell:
         return "the decimal mark is set to the comma: correct the number, or " + form.remedy_setting(
-            "decimal", '"."', "correct the setting"
+            "decimal", '"."', "correct the decimal mark"
         )
     if column == layout.time_column and layout.remarks:
         return _SEGMENT
@@ -249,7 +249,7 @@ def check_marks(recording: Recording, name: str, unit: str, remedy: str = "", ne
             continue
         raise UserError(
             f"{name!r} has the value {mark:g} {unit} in {len(at)} of {len(values)} samples, but "
-            f"{others.min():.4g} to {others.max():.4g} in the others: it marks missing values",
+            f"{others.min():.4g} to {others.max():.4g} in the others: this value marks missing samples",
             where=recording.place(int(at[0])),
             remedy=remedy
             or f'declare it as written in the file, `text: {{missing: ["{mark:g}"]}}`, or leave the samples '

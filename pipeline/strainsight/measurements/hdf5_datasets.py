@@ -102,11 +102,11 @@ def resolve(file: Any, name: str, where: str) -> Any:
         if not isinstance(group, h5py.Group) or (link := group.get(parts[0], getlink=True)) is None:
             return None
         if isinstance(link, h5py.ExternalLink):
-            raise UserError(f"it is a link to another file, {quote(link.filename)}", where=where, remedy=INSTEAD)
+            raise UserError(f"the dataset links to another file, {quote(link.filename)}", where=where, remedy=INSTEAD)
         if isinstance(link, h5py.SoftLink):
             hops += 1
             if hops > _HOPS:
-                raise UserError(f"more than {_HOPS} consecutive links", where=where, remedy=INSTEAD)
+                raise UserError(f"found more than {_HOPS} consecutive links", where=where, remedy=INSTEAD)
             group = file if link.path.startswith("/") else group
             parts = [part for part in link.path.split("/") if part and part != "."] + parts[1:]
             continue
@@ -122,7 +122,7 @@ def _check(item: Any, column: int | None, samples: int | None, path: Path, where
     if dtype.kind not in "iuf":
         raise UserError(f"the dataset contains {dtype} instead of real numbers", where=where, remedy=INSTEAD)
     if shape is None or len(shape) not in (1, 2):
-        raise UserError(f"the shape {shape} is not supported", where=where, remedy=INSTEAD)
+        raise UserError(f"the shape {shape} does not have one or two dimensions", where=where, remedy=INSTEAD)
     if column is None and len(shape) == 2 and shape[1] != 1:
         raise UserError(
             f"the dataset has {shape[1]} columns",
@@ -140,7 +140,7 @@ def _check(item: Any, column: int | None, samples: int | None, path: Path, where
         raise UserError(
             f"the dataset has {shape[0]} samples, but the clock has {samples}",
             where=where,
-            remedy="use channels of one clock, or cut both to the same length",
+            remedy="use channels of one clock, or cut all datasets to the same length",
         )
     check_stored(item, where, path.stat().st_size)
     for name, harmless in _PACKING.items():
@@ -156,7 +156,7 @@ def check_stored(item: Any, where: str, file_size: int) -> None:
     """Raise UserError for samples that were never written: they have the fill value, mostly zero."""
     if item.nbytes > PACKING * file_size:
         raise UserError(
-            f"the dataset has {item.nbytes} bytes, but the file only {file_size}",
+            f"the dataset has {item.nbytes} bytes, but the file has only {file_size}",
             where=where,
             remedy="cut the record where the writing stopped",
         )
@@ -165,7 +165,7 @@ def check_stored(item: Any, where: str, file_size: int) -> None:
             raise UserError(
                 f"the dataset is stored in chunks of {item.chunks}, which are too large",
                 where=where,
-                remedy="use smaller chunks",
+                remedy="write smaller chunks",
             )
         expected = int(np.prod([-(-n // c) for n, c in zip(item.shape, item.chunks, strict=True)]))
         written = item.id.get_num_chunks()

@@ -41,7 +41,7 @@ def one_line(values: np.ndarray, part: tuple[int, int] | None, name: str, where:
         return values.take(index, axis)
     if values.ndim > 2 or (values.ndim == 2 and min(values.shape) > 1):
         raise UserError(
-            f"{name!r} is a matrix of size {' × '.join(map(str, values.shape))}",
+            f"{name!r} is a matrix of size {' × '.join(map(str, values.shape))}, not a vector",
             where=where,
             remedy=f"select a column or row, as in '{name}(:,1)'" if values.ndim == 2 else "use a vector",
         )

@@ -83,7 +83,7 @@ def _open_stream(path: Path) -> IO[bytes]:
             size = path.stat().st_size
             if member.file_size > PACKING * size:
                 raise UserError(
-                    f"the archive of {size} bytes unpacks to {member.file_size}, more than {PACKING} times as much",
+                    f"the archive of {size} bytes unpacks to {member.file_size} bytes, more than {PACKING} times its size",
                     where=str(path),
                     remedy="unpack the archive and specify the file",
                 )
@@ -158,7 +158,7 @@ def _time_channel(
     for name, (group, _) in wanted.items():
         if _master_group(file, group) != _master_group(file, at[0]):
             raise UserError(
-                f"the time {time!r} and {name!r} belong to different groups",
+                f"the time channel {time!r} and {name!r} belong to different groups",
                 where=str(path),
                 remedy="remove estimate.time.channel, because every group has a master channel, or use channels of one group",
             )

@@ -113,7 +113,7 @@ def _evaluate_atom(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value
         value, at = _evaluate_sum(tokens, at + 1, x, depth)
         return value, _close(tokens, at)
     if kind == "word":
-        raise ValueError(f"{text!r} is neither X1 nor a function with its arguments: {', '.join(sorted(FUNCTIONS))}")
+        raise ValueError(f"{text!r} is neither X1 nor a call of one of these functions: {', '.join(sorted(FUNCTIONS))}")
     raise ValueError("it is incomplete" if kind == "end" else f"{text!r} is unexpected")
 
 
@@ -168,8 +168,8 @@ def to_physical(raw: Values, rule: Any, version: int, integers: bool, name: str,
         sample = int(np.argmax(valid & ~np.isfinite(result)))
         shown = quote(_formula_text(rule), 100) if rule.formula else "rule"
         raise UserError(
-            f"{name!r} has no physical value at sample {sample + 1}: its conversion {shown} of the raw value "
-            f"{raw[sample]:g} results in {result[sample]:g}",
+            f"{name!r} has no physical value at sample {sample + 1}: the conversion {shown} of the raw value "
+            f"{raw[sample]:g} yields {result[sample]:g}",
             where=where,
             remedy="correct the conversion, or mark such samples as invalid in the file",
         )

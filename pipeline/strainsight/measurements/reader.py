@@ -117,7 +117,7 @@ def format_of(path: Path) -> str:
     remedy = f"set the format to one of {', '.join(FORMATS)}"
     if ending in SPREADSHEETS:
         remedy = "save the table as CSV, with a line of names above the numbers"
-    raise UserError(f"the ending {ending!r} is not one of a test data format", where=str(path), remedy=remedy)
+    raise UserError(f"the ending {ending!r} belongs to no known test data format", where=str(path), remedy=remedy)
 
 
 def read_binary(

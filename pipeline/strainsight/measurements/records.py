@@ -81,7 +81,7 @@ def check_count(samples: int, name: str, where: str) -> None:
     """Raise UserError for a channel with more samples than MOST_SAMPLES."""
     if samples > MOST_SAMPLES:
         raise UserError(
-            f"{name!r} has {samples} samples according to the file",
+            f"{name!r} has {samples} samples according to the file, too many",
             where=where,
             remedy=f"shorten the record: the limit is {MOST_SAMPLES} samples",
         )

@@ -104,7 +104,7 @@ def function_of(
     order = _byte_order(decode(identifier), where)
     text = [decode(record.rstrip(b"\r\n")) for record in records]
     dof = _fields(text[5], at(6), "the DOF", (5, 10, 5, 10, -11, 10, 4))
-    form = _fields(text[6], at(7), "the form of the data", (10, 10, 10, 13.5, 13.5))
+    form = _fields(text[6], at(7), "the data form", (10, 10, 10, 13.5, 13.5))
     ordinate, count, spacing = (int(value) for value in form[:3])
     if ordinate not in (2, 4, 5, 6) or spacing not in (0, 1) or not 0 < count < 10**12:
         raise UserError(
@@ -168,7 +168,7 @@ def _fields(text: str, where: str, what: str, widths: tuple[float, ...]) -> list
         value = 0.0 if not piece else number_of(piece)
         if value is None or not math.isfinite(value) or (width == int(width) and value != int(value)):
             raise UserError(
-                f"{quote(piece)} is not a valid number of {what}: {quote(text, 80)}",
+                f"{quote(piece)} is not a valid number in {what}: {quote(text, 80)}",
                 where=where,
                 remedy="export the file again with fixed columns, as the format requires",
             )
@@ -358,7 +358,7 @@ def _read(
         raise UserError(description, where=where, remedy="export the time signal")
     if function.abscissa != _TIME and not (function.kind == _TIME_RESPONSE and function.abscissa in (0, 1)):
         raise UserError(
-            f"the abscissa has data type {function.abscissa} instead of time (17)",
+            f"the abscissa has data type {function.abscissa} instead of 17 (time)",
             where=where,
             remedy="export the time signal",
         )
@@ -367,7 +367,7 @@ def _read(
     values = table[:, -1].astype(float)
     if function.even:
         if not function.increment > 0:
-            raise UserError(f"the abscissa increment is {function.increment:g}", where=where, remedy=DAMAGED)
+            raise UserError(f"the time increment is {function.increment:g}, not positive", where=where, remedy=DAMAGED)
         time = function.start + function.increment * np.arange(function.count)
     else:
         time = table[:, 0].astype(float)

@@ -76,7 +76,7 @@ def test_clashing_instance_ids_are_offset(read):
     assert {i: (r.name, r.material) for i, r in mesh.regions.items()} == {1: ("W-1.Body", 1), 2: ("W-2.Body", 1)}
     assert list(mesh.blocks[0].region) == [1, 1, 2, 2]
     assert {tuple(pair) for pair in mesh.fixed.tolist()} == {(5, 0), (6, 0), (7, 0), (3, 1)}
-    assert [n for n in mesh.notes if n.startswith("instance W-2: node ids + 10, element ids + 10")]
+    assert [n for n in mesh.notes if n.startswith("instance W-2: node ids increased by 10, element ids increased by 10")]
     assert mesh.where("node", 13) == mesh.where("node", 3)
 
 
@@ -138,7 +138,7 @@ def test_part_axes_rotate_with_instance(read, turned):
 test_errors_have_line = refusal_table(assembly("").replace, [
     ("PART=w", "PART=v", "part 'v' is not in the deck", 16),
     ("*END PART\n", "", r"not allowed inside \*PART at", 14),
-    ("*END INSTANCE\n", "", r"\*END ASSEMBLY: \*ASSEMBLY was not opened", 18),
+    ("*END INSTANCE\n", "", r"\*END ASSEMBLY: \*ASSEMBLY is missing before this line", 18),
     ("*END INSTANCE\n", "*END INSTANCE\n*INSTANCE, NAME=w-1, PART=W\n*END INSTANCE\n", "is defined twice", 19),
     ("PART=w\n\n", "PART=w\n0.,0.,0.\n1.,1.,1.,1.,1.,1.,30.\n", "points of the axis coincide", 18),
     ("*END ASSEMBLY\n", "*NSET, NSET=A, INSTANCE=X\n1\n*END ASSEMBLY\n", "instance 'X' is not in the deck", 19),
@@ -191,7 +191,7 @@ test_errors_have_file_and_line = refusal_table(TETRAHEDRON.replace, [
     ("10, 1, 2, 3, 4", "10, 1, 2, 3", "C3D4 10 has 3 nodes, but a C3D4 needs 4", 10),
     ("10, 1, 2, 3, 4", '10, "1, 2, 3, 4', "not an integer", 10),
     ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n10, 2, 1, 3, 4", "element id 10 is used twice .*deck.inp:10", 11),
-    ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n11, 2, 3, 1, 4", "C3D4 11: the same nodes as C3D4 10 at .*:10", 11),
+    ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n11, 2, 3, 1, 4", "C3D4 11 has the same nodes as C3D4 10 at .*:10", 11),
     ("10, 1, 2, 3, 4\n", "", "the data lines are missing", 9),
     ("C3D4", "C3D27", "C3D27 solids are not supported", 9),
     ("C3D4", "M3D4R", "the deck contains no solid, shell or beam elements", "deck.inp"),

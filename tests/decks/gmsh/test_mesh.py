@@ -108,14 +108,14 @@ GROUPS = {
         {3: "volume 3", 9: "steel part"}, "1 element in several physical volumes (3, 9)",
     ),
     "an element that format 2 repeats for its second group counts once": (
-        REPEATED, [3, 9], {"3d-3": [9], "steel part": [6, 9]}, {3: "volume 3", 9: "steel part"}, "element 8 is element 9 again",
+        REPEATED, [3, 9], {"3d-3": [9], "steel part": [6, 9]}, {3: "volume 3", 9: "steel part"}, "element 8 repeats element 9",
     ),
     "without volumes all is one region": (
         OLD.replace("4 2 9 1", "4 2 0 1").replace("4 2 9 2", "4 0"), [1, 1], {}, {1: "solids"}, "no physical volumes",
     ),
     "elements outside all volumes are a region of their own": (
         OLD.replace("4 2 9 2", "4 2 0 2"), [10, 9], {"steel part": [6]}, {9: "steel part", 10: "no physical volume"},
-        "1 element in no physical volume: region 10",
+        "1 element in no physical volume: assigned to region 10",
     ),
 }  # fmt: skip
 
@@ -139,7 +139,7 @@ def test_sections_that_are_not_imported_are_counted(read):
 test_errors_have_line = refusal_table(str.replace, [
     (OLD, "7 30 4 5\n", "7 30 4 6\n", r"element 8 \(4-node tetrahedron\) refers to the missing node 6", 21),
     (OLD, "\n4 0 0 1", "\n7 0 0 1", "node id 7 is used twice", 14),
-    (OLD, "2 7 30 4 5", "2 10 30 4 7", r"element 8 \(tet4\): the same nodes as element 6 \(tet4\) at ", 21),
+    (OLD, "2 7 30 4 5", "2 10 30 4 7", r"element 8 \(tet4\) has the same nodes as element 6 \(tet4\) at ", 21),
     (OLD, "2 7 30 4 5", "2 7 30 4 4", r"element 8 \(tet4\): the element has the same node twice", 21),
     (OLD, "5 1 1 1", "5 1 nan 1", "node 5 has a coordinate that is not a finite", 15),
     (OLD, "7 1 0 0", "7 1 O 0", "'O' is not a number", 12),

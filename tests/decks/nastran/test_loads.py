@@ -253,8 +253,8 @@ def test_axes_on_system_axis_are_rectangular(read, tetrahedron, shape, middle):
     mesh = read(system + "GRID,9,,{:.12f},{:.12f},{:.12f},4\n".format(*point) + tetrahedron + "ENDDATA\n")
     np.testing.assert_allclose(mesh.axes[0], frame, atol=1e-10)
     assert mesh.notes == (
-        f"1 of the nodes with CD = 4 are on its axis (node 9), where {lost} are undefined: their components are along "
-        "the rectangular axes of the system",
+        f"1 of the nodes with CD = 4 are on the axis of this system (node 9), where {lost} are undefined: their "
+        "components are along the rectangular axes of the system",
     )
 
 
@@ -294,8 +294,8 @@ def test_grdset_fills_blank_fields_only(read, tetrahedron):
 test_coordinate_systems_that_define_nothing_are_refused = refusal_table(lambda card: f"{card}\n{TETRAHEDRON}", [
     ("CORD2R,1,,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.", "one line"),
     ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "system 2, which is not in the deck"),
-    ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "its reference systems are circular"),
+    ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "its reference systems form a loop"),
     ("CORD1R,1,1,2,9", "node 9 is not in the deck"),
-    ("CORD1R,1,1,2,60\nGRID,60,1,0.,1.,0.", "its reference systems are circular"),
+    ("CORD1R,1,1,2,60\nGRID,60,1,0.,1.,0.", "its reference systems form a loop"),
     ("CORD1R,1,1,2,60\nGRID,60,7,0.,1.,0.", "system 7, which is not in the deck"),
 ], placed=False)

@@ -118,7 +118,7 @@ test_errors_have_file_and_line = refusal_table(changed, [
     ("PSHELL,1,1,.1,1,,1", "PSHELL,1,,.1,1,,1", "MID1 is blank", 8),
     ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,2,,1", r"material 2 of MID2 \(bending\) is not a MAT1, MAT2 or MAT8", 8),
     ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,-1,,1", "MID2 is -1 \\(plane strain", 8),
-    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1,0.", "TS/T is 0", 8),
+    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1,0.", "TS/T = 0", 8),
 ])
 
 

@@ -65,7 +65,7 @@ def test_config_selects_support_set(read, tetrahedron):
     assert pairs(read(f"SPC = 44\nBEGIN BULK\n{bulk}", spc=2)) == {(3, 2)}
     with pytest.raises(DeckError, match="support set 7") as caught:
         read(bulk, spc=7)
-    assert caught.value.remedy == "select one of 1, 2, 3, 9"
+    assert caught.value.remedy == "select one of the sets 1, 2, 3, 9"
 
 
 test_supports_that_cannot_be_taken_are_named = refusal_table(lambda head, cards: f"{head}{TETRAHEDRON}{cards}\nENDDATA\n", [
@@ -122,7 +122,7 @@ test_ties_masses_and_sets_that_cannot_be_taken_are_named = refusal_table(
     ("RBE2,99,50,123", "no dependent node"),
     ("RBE2,99,50,123,4,50", "also dependent"),
     ("RBE2,99,50,123,4\nRBE2,99,50,123,3", "rigid element id 99 is used twice"),
-    ("RBE3,98,,50,123,1.,123456,1,2", "rotations of node 1 are averaged, but it has no rotations"),
+    ("RBE3,98,,50,123,1.,123456,1,2", "rotations of node 1 are averaged, but the node has no rotations"),
     ("RBE3,98,,50,123,-1.,123,1,2", "positive weight"),
     ("RBE3,98,,50,123,1.,123,1,1", "is used twice"),
     ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", "the UM set has 1 motions, but there are 3 reference components"),
@@ -291,5 +291,5 @@ test_bars_that_cannot_be_rigid_are_refused = refusal_table(lambda card: f"{grids
     ("RBE1,20,1,123,2,123\n+,UM,3,123", "the independent motions do not constrain a rigid body"),
     ("RROD,20,1,2,4", "exactly one translation must be dependent"),
     ("RROD,20,2,5,1", "the dependent motion is perpendicular to the rod"),
-    ("GRID,6,,1.,.2,0.3\nRROD,20,2,6,1", "its ends coincide"),
+    ("GRID,6,,1.,.2,0.3\nRROD,20,2,6,1", "both ends coincide"),
 ], placed=False)

@@ -105,7 +105,7 @@ def test_other_kinds_are_refused_with_line_and_remedy(tmp_path, block, said):
     [
         (0, slice(0, 10), "     three", "'three' is not a finite number", 7),
         (3, slice(18, 36), "               NaN", r"the motion of node 1 is not finite: -0\.142857,", "7, subcase 1"),
-        (1, slice(0, 18), " " * 18, "a node does not have two lines", 7),
+        (1, slice(0, 18), " " * 18, "a node must have two lines", 7),
     ],
 )
 def test_invalid_punch_lines_are_refused(tmp_path, row, columns, text, said, line):
@@ -119,5 +119,5 @@ def test_invalid_punch_lines_are_refused(tmp_path, row, columns, text, said, lin
 def test_binary_punch_is_refused(tmp_path, content):
     path = tmp_path / "run.pch"
     path.write_bytes(content)
-    with pytest.raises(DeckError, match="the line is not a line of a"):
+    with pytest.raises(DeckError, match="the line does not belong to a"):
         list(read_responses(path))

@@ -78,7 +78,7 @@ def with_contact(
         if removed_pairs[i]:
             words = "open: removed by *MODEL CHANGE"
         elif any(other.tied or not pair.tied for other in turned):
-            words = "same as the pair above, with the surfaces exchanged"
+            words = f"same as the contact of {turned[0]}"
         elif pair.tied or choice == "bonded":
             mesh, words = _bond(mesh, pair)
         else:
@@ -111,7 +111,7 @@ def _tying_interactions(keywords: Sequence[Keyword]) -> set[str]:
 def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     """Mesh with a bonded pair, and a sentence on the result."""
     if pair.first is pair.second:
-        return mesh, "open: contact of a surface with itself"
+        return mesh, "open, because a surface cannot be bonded to itself"
     nodes = np.setdiff1d(pair.first.nodes, pair.second.nodes)
     shared = len(pair.first.nodes) - len(nodes)
     if not len(nodes):
@@ -138,11 +138,11 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
         tied = 0
     left = [f"{shared} belong to both surfaces"] if shared else []
     left += [f"{len(nodes) - len(free)} already follow other nodes"] if len(free) < len(nodes) else []
-    left += [f"{len(free) - len(able)} lead nodes of the other surface"] if len(able) < len(free) else []
-    left += [f"{len(able) - tied} are more than {within:.3g} away and stay open"] if tied < len(able) else []
+    left += [f"{len(free) - len(able)} are followed by nodes of the other surface"] if len(able) < len(free) else []
+    left += [f"{len(able) - tied} are more than {within:.3g} from the other surface"] if tied < len(able) else []
     second_size = facet_size(mesh, pair.second, pair.first)
     if tied and second_size is not None and second_size > COARSER * size:
-        left += [f"nodes of the finer surface between them stay free: name {pair.second.name} first to avoid this"]
+        left += [f"some nodes of the finer surface stay free: name {pair.second.name} first in *CONTACT PAIR"]
     how = "TIED in the deck" if pair.tied else "mesh.contact"
     bound = "" if pair.tied or not tied else "; the model is too stiff where the contact may open or slide"
     return mesh, f"{tied} of {len(pair.first.nodes)} nodes bonded ({how}){''.join(f', {part}' for part in left)}{bound}"

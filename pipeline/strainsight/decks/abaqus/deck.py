@@ -72,7 +72,7 @@ OF_CONTACT = re.compile(
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
-    "PARAMETER": ("parameters are not supported", "write their values into the deck"),
+    "PARAMETER": ("parameters are not supported", "replace the parameters by their values"),
     "MANIFEST": ("assemblies of several files are not supported", "export the deck as one file"),
 }
 

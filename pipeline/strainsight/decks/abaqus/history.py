@@ -216,7 +216,7 @@ class _Reader:
         if "ACTIVATE" in keyword.parameters:  # prepares a change in a later analysis
             return state
         if len(ways) != 1:
-            raise keyword.error("exactly one of ADD and REMOVE is required", "specify one of them")
+            raise keyword.error("exactly one of ADD and REMOVE is required", "specify ADD or REMOVE")
         rows = keyword.rows()
         if kind == "CONTACTPAIR":
             pairs = {(row.text(0).upper(), row.text(1).upper()) for row in rows}
@@ -235,8 +235,8 @@ class _Reader:
         for scope, keyword in keywords:
             if "SUBMODEL" in keyword.parameters or "USER" in keyword.parameters:
                 raise keyword.error(
-                    "motions of a submodel (SUBMODEL) or a subroutine (USER) are not supported",
-                    "replace them by supports with value zero",
+                    "motions from a submodel (SUBMODEL) or a subroutine (USER) are not supported",
+                    "replace these motions by supports with value zero",
                 )
             key = id(keyword), scope.name
             if key not in self.known:

@@ -130,7 +130,7 @@ class LoadReader:
                 continue
             surface = self.surfaces.find(row.text(0), scope, row)
             if not surface.facets:
-                raise row.error(f"surface {row.text(0)!r} has no facets", "use a surface of TYPE=ELEMENT with sides")
+                raise row.error(f"surface {row.text(0)!r} has no facets", "use an element surface (TYPE=ELEMENT)")
             if surface.sideless:
                 raise row.error(
                     f"surface {row.text(0)!r} contains shell edges, or shells without a side",
@@ -148,12 +148,12 @@ def _body(assembly: Assembly, scope: Scope, row: Row, label: str) -> BodyForce:
     start = 3 if label == "GRAV" else 6
     direction = np.array([row.real(start + i, "a component of the direction", 0.0) for i in range(3)])
     if not (length := float(np.linalg.norm(direction))) > 0:
-        raise row.error(f"{label} has no direction", "specify three components that are not all zero")
+        raise row.error(f"the direction of {label} is zero", "specify three components that are not all zero")
     direction = scope.rotation @ direction / length
     if label == "GRAV":
         return BodyForce(acceleration=size * direction, elements=elements)
     if size < 0:
-        raise row.error(f"the square of the angular velocity is {size:g}, negative", "specify Ω²")
+        raise row.error(f"the squared angular velocity is {size:g}, but must not be negative", "specify Ω²")
     point = np.array([row.real(3 + i, "a coordinate of the point", 0.0) for i in range(3)])
     centre = scope.rotation @ point + scope.translation
     return BodyForce(rotation=np.sqrt(size) * direction, centre=centre, elements=elements)

@@ -132,7 +132,7 @@ def definitions(keywords: list[Keyword]) -> dict[str, Definition]:
             if keyword.name in current.options:
                 raise keyword.error(
                     f"defined twice in the material (first at {current.options[keyword.name].where})",
-                    "remove one of them",
+                    "remove one definition",
                 )
             current.options[keyword.name] = keyword
     return materials
@@ -164,7 +164,7 @@ def _material(definition: Definition, number: int, notes: list[str]) -> Material
         )
     if (kind := _type(definition)) not in ("ISO", "ISOTROPIC"):
         raise elastic.error(
-            f"TYPE={kind} is not supported here: shells and beams need an isotropic material, or shells TYPE=LAMINA",
+            f"TYPE={kind} is not supported: beams need an isotropic material, shells an isotropic material or LAMINA",
             "use TYPE=ISO, or TYPE=LAMINA for plies; solids also allow TYPE=ENGINEERING CONSTANTS, ORTHOTROPIC "
             "or ANISOTROPIC",
         )
@@ -201,7 +201,7 @@ def _density(definition: Definition, notes: list[str], lines: int = 1) -> float:
     elastic, density = definition.options.get("ELASTIC"), definition.options.get("DENSITY")
     rho = 0.0
     if density is None:
-        notes.append(f"material {name} has no *DENSITY, so it is set to 0")
+        notes.append(f"material {name} has no *DENSITY, so its density is set to 0")
     else:
         rho = density.rows()[0].not_negative(0, "the density")
     for keyword in (elastic, density):
@@ -209,8 +209,8 @@ def _density(definition: Definition, notes: list[str], lines: int = 1) -> float:
         if keyword is not None and len(keyword.texts) > each:
             counts = "the first" if each == 1 else f"the first {each}"
             notes.append(
-                f"material {name}: {counts} of {len(keyword.texts)} lines of {keyword.title} "
-                f"{'counts' if each == 1 else 'count'}, whatever the temperature"
+                f"material {name}: {keyword.title} has {len(keyword.texts)} lines; {counts} "
+                f"{'is' if each == 1 else 'are'} used at all temperatures"
             )
     return rho
 
@@ -258,7 +258,7 @@ def _values(elastic: Keyword, rows: list[Row], names: tuple[str, ...] | list[str
     """Values of the constants `names`, eight a line."""
     if len(rows) < -(-len(names) // 8):
         raise elastic.error(
-            f"{len(rows)} data lines, but {len(names)} constants need {-(-len(names) // 8)} lines of eight entries",
+            f"found {len(rows)} of {-(-len(names) // 8)} data lines for {len(names)} constants (eight per line)",
             f"specify {', '.join(names[:4])}, … {names[-1]}",
         )
     return np.array([rows[k // 8].real(k % 8, name) for k, name in enumerate(names)])
@@ -300,7 +300,7 @@ def solid_orientation(assembly: Assembly, scope: Scope, keyword: Keyword) -> Ori
     rotated instance without orientation."""
     axes = solid_axes(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
     if axes is None and not np.allclose(scope.rotation, np.eye(3)):
-        raise keyword.error("anisotropic solids of a rotated instance need an ORIENTATION", "add it to the section")
+        raise keyword.error("anisotropic solids of a rotated instance need an ORIENTATION", "add an ORIENTATION")
     return Orientation(BASIC, np.eye(3)) if axes is None else axes.orientation
 
 

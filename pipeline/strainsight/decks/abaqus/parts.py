@@ -19,10 +19,10 @@ from strainsight.mesh.thin import concatenate
 SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.items()}
 """Type → kind of element, and note on its import. Nodes have the order of VTK in all types."""
 USUAL = ", ".join(next(iter(kind.abaqus)) for kind in ELEMENTS if kind.abaqus)
-REDUCED = "fully integrated: reduced integration and hourglass control are not reproduced"
+REDUCED = "with full integration: reduced integration and hourglass control are not reproduced"
 SHELLS = {
     **dict.fromkeys(("S3", "S3R"), ("tri3", "")),
-    "STRI3": ("tri3", "which shears"),
+    "STRI3": ("tri3", "with transverse shear"),
     "S4": ("quad4", ""),
     **dict.fromkeys(("S4R", "S4R5"), ("quad4", REDUCED)),
     **dict.fromkeys(("STRI65", "S6"), ("tri6", "")),
@@ -109,7 +109,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     return Cells(keyword, type_, kind, values[:, 0].copy(), rows.ravel(), begin, first, {}, cut)
 
 
-def _at(keyword: Keyword, i: int, what: str, remedy: str = "correct the line and run again") -> DeckError:
+def _at(keyword: Keyword, i: int, what: str, remedy: str = "correct the line") -> DeckError:
     return DeckError(what, where=keyword.where_data(i), remedy=remedy)
 
 
@@ -138,7 +138,7 @@ def _invalid_id_error(keyword: Keyword) -> DeckError:
         for i, entry in enumerate(keyword.texts[row.i].rstrip(", \t").split(",")):
             if parse_integer(entry.strip()) is None:
                 return row.error(
-                    f"entry {i + 1} {describe_non_integer(entry.strip())}", "write ids of element and nodes"
+                    f"entry {i + 1} {describe_non_integer(entry.strip())}", "write element id and node ids as integers"
                 )
     raise AssertionError("all entries are integers")
 
@@ -278,7 +278,7 @@ def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     if len(rows) > 1:
         z = normal(x, rows[1].reals(3, "a coordinate") - origin)
     elif abs(x[2]) > 1e-9 * np.linalg.norm(x):
-        raise rows[0].error("point b is not in the plane of a, and point c is missing", "add the line with point c")
+        raise rows[0].error("points a and b have different z, so point c is required", "add the line with point c")
     else:
         z = np.array([0.0, 0.0, 1.0])
     return origin, orthonormal(x, z, rows[0])

@@ -58,7 +58,7 @@ def read_structure(
             opened.append((keyword, []))
         elif name.startswith("END") and name[3:] in INSIDE:
             if around is None or around.name != name[3:]:
-                raise keyword.error(f"*{name[3:]} was not opened", "remove the line, or add the missing keyword")
+                raise keyword.error(f"*{name[3:]} is missing before this line", f"add *{name[3:]}, or remove this line")
             closed[around.name].append((around, tuple(opened.pop()[1])))
             if around.name in ("PART", "INSTANCE"):
                 key = (around.name, around.needs("NAME").upper())
@@ -76,9 +76,9 @@ def read_structure(
             (model if of_model else opened[-1][1]).append(keyword)
     if opened:
         start = opened[-1][0]
-        raise start.error(f"*END {start.name} is missing", "add it; the deck may be truncated: export it again")
+        raise start.error(f"*END {start.name} is missing", "add the line; if the deck is truncated, export it again")
     if closed["PART"] and not closed["INSTANCE"]:
-        raise closed["PART"][0][0].error("no *INSTANCE uses a part", "add an *ASSEMBLY with the instances")
+        raise closed["PART"][0][0].error("the deck has parts, but no *INSTANCE", "add an *ASSEMBLY with the instances")
     parts = {start.needs("NAME").upper(): part_keywords for start, part_keywords in closed["PART"]}
     steps = [
         Step(number, start, step_keywords) for number, (start, step_keywords) in enumerate(closed["STEP"], start=1)
@@ -94,7 +94,7 @@ def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     shifts = [row for row in rows if not any(row.tokens[3:])]
     if len(turns) > 1 or len(shifts) > 1:
         raise rows[-1].error(
-            "more than one translation or rotation line",
+            "found more than one translation line or rotation line",
             "write one line with x, y, z, then one line with the axis and the angle",
         )
     shift = shifts[0].reals(3, "a translation") if shifts else np.zeros(3)
@@ -389,7 +389,7 @@ def _join_scopes(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tu
     ]
     offsets = _offsets([scope.part.nodes.ids for scope in every]), _offsets([s.part.elements.ids for s in every])
     for scope, *by in zip(every, *offsets, strict=True):
-        shifts = [f"{what} ids + {more}" for what, more in zip(("node", "element"), by, strict=True) if more]
+        shifts = [f"{what} ids increased by {more}" for what, more in zip(("node", "element"), by, strict=True) if more]
         if shifts and scope.part.nodes.ids.size:
             owner = f"instance {scope.name}" if scope.name else "the assembly"
             notes.append(f"{owner}: {', '.join(shifts)}, because several instances have the same ids")

@@ -64,7 +64,7 @@ def beam_section(
         )
     d = _dimensions(rows[0], shape)
     if shape == "GENERAL":
-        if warping_entries := [i for i in (5, 6) if rows[0].text(i) and rows[0].real(i, "a constant of warping") != 0]:
+        if warping_entries := [i for i in (5, 6) if rows[0].text(i) and rows[0].real(i, "a warping constant") != 0]:
             notes.append(f"{rows[0].where}: warping constants (entry {warping_entries[0] + 1}) have no effect")
         if d[2] != 0:
             notes.append(f"{rows[0].where}: I12 = {d[2]:g} is interpreted as the integral of n1 n2 over the section")
@@ -104,7 +104,7 @@ def section_constants(
     if rho is None or rho < 0:
         raise keyword.error(f"DENSITY={density} is not a valid density", "specify a positive density")
     if not density:
-        notes.append(f"{keyword.where}: {keyword.title} has no DENSITY, so it is set to 0")
+        notes.append(f"{keyword.where}: {keyword.title} has no DENSITY, so the density is set to 0")
     return section, E, nu, rho
 
 
@@ -117,13 +117,13 @@ def _dimensions(row: Row, shape: str) -> list[float]:
         if row.real(1, "the second diameter") != d[0]:
             raise row.error(
                 "an elliptical section (CalculiX) is not supported",
-                "specify the radius of a circle, or its diameter twice",
+                "for a circle, specify the radius, or the diameter twice",
             )
         d = [d[0] / 2]
     for name, value in zip(names, d, strict=True):
         free = name in ("l", "I12") or (shape == "I" and value == 0 and name in ("b1", "b2", "t1", "t2"))
         if not (free or value > 0 or (shape == "GENERAL" and name != "A" and value == 0)):
-            raise row.error(f"{name} of SECTION={shape} is {value:g}", "specify a positive value")
+            raise row.error(f"{name} of SECTION={shape} is {value:g}, not positive", "specify a positive value")
     return d
 
 
@@ -191,7 +191,7 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
     sizes = {"RECT": d[:2], "BOX": d[:2]}.get(shape, [2 * d[0]] * 2)
     if shape in ("I", "GENERAL"):
         raise keyword.error(f"OFFSET1 and OFFSET2 of SECTION={shape} are not supported", "use RECT, BOX, PIPE or CIRC")
-    share = [keyword.number(name, 0.0, "specify the offset in thicknesses") for name in ("OFFSET1", "OFFSET2")]
+    share = [keyword.number(name, 0.0, "specify the offset in section widths") for name in ("OFFSET1", "OFFSET2")]
     return np.array(share) * sizes
 
 
@@ -263,10 +263,10 @@ def shell_section(
         raise keyword.error("this keyword is not supported", "use *SHELL SECTION with thickness and material")
     for parameter, what in REFUSED.items():
         if parameter in keyword.parameters:
-            raise keyword.error(f"{parameter}: {what}", "specify one thickness")
+            raise keyword.error(f"{parameter}: {what}", "specify one constant thickness")
     nonstructural = keyword.number("DENSITY", 0.0, CONSTANT)
     if nonstructural < 0:
-        raise keyword.error(f"DENSITY, the additional mass per area, is {nonstructural:g}", "specify a positive value")
+        raise keyword.error(f"DENSITY (mass per area) is {nonstructural:g}, negative", "specify a positive value")
     offset = keyword.word("OFFSET", "0")
     off = SIDES[offset] if offset in SIDES else keyword.number("OFFSET", 0.0, CONSTANT)
     section: ShellSection | Laminate
@@ -288,7 +288,7 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
     orientation = named_orientation(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
     if orientation is None:
         if matters and not np.allclose(scope.rotation, np.eye(3)):
-            raise keyword.error("plies of a rotated instance have no ORIENTATION", "add it to the section")
+            raise keyword.error("plies of a rotated instance have no ORIENTATION", "add an ORIENTATION")
         return nothing
     name, rows, parameters = (
         orientation.parameters["NAME"].upper(),
@@ -327,7 +327,7 @@ def composite_solid(
     if "MATERIAL" in keyword.parameters:
         raise keyword.error(
             "a COMPOSITE section must not have a MATERIAL",
-            "remove one of them; a composite defines a material for each layer",
+            "remove MATERIAL, because each layer of a composite defines a material",
         )
     text = keyword.parameters.get("STACKDIRECTION") or "3"
     direction = parse_integer(text)
@@ -368,7 +368,7 @@ def _layer(
         raise row.error(
             f"layer {number} is rotated by {angle:g}°, but the ORIENTATION at {layer_axes.where} does not "
             "define the rotation axis",
-            "add a second line to the orientation: the axis across the layers, 1, 2 or 3, and the angle 0.",
+            "add a second line to the orientation: the axis across the layers, 1, 2 or 3, and the angle 0",
         )
     turn = layer_axes.orientation.turn @ rotate_axes(layer_axes.about, angle)
     return Layer(material, t, replace(layer_axes.orientation, turn=turn))

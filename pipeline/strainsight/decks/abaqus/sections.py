@@ -182,7 +182,7 @@ def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
     """Area of the trusses of a *SOLID SECTION, 1 by default."""
     rows = keyword.rows(needed=False)
     if not rows or not rows[0].text(0):
-        notes.append(f"{keyword.where}: {keyword.title} has no truss area, so it is set to 1, as in Abaqus")
+        notes.append(f"{keyword.where}: {keyword.title} has no truss area, so the area is set to 1, as in Abaqus")
         return BeamSection(1.0)
     return BeamSection(rows[0].positive(0, "the area"))
 
@@ -198,7 +198,7 @@ def _handle_without_section(
     if solid.size and materials_required:
         raise assembly.element_error(
             int(solid[0]),
-            f"has no section ({solid.size} elements)",
+            f"has no section ({solid.size} such elements)",
             f"add a *SOLID SECTION with its element set and a material{OR_CONFIG}",
         )
     if solid.size:
@@ -210,7 +210,7 @@ def _handle_without_section(
         row = int(thin[0])
         raise assembly.element_error(
             row,
-            f"has no section ({thin.size} elements)",
+            f"has no section ({thin.size} such elements)",
             f"add a {WANTED[str(family[row])]} with its element set, or leave these elements out (mesh.ignore: "
             f"[{assembly.type[row]}])",
         )
@@ -237,7 +237,7 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
             raise assembly.element_error(
                 int(rows[at]),
                 "has the same node twice",
-                "use an S3 instead of a collapsed quadrilateral; remove other such elements",
+                "replace a collapsed quadrilateral by an S3; remove other elements with a repeated node",
             )
         plate_normals(
             assembly.position[nodes[:, : CORNERS[NODES[kind]]]],

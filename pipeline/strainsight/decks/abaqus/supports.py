@@ -45,7 +45,7 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
                     raise
                 raise row.error(
                     f"node {assembly.node_ids[node]} is on the axis, so it has no radial direction",
-                    "remove it from the node set",
+                    "remove the node from the node set",
                 ) from None
     return axes
 
@@ -77,7 +77,7 @@ def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[Poin
         tensor = np.array([[a, ab, ac], [ab, b, bc], [ac, bc, c]])
         lowest = float(np.linalg.eigvalsh(tensor)[0])
         if lowest < -1e-9 * np.abs(tensor).max():
-            raise line.error(f"the smallest principal inertia is {lowest:g}, negative", "correct the six values")
+            raise line.error(f"a principal moment of inertia is {lowest:g}, negative", "correct the six values")
         node, turned = _node_of(assembly, row, rotations), scope.rotation @ tensor @ scope.rotation.T
         i = next((i for i, point in enumerate(points) if point.node == node), None)
         if i is None:
@@ -109,13 +109,13 @@ def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterat
         rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
         for row in rows[wanted[rows]].tolist():
             if row in keyword_of_row:
-                raise keyword.error(f"element {assembly.element_ids[row]} already has a value", "define it only once")
+                raise keyword.error(f"element {assembly.element_ids[row]} already has a value", "define one value")
             keyword_of_row[row] = (scope, keyword)
     for row in np.flatnonzero(wanted).tolist():
         if row not in keyword_of_row:
             title = "ROTARY INERTIA" if name == "ROTARYINERTIA" else name
             remedy = f"add *{title}, or leave these elements out (mesh.ignore: [{assembly.type[row]}])"
-            raise assembly.element_error(row, "has no value", remedy)
+            raise assembly.element_error(row, f"has no *{title}", remedy)
         yield row, keyword_of_row[row]
 
 
@@ -305,7 +305,7 @@ def _motions(
                 "use node sets of equal size, or one node",
             )
     if terms[0].value == 0:
-        raise terms[0].row.error("the coefficient of the first term is 0", "start with a dependent motion")
+        raise terms[0].row.error("the coefficient of the first term is 0", "start with a nonzero coefficient")
     for i in range(count):
         named = [int(term.nodes[i if len(term.nodes) > 1 else 0]) for term in terms]
         node = [rotations.get(node_row, node_row) for node_row in named]

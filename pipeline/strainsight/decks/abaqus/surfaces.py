@@ -36,6 +36,7 @@ SIDES = {"SPOS": 1, "S2": 1, "SNEG": -1, "S1": -1}
 """Label → ±1 times the normal of a shell, S1 and S2 as in CalculiX."""
 EDGES = {f"E{i}": i - 1 for i in range(1, 5)} | {f"S{i}": i - 3 for i in range(3, 7)}
 """Label → edge of a shell that starts at its node of this position, E1 to E4 of Abaqus, S3 to S6 of CalculiX."""
+SHELL_LABELS = "use SPOS or SNEG for a side, and E1 to E4 (triangles: E3) for an edge"
 OF_NODES = {len(kind.nodes): kind for kind in FACETS if not len(kind.read_at)}
 
 
@@ -144,7 +145,7 @@ def _of_shells(
     if not rows.size:
         return [], []
     if label and label not in SIDES and label not in EDGES:
-        raise row.error(f"{row.text(1)!r} is not a side or edge of {assembly.element(int(rows[0]))}", "use another")
+        raise row.error(f"{row.text(1)!r} is not a side or edge of {assembly.element(int(rows[0]))}", SHELL_LABELS)
     facets = shell_facets(assembly, rows)
     if label not in EDGES:
         return [
@@ -153,7 +154,7 @@ def _of_shells(
     lines = []
     for kind, nodes in facets:
         if not EDGES[label] < kind.corners:
-            raise row.error(f"{row.text(1)!r} is not an edge of a shell with {kind.corners} corners", "use another")
+            raise row.error(f"{row.text(1)!r} is not an edge of a shell with {kind.corners} corners", SHELL_LABELS)
         ends = np.take(nodes[:, : kind.corners], [EDGES[label], EDGES[label] + 1], axis=1, mode="wrap")
         length = np.linalg.norm(np.diff(assembly.position[ends], axis=1)[:, 0], axis=1)
         if kind.edges:

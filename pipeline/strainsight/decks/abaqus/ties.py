@@ -106,7 +106,7 @@ class Ties:
                 raise keyword.error("REF NODE and ROT NODE have different axes (*TRANSFORM)", "use equal axes")
             self.rotations[turning] = reference
         if parameters.get("POSITION", "INPUT").upper() != "INPUT":
-            assembly.notes.append(f"{keyword.where}: the reference node of *RIGID BODY is not moved")
+            assembly.notes.append(f"{keyword.where}: POSITION of *RIGID BODY has no effect")
         whole = np.unique(np.concatenate(tied))
         points = np.setdiff1d(np.concatenate(pinned), whole)
         _remove_reference(np.concatenate([whole, points]), reference, keyword)
@@ -117,7 +117,7 @@ class Ties:
     def add_coupling(self, scope: Scope, keyword: Keyword, following: Sequence[Keyword]) -> None:
         assembly = self.surfaces.assembly
         if not following or following[0].name not in ("KINEMATIC", "DISTRIBUTING"):
-            raise keyword.error("*KINEMATIC or *DISTRIBUTING is missing after this keyword", "add one of them")
+            raise keyword.error("*KINEMATIC or *DISTRIBUTING is missing after this keyword", "add one of the two")
         kind = following[0]
         reference = self.reference(scope, keyword)
         surface = self.surfaces.find(keyword.needs("SURFACE"), scope, keyword)
@@ -258,8 +258,8 @@ def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, 
             left = len(np.setdiff1d(first.nodes, second.nodes)) - tied
             message = f"{row.where}: {tied} nodes of {first.name} follow {second.name} ({name})"
             if left:
-                off = f"{left} of the {tied + left} other nodes are more than {within:.3g} away and are not tied"
-                ways = "increase POSITION TOLERANCE of *TIE, or tie them in the config (mesh.ties, type: surface)"
+                off = f"{left} of {tied + left} nodes are more than {within:.3g} from {second.name} and are not tied"
+                ways = "increase POSITION TOLERANCE of *TIE, or tie the nodes in the config (mesh.ties, type: surface)"
                 message = Doubt(f"{message}; {off}: {ways}")
             assembly.notes.append(message)
     return mesh, {card: where for card, where in refused.items() if where}
@@ -353,7 +353,7 @@ def _sector_of(keyword: Keyword) -> tuple[int, np.ndarray]:
 def _cut(row: Row, scope: Scope, surfaces: Surfaces) -> tuple[Surface, Surface]:
     one, other = (surfaces.find(row.text(i), scope, row) for i in (0, 1))
     if not len(one.nodes) or not len(other.nodes):
-        raise row.error("a sector face has no nodes", "correct the surface")
+        raise row.error("a sector face has no nodes", "correct the surface of this face")
     return one, other
 
 

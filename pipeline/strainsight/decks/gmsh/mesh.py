@@ -72,7 +72,7 @@ def note_doubled(doubled: Doubled) -> list[str]:
         return []
     return [
         f"{plural(count, 'element')} written more than once, for several physical volumes (element "
-        f"{doubled.dropped[0]} is element {doubled.remaining[0]} again): used once, in the region of the lowest "
+        f"{doubled.dropped[0]} repeats element {doubled.remaining[0]}): each is used once, in the region of the lowest "
         "tag and in all sets"
     ]
 
@@ -199,7 +199,7 @@ def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, Given
         raise error_at(
             path,
             "the mesh is partitioned: its physical groups belong to the partitions",
-            "save it without partitions (gmsh: Modules, Mesh, Unpartition)",
+            "save the mesh without partitions (gmsh: Modules, Mesh, Unpartition)",
         )
     nodes, sections = file.nodes, sections or {}
     solids = [chunk for chunk in file.elements if chunk.kind.dimension == 3 and len(chunk.ids)]
@@ -256,14 +256,14 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     spare = tags[-1] + 1 if tags else 1
     if outside and tags:
         regions[spare] = Region(spare, "no physical volume", 0)
-        notes.append(f"{plural(outside, 'element')} in no physical volume: region {spare}")
+        notes.append(f"{plural(outside, 'element')} in no physical volume: assigned to region {spare}")
     elif outside:
         regions[spare] = Region(spare, "solids", 0)
         notes.append("the file has no physical volumes; all elements are in region 1 (solids)")
     several = [chunk for chunk in solids if len(chunk.groups) > 1]
     if several:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
-        notes.append(f"{plural(count, 'element')} in several physical volumes ({both}); the lowest tag is used")
+        notes.append(f"{plural(count, 'element')} in several physical volumes ({both}); the lowest tag sets the region")
     blocks = []
     for kind in ELEMENTS:
         chunks_of_kind = [chunk for chunk in solids if chunk.type == kind.gmsh]

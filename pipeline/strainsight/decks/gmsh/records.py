@@ -367,7 +367,7 @@ def _elements_2_binary(source: Binary, count: int) -> list[Chunk]:
 
 def _tags(source: Numbers, tags: int) -> int:
     if not 0 <= tags <= 1000:
-        raise source.error(f"an element has {tags} tags")
+        raise source.error(f"an element has {tags} tags; 0 to 1000 are allowed")
     return tags
 
 

@@ -166,7 +166,7 @@ class _Reader:
             if old:
                 first = self.content[start : start + 30].partition(b"\n")[0]
                 if not first.strip().isdigit():
-                    raise self._error(f"${name} must begin with a count", start)
+                    raise self._error(f"${name} must begin with the number of entries", start)
                 count, start = int(first), start + len(first) + 1
             source = Binary(self.content, start, self.path, name, self.order, self.size)
         else:

@@ -79,7 +79,7 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         length = np.linalg.norm(along, axis=1)
         short = ~(length > APART * extent)
         if short.any():
-            raise cards[int(np.argmax(short))].error("its ends coincide", "move a node or remove the element")
+            raise cards[int(np.argmax(short))].error("both ends coincide", "move a node or remove the element")
         if kind == "beam":
             v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])
         else:
@@ -87,7 +87,7 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         axes, lost = beam_axes(along, v)
         if lost.any():
             raise cards[int(np.argmax(lost))].error(
-                "the orientation G0 or X1 to X3 is along the beam axis",
+                "the orientation G0 or X1 to X3 is parallel to the beam axis",
                 "specify a point or vector that is not on the axis",
             )
         blocks.append(BeamBlock(kind, ids, nodes, region, axes, offset, released))
@@ -101,7 +101,7 @@ def _check_offt(card: Card) -> None:
     if text in ("", "1", "2", "GGG", "BGG") or (text in ("GGO", "GOG", "GOO", "BGO", "BOG", "BOO") and not offset):
         return
     if parse_real(text) is not None:
-        raise card.error(f"BIT is {text}: pretwist is not supported", "leave the field blank")
+        raise card.error(f"BIT is {text}: pretwist is not supported", "leave the BIT field blank")
     raise card.error(f"OFFT is {text}: only offsets along nodal axes are supported", "set OFFT to GGG or BGG")
 
 
@@ -126,7 +126,7 @@ def _orientation(card: Card, A: int, grids: Grids) -> FloatArray:
     """Orientation vector v (3,) along the basic axes."""
     v = grids.direction(card, A, basic=card.text(7).upper().startswith("B"))
     if v is None:
-        raise card.error(f"the orientation is missing: G0, X1 to X3, or a {DEFAULTS[card.name]}", "specify one of them")
+        raise card.error(f"the orientation is missing: G0, X1 to X3, or a {DEFAULTS[card.name]}", "specify G0 or X1-X3")
     return v
 
 
@@ -195,7 +195,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     stations: list[tuple[float, int, FloatArray]] = []
     while (recovered := card.text(at).upper()) in STATIONS:
         recovery_points = _points(card, at + 8) if recovered == "YES" else points
-        stations.append((card.real(at + 1, "the place X/XB"), at + 2, recovery_points))
+        stations.append((card.real(at + 1, "the station X/XB"), at + 2, recovery_points))
         at += 16 if recovered == "YES" else 8
     ends = [(field, recovery_points) for x, field, recovery_points in stations if x == 1]
     end_b = replace(_station(card, ends[-1][0], end_a), points=ends[-1][1]) if ends else end_a
@@ -213,7 +213,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     if relief := [word for word in nonzero if word in ("S1", "S2")]:
         raise card.error(
             f"{', '.join(f'{word} is {more[word]:g}' for word in relief)}: shear relief is not supported",
-            "leave them blank",
+            "leave S1 and S2 blank",
         )
     if (
         any(word[0] == "N" and word[1] != "S" for word in nonzero)
@@ -269,7 +269,7 @@ def check_station(card: Card, x: float, section: BeamSection, a: BeamSection, b:
             raise card.error(
                 f"{name} is {value:g} at X/XB = {x:g}, but linear variation between the ends requires "
                 f"{on_line:g}: other stations are not supported",
-                "divide the beam there, with one PBEAM for each part",
+                "divide the beam at this station, with one PBEAM for each part",
             )
 
 
@@ -280,7 +280,7 @@ def _second(I1: float, I2: float, I12: float) -> FloatArray:
 def _points(card: Card, at: int) -> FloatArray:
     """Stress recovery points C, D, E, F (p, 2) that are not blank."""
     filled = [i for i in range(at, at + 8, 2) if card.text(i) or card.text(i + 1)]
-    return np.array([[card.real(i + j, "a place of stress", 0.0) for j in (0, 1)] for i in filled]).reshape(-1, 2)
+    return np.array([[card.real(i + j, "a stress recovery point", 0.0) for j in (0, 1)] for i in filled]).reshape(-1, 2)
 
 
 def _check_section(card: Card, section: BeamSection) -> BeamSection:
@@ -323,7 +323,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
     while any(card.text(i) for i in range(at, at + 3 + count)):
         if card.text(at).upper() not in ("", *STATIONS):
             raise card.error(f"SO (field {at + 2}) is {card.text(at)}", "set SO to YES or NO")
-        x = card.real(at + 1, "the place X/XB", 1.0)
+        x = card.real(at + 1, "the station X/XB", 1.0)
         if not 0 < x <= 1:
             raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
         blank = not any(card.text(i) for i in range(at + 2, at + 3 + count))
@@ -348,7 +348,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
 def _shape(card: Card) -> tuple[str, int]:
     """TYPE, and its number of dimensions."""
     if card.text(2).upper() not in ("", "MSCBML0"):
-        raise card.error(f"GROUP is {card.text(2)}, but must be MSCBML0", "define area and moments of inertia")
+        raise card.error(f"GROUP is {card.text(2)}, but must be MSCBML0", "use a PBAR or PBEAM instead")
     kind = card.text(3).upper()
     return kind, SHAPES[kind][0] if kind in SHAPES else 0
 

@@ -32,7 +32,7 @@ def repeat_count(head: str, card_count: int, line: Line) -> int:
     count = int(match[1] or match[2] or 1) if match else 1
     if card_count + count > MOST:
         raise line.error(
-            f"{head} makes {card_count + count} replicated cards in the deck",
+            f"{head} increases the number of replicated cards to {card_count + count}",
             f"reduce the number of replicated cards to at most {MOST}",
         )
     return count
@@ -250,7 +250,7 @@ def _cards(lines: list[Line]) -> Iterator[Card]:
         if piece.head[0] == "=":
             if not name or len(fields) != 8 or (pattern is None and piece.head != "="):
                 raise line.error(
-                    f"{line.text.strip()[:24]!r} does not repeat a card of one line",
+                    f"{line.text.strip()[:24]!r} must follow a card of one line, which it repeats",
                     "write the repeated cards explicitly",
                 )
             pattern = piece.data if piece.head == "=" else pattern

@@ -176,7 +176,7 @@ class CardSets:
 
     def choices(self, more: str = "") -> str:
         """Remedy for a missing set; more: alternative to the selection of another set."""
-        return f"select one of {', '.join(map(str, sorted(self.ids)))}{more}" if self.ids else "add the set"
+        return f"select one of the sets {', '.join(map(str, sorted(self.ids)))}{more}" if self.ids else "add the set"
 
     def select(self, more: str) -> int:
         """The set that the first line selects. Raises DeckError, with `more` in the remedy, if it is missing."""
@@ -197,7 +197,7 @@ def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) ->
             raise card.error("the set id is used twice")
         combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
         if (lost := combined[number] - single) and not left_out:
-            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or remove it here")
+            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or remove its id")
     ids = single | set(combined)
     chosen: dict[str, Line] = {}
     for line in deck.case_control:

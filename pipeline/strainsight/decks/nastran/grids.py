@@ -53,7 +53,7 @@ def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateS
                     f"refers to coordinate system {missing[0]}, which is not in the deck", "add the card of the system"
                 )
             elif missing[0] in pending:
-                raise definitions[cid].card.error("its reference systems are circular", "use the basic system 0")
+                raise definitions[cid].card.error("its reference systems form a loop", "use the basic system 0")
             else:
                 pending.append(missing[0])
     return systems
@@ -206,7 +206,7 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
         if on_axis.any():
             lost = "e_r and e_θ" if systems[int(cid)].kind == "cylindrical" else "e_θ and e_φ"
             notes.append(
-                f"{int(on_axis.sum())} of the nodes with CD = {cid} are on its axis (node "
+                f"{int(on_axis.sum())} of the nodes with CD = {cid} are on the axis of this system (node "
                 f"{nodes.ids[rows[on_axis][0]]}), where {lost} are undefined: their components are along the "
                 "rectangular axes of the system"
             )

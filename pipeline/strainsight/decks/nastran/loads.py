@@ -128,7 +128,7 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
             return None
         row = grids.nodes.row(card.integer(i, "a node id"), card)
         if row not in node_rows[: kind.corners]:
-            raise card.error(f"node {card.text(i)} is not a corner of element {card.text(1)}", "use its corners")
+            raise card.error(f"node {card.text(i)} is not a corner of element {card.text(1)}", "specify corner nodes")
         return node_rows.index(row)
 
     first, other = corner(6), corner(7)
@@ -174,9 +174,9 @@ def _plates(cards: Cards, grids: Grids) -> dict[int, tuple[int, ...]]:
 def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int, ...]]) -> list[tuple[int, ...]]:
     ids, missing = expand(tokens, np.array(sorted(plates), dtype=np.int64), card.where)
     if missing.size or not ids.size:
-        what = f"element {missing[0]} is" if missing.size else "the elements are"
+        what = f"element {missing[0]} is not a" if missing.size else "the card has no"
         raise card.error(
-            f"{what} not a {'plate' if card.name == 'PLOAD2' else 'solid or plate'} of the deck",
+            f"{what} {'plate' if card.name == 'PLOAD2' else 'solid or plate'} of the deck",
             f"correct the id, or leave these loads out (mesh.ignore: [{card.name}])",
         )
     return [plates[i] for i in ids.tolist()]
@@ -327,7 +327,7 @@ def _combine_loads(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str,
             if part not in sets:
                 raise card.error(
                     f"set {part} contains no imported load",
-                    "remove it, or leave the combination out (mesh.ignore: [LOAD])",
+                    "remove this set, or leave the combination out (mesh.ignore: [LOAD])",
                 )
             total.add(sets[part], whole * card.real(i, "a factor"))
     return {f"LOAD-{number}": total.to_nodal_forces() for number, total in sorted(combined.items())}

@@ -78,7 +78,7 @@ def properties(
             )
     laminae = {mid: lamina(of_plies[mid]) for _, mid in in_plies if mid in of_plies}
     if rigid := [str(i) for i, each in laminae.items() if np.isinf(each.g1z) or np.isinf(each.g2z)]:
-        notes.append(f"MAT8 {first_names(rigid)} has no G1Z or G2Z, so it is rigid in transverse shear")
+        notes.append(f"MAT8 {first_names(rigid)} has no G1Z or G2Z, so its plies are rigid in transverse shear")
     named += [(card, mid) for card, mid in in_plies if mid not in laminae]
     materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, materials_required)
     pairs = ((of_solids, anisotropic), (of_plies, laminae), (isotropic, materials))
@@ -145,7 +145,7 @@ def _solid_regions(
     for card in solids:
         pid, mid = card.integer(0, "the property id"), card.integer(1, "the material id")
         if card.text(6).upper() not in ("", "SMECH"):
-            raise card.error(f"FCTN is {card.text(6)}: only structural solids are supported", "remove the fluid part")
+            raise card.error(f"FCTN is {card.text(6)}: only structural solids are supported", "remove fluid elements")
         if mid in anisotropic and card.text(2) == "-1":
             raise card.error(
                 f"CORDM is -1 (element axes) and material {mid} is anisotropic: not supported, because programs "

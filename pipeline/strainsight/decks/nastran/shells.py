@@ -75,7 +75,7 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
         raise card.error("an entry after MID4 is not supported", "define offsets at the elements (ZOFFS)")
     bending, shear = card.real(4, "12 I/T³", 1.0), card.real(6, "TS/T", 5 / 6)
     if bending < 0 or shear <= 0:
-        raise card.error(f"12 I/T³ is {bending:g} and TS/T is {shear:g}", "specify 12 I/T³ ≥ 0 and TS/T above 0")
+        raise card.error(f"12 I/T³ = {bending:g} or TS/T = {shear:g} is too small", "specify 12 I/T³ ≥ 0, TS/T > 0")
     if card.is_blank(3):
         bending, shear = 0.0, 0.0
     elif card.is_blank(5):
@@ -92,7 +92,7 @@ def read_shells(
     too much, a corner thickness different from the property, and a material axis along the normal.
     """
     if read_as := sorted({card.name for card in elements.cards} & {"CQUADR", "CTRIAR"}):
-        notes.append(f"{', '.join(read_as)}: imported as CQUAD4 and CTRIA3")
+        notes.append(f"{', '.join(read_as)} are imported as CQUAD4 and CTRIA3")
     blocks = []
     for kind in SHELL_KINDS:
         cards, ids, region = elements.of([name for name, layout in SHELLS.items() if layout.kind == kind])
@@ -102,7 +102,7 @@ def read_shells(
         if (at := find_repeated_node(nodes)) is not None:
             raise cards[at].error(
                 "the element has the same node twice",
-                "use a CTRIA3 instead of a collapsed quadrilateral; remove other such elements",
+                "replace a collapsed quadrilateral by a CTRIA3; remove other elements with a repeated node",
             )
         x = grids.position[nodes[:, : SHELLS[cards[0].name].corners]]
         normal = _normals(cards, x, notes)
@@ -124,7 +124,7 @@ def _node_ids(card: Card) -> list[int]:
         linear = "CQUAD4" if layout.corners == 4 else "CTRIA3"
         raise card.error(
             f"the element has {sides - len(missing)} of {sides} mid-side nodes (G{missing[0] + 1} is blank)",
-            f"specify all mid-side nodes, or use a {linear} if it has none",
+            f"specify all mid-side nodes, or use a {linear} without mid-side nodes",
         )
     return [card.integer(2 + i, "a node id") for i in range(layout.nodes)]
 
@@ -249,7 +249,7 @@ def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[s
 def _card(card: Card, what: str, number: int, known: Mapping[int, Sequence[Card]]) -> Card:
     cards = known.get(number, [])
     if not cards:
-        raise card.error(f"material {number} of {what} is not a MAT1, MAT2 or MAT8", f"add a card with id {number}")
+        raise card.error(f"material {number} of {what} is not a MAT1, MAT2 or MAT8", f"add a MAT1 with id {number}")
     if len(cards) > 1:
         raise cards[1].error(f"material id {number} is used twice (first at {cards[0].where})", "use unique ids")
     return cards[0]

@@ -226,7 +226,7 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
     ends_of = np.array([*side], dtype=np.int64)
     notes.append(
         f"{plural(partial, 'solid element')} without some mid-side nodes: {plural(len(side), 'side')} kept "
-        f"straight by a new mid-side node that follows the ends, ids {last + 1} to {last + len(side)} (first "
+        f"straight by new mid-side nodes, which follow the end nodes, ids {last + 1} to {last + len(side)} (first "
         f"{first[0].name} {first[0].text(0)}, {first[0].where})"
     )
     ids = np.concatenate([grids.nodes.ids, np.arange(last + 1, last + 1 + len(side))])

@@ -98,7 +98,7 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
     if not ends:
         raise card.error("the spring is not connected to a node", "specify a node and its component")
     if len({first for _, first, _ in ends}) > 1:
-        raise card.error("the spring connects a translation with a rotation", "use equal kinds of motion")
+        raise card.error("the spring connects a translation with a rotation", "use two translations or two rotations")
     return spring_between(f"{card.name} {card.text(0)}", k, ends)
 
 
@@ -182,7 +182,7 @@ def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> Flo
     if not k[[1, 2, 4, 5]].any():  # with stiffness only along and about x, y and z have no effect
         first = np.eye(3)[int(np.argmin(np.abs(x)))]
     elif (first := grids.direction(card, A)) is None:
-        raise card.error("the transverse axes are undefined: CID, GO and X1 to X3 are blank", "specify one of them")
+        raise card.error("the transverse axes are undefined: CID, GO and X1 to X3 are blank", "specify CID or GO")
     z = np.cross(x, first)
     if not np.linalg.norm(z) > APART * np.linalg.norm(first):
         raise card.error("GO or X1 to X3 is on the element axis", "specify a point or vector that is not on the axis")
@@ -236,7 +236,7 @@ def _inertia(card: Card) -> FloatArray:
     principal = np.linalg.eigvalsh(J)
     if principal[0] < -INDEFINITE * max(principal[-1], 0.0) or principal[-1] < 0:
         raise card.error(
-            f"the principal moments of inertia are {principal[0]:.4g}, {principal[1]:.4g}, {principal[2]:.4g}",
+            f"a principal moment of inertia is negative: {principal[0]:.4g}, {principal[1]:.4g}, {principal[2]:.4g}",
             "correct the inertia so that no moment is negative; specify I21, I31 and I32 without a minus sign",
         )
     return J
@@ -251,7 +251,7 @@ def _mass_from_matrix(
     size[size == 0] = 1.0
     least = float(np.linalg.eigvalsh(M / np.outer(size, size))[0])
     if M.diagonal().min() < 0 or least < -INDEFINITE:
-        raise card.error("the mass matrix is not positive semidefinite", "reduce its off-diagonal entries")
+        raise card.error("the mass matrix is not positive semidefinite", "reduce off-diagonal entries of the matrix")
     if M[3:].any() and row not in turning:
         notes.append(
             f"{card.name} {card.text(0)}: node {grids.nodes.ids[row]} has no rotations (not in an RBE2 or "
@@ -380,8 +380,8 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
     if sets.top and deck.case_control:
         notes.append(
             Doubt(
-                "the case control selects no supports, so Nastran uses none; here the only support set "
-                f"{number} is used. Ignore it with mesh.ignore: [SPC, SPC1], or confirm it with mesh.spc"
+                "the case control selects no supports, so Nastran uses none; strainsight uses the only "
+                f"support set {number}. Ignore this set with mesh.ignore: [SPC, SPC1], or confirm it with mesh.spc"
             )
         )
     return sets.parts(number)

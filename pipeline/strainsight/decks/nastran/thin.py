@@ -151,7 +151,7 @@ def _property(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str])
         return ThinProperty(card, ply, 0, (material,))
     if isinstance(section, Laminate):
         half = 0.5 * section.thickness
-        middle = card.real(1, "the place Z0 of the lower face", -half) + half
+        middle = card.real(1, "the position Z0 of the lower face", -half) + half
         return ThinProperty(card, section, 0, tuple(ply.material for ply in section.plies), middle)
     return ThinProperty(card, section, material, (material,))
 
@@ -200,8 +200,8 @@ def _no_property(card: Card, number: int, cards: Cards) -> DeckError:
         (name for name in cards if _PROPERTY.match(name) and any(c.text(0) == str(number) for c in cards[name])), None
     )
     what = f"is a {other_card}, but must be a {wanted}" if other_card else f"is not in the deck ({wanted})"
-    remedy = "assign to these elements" if other_card else f"add, with id {number},"
-    return card.error(f"property {number} {what}", f"{remedy} a {wanted}, or ignore them (mesh.ignore: [{card.name}])")
+    remedy = f"assign a {wanted} to these elements" if other_card else f"add a {wanted} with id {number}"
+    return card.error(f"property {number} {what}", f"{remedy}, or ignore these elements (mesh.ignore: [{card.name}])")
 
 
 def _unused(cards: Cards, properties: Mapping[int, ThinProperty]) -> dict[str, int]:

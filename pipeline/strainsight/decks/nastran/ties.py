@@ -35,11 +35,11 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
             raise card.error("the card has no dependent node", "specify the dependent nodes")
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
         if reference in rows:
-            raise card.error(f"the reference node {card.tokens[1]} is also dependent", "remove it from these")
+            raise card.error(f"the reference node {card.tokens[1]} is also dependent", "remove it as a dependent node")
         if min(wanted) > 2 and not references.intersection(ids.tolist()):
             notes.append(
                 f"RBE2 {card.tokens[0]} ties only rotations (components {card.text(2)}), but nodes of solids "
-                "have no rotations: it has no effect"
+                "have no rotations: the RBE2 has no effect"
             )
         number = card.integer(0, "the element id")
         elements.append(RigidElement(number, reference, rows, wanted, f"RBE2 {number}"))
@@ -68,7 +68,7 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
         still = directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))
         if still.any():
             raise card.error(
-                f"rotations of node {ids[np.argmax(still)]} are averaged, but it has no rotations",
+                f"rotations of node {ids[np.argmax(still)]} are averaged, but the node has no rotations",
                 "average only translations, for example 123 (solids have no rotations)",
             )
         dependent = _um_set(card, tokens[split + 1 :], nodes, len(wanted)) if split < len(tokens) else None
@@ -213,8 +213,8 @@ def _rigid(card: Card, grids: Grids, independent: list[Motion], dependent: list[
     number = card.integer(0, "the element id")
     if len(independent) != 6:
         raise card.error(
-            f"the card has {len(independent)} independent motions",
-            "specify six independent motions, which constrain a rigid body",
+            f"the card has {len(independent)} independent motions instead of six",
+            "specify six independent motions that constrain a rigid body",
         )
     if not dependent:
         raise card.error("the card has no dependent motion", "specify dependent components")
@@ -265,7 +265,7 @@ def _rod(card: Card, grids: Grids, bars: Bars) -> None:
     a, b = _ends(card, grids)
     along = grids.position[b] - grids.position[a]
     if not np.linalg.norm(along) > 0:
-        raise card.error("its ends coincide, so it has no direction", "specify two nodes at different positions")
+        raise card.error("both ends coincide, so the rod has no direction", "specify two nodes at different positions")
     e = along / np.linalg.norm(along)
     follows = [*_motions(a, card.text(3), card), *_motions(b, card.text(4), card)]
     if len(follows) != 1 or follows[0][1] > 2:
@@ -333,5 +333,5 @@ def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]
     if not node:
         raise card.error("the card has no terms", "specify nodes, components and coefficients")
     if value[0] == 0:
-        raise card.error("the coefficient of the first term is 0", "start with a dependent motion")
+        raise card.error("the coefficient of the first term is 0", "start with a nonzero coefficient")
     return np.array(node, dtype=np.int64), np.array(component, dtype=np.int64), np.array(value)

@@ -113,7 +113,7 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
             "use tetrahedra, hexahedra or wedges of first or second order",
         )
     if isinstance(error, ModuleNotFoundError):
-        return error_at(path, f"reading {name} requires the package {error.name}", f"install it, or {INSTEAD}")
+        return error_at(path, f"reading {name} requires the package {error.name}", f"install the package, or {INSTEAD}")
     if isinstance(error, MemoryError):
         return error_at(
             path,

@@ -61,17 +61,17 @@ def read_op4(path: Path, name: str | None = None) -> sparse.csr_array:
         wanted = header.name.lower() == name.lower() if name else not names
         names.append(header.name)
         if wanted and matrix is not None:
-            raise error_at(path, f"the file contains the matrix {header.name} twice", "use unique names")
+            raise error_at(path, f"the file contains the matrix {header.name} twice", "use unique matrix names")
         if wanted:
             matrix = _collect_columns(header.shape, columns)
         else:
             for _ in columns:
                 pass
     if name is None and len(names) > 1:
-        raise error_at(path, f"the file contains {len(names)} matrices: {', '.join(names)}", "specify one of them")
+        raise error_at(path, f"the file contains {len(names)} matrices: {', '.join(names)}", "specify the matrix name")
     if matrix is None:
         what = f"the file contains no matrix {name!r}" if name else "the file contains no matrix"
-        raise error_at(path, what, f"the file contains: {', '.join(names) or 'none'}")
+        raise error_at(path, what, f"use one of {', '.join(names)}" if names else "export the matrix again")
     return matrix
 
 
@@ -240,14 +240,14 @@ def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
             rows.append((line, [plain_cell(cell.strip()) for cell in cells or [""]]))
             line = reader.line_num + 1
     except csv.Error as error:
-        raise error_at(f"{path}:{line}", f"the line is not a valid table row: {error}", "check the quotes") from None
+        raise error_at(f"{path}:{line}", f"the line is not a valid table row: {error}", "correct the quotes") from None
     return rows or [(1, [""])]
 
 
 def _integer(cell: str, path: Path, number: int) -> int:
     value = parse_integer(cell)
     if value is None:
-        remedy = "write node ids and components"
+        remedy = "write node ids and components as integers"
         raise error_at(f"{path}:{number}", f"an entry {describe_non_integer(cell[:40])}", remedy)
     return value
 
@@ -261,7 +261,7 @@ def _from_matrix_market(path: Path, name: str | None) -> sparse.csr_array:
 def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
     with path.open("rb") as file:
         if file.read(2) != b"PK":
-            raise error_at(path, "the file is not an .npz archive", "use scipy.sparse.save_npz or numpy.savez")
+            raise error_at(path, "the file is not an .npz archive", "save with scipy.sparse.save_npz or numpy.savez")
     with np.load(path, allow_pickle=False) as archive:
         names = list(archive.files)
         if "format" in names:
@@ -270,16 +270,16 @@ def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
             require_room(path, names)
             return _csr(sparse.load_npz(path))
         if name is None and len(names) != 1:
-            raise error_at(path, f"the file contains {len(names)} arrays: {', '.join(names)}", "specify one of them")
+            raise error_at(path, f"the file contains {len(names)} arrays: {', '.join(names)}", "specify the array name")
         if name is not None and name not in names:
-            raise error_at(path, f"the file contains no array {name!r}", f"the file contains: {', '.join(names)}")
+            raise error_at(path, f"the file contains no array {name!r}", f"use one of {', '.join(names)}")
         require_room(path, [name or names[0]])
         return _csr(archive[name or names[0]])
 
 
 def _csr(matrix: Any) -> sparse.csr_array:
     if matrix.ndim != 2 or matrix.dtype.kind not in "fiub":
-        raise DeckError(f"the array has {matrix.ndim} dimensions and type {matrix.dtype}", remedy="use real numbers")
+        raise DeckError(f"the array has {matrix.ndim} dimensions and type {matrix.dtype}", remedy="save a real matrix")
     if max(matrix.shape) > LARGEST or min(matrix.shape) == 0:
         raise DeckError(
             f"the matrix size {matrix.shape[0]} × {matrix.shape[1]} is not valid",

@@ -67,13 +67,13 @@ def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where
 def check_column(header: Header, column: int, rows: list[int], lengths: list[int], numbers: Any, where: str) -> Column:
     for row, length in zip(rows, lengths, strict=True):
         if not (row >= 1 and 1 <= length <= header.shape[0] - row + 1):
-            raise damage_error(f"column {column} of {header.name} has {length} numbers from row {row}", where)
+            raise damage_error(f"column {column} of {header.name} has {length} numbers from row {row}, too many", where)
     return column, rows, lengths, numbers
 
 
 def check_order(column: int, last: int, header: Header, where: str) -> int:
     if column <= last:
-        raise damage_error(f"column {column} of {header.name} follows column {last}", where)
+        raise damage_error(f"column {column} of {header.name} follows column {last}, but columns must increase", where)
     return column
 
 
@@ -87,7 +87,7 @@ def binary_matrices(path: Path, order: str, long: bool) -> Iterator[tuple[Header
     integer = 8 if long else 4
     for at, size in records:
         if size != 6 * integer:
-            raise damage_error(f"no matrix header at byte {at}", str(path))
+            raise damage_error(f"expected a matrix header at byte {at}", str(path))
         columns, rows, _, kind = struct.unpack_from(order + ("4q" if long else "4i"), data, at)
         name = data[at + 4 * integer : at + size]
         header = header_of(name, columns, rows, kind, 1 if long else 2, f"{path}, byte {at}")
@@ -187,7 +187,7 @@ class _Lines:
         except ValueError:
             text = line[:40].decode("ascii", "replace")
             raise DeckError(
-                f"{text!r} is not a valid line of an OP4 file here",
+                f"{text!r} is not a valid line of an OP4 file",
                 where=self.where,
                 remedy="check that the file is an OP4 file and not damaged",
             ) from None
@@ -275,7 +275,7 @@ def read_market(path: Path) -> sparse.coo_array | np.ndarray:
     with open_file(path) as raw, TextIOWrapper(raw, "ascii", "replace") as file:
         words = file.readline(LONGEST).lower().split()
         if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("array", "coordinate"):
-            raise damage_error("the first line is not that of a Matrix Market file", f"{path}:1")
+            raise damage_error("the first line is not a Matrix Market header", f"{path}:1")
         layout, field, kind = words[2:]
         if field not in REAL or kind not in ("general", "symmetric"):
             raise error_at(
@@ -291,7 +291,7 @@ def read_market(path: Path) -> sparse.coo_array | np.ndarray:
         ):
             raise error_at(
                 path,
-                f"the file declares {rows} × {columns} with {entries} entries, more than its size allows",
+                f"the file declares {rows} × {columns} with {entries} entries, more than the file size allows",
                 "export the matrix again",
             )
         table = _table(file, path, entries, 1 if layout == "array" else 3, line)
@@ -328,8 +328,8 @@ def _table(file: TextIO, path: Path, entries: int, width: int, line: int) -> np.
         raise damage_error(f"a line below the sizes is not a valid entry: {message}", f"{path}:{line + 1}") from None
     if table.shape != (entries, width) or any(rest.strip() for rest in iter(lambda: file.readline(LONGEST), "")):
         count = f"{len(table)} entries" if len(table) < entries else f"more than {entries} entries"
-        message = count if table.shape[1:] == (width,) else f"lines with {table.shape[1]} numbers"
-        raise damage_error(f"the file has {message}, but {entries} entries are declared", f"{path}:{line}")
+        message = count if table.shape[1:] == (width,) else f"{table.shape[1]} numbers per line"
+        raise damage_error(f"found {message}, but {entries} entries of {width} numbers are declared", f"{path}:{line}")
     return table
 
 
@@ -360,7 +360,7 @@ def _sparse(table: np.ndarray, rows: int, columns: int, kind: str, path: Path, l
     return sparse.coo_array((value, (row, column)), shape=(rows, columns))
 
 
-WRITE_AGAIN = "export it again with SOLVER=MATRIXSTORAGE"
+WRITE_AGAIN = "export the matrix again with SOLVER=MATRIXSTORAGE"
 
 
 def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
@@ -382,7 +382,7 @@ def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
     n = int(at.max())
     low, high = at.min(axis=1) - 1, at.max(axis=1) - 1
     if len(np.unique(low * n + high)) < len(at):
-        raise DeckError("the file contains both triangles, or an entry twice", remedy="use Matrix Market")
+        raise DeckError("the file contains both triangles, or an entry twice", remedy="use the Matrix Market format")
     half = sparse.csr_array((entries[:, 2], (low, high)), shape=(n, n))
     full = sparse.csr_array(half + half.T - sparse.diags_array(half.diagonal()))
     full.eliminate_zeros()

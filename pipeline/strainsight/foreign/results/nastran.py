@@ -116,7 +116,7 @@ class Op2File:
             raise damage_error("the file ends inside a data block", at)
         size = self._int32.unpack(length)[0]
         if size < 0 or (most is not None and size > most):
-            raise damage_error(f"a record of {size} bytes is not valid here", at)
+            raise damage_error(f"a record of {size} bytes is not valid at this place", at)
         content = []
         left = size
         if not keep:
@@ -242,7 +242,7 @@ def _response(
         raise error_at(where, "the displacements are written node by node (SORT2)", "request DISPLACEMENT(SORT1)")
     if head.row != _ROW or (not is_mode and head.analysis not in _STATIC) or len(record.content) % (_ROW * op2.width):
         raise damage_error(
-            f"{len(record.content)} bytes in rows of {head.row} words, analysis code {head.analysis}", where
+            f"invalid block: {len(record.content)} bytes, rows of {head.row} words, analysis {head.analysis}", where
         )
     row = np.dtype([("point", op2.integer), ("type", op2.integer), ("motion", op2.real, (6,))])
     rows = np.frombuffer(record.content, row)
@@ -337,7 +337,7 @@ def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response
     if "REAL OUTPUT" not in header:
         raise unsupported_error("complex displacements", where)
     if "POINT ID" in header:
-        raise error_at(where, "displacements are written point by point (SORT2)", "request DISPLACEMENT(SORT1,PUNCH)")
+        raise error_at(where, "the displacements are written node by node (SORT2)", "request DISPLACEMENT(SORT1,PUNCH)")
     mode = _EIGENVALUE.fullmatch(header.get("EIGENVALUE", "")) if "EIGENVECTOR" in header else None
     eigenvalue = parse_real(mode[1]) if mode else 0.0
     if ("EIGENVECTOR" in header and mode is None) or eigenvalue is None:
@@ -371,7 +371,7 @@ def _rows(block: _Block, path: Path) -> tuple[np.ndarray, np.ndarray, int]:
     second = np.append(goes_on, [False, False])
     wrong = first[~second[first + 1] | second[first + 2]]
     if wrong.size:
-        raise damage_error("a node does not have two lines", f"{path}:{block.number + int(wrong[0])}")
+        raise damage_error("a node must have two lines", f"{path}:{block.number + int(wrong[0])}")
 
     def place(row: int) -> str:
         return f"{path}:{block.number + int(first[row])}"

@@ -251,7 +251,7 @@ def _integers(line: str, count: int, where: str) -> list[int]:
     """The first `count` integers of a header line, 0 if it is shorter."""
     values = [parse_integer(word) for word in line.split()[:count]]
     if None in values:
-        raise damage_error(f"{line.strip()!r} contains invalid integers of a header", where)
+        raise damage_error(f"{line.strip()!r} is a header line with an invalid integer", where)
     return [value for value in values if value is not None] + [0] * (count - len(values))
 
 
@@ -260,7 +260,7 @@ def _reals(line: str, where: str) -> list[float]:
     words = [line[at : at + _NUMBER].strip() for at in range(0, _WIDTH, _NUMBER)]
     values = [parse_real(word or "0") for word in words]
     if None in values:
-        raise damage_error(f"{line.strip()!r} contains invalid numbers of a header", where)
+        raise damage_error(f"{line.strip()!r} is a header line with an invalid number", where)
     return [value for value in values if value is not None]
 
 
@@ -365,7 +365,7 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     path = Path(path)
     reader = readers.get(ending_of(path))
     if reader is None:
-        raise error_at(path, f"{path.name} is not a known result file", f"known endings: {', '.join(readers)}")
+        raise error_at(path, f"{path.name} is not a known result file", f"use one of the endings {', '.join(readers)}")
     try:
         check_plain(path)
         yield from reader(path)

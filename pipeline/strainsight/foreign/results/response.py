@@ -63,7 +63,7 @@ class Response:
                 remedy="check the output of the other program for errors, and export the file again",
             )
         if not math.isfinite(self.frequency):
-            raise damage_error(f"the frequency of the mode is {self.frequency:g}", self.where)
+            raise damage_error(f"the frequency of the mode is not finite: {self.frequency:g}", self.where)
 
 
 def natural_frequency(eigenvalue: float) -> float:
@@ -94,7 +94,7 @@ def result_lines(path: Path, what: str, remedy: str) -> Iterator[tuple[int, byte
         while line := file.readline(LONGEST):
             number += 1
             if b"\0" in line or len(line) == LONGEST:
-                raise error_at(f"{path}:{number}", f"the line is not a line of {what}", remedy)
+                raise error_at(f"{path}:{number}", f"the line does not belong to {what}", remedy)
             yield number, line
 
 
@@ -184,7 +184,7 @@ def printed_modes(path: Path) -> Iterator[Response]:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Number and text of every line."""
-    for number, line in result_lines(path, "printed output", "specify the text file"):
+    for number, line in result_lines(path, "printed output", "specify the .f06 or .dat file"):
         yield number, line.decode("latin-1")
 
 
