@@ -302,17 +302,17 @@ def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
     """Fault of a bridge with these arm signs and its remedy, or None."""
     count = f"{len(signs)} arm{'s' * (len(signs) != 1)}"
     if len(signs) < 2:
-        return f"the bridge has {count}", "use two to four arms; for a single gauge set position and direction"
+        return count, "use two to four arms; for a single gauge set position and direction"
     if not {*signs} <= {1, -1}:
-        return f"an arm has the sign {next(s for s in signs if s not in (1, -1)):g}", "use 1 or -1"
+        return f"an arm with the sign {next(s for s in signs if s not in (1, -1)):g}", "use 1 or -1"
     for sign in (1, -1):
         if (equal := list(signs).count(sign)) > 2:
             return (
-                f"{equal} arms have the sign {sign}",
+                f"{equal} arms with the sign {sign}",
                 "use at most two of each sign: arms 1 and 3 increase the output, arms 2 and 4 reduce it",
             )
     if 1 not in signs:
-        return "no arm has the sign 1", "reverse all signs, and set sign: -1 for the channel under estimate"
+        return "no arm with the sign 1", "reverse all signs, and set sign: -1 for the channel under estimate"
     return None
 
 
@@ -323,7 +323,7 @@ class BondedBridge(Named):
 
     def problems(self) -> Iterator[Problem]:
         if problem := bridge_problem([arm.sign for arm in self.arms]):
-            yield Problem("arms", f"a bridge of {problem[0]}", problem[1])
+            yield Problem("arms", f"the bridge has {problem[0]}", problem[1])
 
 
 NamedGaugeOrBridge = Annotated[
