@@ -65,7 +65,7 @@ def check_modes(
                 off, shape = pair.off if isfinite(pair.off) else None, pair.mac if with_shapes else None
                 say(json_line({**asdict(pair), "off": off, "mac": shape}))
         else:
-            head = ("theirs", "Hz", "ours", "Hz", "off [%]", *(("MAC",) * with_shapes))
+            head = ("mode", "file [Hz]", "mode", "deck [Hz]", "difference [%]", *(("MAC",) * with_shapes))
             rows = [
                 (
                     str(pair.number),
@@ -77,15 +77,15 @@ def check_modes(
                 )
                 for pair in pairs
             ]
-            print_tables([Table(f"modes of {file.name} and of the deck", head, tuple(rows))])
+            print_tables([Table(f"modes of {file.name} (file) and of the deck", head, tuple(rows))])
             shapes = "; mode shapes are not compared"
             if comparison.over is not None:
-                over = f"over {comparison.over[0]} of {comparison.over[1]} nodes"
-                shapes = f", mode shapes {over} to a MAC of {least:.4f} (at least {mac:g})"
+                over = f"at {comparison.over[0]} of {comparison.over[1]} nodes"
+                shapes = f", smallest MAC {least:.4f} {over} (limit {mac:g})"
             elif not any(len(pair.node_ids) for pair in theirs):
                 shapes = "; the file has no mode shapes"
-            verdict = "agree" if agrees else "disagree"
-            to = f"to {100 * worst:.3g} % (at most {tolerance:g} %)" if isfinite(worst) else "for a mode at 0 Hz"
-            say(f"{len(pairs)} modes {verdict}: frequencies {to}{shapes}")
+            result = "agree" if agrees else "disagree"
+            largest = f"{100 * worst:.3g} % (limit {tolerance:g} %)" if isfinite(worst) else "undefined (mode at 0 Hz)"
+            say(f"{len(pairs)} modes {result}: largest frequency difference {largest}{shapes}")
         if not agrees:
             raise typer.Exit(INCONSISTENT)

@@ -33,8 +33,8 @@ class DoctorFinding:
     """One check: subject, result, measured value, and remedy for a failure or warning."""
 
     subject: str
-    verdict: str
-    found: str
+    result: str
+    value: str
     remedy: str = ""
 
 
@@ -47,11 +47,11 @@ def check_solver() -> DoctorFinding:
         return DoctorFinding("solver", FAILS, ended or "no result", reinstall)
     text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s, error {facts['error']:.1e}"
     if not facts["error"] < ACCURATE:
-        return DoctorFinding("solver", FAILS, f"{text}: wrong", reinstall)
+        return DoctorFinding("solver", FAILS, f"{text}: the result is wrong", reinstall)
     if facts["solver"] != "PARDISO":
         why = f" ({facts['why']})" if facts.get("why") else ""
-        meaning = "many times slower, and limited to 100 000 unknowns"
-        return DoctorFinding("solver", WARNING, f"{text}; PARDISO is not available{why}: {meaning}", install)
+        meaning = "the solver is many times slower, and limited to 100 000 unknowns"
+        return DoctorFinding("solver", WARNING, f"{text}; PARDISO is not available{why}, so {meaning}", install)
     return DoctorFinding("solver", GOOD, text)
 
 
@@ -71,9 +71,9 @@ def check_rendering() -> DoctorFinding:
     facts, ended = tried("rendering")
     remedy = "apt-get install libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri, or the EGL packages of Mesa on your system"
     if "middle" not in facts:
-        return DoctorFinding("rendering", FAILS, f"off screen: {ended or 'no picture'}", remedy)
+        return DoctorFinding("rendering", FAILS, f"off-screen rendering failed: {ended or 'no picture'}", remedy)
     if facts["middle"] == facts["corner"]:
-        return DoctorFinding("rendering", FAILS, "off screen: the picture is empty", remedy)
+        return DoctorFinding("rendering", FAILS, "off-screen rendering failed: the picture is empty", remedy)
     return DoctorFinding("rendering", GOOD, f"off-screen rendering in {facts['seconds']:.1f} s")
 
 
@@ -82,11 +82,11 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
     from strainsight.parallel import cores as usable
 
     available = cores or usable()
-    findings = [DoctorFinding("cores", GOOD, f"{available} for this process")]
+    findings = [DoctorFinding("cores", GOOD, f"{available} available to this process")]
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         if (value := environment.get(name)) is None:
             continue
-        head, remedy = value.split(",")[0].strip(), f"unset {name}, or set it to 1 to {available}"
+        head, remedy = value.split(",")[0].strip(), f"unset {name}, or set a value from 1 to {available}"
         if not head.isdigit() or int(head) < 1:
             findings.append(DoctorFinding(name, WARNING, f"'{value}' is not a number of threads", remedy))
         elif int(head) > available:
@@ -157,7 +157,7 @@ def check_terminal(environment: Mapping[str, str] = os.environ) -> list[DoctorFi
     colour = "without colour (NO_COLOR)" if environment.get("NO_COLOR") else ""
     narrow = sys.stdout.isatty() and columns < 80
     text = ", ".join(part for part in (where, colour) if part)
-    remedy = "widen it to 80 columns, to avoid line breaks in tables" if narrow else ""
+    remedy = "widen the terminal to 80 columns, to avoid line breaks in tables" if narrow else ""
     return [locale, DoctorFinding("terminal", WARNING if narrow else GOOD, text, remedy)]
 
 
@@ -171,14 +171,14 @@ def check_packages() -> list[DoctorFinding]:
     """Version of Python and of every package, and whether each can be imported, in a separate process that may crash."""
     python, requirements = asked_for()
     findings = compared(python, requirements)
-    present = [finding.subject for finding in findings if finding.verdict == GOOD and finding.subject != "python"]
+    present = [finding.subject for finding in findings if finding.result == GOOD and finding.subject != "python"]
     facts, ended = tried("imports", [MODULES.get(name, name) for name in present])
     broken: dict[str, str] = dict(facts.get("failed", {}))
     if ended:
         broken[facts.get("at", "")] = ended
     return [
         DoctorFinding(
-            entry.subject, FAILS, f"{entry.found}; import: {why}", f"pip install --force-reinstall {entry.subject}"
+            entry.subject, FAILS, f"{entry.value}; import: {why}", f"pip install --force-reinstall {entry.subject}"
         )
         if (why := broken.get(MODULES.get(entry.subject, entry.subject)))
         else entry
@@ -227,8 +227,8 @@ def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
         try:
             version = metadata.version(requirement.name)
         except metadata.PackageNotFoundError:
-            verdict, need = (WARNING, "wanted") if requirement.name in CAN_DO_WITHOUT else (FAILS, "needed")
-            findings.append(DoctorFinding(requirement.name, verdict, f"not installed; {need}: {wanted}", remedy))
+            result, need = (WARNING, "recommended") if requirement.name in CAN_DO_WITHOUT else (FAILS, "required")
+            findings.append(DoctorFinding(requirement.name, result, f"not installed; {need}: {wanted}", remedy))
             continue
         within = requirement.specifier.contains(version, prereleases=True)
         findings.append(_version_finding(requirement.name, version, wanted, within, remedy))
@@ -238,7 +238,7 @@ def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
 def _version_finding(subject: str, version: str, wanted: str, within: bool, remedy: str) -> DoctorFinding:
     if within:
         return DoctorFinding(subject, GOOD, f"{version} ({wanted})")
-    return DoctorFinding(subject, FAILS, f"{version} is installed, but {wanted} is needed", remedy)
+    return DoctorFinding(subject, FAILS, f"{version} is installed, but {wanted} is required", remedy)
 
 
 COLOURS = {GOOD: "green", WARNING: "yellow", FAILS: "red"}
@@ -260,7 +260,7 @@ def examine(results: Path) -> list[DoctorFinding]:
 
 def show(findings: Sequence[DoctorFinding], as_json: bool) -> int:
     """Print the table, with remedies below the rows, or one JSON object per check; the exit code: 1 if a check fails."""
-    counts = {verdict: sum(finding.verdict == verdict for finding in findings) for verdict in COLOURS}
+    counts = {result: sum(finding.result == result for finding in findings) for result in COLOURS}
     if as_json:
         say(*(json_line(asdict(finding)) for finding in findings))
         return int(counts[FAILS] > 0)
@@ -270,10 +270,10 @@ def show(findings: Sequence[DoctorFinding], as_json: bool) -> int:
 
     rows = []
     for finding in findings:
-        text = printable(finding.found) + (f"\n→ {printable(finding.remedy)}" if finding.remedy else "")
-        verdict = Text(finding.verdict, style=COLOURS[finding.verdict])
-        rows.append((Text(finding.subject), verdict, Text(text)))
-    print_grid(("checked", "verdict", "found"), rows)
+        text = printable(finding.value) + (f"\n→ {printable(finding.remedy)}" if finding.remedy else "")
+        result = Text(finding.result, style=COLOURS[finding.result])
+        rows.append((Text(finding.subject), result, Text(text)))
+    print_grid(("check", "result", "value"), rows)
     many = "" if counts[WARNING] == 1 else "s"
     say("", f"{counts[FAILS]} of {len(findings)} checks failed, {counts[WARNING]} warning{many}")
     return int(counts[FAILS] > 0)

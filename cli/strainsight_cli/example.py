@@ -37,12 +37,12 @@ EXAMPLES = {
         ("meshes/cantilever.bdf",),
     ),
     "lug": Example(
-        "six gauges on a lug bracket with bolt holes: three unknown loads at its eye (two minutes)",
+        "six gauges on a lug bracket with bolt holes: three unknown loads at the eye (two minutes)",
         "configs/lug/lug-input.yaml",
         ("meshes/lug.bdf.gz",),
     ),
     "test": Example(
-        "a test record of four gauges on that cantilever: force and strain (half a minute)",
+        "a test record of four gauges on the cantilever: force and strain (half a minute)",
         "docs/examples/test.yaml",
         ("docs/examples/test.csv", "docs/examples/bonded.csv", "meshes/cantilever.bdf"),
     ),
@@ -61,7 +61,7 @@ def example(
         if name is None:
             for known, entry in EXAMPLES.items():
                 say(f"{known:<12}{entry.about}")
-            say("", "copy one into this folder: strainsight example NAME")
+            say("", "copy an example into this folder: strainsight example NAME")
             return
         from strainsight.errors import UserError, did_you_mean
 
@@ -69,7 +69,7 @@ def example(
             otherwise = f"known examples: {', '.join(EXAMPLES)}"
             raise UserError(
                 f"unknown example '{name}'",
-                remedy=f"{did_you_mean(name, EXAMPLES, otherwise)} List them with `strainsight example`",
+                remedy=did_you_mean(name, EXAMPLES, otherwise),
             )
         written = write(name, Path(), force)
         say(f"wrote {', '.join(map(str, written))}", f"next: strainsight run {name}.yaml")

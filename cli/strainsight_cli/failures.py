@@ -64,7 +64,7 @@ def failure_of(error: Exception) -> Failure:
         return Failure(USER, f"{printable(str(error.filename))}  {error.strerror}\n    {remedy}", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL and _output_fails():
         what = f"standard output cannot be written: {os.strerror(error.errno)}"
-        return Failure(USER, f"{what}\n    the results are kept; write to another file", details)
+        return Failure(USER, f"{what}\n    write the output to another file; the results are kept", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL:
         return Failure(USER, f"{os.strerror(error.errno)}\n    free some disk space, or write to another disk", details)
     if isinstance(error, MemoryError):

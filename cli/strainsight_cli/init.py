@@ -41,13 +41,13 @@ def init(
     material: Annotated[
         str | None,
         typer.Option(
-            "--material", help="Material for a deck without one: steel, aluminium, titanium, or 'E, ν, ρ' in SI."
+            "--material", help="Material, if the deck has none: steel, aluminium, titanium, or 'E, ν, ρ' in SI."
         ),
     ] = None,
-    held: Annotated[
+    support: Annotated[
         str | None,
         typer.Option(
-            "--held", help="Support for a deck without one: 'set NAME', 'node ID', or 'x, y, z' [m] of a face."
+            "--held", help="Support, if the deck has none: 'set NAME', 'node ID', or 'x, y, z' [m] of a face."
         ),
     ] = None,
     load: Annotated[
@@ -71,7 +71,7 @@ def init(
             raise UserError(
                 "the file is a config, not a deck",
                 where=str(deck),
-                remedy=f"to compute it, use: strainsight run {shlex.quote(str(deck))}; for a new config, specify the "
+                remedy=f"to compute this config, use: strainsight run {shlex.quote(str(deck))}; for a new config, specify the "
                 "deck",
             )
         target = output or Path(f"{Path(deck.name.removesuffix('.gz')).stem}.yaml")
@@ -87,7 +87,7 @@ def init(
         hints = suggestion(deck)
         answers = Answers(
             material=read_material("--material", material) if material else None,
-            held=read_support("--held", held, hints) if held else None,
+            support=read_support("--held", support, hints) if support else None,
             load=read_place("--load", load, hints) if load else None,
             direction=read_direction("--direction", direction) if direction else None,
             amplitude=read_positive("--amplitude", amplitude) if amplitude else None,
@@ -144,7 +144,7 @@ def refuse_stated(hints: Suggestion, answers: Answers) -> None:
     if answers.material is not None and not hints.lacking:
         remedy = "remove the option; mesh.materials in the config replaces those of the deck"
         raise UserError("the deck already has materials", where="--material", remedy=remedy)
-    if answers.held is not None and hints.supports:
+    if answers.support is not None and hints.supports:
         remedy = "remove the option; mesh.supports in the config adds to those of the deck"
         raise UserError("the deck already has supports", where="--held", remedy=remedy)
 
@@ -177,8 +177,8 @@ def read_material(option: str, text: str) -> tuple[float, float, float]:
     try:
         E, nu, rho = (float(word) for word in re.split(r"[\s,;]+", text.strip()))
     except ValueError:
-        what = f"use {', '.join(MATERIALS)}, or E, ν and ρ as in '2.1e11, 0.3, 7850' [Pa, -, kg/m³]"
-        raise UserError(f"unknown material '{text}'", where=option, remedy=f"give {what}") from None
+        remedy = f"use {', '.join(MATERIALS)}, or E, ν and ρ as in '2.1e11, 0.3, 7850' [Pa, -, kg/m³]"
+        raise UserError(f"unknown material '{text}'", where=option, remedy=remedy) from None
     if not (E > 0 and -1 < nu < 0.5 and rho >= 0):
         raise UserError(
             f"'{text}' is not a valid material",
@@ -206,8 +206,8 @@ def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
     ask("spc", f"{what} ({sets})", partial(read_support_set, hints=hints), bool(hints.support_sets))
     _list_places(hints.places)
     support_question = "location of the support (number above, node ID, or x, y, z in m)"
-    ask("held", support_question, _numbered(hints, read_support), not hints.supports)
-    ask("load", "location of the load (as above)", _numbered(hints, read_place))
+    ask("support", support_question, _numbered(hints, read_support), not hints.supports)
+    ask("load", "location of the load (number above, node ID, or x, y, z in m)", _numbered(hints, read_place))
     free = answers.load is None or answers.load.kind != "deck_load"
     ask("direction", "direction of the load (x, y, z)", partial(read_direction, "direction"), free)
     ask("amplitude", "amplitude of the load [N]", partial(read_positive, "amplitude"), free)
@@ -221,7 +221,7 @@ def read_support_set(text: str, hints: Suggestion) -> int:
     known = [str(number) for number in hints.support_sets]
     if text.strip() not in known:
         what = "support set" if hints.support_key == "spc" else "step"
-        raise UserError(f"the deck has no {what} '{text.strip()}'", remedy=f"the deck has {', '.join(known)}")
+        raise UserError(f"the deck has no {what} '{text.strip()}'", remedy=f"use one of {', '.join(known)}")
     return int(text)
 
 
@@ -239,7 +239,7 @@ def _list_places(places: Sequence[CandidateLocation]) -> None:
     """Print the locations with their numbers."""
     for number, place in enumerate(places[:SHOWN], start=1):
         name = f"near {place.name}" if place.kind == "face" else f"{place.kind} {place.name}"
-        say(f"{number:4}  {name:<38} {place.what}{', held' if place.held else ''}")
+        say(f"{number:4}  {name:<38} {place.what}{', supported' if place.supported else ''}")
     if len(places) > SHOWN:
         say(f"      {len(places) - SHOWN} more")
 

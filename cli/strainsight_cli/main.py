@@ -46,8 +46,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Place strain gauges on a finite-element model, and estimate loads, parameters and strains from their "
-    "readings.",
+    help="Place strain gauges on a finite-element model, and estimate loads, parameters and strains from their readings.",
 )
 
 

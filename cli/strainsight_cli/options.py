@@ -36,7 +36,7 @@ Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print why stages
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only; run.log contains the rest.")]
 LogLevel = Annotated[
     Literal["error", "warning", "info", "debug"] | None,
-    typer.Option("--log-level", help="Level of the printed messages: -q is error, -v is debug, default info."),
+    typer.Option("--log-level", help="Level of the printed messages; default: info. -q is error, -v is debug."),
 ]
 Jobs = Annotated[
     int | None,
@@ -49,9 +49,7 @@ Jobs = Annotated[
 ]
 Dask = Annotated[
     str | None,
-    typer.Option(
-        "--dask", metavar="ADDRESS", help="Run sweeps on the Dask cluster of this scheduler, which has to be trusted."
-    ),
+    typer.Option("--dask", metavar="ADDRESS", help="Address of a trusted Dask scheduler; sweeps run on its cluster."),
 ]
 DEFAULT_RESULTS = Path("results")
 

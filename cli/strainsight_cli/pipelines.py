@@ -18,7 +18,7 @@ STAGES = {
     "bearing": "Compute load-displacement curves, stiffness and ball loads of a single bearing",
     "import": "Read the deck, with its materials and constraints",
     "reduce": "Reduce the flexible bodies of a bench",
-    "statics": "Compute the equilibrium of a bench and its loads",
+    "statics": "Compute the static equilibrium of a bench under its loads",
     "modes": "Compute natural frequencies and mode shapes (for a bench, the state-space model)",
     "rom": "Compute the reduced-order model",
     "train": "Simulate the training run and the strain of every candidate",
@@ -31,7 +31,7 @@ STAGES = {
     "test": "Write test.html, the results page of a test",
     "field": "Write strain and stress of a body of a bench over time",
     "spectrum": "Compute the modes of the simulated test",
-    "validate": "Estimate from simulated measurements",
+    "validate": "Validate the filter with simulated measurements",
     "report": "Write report.html",
 }
 
@@ -123,6 +123,6 @@ def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] |
         raise UserError(
             f"this config of kind {kind} has no stage '{stage}'",
             where=str(path),
-            remedy=f"{section}its stages are {', '.join(names)}",
+            remedy=f"{section}use one of the stages {', '.join(names)}",
         )
     return work

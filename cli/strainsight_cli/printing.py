@@ -141,7 +141,7 @@ def unwritten() -> str:
         sys.stdout.flush()
     except OSError as error:
         Pipe(sys.stdout.fileno(), "wb", closefd=False).to_nowhere()
-        return f"standard output cannot be written: {error.strerror}\n    the results are kept; write to another file"
+        return f"standard output cannot be written: {error.strerror}\n    write the output to another file; the results are kept"
     return ""
 
 
@@ -158,7 +158,7 @@ def missing() -> str:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < LEAST:
         return (
-            f"the limit of address space is {limit / 2**20:.0f} MiB (ulimit -v), not enough to load the "
+            f"the address space limit is {limit / 2**20:.0f} MiB (ulimit -v), not enough to load the "
             f"libraries\n    set at least {LEAST // 2**20} MiB: ulimit -v {LEAST // 1024}, plus the memory of the model"
         )
     return ""

@@ -75,7 +75,7 @@ def sum_of(statuses: Sequence[Status]) -> str:
 
 GIB = 2.0**30
 FACTOR = "processor time and memory accurate to a factor of two (docs/scaling.md)"
-WITH_PLACE = "processor time and memory accurate to a factor of two, for place of three (docs/scaling.md)"
+WITH_PLACE = "processor time and memory accurate to a factor of two (place: three; docs/scaling.md)"
 
 
 def forecast(work: Work, pending: Collection[str], imported: Artefact | None) -> str:

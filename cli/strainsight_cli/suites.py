@@ -142,7 +142,7 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
                 f"{files[key]} comes from '{works[j].run}', which runs later in this suite",
                 key=key,
                 where=works[i].job.locate(key),
-                remedy="move that run before this one",
+                remedy=f"move run '{works[j].run}' before this run",
             )
         reached = [each.name for each in works[j].stages]
         later = [each.name for each in pipelines.stages_of(works[j].job.config) if each.name not in reached]
@@ -151,7 +151,7 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
                 f"the run ends after '{works[j].stages[-1].name}', before it writes {files[key].name}",
                 key=f"runs[{j}].until",
                 where=suite.locate(f"runs.{j}.until"),
-                remedy=f"runs[{i}] needs it for its {'guess' if '.guess.' in key else key}; set until: {stage}",
+                remedy=f"set until: {stage}; runs[{i}] needs this file for its {'guess' if '.guess.' in key else key}",
             )
 
 
@@ -167,7 +167,7 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
             f"the run has no stage '{run.entry.until}'",
             key=f"runs[{run.place}].until",
             where=suite.locate(f"runs.{run.place}.until"),
-            remedy=did_you_mean(run.entry.until, names, f"its stages are {', '.join(names)}"),
+            remedy=did_you_mean(run.entry.until, names, f"use one of the stages {', '.join(names)}"),
         )
     reached = stages[: names.index(run.entry.until) + 1]
     if run.config.data["kind"] != "bench":

@@ -25,7 +25,7 @@ def view(
     config: ConfigFile,
     what: Annotated[
         Literal["mesh", "modes", "strain", "candidates", "layout", "field"] | None,
-        typer.Option("--what", help="View to show; default: the layout, otherwise the mesh."),
+        typer.Option("--what", help="View to show; default: the layout, or the mesh if no layout exists."),
     ] = None,
     at: Annotated[
         float | None,
@@ -33,13 +33,13 @@ def view(
     ] = None,
     of: Annotated[
         Literal["test", "validation"] | None,
-        typer.Option("--of", help="Stage of the field of a placement; default: the test, if there is one."),
+        typer.Option("--of", help="Stage with the field, for a placement; default: the test, if the run has one."),
     ] = None,
     record: Annotated[
         str | None,
-        typer.Option("--record", metavar="NAME", help="Record of a test with several records; default: the first."),
+        typer.Option("--record", metavar="NAME", help="Record to show, of several in a test; default: the first."),
     ] = None,
-    body: Annotated[str | None, typer.Option("--body", metavar="NAME", help="Flexible body of a bench.")] = None,
+    body: Annotated[str | None, typer.Option("--body", metavar="NAME", help="Flexible body to show.")] = None,
     screenshot: Annotated[
         Path | None,
         typer.Option("--screenshot", metavar="FILE.png", help="Write a picture instead of opening a window."),

@@ -80,7 +80,7 @@ def elsewhere(work: Work) -> str:
     for above in [] if folder.exists() else [base, *base.parents[:ABOVE]]:
         other = above / "results" / folder.name
         if other.resolve() != folder.resolve() and (other / "import.h5").is_file():
-            return f"{folder} has no results yet, but {other} has; to use them, set --results {other.parent}"
+            return f"{folder} has no results yet, but {other} has results; to use these, set --results {other.parent}"
     return ""
 
 
@@ -204,8 +204,7 @@ def refuse_warned(work: Work) -> None:
     if texts:
         more = f"; and {len(texts) - 3} more" if len(texts) > 3 else ""
         raise UserError(
-            f"{len(texts)} warning{'s' * (len(texts) > 1)}, which --strict does not permit: "
-            f"{'; '.join(texts[:3])}{more}",
+            f"--strict does not permit {len(texts)} warning{'s' * (len(texts) > 1)}: {'; '.join(texts[:3])}{more}",
             where=work.job.locate("mesh"),
             remedy="follow the advice of each warning, or remove --strict",
         )

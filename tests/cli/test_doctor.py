@@ -26,8 +26,8 @@ def found(tmp_path_factory) -> dict[str, DoctorFinding]:
 def test_doctor_passes_and_runs_every_check(found):
     assert {"python", "numpy", "solver", "solver: slepc", "rendering", "cores"} <= found.keys()
     assert {"memory", "disk", "locale", "terminal"} <= found.keys()
-    assert not [finding for finding in found.values() if finding.verdict == FAILS]
-    assert found["solver"].found.startswith(("PARDISO, 8000 unknowns", "SuperLU, 8000 unknowns"))
+    assert not [finding for finding in found.values() if finding.result == FAILS]
+    assert found["solver"].value.startswith(("PARDISO, 8000 unknowns", "SuperLU, 8000 unknowns"))
 
 
 @pytest.mark.slow
@@ -41,35 +41,35 @@ def test_every_package_of_pyproject_is_compared_with_its_range(found):
 def test_versions_out_of_range_and_missing_packages_have_a_remedy():
     elsewhere = "none-on-any-machine>=1; platform_machine == 'abacus'"
     python, numpy, missing = doctor.compared(">=99", ["numpy>=99.0", "no-such-package>=1", elsewhere])
-    assert (python.verdict, numpy.verdict, missing.verdict) == (FAILS, FAILS, FAILS)
-    assert numpy.found.endswith(", but >=99.0 is needed")
+    assert (python.result, numpy.result, missing.result) == (FAILS, FAILS, FAILS)
+    assert numpy.value.endswith(", but >=99.0 is required")
     assert numpy.remedy == "pip install 'numpy>=99.0'"
-    assert "not installed" in missing.found
+    assert "not installed" in missing.value
 
 
 def test_missing_pardiso_is_explained(tmp_path, monkeypatch):
     (tmp_path / "pypardiso.py").write_text("raise OSError('no libmkl_rt')", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     solver = doctor.check_solver()
-    assert solver.verdict == WARNING
-    assert "SuperLU" in solver.found
-    assert "OSError: no libmkl_rt" in solver.found
-    assert "100 000 unknowns" in solver.found
+    assert solver.result == WARNING
+    assert "SuperLU" in solver.value
+    assert "OSError: no libmkl_rt" in solver.value
+    assert "100 000 unknowns" in solver.value
 
 
 def test_crashed_or_empty_rendering_fails(tmp_path, monkeypatch):
     (tmp_path / "pyvista.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     died = doctor.check_rendering()
-    assert (died.verdict, died.found) == (FAILS, "off screen: crashed with SIGSEGV")
+    assert (died.result, died.value) == (FAILS, "off-screen rendering failed: crashed with SIGSEGV")
     assert "libegl1" in died.remedy
     monkeypatch.setattr(doctor, "tried", lambda name: ({"middle": [0, 0, 0], "corner": [0, 0, 0], "seconds": 0.1}, ""))
     blank = doctor.check_rendering()
-    assert blank.found == "off screen: the picture is empty"
+    assert blank.value == "off-screen rendering failed: the picture is empty"
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "verdict"),
+    ("name", "given", "result"),
     [
         ("OMP_NUM_THREADS", "2", GOOD),
         ("OMP_NUM_THREADS", "1,2", GOOD),
@@ -78,10 +78,10 @@ def test_crashed_or_empty_rendering_fails(tmp_path, monkeypatch):
         ("MKL_NUM_THREADS", "0", WARNING),
     ],
 )
-def test_thread_variables(name, given, verdict):
+def test_thread_variables(name, given, result):
     finding = doctor.check_threads({name: given}, cores=4 if given != "8" else 2)[1]
-    assert (finding.subject, finding.verdict) == (name, verdict)
-    assert bool(finding.remedy) == (verdict == WARNING)
+    assert (finding.subject, finding.result) == (name, result)
+    assert bool(finding.remedy) == (result == WARNING)
 
 
 def test_the_memory_model_is_what_was_measured():
@@ -97,16 +97,16 @@ def test_the_memory_model_is_what_was_measured():
     assert sizes == sorted(sizes)
 
 
-@pytest.mark.parametrize(("gib", "verdict"), [(0.1, FAILS), (1.0, WARNING), (8.0, GOOD), (float("inf"), WARNING)])
-def test_memory(gib, verdict, monkeypatch):
+@pytest.mark.parametrize(("gib", "result"), [(0.1, FAILS), (1.0, WARNING), (8.0, GOOD), (float("inf"), WARNING)])
+def test_memory(gib, result, monkeypatch):
     monkeypatch.setattr("strainsight.memory.available_memory", lambda: gib * doctor.GIB)
-    assert doctor.check_memory().verdict == verdict
+    assert doctor.check_memory().result == result
 
 
 def test_a_results_folder_that_is_a_file_fails_and_one_that_is_missing_does_not(tmp_path):
     (tmp_path / "file").touch()
-    assert doctor.check_disk(tmp_path / "file").verdict == FAILS
-    assert doctor.check_disk(tmp_path / "none" / "deeper").verdict != FAILS
+    assert doctor.check_disk(tmp_path / "file").result == FAILS
+    assert doctor.check_disk(tmp_path / "none" / "deeper").result != FAILS
     assert not (tmp_path / "none").exists()
 
 

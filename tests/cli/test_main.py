@@ -176,7 +176,7 @@ def test_missing_working_folder_is_reported(tmp_path):
 def test_low_address_space_limit_is_reported_before_imports(tmp_path):
     done = shell('ulimit -v 300000 && "$@"', tmp_path, "status", "c.yaml")
     assert done.returncode == 2
-    assert "the limit of address space is 293 MiB" in done.stderr
+    assert "the address space limit is 293 MiB" in done.stderr
     assert "ulimit -v 1048576" in done.stderr
 
 

@@ -82,7 +82,7 @@ def templates():
     place = CandidateLocation("node", "2", "a node")
     for found in (Suggestion(), Suggestion(several_moduli=True, supports=False, thin=("a",), contact="open")):
         for find in ("modulus", "load"):
-            yield template("part.bdf", found, Answers(find=find, load=place, held=place, axis="[1, 0, 0]"))
+            yield template("part.bdf", found, Answers(find=find, load=place, support=place, axis="[1, 0, 0]"))
 
 
 @pytest.fixture(scope="module")

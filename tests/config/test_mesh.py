@@ -247,7 +247,7 @@ def test_user_defined_gauge_type_may_replace_catalogue_type(load_typed):
         (["gauges.type=3/350-rosette"], r"gauges\.type: gauge type 3/350-rosette has 3 grids, but the gauges"),
         (
             ["gauges.type=3/350", "gauges.rosette=true", "gauges.direction={type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}"],
-            r"gauge type 3/350 has 1 grid, but the gauges of the config have 3 +take 3/350-rosette",
+            r"gauge type 3/350 has 1 grid, but the gauges of the config have 3 +use 3/350-rosette",
         ),
     ],
 )

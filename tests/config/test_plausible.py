@@ -257,11 +257,11 @@ ARMS = "gauges.fixed[0].arms"
 @pytest.mark.parametrize(
     ("overrides", "key", "what", "remedy"),
     [
-        ([one()], ARMS, "a bridge of 0 arms", "use two to four arms"),
-        ([one(UP + "}")], ARMS, "a bridge of 1 arm", "for a single gauge set position and direction"),
-        ([one(UP + "}", UP + "}", DOWN + "}")], ARMS, "a bridge of 3 arms have the sign 1", "at most two of each sign"),
-        ([one(UP + ", sign: -1}", DOWN + ", sign: -1}")], ARMS, "2 arms, and none has the sign 1", "sign: -1 for the channel"),
-        ([one(UP + ", sign: 2}", DOWN + "}")], f"{ARMS}[0].sign", "2 is not one of 1, -1", "Sign of its strain"),
+        ([one()], ARMS, "the bridge has 0 arms", "use two to four arms"),
+        ([one(UP + "}")], ARMS, "the bridge has 1 arm", "for a single gauge set position and direction"),
+        ([one(UP + "}", UP + "}", DOWN + "}")], ARMS, "the bridge has 3 arms with the sign 1", "at most two of each sign"),
+        ([one(UP + ", sign: -1}", DOWN + ", sign: -1}")], ARMS, "no arm with the sign 1", "sign: -1 for the channel"),
+        ([one(UP + ", sign: 2}", DOWN + "}")], f"{ARMS}[0].sign", "2 is not one of 1, -1", "Sign of the arm"),
         (["gauges.bridge=half-bendng"], "gauges.bridge", "'half-bendng' is not one of half-bending, full-bending", ""),
         (["gauges.bridge=full-torsion", "gauges.rosette=true", "gauges.direction.angles=[0, 90]"],
          "gauges.rosette", "cannot be an arm of a bridge", ""),

@@ -100,7 +100,7 @@ ALONG = [CHANNELS["tip"][1] | {"channel": "y"}, None, CHANNELS["tip"][2]]
         ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})], "1 channels are assigned to 2 unknown loads"),
         ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "is of the kind strain"),
         ([measured(), "estimate.duration=0.3", "simulate.duration=0.3"], "the file ends after 0.2 s"),
-        ([measured(), "estimate.runs=3"], "a test has one run"),
+        ([measured(), "estimate.runs=3"], "measurements of a test support one run only"),
         ([measured(), "estimate.time_step=0.004"], "estimate.measured"),
         ([measured(channels={"tip": ALONG}), "estimate.sensors={tip: {noise: 1.0e-6}}"], "side: no sensor measures this unknown"),
     ],

@@ -164,11 +164,11 @@ ONE_SMOOTH = "estimate.inputs={side: {std: 100.0, model: matern}, again: {std: 1
         (RIG, "estimate.inputs={side: {std: 100.0, model: matern, increment: 1.0}}",
          ("has no effect with the model matern",)),
         (FELT, "estimate.disturbance=1.0e-3",
-         ("felt would feel the white acceleration", "put what the model has wrong into the noise of felt")),
+         ("accelerometer felt would measure this white acceleration", "include the model error in the noise of felt")),
         (FELT, "estimate.sensors={hinge: {noise: 1.0}}", ("it can be simulated only",)),
         (FELT, "estimate.sensors={gauges: {noise: 1.0e-6, bias: [1.0e-6, 2.0e-6]}}",
-         ("estimate.sensors.gauges.bias: 2 offsets for 3 components",)),
-        (KNOWN_AT_FIRST, f"{LOOSE}|estimate.truth={{model: walk}}", ("model of the filter have exact gauges",)),
+         ("estimate.sensors.gauges.bias: 2 offsets are set for 3 components",)),
+        (KNOWN_AT_FIRST, f"{LOOSE}|estimate.truth={{model: walk}}", ("gauges are exact in measurements",)),
     ],
 )  # fmt: skip
 def test_what_a_filter_cannot_do_is_refused(config, change, says):

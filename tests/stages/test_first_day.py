@@ -38,7 +38,7 @@ KNOWN = [
 CONFIG = {
     "a misspelt section": ([("train:", "trian:")], "test.yaml:14:1  trian: unknown key", "did you mean train?"),
     "a decimal comma": ([("ratio: 0.01", "ratio: 0,01")], "test.yaml:13:10  damping: ',01'", "decimal point, as in 0.01"),
-    "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: '0.4 s'", "without its unit"),
+    "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: '0.4 s'", "without unit"),
     "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: 'no'", "write false"),
     "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "remove one of them"),
     "a coarse step": (
@@ -159,7 +159,7 @@ def test_from_another_working_directory_the_results_that_are_there_are_named(pro
     (project / "elsewhere").mkdir()
     monkeypatch.chdir(project / "elsewhere")
     there = project / "results"
-    note = f"note: results/test has no results yet, but {there / 'test'} has; to use them, set --results {there}\n"
+    note = f"note: results/test has no results yet, but {there / 'test'} has results; to use these, set --results {there}\n"
     for words in (["status", "../test.yaml"], ["import", "../test.yaml"]):
         done = CliRunner().invoke(app, words)
         assert (done.exit_code, done.stderr) == (0, note)

@@ -187,8 +187,8 @@ BEND = {**FREE, "loads.bend": LOADS["bend"]}
     [
         ({"loads.bend.direction": [0, 0, 1]}, "loads.bend.direction", "remove one of the two keys"),
         ({"loads.bend.deck_load": "FORCE-1", "loads.bend.node": None}, "loads.bend.moment", "remove the key"),
-        ({"motion_sensors": SENSORS}, "motion_sensors.mid", "measures the rigid-body motion, which a free structure"),
-        ({"mesh.matrices": READY, "parameters.E.region": None}, "mesh.free", "it needs an assembled model"),
+        ({"motion_sensors": SENSORS}, "motion_sensors.mid", "measure the rigid-body motion, which a free structure"),
+        ({"mesh.matrices": READY, "parameters.E.region": None}, "mesh.free", "a free structure needs an assembled model"),
     ],
 )
 def test_what_contradicts_a_moment_or_a_free_structure_is_refused(tmp_path, changes, key, says):

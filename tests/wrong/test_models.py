@@ -125,7 +125,7 @@ def test_warnings_end_a_strict_import_also_where_it_is_up_to_date(tmp_path):
     for _ in range(2):
         code, said = imported(tmp_path, *wrong, "--strict")
         assert code == 2
-        assert "1 warning, which --strict does not permit: region 1 (PBAR 1): J = 0.0002 m⁴ exceeds I1 + I2" in said
+        assert "--strict does not permit 1 warning: region 1 (PBAR 1): J = 0.0002 m⁴ exceeds I1 + I2" in said
         assert "own.yaml:3" in said
 
 

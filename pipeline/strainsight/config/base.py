@@ -104,14 +104,14 @@ def duplicate_name_problems(key: str, names: Sequence[str]) -> Iterator[Problem]
     """Yield a problem for every repeated entry of the list at a key."""
     for i, name in enumerate(names):
         if name in names[:i]:
-            yield Problem(f"{key}.{i}", f"'{name}' appears twice", "remove one of the two")
+            yield Problem(f"{key}.{i}", f"'{name}' appears twice", "remove one of the two entries")
 
 
 def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
     """Yield a problem unless the first corner is the lower one."""
     if any(low >= high for low, high in zip(*box, strict=True)):
         yield Problem(
-            key, "the lower corner is not below the upper one", "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]"
+            key, "the lower corner is not below the upper corner", "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]"
         )
 
 
@@ -250,7 +250,7 @@ def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterat
         share = "" if limits.share == 1 else f"{limits.share:g} times "
         what = f"{value:g} m is larger than {share}the size of the structure, {extent:.4g} m"
         yield Problem(
-            key, what, f"lengths of the config are in m; use at most {limits.share * extent:.2g}, or check the mesh"
+            key, what, f"use a length in m, at most {limits.share * extent:.2g}, or check the length unit of the mesh"
         )
 
 
@@ -329,7 +329,7 @@ class AxesSection(Section):
 
     origin: Point = Field((0.0, 0.0, 0.0), description="Origin [m; for a datum in the length unit of the deck].")
     x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of the x axis [-].")
-    y: DirectionVector = Field((0.0, 1.0, 0.0), description="A vector in the x-y plane on the positive y side [-].")
+    y: DirectionVector = Field((0.0, 1.0, 0.0), description="Vector in the x-y plane with a positive y component [-].")
 
     def problems(self) -> Iterator[Problem]:
         """Check that the two directions span a plane."""

@@ -64,7 +64,7 @@ def _time(section: str, duration: float, step: float, signals: Mapping[str, Load
 
 def _settle(section: str, settle: Settle, step: float) -> Iterator[Problem]:
     if isinstance(settle, float) and settle / step > MOST_STEPS:
-        what = f"{settle:g} s is {settle / step:.3g} steps of {step:g} s"
+        what = f"a start {settle:g} s before t = 0 needs {settle / step:.3g} steps of {step:g} s"
         yield Problem(f"{section}.settle", what, f"use at most {at_most(MOST_STEPS * step)} s, or auto")
 
 
@@ -122,8 +122,8 @@ def _optimum(config: PlacementConfig) -> Iterator[Problem]:
     bonded = len(config.gauges.fixed)
     yield from layout_problems(config.place, config.place.estimate, "place.estimate", bonded, "gauges.fixed")
     if config.place.symmetry is not None and config.place.optimise != "metric":
-        what = "in a mirrored pair, the failure of one gauge removes one of the two only"
-        yield Problem("place.symmetry", what, "remove one of the two keys")
+        what = "place.optimise: worst_failure removes single gauges, but symmetry places gauges in pairs"
+        yield Problem("place.symmetry", what, "remove place.symmetry, or set place.optimise: metric")
 
 
 def _input_models(config: PlacementConfig) -> Iterator[Problem]:
@@ -133,9 +133,9 @@ def _input_models(config: PlacementConfig) -> Iterator[Problem]:
         if not load.known and load.process_noise.model != "random_walk":
             yield Problem(
                 "process_noise.rule",
-                f"the rule '{config.process_noise.rule}' applies to random walks only, but load '{name}' is a "
-                f"{load.process_noise.model}",
-                "use the rule continuous, or the model random_walk",
+                f"the rule '{config.process_noise.rule}' applies to random walks only, but the model of load "
+                f"'{name}' is {load.process_noise.model}",
+                "set process_noise.rule: continuous, or use the model random_walk for the load",
             )
 
 
@@ -176,7 +176,7 @@ def _drifting(config: PlacementConfig) -> Iterator[Problem]:
                 f"parameters.{name}.process_noise_scale",
                 f"{parameter.process_noise_scale:g} permits a drift of "
                 f"{100 * parameter.process_noise_scale * drift:.3g} % in one step of {step:g} s",
-                f"use at most {at_most(1 / drift)}, or a hundredth of it without prior knowledge",
+                f"use at most {at_most(1 / drift)}, and without prior knowledge {at_most(0.01 / drift)}",
             )
 
 
@@ -231,7 +231,7 @@ def record_problems(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
         if record.name.lower() in names[:i]:
             yield Problem(f"{key}.name", f"'{record.name}' appears twice", "use a different name for every record")
         if record.file in files[:i]:
-            yield Problem(f"{key}.file", f"{record.file} appears twice, and would count twice", "remove one of the two")
+            yield Problem(f"{key}.file", f"{record.file} would count twice", "remove one of the two records")
         if record.channels is not None:
             yield from _other_channels(f"{key}.channels", settings.channels, record.channels)
     if len(records) > 1:
@@ -243,7 +243,7 @@ def _other_channels(
 ) -> Iterator[Problem]:
     remedy = "list the same gauges and grids in the same order, with the same bias"
     if len(channels) != len(shared):
-        yield Problem(key, f"{len(channels)} channels, but estimate.channels has {len(shared)}", remedy)
+        yield Problem(key, f"the record has {len(channels)} channels, but estimate.channels has {len(shared)}", remedy)
         return
     for i, (one, other) in enumerate(zip(channels, shared, strict=True)):
         for field in ("gauge", "grid", "bias"):
@@ -259,11 +259,11 @@ def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
         what = f"filter.method: {method} does not support constants common to several records"
         yield Problem("estimate.records", what, f"set filter.method: grid, {ONE}", at_key=True)
     if config.filter.compare:
-        what = "the other filters support one record only"
-        yield Problem("filter.compare", what, f"remove the key with estimate.records, {ONE}")
+        what = "filters other than the grid filter support one record only"
+        yield Problem("filter.compare", what, f"remove the key, {ONE}")
     if settings.tune.parts:
         what = "noise levels can be tuned with one record only"
-        remedy = f"tune them with one record in estimate.file, and set the results here, {ONE}"
+        remedy = "tune noise levels in a run with one record (estimate.file), and set the results in this config"
         yield Problem("estimate.tune.parts", what, remedy)
     if settings.field is not None:
         what = "strain of the surface over time is available for one record only"

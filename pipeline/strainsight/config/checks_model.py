@@ -17,7 +17,7 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Check that imported matrices depend on exactly the parameters of the config."""
     matrices = config.mesh.matrices
     if matrices is not None and config.mesh.free:
-        what = "cannot be combined with mesh.matrices: it needs an assembled model"
+        what = "cannot be combined with mesh.matrices, since a free structure needs an assembled model"
         yield Problem("mesh.free", what, "remove one of the two keys")
     if matrices is not None and config.mesh.mass is not None:
         yield Problem("mesh.mass", "the mass comes from mesh.matrices", "remove one of the two keys")
@@ -33,7 +33,7 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
             key = f"mesh.matrices.{kind}.{i}"
             if term.parameter is None:
                 if term.at is not None:
-                    yield Problem(f"{key}.at", "the value has no parameter", "set the parameter, or remove the key")
+                    yield Problem(f"{key}.at", "`at` is set without `parameter`", "set the parameter, or remove `at`")
                 continue
             named.add(term.parameter)
             wanted = {"stiffness": ("youngs_modulus", "stiffness_factor"), "mass": ("density",)}[kind]
@@ -41,10 +41,10 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
             parameter = config.parameters.get(term.parameter)
             if parameter is not None and parameter.property not in wanted:
                 what = f"'{term.parameter}' is a {parameter.property}"
-                yield Problem(f"{key}.parameter", what, f"the {kind} depends on a {' or '.join(wanted)}")
+                yield Problem(f"{key}.parameter", what, f"use a {' or '.join(wanted)} for a {kind} term")
     for name in config.parameters:
         if name not in named and named <= set(config.parameters) and config.parameters[name].property != DAMPING:
-            what = "no term of mesh.matrices depends on it"
+            what = "no term of mesh.matrices depends on this parameter"
             yield Problem(f"parameters.{name}", what, f"set parameter: {name} for one term", at_key=True)
 
 
@@ -60,8 +60,8 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
         "gauges.given": config.gauges.given is not None,
     }
     for key in (key for key, is_set in others.items() if is_set):
-        what = "mesh.results contains the motion of a supported structure at the nodes of the mesh"
-        yield Problem(key, what, "remove one of the two keys", at_key=True)
+        what = "cannot be combined with mesh.results, which apply to a supported structure with the nodes of the mesh"
+        yield Problem(key, what, "remove the key, or mesh.results", at_key=True)
     for i, support in enumerate(config.mesh.supports):
         if support.stiffness is not None:
             what = "the stiffness comes from mesh.results"
@@ -72,7 +72,7 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
         yield from known(key, name, config.loads, "load", at_key=True)
         if entry.applied == 0:
             what = "the load magnitude is zero"
-            yield Problem(f"{key}.applied", what, "set the magnitude in that step, in the unit of the load")
+            yield Problem(f"{key}.applied", what, "set the load magnitude of that step, in the unit of the load")
     for name in results.at:
         yield from known(f"mesh.results.at.{name}", name, config.parameters, "parameter", at_key=True)
     yield from _second_results(config, results)
@@ -80,14 +80,16 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
         own_names = [name for name, entry in config.parameters.items() if entry.property in properties]
         for name in own_names[1:]:
             what = f"the {kind} of mesh.results is already proportional to {own_names[0]}"
-            yield Problem(f"parameters.{name}", what, "remove one of the two", at_key=True)
+            yield Problem(f"parameters.{name}", what, "remove one of the two parameters", at_key=True)
     for name, own_parameter in config.parameters.items():
         if own_parameter.property not in ("youngs_modulus", "stiffness_factor", "density", DAMPING):
             what = f"mesh.results does not contain the dependence on a {own_parameter.property}"
-            yield Problem(f"parameters.{name}.property", what, "use the deck, or a stiffness_factor of all regions")
+            yield Problem(
+                f"parameters.{name}.property", what, "use a stiffness_factor of all regions, or remove mesh.results"
+            )
         if own_parameter.springs is not None:
             what = "mesh.results does not contain the stiffness of the springs"
-            yield Problem(f"parameters.{name}.springs", what, "use the deck, or mesh.matrices", at_key=True)
+            yield Problem(f"parameters.{name}.springs", what, "replace mesh.results by mesh.matrices", at_key=True)
 
 
 def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterator[Problem]:
@@ -99,18 +101,16 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
     if parameter is None:
         yield from known(f"{key}.parameter", second.parameter, config.parameters, "parameter")
     elif parameter.property not in ("youngs_modulus", "stiffness_factor", "density") or parameter.region is None:
-        what = (
-            f"'{second.parameter}' is {'a ' + parameter.property if parameter.region is not None else 'of all regions'}"
-        )
+        kind = f"is a {parameter.property}" if parameter.region is not None else "applies to all regions"
+        what = f"'{second.parameter}' {kind}"
         remedy = (
-            "a second set needs a youngs_modulus, stiffness_factor or density of some regions; a parameter of "
-            "all regions does not need one"
+            "use a youngs_modulus, stiffness_factor or density of some regions; other parameters need no second set"
         )
         yield Problem(f"{key}.parameter", what, remedy)
     if second.loads is None:
         for name, load in results.loads.items():
             if load.file is not None:
-                what = f"in the first set, the response to {name} is in a separate file"
+                what = f"the response to {name} in the first set is in a separate file"
                 yield Problem(f"{key}.loads", what, "set the loads of the second set, each with its file", at_key=True)
         return
     for name, load in second.loads.items():
@@ -135,7 +135,7 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     for name, parameter in config.parameters.items():
         if isinstance(parameter.guess, GuessFrom) and parameter.guess.source == config.name:
             yield Problem(
-                f"parameters.{name}.guess.from", "a run cannot use its own estimate as guess", "use another run"
+                f"parameters.{name}.guess.from", "a run cannot use its own estimate as guess", "name another run"
             )
 
 
@@ -146,7 +146,7 @@ def _static(config: PlacementConfig) -> Iterator[Problem]:
     for name, parameter in config.parameters.items():
         if parameter.property == "density" and not any(load.gravity or load.rotation for load in config.loads.values()):
             what = "a static model (train.model: static) does not depend on the density"
-            yield Problem(f"parameters.{name}.property", what, "set train.model: dynamic, or add a load on its mass")
+            yield Problem(f"parameters.{name}.property", what, "set train.model: dynamic, or add a gravity load")
     for name, sensors in config.motion_sensors.items():
         if sensors.quantity == "acceleration":
             what = "a static model (train.model: static) has no accelerations"
@@ -171,12 +171,12 @@ def _places(config: PlacementConfig) -> Iterator[Problem]:
     for name, parameter in config.parameters.items():
         key = f"parameters.{name}"
         if parameter.material is not None and parameter.property not in MODULI:
-            what = f"a {parameter.property} does not belong to a ply material"
+            what = f"a ply material does not have the property {parameter.property}"
             yield Problem(f"{key}.material", what, f"remove the key, or set property to one of {', '.join(MODULI)}")
         if parameter.springs is not None:
             if matrices is not None:
                 yield Problem(
-                    f"{key}.springs", "springs are part of mesh.matrices", "define a separate term for them there"
+                    f"{key}.springs", "springs are part of mesh.matrices", "define a separate term for the springs"
                 )
             elif parameter.region is not None:
                 yield Problem(f"{key}.springs", "region is set as well", "define two parameters, or remove one key")
@@ -200,7 +200,7 @@ def _free(config: PlacementConfig) -> Iterator[Problem]:
         return
     soft = "use strain gauges, or replace mesh.free by soft springs (mesh.supports, stiffness)"
     for name, sensors in config.motion_sensors.items():
-        what = "measures the rigid-body motion, which a free structure (mesh.free) omits"
+        what = "sensors measure the rigid-body motion, which a free structure (mesh.free) omits"
         yield Problem(f"motion_sensors.{name}", f"{sensors.quantity} {what}", soft, at_key=True)
 
 
@@ -209,7 +209,7 @@ def damping_problems(config: PlacementConfig) -> Iterator[Problem]:
     names = [name for name, parameter in config.parameters.items() if parameter.property == DAMPING]
     for name in names[1:]:
         what = f"{names[0]} is already a factor on the damping"
-        yield Problem(f"parameters.{name}", what, "remove one of the two", at_key=True)
+        yield Problem(f"parameters.{name}", what, "remove one of the two parameters", at_key=True)
     for name in names:
         parameter = config.parameters[name]
         if parameter.region is not None:
@@ -262,7 +262,7 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     for name, sensors in config.motion_sensors.items():
         directions = [axis if axis == "normal" else _unit(axis) for axis in sensors.axes]
         if any(a in directions[:i] for i, a in enumerate(directions)):
-            yield Problem(f"motion_sensors.{name}.axes", "this axis repeats another direction", "remove one of the two")
+            yield Problem(f"motion_sensors.{name}.axes", "one axis repeats another axis", "remove the repeated axis")
     yield from _mirrored(config)
     yield from _bridges(config)
     yield from _count(config)
@@ -306,8 +306,8 @@ def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
             what = {
                 "gauges.direction": "the candidates already have directions",
                 "gauges.bridge": "the row of a bridge already contains the sum of its arms",
-            }.get(key, "it needs a mesh surface")
-            yield Problem(key, f"{what}, and gauges.given is set", "remove the key", at_key=True)
+            }.get(key, "this key needs a mesh surface")
+            yield Problem(key, f"cannot be combined with gauges.given: {what}", "remove the key", at_key=True)
 
 
 def _bridges(config: PlacementConfig) -> Iterator[Problem]:
@@ -338,7 +338,8 @@ def _mirrored(config: PlacementConfig) -> Iterator[Problem]:
         return
     angles = {round(angle % 180, 6) for angle in direction.angles}
     if angles != {round(-angle % 180, 6) for angle in direction.angles}:
-        what = "the mirror images of these angles are " + ", ".join(f"{-angle:g}" for angle in direction.angles)
+        listed = ", ".join(f"{-angle:g}" for angle in direction.angles)
+        what = f"the angles do not contain their mirror images, {listed}"
         remedy = "with place.symmetry, use angles such as [0, 60, 120], [0, 90] or [-45, 0, 45]"
         yield Problem("gauges.direction.angles", what, remedy)
 

@@ -15,7 +15,7 @@ class CandidateLocation:
 
     kind, name   load or set of the deck, id of a node, or point of a face, "[x, y, z]" in m
     what         description in words
-    held         whether it is already supported
+    supported    whether the location is already supported
     force        [N] of a load
     of_mass      the load acts on all mass; force is its factor
     lies_on      object that probably supports a face
@@ -26,7 +26,7 @@ class CandidateLocation:
     kind: Kind
     name: str
     what: str
-    held: bool = False
+    supported: bool = False
     force: float | None = None
     of_mass: bool = False
     lies_on: str = ""
@@ -54,7 +54,7 @@ class Suggestion:
     supports, solids whether the deck has any
     support_sets     ids of support sets, or numbers of steps (support_key), if the deck does not select one
     unsupported      entities that change the model: name for `mesh.ignore`, number, file:line of the first
-    places           possible locations of loads and supports, the most likely first; taken: names of its sets
+    places           possible locations of loads and supports, the most likely first; set_names: names of sets of the deck
     gauge_type       suitable type for the largest face
     thin             names of regions of triangles and quadrangles, for a deck without solids and sections
     pairs            contact pairs, "A on B"; contact: possible values of mesh.contact
@@ -75,7 +75,7 @@ class Suggestion:
     support_key: Literal["spc", "step"] = "spc"
     unsupported: tuple[tuple[str, int, str], ...] = ()
     places: tuple[CandidateLocation, ...] = ()
-    taken: tuple[str, ...] = ()
+    set_names: tuple[str, ...] = ()
     gauge_type: str | None = "3/350"
     thin: tuple[str, ...] = ()
     contact: Literal["bonded", "open"] | None = None
@@ -85,7 +85,7 @@ class Suggestion:
 
     def free(self, name: str) -> str:
         """The name, with a suffix if a set of the deck already has it."""
-        while name in self.taken:
+        while name in self.set_names:
             name += "-face"
         return name
 
@@ -95,7 +95,7 @@ class Answers:
     """Answers of the user; None is left blank in the config.
 
     material   E [Pa], ν, ρ [kg/m³], if the deck lacks them
-    held       support, for a deck without supports
+    support    location of the support, for a deck without supports
     load       location of the load; direction "[x, y, z]", amplitude [N], frequency [Hz]
     find       unknown: the modulus with a measured load, or the load
     axis       direction of the gauges "[x, y, z]"; None: principal strain
@@ -103,7 +103,7 @@ class Answers:
     """
 
     material: tuple[float, float, float] | None = None
-    held: CandidateLocation | None = None
+    support: CandidateLocation | None = None
     load: CandidateLocation | None = None
     direction: str | None = None
     amplitude: float | None = None

@@ -72,16 +72,15 @@ class DamageSettings(Section):
     mean_stress: MeanStressSection = expert(default_factory=MeanStressSection, description="Mean stress correction.")
     stress: Literal["signed_von_mises", "principal"] = expert(
         "signed_von_mises",
-        description="Stress at the surface: von Mises stress with the sign of the principal stress of largest magnitude, or "
-        "that principal stress. For a virtual gauge it is E ε along the gauge.",
+        description="Stress at the surface: von Mises stress with the sign of the principal stress of largest "
+        "magnitude, or this principal stress. For a virtual gauge, the stress is E ε along the gauge.",
     )
     draws: Annotated[int, Field(ge=40, le=10_000)] = Field(
         200, description="Number of stress histories sampled from the posterior of the smoother [-]."
     )
     points: Annotated[Annotated[int, Field(ge=1)] | None, Plausible(1, 1e6)] = Field(
         None,
-        description="Number of surface points with an uncertainty interval, those with the largest damage first [-]; null: "
-        "all.",
+        description="Number of surface points with an uncertainty interval, those with the largest damage first [-]; null: all.",
     )
     equivalent_cycles: Cycles = expert(
         1e6, description="Reference number of cycles N_eq of the damage-equivalent range [-]."
@@ -204,8 +203,8 @@ class GaugeChannel(Channel):
     )
     bias: Annotated[Positive | None, Plausible(1e-12, 1e3, "strain, m/s² or m")] = expert(
         None,
-        description="Standard deviation of an unknown constant offset, which is estimated [strain, m/s² or m]; null: no "
-        "offset.",
+        description="Standard deviation of a constant offset of the readings [strain, m/s² or m]; the filter "
+        "estimates the offset. Null: no offset.",
     )
 
 
@@ -270,7 +269,7 @@ class Tune(Section):
     """Maximum-likelihood tuning of noise levels from the measurements."""
 
     parts: tuple[Literal["process", "inputs", "model_error", "parameters", "noise"], ...] = expert(
-        (), description="Noise levels to scale; empty: none."
+        (), description="Noise levels to tune, each by one factor; empty: no tuning."
     )
 
 
@@ -344,13 +343,12 @@ class Estimate(RecordedFile, EstimateOptions):
         "or a half or a third of it for known loads with high frequencies.",
     )
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] = Field(
-        description="Channels of gauges, with one entry each: {gauge: G1, channel: NAME, unit: um/m}; see "
-        "docs/estimation.md."
+        description="Channels of gauges, with one entry each: {gauge: G1, channel: NAME, unit: um/m}; see docs/estimation.md."
     )
     gauges_file: Text | None = Field(
         None,
-        description="Copy of gauges.csv with the locations where the gauges were bonded. Required for gauges of the layout "
-        "without a name (G1).",
+        description="Copy of gauges.csv with the locations where the gauges were bonded. Required for channels of "
+        "layout gauges without a name, such as G1.",
     )
     as_placed: bool = expert(
         False,
@@ -365,8 +363,7 @@ class Estimate(RecordedFile, EstimateOptions):
     )
     initial_std: Annotated[dict[Name, Positive], RELATIVE_STD] = expert(
         {},
-        description="Initial standard deviation of the unknowns, relative to guess or amplitude [-]; default: that of "
-        "validate.",
+        description="Initial standard deviation of the unknowns, relative to guess or amplitude [-]; default: that of validate.",
     )
     virtual: tuple[NamedGauge, ...] = Field(
         (), description="Virtual gauges: locations without a sensor where the strain is estimated."
@@ -379,7 +376,7 @@ class Estimate(RecordedFile, EstimateOptions):
     tune: Tune = expert(default_factory=Tune, description="Tuning of noise levels from the measurements.")
     loads_as_stated: bool = expert(
         False,
-        description="`true`: the unknown loads follow the model of process_noise. With `false`: they are arbitrary. Then "
-        "only strains that no unknown load can cause carry information on parameters, and σ is omitted if no load is known. "
-        "place and validate always assume arbitrary loads.",
+        description="`true`: the unknown loads follow the model of process_noise. With `false`: the unknown loads "
+        "are arbitrary. Then only strains that no unknown load can cause carry information on parameters, and σ is "
+        "omitted if no load is known. place and validate always assume arbitrary loads.",
     )

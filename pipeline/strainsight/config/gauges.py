@@ -146,7 +146,7 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
             f"gauge type {gauges.type} has {grids} grid{'s' * (grids > 1)}, but the gauges of the config have {rosette}"
         )
         fitting = [name for name, kind in known.items() if kind.grids == rosette]
-        remedy = f"take {' or '.join(fitting)}" if fitting else "define the rosette under gauges.types"
+        remedy = f"use {' or '.join(fitting)}" if fitting else "define the rosette under gauges.types"
         yield Problem("gauges.type", what, f"{remedy}; for a rosette set gauges.rosette: true")
 
 
@@ -210,7 +210,7 @@ class Angled(Section):
     def problems(self) -> Iterator[Problem]:
         # A gauge turned by half a turn is the same gauge.
         if len({angle % 180 for angle in self.angles}) < len(self.angles):
-            yield Problem("angles", "this angle repeats another direction", "remove one of the two")
+            yield Problem("angles", "one angle repeats the direction of another angle", "remove the repeated angle")
 
 
 class AxisDirection(Angled):
@@ -272,7 +272,7 @@ class BondedGrid(Section):
     direction: DirectionVector = Field(description="Measuring direction [-]; it is projected onto the surface.")
     length: Annotated[NotNegative | None, GRID] = Field(
         None,
-        description="Length of the grid [m]; null: gauges.grid_length; in a bench, the strain at the grid centre.",
+        description="Length of the grid [m]; null: gauges.grid_length; in a bench 0, the strain at the grid centre.",
     )
 
 
@@ -294,7 +294,7 @@ class BridgeArm(BondedGrid):
     """One arm of a bridge: a bonded gauge."""
 
     sign: Literal[1, -1] = Field(
-        1, description="Sign of its strain in the reading [-]: 1 for arms 1 and 3 of the bridge, −1 for arms 2 and 4."
+        1, description="Sign of the arm in the reading [-]: 1 for arms 1 and 3 of the bridge, −1 for arms 2 and 4."
     )
 
 
@@ -304,15 +304,15 @@ def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
     if len(signs) < 2:
         return count, "use two to four arms; for a single gauge set position and direction"
     if not {*signs} <= {1, -1}:
-        return f"an arm has the sign {next(s for s in signs if s not in (1, -1)):g}", "use 1 or -1"
+        return f"an arm with the sign {next(s for s in signs if s not in (1, -1)):g}", "use 1 or -1"
     for sign in (1, -1):
         if (equal := list(signs).count(sign)) > 2:
             return (
-                f"{equal} arms have the sign {sign}",
+                f"{equal} arms with the sign {sign}",
                 "use at most two of each sign: arms 1 and 3 increase the output, arms 2 and 4 reduce it",
             )
     if 1 not in signs:
-        return f"{count}, and none has the sign 1", "reverse all signs, and set sign: -1 for the channel under estimate"
+        return "no arm with the sign 1", "reverse all signs, and set sign: -1 for the channel under estimate"
     return None
 
 
@@ -323,7 +323,7 @@ class BondedBridge(Named):
 
     def problems(self) -> Iterator[Problem]:
         if problem := bridge_problem([arm.sign for arm in self.arms]):
-            yield Problem("arms", f"a bridge of {problem[0]}", problem[1])
+            yield Problem("arms", f"the bridge has {problem[0]}", problem[1])
 
 
 NamedGaugeOrBridge = Annotated[
@@ -361,12 +361,12 @@ class SensorSites(Priced):
         description="Candidate surface: 'all' exterior facets, or the name of a face, an element set or a node set.",
     )
     include: tuple[Zone, ...] = expert(
-        (), description="Zones that candidates have to be in (at least one of them); `none`: everywhere."
+        (), description="Zones for candidates (each candidate is in at least one zone); `none`: everywhere."
     )
     exclude: tuple[Zone, ...] = Field(
         (),
-        description="Zones without candidates. A name is that of a face, an element set or a node set; strain gauges also "
-        "keep their clearance to it.",
+        description="Zones without candidates. A zone may be the name of a face, an element set or a node set; "
+        "strain gauges also keep their clearance to this face or set.",
     )
 
 
@@ -380,8 +380,8 @@ class Gauges(GaugeSites, Noisy):
     type: Text | None = Field(
         None,
         description="Gauge type, as 3/350 for 3 mm and 350 Ω: 1.5/350, 3/350, 6/350, 1.5/120, 3/120, 6/120, 10/120, "
-        "3/350-rosette, or one of `types`. It sets the defaults of grid_length, clearance, range, screen.minimum_spacing, "
-        "place.minimum_spacing and tolerances.gain, and excludes surfaces below its bend radius. Null: none.",
+        "3/350-rosette, or one of `types`. The type sets the defaults of grid_length, clearance, range, screen.minimum_spacing, "
+        "place.minimum_spacing and tolerances.gain, and excludes surfaces below its bend radius. Null: no type.",
     )
     types: dict[TypeName, GaugeType] = Field({}, description="User-defined gauge types, by name, for `type`.")
     fixed: tuple[NamedGaugeOrBridge, ...] = Field(
@@ -410,7 +410,7 @@ class Gauges(GaugeSites, Noisy):
     grid_length: Annotated[NotNegative, GRID] = expert(
         0.0,
         description="Length of the measuring grid [m]; the gauge measures the mean strain over it. 0: the strain at its "
-        "centre. Default with `type`: its grid length.",
+        "centre. Default with `type`: grid length of the type.",
     )
     clearance: Size | Literal["none"] | None = Field(
         None,
@@ -423,8 +423,8 @@ class Gauges(GaugeSites, Noisy):
     )
     range: Annotated[Positive | None, STRAIN_RANGE] = expert(
         None,
-        description="Maximum strain of a gauge or of a bridge arm [strain]; candidates with a larger strain in training are "
-        "removed. Default with `type`: its range.",
+        description="Maximum strain of a gauge or of a bridge arm [strain]; candidates with a larger strain in "
+        "training are removed. Default with `type`: range of the type.",
     )
 
 

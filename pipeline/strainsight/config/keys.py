@@ -234,7 +234,8 @@ def _wrong_value(key: str, entries: list[Any]) -> Problem:
             wanted.append(f"{word} {context[bound]:g}")
         elif kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
             limit = context.get("min_length", context.get("max_length"))
-            wanted.append(f"{'at least' if 'short' in kind else 'at most'} {limit} long")
+            unit = "characters" if "string" in kind else "entries"
+            wanted.append(f"{'at least' if 'short' in kind else 'at most'} {limit} {unit} long")
         else:
             wanted.append(entry["msg"][0].lower() + entry["msg"][1:])
     remedy = did_you_mean(value, choices) if choices and isinstance(value, str) else ""
@@ -244,9 +245,9 @@ def _wrong_value(key: str, entries: list[Any]) -> Problem:
         wanted.append(f"one of {', '.join(choices)}" if len(choices) > 1 else f"'{choices[0]}'")
     if isinstance(value, str) and "a number" in wanted and not remedy:
         comma = re.fullmatch(r"([-+]?\d+),(\d+)", value.strip())
-        remedy = "write it without quotes and without its unit"
+        remedy = "write the number without quotes and without unit"
         if comma:
-            remedy = f"write it with a decimal point: {comma[1]}.{comma[2]}"
+            remedy = f"write the number with a decimal point: {comma[1]}.{comma[2]}"
     if isinstance(value, str) and wanted == ["true or false"] and value.lower() in YES | NO:
         remedy = f"write {'true' if value.lower() in YES else 'false'}"
     return Problem(key, f"is {_shown(value)}, but has to be {' or '.join(dict.fromkeys(wanted))}", remedy)

@@ -63,7 +63,7 @@ class BoxZone(Section):
 class CylinderZone(Section):
     """A cylinder of infinite length."""
 
-    point: Point = expert(description="A point on the axis [m].")
+    point: Point = expert(description="A point on the axis of the cylinder [m].")
     axis: DirectionVector = expert(description="Direction of the axis [-].")
     radius: Annotated[Positive, Plausible(1e-6, 100.0, "m")] = expert(description="Radius [m].")
 
@@ -84,7 +84,7 @@ class ConeZone(Section):
 class FacingZone(Section):
     """Facets with a normal close to an axis."""
 
-    normal_cone: ConeZone = Field(description="Axis and largest angle.")
+    normal_cone: ConeZone = Field(description="Axis, and largest angle between axis and facet normals.")
 
 
 class SetZone(Section):
@@ -97,7 +97,7 @@ class SetZone(Section):
 class NearSetZone(Section):
     """The neighbourhood of a set."""
 
-    near_set: SetZone = Field(description="The set and the distance.")
+    near_set: SetZone = Field(description="Name of the set, and largest distance from the set.")
 
 
 class NearEdgesZone(Section):
@@ -140,7 +140,7 @@ Keep = Annotated[
     Count,
     Field(
         ge=1,
-        description="Number of gauges of the layout [-], including those already bonded; with a budget, the largest number.",
+        description="Number of gauges of the layout [-], including gauges already bonded; with `budget`, the largest number.",
     ),
 ]
 
@@ -158,9 +158,9 @@ class LayoutSettings(Section):
     keep: Keep
     criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = expert(
         "trace",
-        description="Criterion: function of the covariance of the unknowns to minimise. Either the sum of the variances, the "
-        "volume of the confidence ellipsoid (independent of units), or the variance of the least certain combination of "
-        "unknowns.",
+        description="Criterion to minimise, from the covariance of the unknowns. With `trace`: sum of the variances. "
+        "With `log_determinant`: volume of the confidence ellipsoid, independent of units. With `worst_eigenvalue`: "
+        "variance of the least certain combination.",
     )
     metric_over: tuple[Name, ...] = expert(
         (),
@@ -169,8 +169,8 @@ class LayoutSettings(Section):
     )
     minimum_spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
-        description="Smallest distance between gauges of the layout [m]. Default with gauges.type of a structure: the longer "
-        "side of its carrier.",
+        description="Smallest distance between gauges of the layout [m]. Default for a structure with gauges.type: "
+        "the longer side of the carrier.",
     )
     at_most: tuple[ZoneLimit, ...] = expert((), description="Limits on the number of gauges in zones.")
     budget: Annotated[Positive | None, PRICE] = expert(
@@ -178,10 +178,10 @@ class LayoutSettings(Section):
     )
     aggregate: Literal["mean", "worst"] = Field(
         "mean",
-        description="Aggregation over instants, parameter samples and load cases of a structure, or over poses of a bench.",
+        description="Aggregation of the criterion over instants, parameter samples and load cases, or over poses of a bench.",
     )
     certificate: bool = Field(
-        True, description="`true`: compute a lower bound of the criterion over all layouts of that size."
+        True, description="`true`: compute a lower bound of the criterion for all layouts of the same size."
     )
     exchange: bool = expert(
         True, description="`true`: exchange gauges after the elimination until no exchange improves the criterion."
@@ -200,7 +200,7 @@ class LayoutSettings(Section):
     def problems(self) -> Iterator[Problem]:
         if self.prove > 0 and self.optimise != "metric":
             what = "optimality can be proved for the metric only, not for worst_failure"
-            yield Problem("prove", what, "remove one of the two keys")
+            yield Problem("prove", what, "remove place.prove, or set place.optimise: metric")
 
 
 def layout_problems(

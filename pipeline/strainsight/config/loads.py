@@ -81,8 +81,7 @@ class RecordedSection(Section):
     type: Literal["csv"] = Field(description="Kind of signal.")
     file: Text = Field(
         description="CSV file with a header line of column names. Columns are separated by commas, semicolons or tabs. The "
-        "decimal mark is a point, or a comma if the separator is not a comma. The path is relative to the folder of the "
-        "config."
+        "decimal mark is a point, or a comma if the separator is not a comma. The path is relative to the folder of the config."
     )
     time_column: Text = Field(description="Name of the time column [s, or the unit after the name: `t [ms]`].")
     value_column: Text = Field(
@@ -102,13 +101,13 @@ class TypicalMotion(Section):
 
     frequency: Frequency | None = Field(
         None,
-        description="Typical frequency of the load [Hz]: ω = 2π frequency, or the bandwidth of a Matérn model. Null: that of "
-        "its signal; in a load case first that of its process_noise.",
+        description="Typical frequency of the load [Hz]: ω = 2π frequency, or the bandwidth of a Matérn model. Null: "
+        "frequency of its signal; in a load case, frequency of its process_noise if set.",
     )
     amplitude: Amplitude | None = expert(
         None,
         description="Typical amplitude of the load [unit of the load], the reference of its relative σ and of initial_std. "
-        "Null: as for frequency.",
+        "Null: amplitude of its signal; in a load case, amplitude of its process_noise if set.",
     )
 
 
@@ -130,7 +129,7 @@ class InputNoise(TypicalMotion):
         "3/2", description="ν of the Matérn model [-]: the load has ν − ½ derivatives."
     )
     damping: Annotated[Positive, Plausible(1e-3, 1.0)] = expert(
-        0.05, description="Damping ratio ζ of the oscillator [-]: its power is within 2ζ of the frequency."
+        0.05, description="Damping ratio ζ of the oscillator [-]: its half-power bandwidth is 2ζ times its frequency."
     )
 
 
@@ -138,14 +137,14 @@ class Rotation(Section):
     """A steady rotation of the structure; the centrifugal stiffening is neglected."""
 
     axis: DirectionVector = Field(description="Axis of rotation [-]; its length and sign are not used.")
-    point: Point = Field((0.0, 0.0, 0.0), description="A point on the axis [m].")
+    point: Point = Field((0.0, 0.0, 0.0), description="A point on the axis of rotation [m].")
 
 
 class LoadSection(Section):
     """A force at a node or distributed over a set or face, a moment, a pressure on a face, or an acceleration of all mass."""
 
     node: Id | None = Field(
-        None, ge=1, description="Id of the node in the deck [-], or of an RBE2/RBE3 reference node."
+        None, ge=1, description="Id of the loaded node in the deck [-], or of an RBE2/RBE3 reference node."
     )
     set: Text | None = Field(None, description="Name of a node set or face, instead of a node.")
     deck_load: Text | None = Field(
@@ -227,12 +226,12 @@ class LoadSection(Section):
             what = (
                 "a load of the deck cannot be a moment"
                 if kind == "moment"
-                else "a load of the deck already has its forces"
+                else "a load of the deck already defines its forces"
             )
             yield Problem(kind, what, "remove the key", at_key=True)
         elif kind and self.direction is not None:
             subjects = {"moment": "a moment has an axis", "bearing": "a bearing load has a vector"}
-            what = f"{subjects.get(kind, 'a pressure acts inward')}, and no direction"
+            what = f"{subjects.get(kind, 'a pressure acts inward')} and needs no direction"
             yield Problem("direction", what, "remove one of the two keys", at_key=True)
         if kind in ("bearing", "pressure") and self.set is None:
             yield Problem(
@@ -271,12 +270,12 @@ class TrainingCase(Section):
 
     weight: Annotated[Positive, Plausible(1e-6, 1e6)] = Field(
         1.0,
-        description="Weight of the variances of this case [-]: its share of the mean, or its factor in the worst case. A "
-        "weight of 4 corresponds to half the σ.",
+        description="Weight of this load case [-]: factor on its variances in the mean or worst case. With a weight "
+        "of 4, σ counts twice.",
     )
     loads: dict[Name, CaseEntry] = Field(
         {},
-        description="Loads that differ from `loads`, by name; `none` for a silent load. All others are as in `loads`. A "
+        description="Loads that differ from `loads`, by name; `none` for a silent load. All other loads are as in `loads`. A "
         "silent load remains an unknown of the filter with its process noise, but the criterion excludes it in this case.",
     )
     duration: Duration | None = Field(None, description="Duration of this training run [s]; null: train.duration.")

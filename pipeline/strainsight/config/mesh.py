@@ -56,8 +56,8 @@ class RegionProperty(Section):
     """A property of some regions."""
 
     regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
-        description="Ids or names of the regions (PSOLID, PSHELL, element set, physical group). 'all': every region; in a "
-        "section, every region with such elements."
+        description="Ids or names of the regions (PSOLID, PSHELL, element set, physical group). 'all': every region; "
+        "in a section, every region with elements of this kind."
     )
 
 
@@ -106,8 +106,7 @@ class ElementSection(RegionProperty):
     )
     offset: Annotated[float, Plausible(0.0, 10.0, "m", share=1.0)] = expert(
         0.0,
-        description="Offset of the shell midsurface from the nodes [m], along the normal (right-hand rule on the node "
-        "order).",
+        description="Offset of the shell midsurface from the nodes [m], along the normal (right-hand rule on the node order).",
     )
     area: Annotated[Positive | None, Plausible(1e-8, 10.0, "m²")] = Field(
         None, description="Cross-sectional area of beams or rods [m²]."
@@ -120,7 +119,7 @@ class ElementSection(RegionProperty):
         "The first resists bending in the plane of the beam and `direction`, the second bending across it. Null: rods.",
     )
     torsion: Annotated[NotNegative | None, Plausible(1e-16, 10.0, "m⁴")] = Field(
-        None, description="Torsion constant J of beams [m⁴], ∫r² dA for a circle. Null is 0 for rods."
+        None, description="Torsion constant J of beams [m⁴], ∫r² dA for a circle. Null: 0, for rods only."
     )
     direction: DirectionVector | None = Field(
         None,
@@ -154,9 +153,9 @@ class ElementSection(RegionProperty):
             if yz**2 >= yy * zz:
                 what = f"∫yz dA of {yz:g} m⁴ is too large for ∫y² dA = {yy:g} m⁴ and ∫z² dA = {zz:g} m⁴"
                 yield Problem("second_moments", what, "use |∫yz dA| below √(∫y² dA · ∫z² dA)")
-            for name, remedy in (("torsion", "give J [m⁴]"), ("direction", "use a vector such as [0, 0, 1]")):
+            for name, remedy in (("torsion", "set J [m⁴]"), ("direction", "use a vector such as [0, 0, 1]")):
                 if name not in of_beams:
-                    yield Problem(name, "missing; beams with second_moments need it", remedy, at_key=True)
+                    yield Problem(name, "missing, but required for beams with second_moments", remedy, at_key=True)
 
 
 class Support(Section):
@@ -170,7 +169,7 @@ class Support(Section):
     stiffness: Annotated[NotNegative | Vector | None, STIFFNESS] = Field(
         None,
         description="Stiffness of springs to the ground, instead of a fixed support [N/m, for rotations N m/rad]. Either one "
-        "value for each of the components, or three along x, y and z. The value is that of the whole support: it is shared "
+        "value for every component, or three values along x, y and z. The value is that of the whole support: it is shared "
         "equally by the nodes of a set, and distributed over the area of a face. An estimated modulus does not scale it.",
     )
 
@@ -184,20 +183,20 @@ class Support(Section):
             remedy = "use a positive stiffness in N/m, or remove `stiffness` for a fixed support"
             yield Problem("stiffness", what, remedy)
         if len(values) > 1 and self.components != (1, 2, 3):
-            yield Problem("components", "three stiffnesses are along x, y and z", "remove the key", at_key=True)
+            yield Problem("components", "three stiffness values apply along x, y and z", "remove the key", at_key=True)
         if len({component > 3 for component in self.components}) > 1:
             what = "one stiffness cannot be both in [N/m] and in [N m/rad]"
             yield Problem("components", what, "define two supports, one for translations and one for rotations")
 
 
 class Face(Section):
-    """A named part of the surface; it has to satisfy all given criteria."""
+    """A named part of the surface: the facets that satisfy all criteria."""
 
     near: Point | Annotated[tuple[Point, ...], Field(min_length=1)] | None = Field(
         None,
-        description="A point [m] or a list of points; selects the nearest face of each. A face ends where its normal turns "
-        "by more than 30° or where its curvature begins. A point on the axis of a bore selects the bore. `import` lists a "
-        "point of every face.",
+        description="A point or a list of points [m]; selects the face nearest to each point. A face ends where its "
+        "normal turns by more than 30° or where its curvature begins. A point on the axis of a bore selects the "
+        "bore. `import` lists a point of every face.",
     )
     normal: DirectionVector | None = Field(None, description="Outward normal [-]; selects the facets with this normal.")
     angle: float = expert(
@@ -221,15 +220,15 @@ class Tie(Section):
     (surface)."""
 
     type: Literal["rigid", "averaging", "surface"] = Field(
-        description="Kind of constraint. With `rigid`: the nodes follow the reference node. With `averaging`: the reference "
-        "node follows the mean motion of the nodes. With `surface`: the nodes follow the facets of solids they lie on, by "
-        "the shape functions of these (fine mesh on a coarse mesh)."
+        description="Kind of constraint. With `rigid`: the nodes follow the reference node. With `averaging`: the "
+        "reference node follows the mean motion of the nodes. With `surface`: each node follows the solid facet "
+        "below it, by the shape functions of the facet, to tie a fine mesh to a coarse mesh."
     )
     reference: NodeId | None = Field(
-        None, description="Id of the reference node; new if `at` is set. Not used with surface."
+        None, description="Id of the reference node; a new id if `at` is set. Not used with `surface`."
     )
     at: Point | None = Field(None, description="Position of a new reference node [m].")
-    set: Text = Field(description="Name of the node set or face; with surface, the finer side.")
+    set: Text = Field(description="Name of the node set or face with the tied nodes; with `surface`, the finer side.")
     to: Text | None = Field(None, description="`surface`: name of the node set or face on the coarser side.")
     within: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=0.1)] = expert(
         1e-4, description="`surface`: largest distance of the nodes from the coarser side [m]."
@@ -312,9 +311,8 @@ class ResultsFile(Section):
     """A results file and the location of its modes."""
 
     file: Text = Field(
-        description="Results file of this mesh, in the units of the mesh: .frd (CalculiX), .op2 or .pch (Nastran), .unv or "
-        ".uff (universal), .rst (Ansys), .vtu or .vtk. Modes and responses are read from it unless they specify another "
-        "file."
+        description="Results file of this mesh, in the units of the mesh: .frd (CalculiX), .op2 or .pch (Nastran), .unv or .uff "
+        "(universal), .rst (Ansys), .vtu or .vtk. Modes and responses without `file` are read from this file."
     )
     modes: ModesOfResults = expert(default_factory=ModesOfResults, description="Natural frequencies and mode shapes.")
 
@@ -327,8 +325,7 @@ class SecondResults(ResultsFile):
         description="Name of the parameter: a youngs_modulus, stiffness_factor or density of some regions."
     )
     at: ParameterValue = Field(
-        description="Parameter value of this set [Pa, kg/m³ or 1]; that of the first set is in mesh.results.at, or in the "
-        "mesh."
+        description="Parameter value of this set [Pa, kg/m³ or 1]; that of the first set is in mesh.results.at, or in the mesh."
     )
     loads: dict[Name, ResponseOfLoad] | None = expert(
         None,
@@ -342,7 +339,7 @@ class ResultsSection(ResultsFile):
     loads: dict[Name, ResponseOfLoad] = Field(
         {},
         description="Static response to each load alone, by load name (`loads`). It contains the local deformation that the "
-        "modes cannot represent: without it, the strain near that load is too small.",
+        "modes cannot represent: without this response, the strain near the load is too small.",
     )
     modal_mass: Literal["auto", "unit", "mesh"] = expert(
         "auto",
@@ -356,8 +353,8 @@ class ResultsSection(ResultsFile):
     )
     second: SecondResults | None = Field(
         None,
-        description="A second set of results at another value of one parameter of some regions. It allows this parameter to "
-        "be free.",
+        description="A second set of results at another value of one parameter of some regions. This parameter can "
+        "then be a free parameter.",
     )
 
 
@@ -459,7 +456,7 @@ class MeshFile(Section):
             for region in ("all",) if isinstance(material.regions, str) else material.regions:
                 if (other := claimed.setdefault(region, name)) != name:
                     what = f"region {region} is also assigned to material {other}"
-                    yield Problem(f"materials.{name}.regions", what, "remove one of the two")
+                    yield Problem(f"materials.{name}.regions", what, "assign the region to one material only")
         if len(self.materials) > 1 and "all" in claimed:
             what = "'all' cannot be combined with other materials"
-            yield Problem(f"materials.{claimed['all']}.regions", what, "list the regions")
+            yield Problem(f"materials.{claimed['all']}.regions", what, "list the regions of each material")

@@ -46,12 +46,13 @@ class GuessFrom(Section):
 
     source: Text = Field(
         alias="from",
-        description="Name of the run (results/NAME/validate.h5), or path of such a file relative to the folder of the "
-        "config.",
+        description="Name of the run with the estimate (results/NAME/validate.h5), or path of such a file relative "
+        "to the folder of the config.",
     )
     stage: Literal["validate", "estimate"] = expert(
         "validate",
-        description="Stage of that run: the estimate from simulated measurements, or from a test (results/NAME/estimate.h5).",
+        description="Stage with the estimate: `validate` (simulated measurements), or `estimate` (measurements of a "
+        "test, results/NAME/estimate.h5).",
     )
 
 
@@ -99,8 +100,7 @@ class MaterialParameter(Section):
     )
     material: Id | Text | None = Field(
         None,
-        description="For a ply modulus: id or name of the ply material (MAT8, MAT1), if the regions have several of one "
-        "kind.",
+        description="For a ply modulus: id or name of the ply material (MAT8, MAT1), if the regions have several of one kind.",
     )
     guess: Annotated[Guess, PROPERTY] = Field(
         description="Nominal value before any measurement [Pa, kg/m³, m, or 1 for a factor], or {from: another run}."
@@ -159,9 +159,9 @@ class ReducedModelSection(Section):
         1e-4,
         gt=0,
         lt=1,
-        description="Singular value below which basis vectors from the other samples are truncated, relative to snapshots of "
-        "unit energy [-]. It is about the relative strain error at parameters away from the guess. The run time of `place` "
-        "is proportional to the cube of the basis size.",
+        description="Singular value below which basis vectors from the other samples are truncated, relative to "
+        "snapshots of unit energy [-]. This value is approximately the relative strain error at parameters away from "
+        "the guess. The run time of `place` is proportional to the cube of the basis size.",
     )
 
 
@@ -176,9 +176,9 @@ class Train(TimeSpan):
     )
     settle: Annotated[Settle, DURATION] = expert(
         "auto",
-        description="Start of the motion in training and validation. With `auto`: periodic if every load is a sine or a "
-        "multisine, otherwise from rest. With `none`: from rest. A number: from rest this long before t = 0, under the same "
-        "loads [s].",
+        description="Start of the motion in training and validation. With `auto`: periodic if every load is a sine "
+        "or a multisine, otherwise from rest. With `none`: from rest. A number: from rest, this many seconds before "
+        "t = 0, under the same loads.",
     )
 
 
@@ -196,8 +196,7 @@ class Screen(Section):
     )
     minimum_spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
-        description="Smallest distance between kept candidates [m]. Default with gauges.type: the longer side of its "
-        "carrier.",
+        description="Smallest distance between kept candidates [m]. Default with gauges.type: the longer side of its carrier.",
     )
 
 
@@ -206,9 +205,9 @@ class ProcessNoise(Section):
 
     rule: Literal["continuous", "thesis", "as_printed"] = Field(
         "continuous",
-        description="Scaling of the process noise of loads. With `continuous`: intensity q = κωa². With `thesis`: (hωa)² in "
-        "each step of train.time_step, independent of κ. With `as_printed`: these values and the variances of the gauges, "
-        "used in the Riccati equation as intensities.",
+        description="Scaling of the process noise of loads. With `continuous`: intensity q = κωa². With `thesis`: "
+        "(hωa)² in each step of train.time_step, independent of κ. With `as_printed`: the values of `thesis` and the "
+        "variances of the gauges, used as intensities in the Riccati equation.",
     )
     model_error: Annotated[float | None, Plausible(1e-9, 1.0)] = Field(
         None,
@@ -223,8 +222,8 @@ class ProcessNoise(Section):
 class Symmetry(Section):
     """A symmetry plane: gauges on both sides are placed in pairs."""
 
-    point: Point = expert((0.0, 0.0, 0.0), description="A point in the plane [m].")
-    normal: DirectionVector = expert(description="Normal of the plane in global coordinates [-].")
+    point: Point = expert((0.0, 0.0, 0.0), description="A point in the symmetry plane [m].")
+    normal: DirectionVector = expert(description="Normal of the symmetry plane in global coordinates [-].")
 
 
 class PlaceSection(LayoutSettings):
@@ -244,8 +243,8 @@ class PlaceSection(LayoutSettings):
     )
     load_cases: Annotated[dict[Name, TrainingCase], Field(min_length=1)] | None = Field(
         None,
-        description="Load cases that the layout has to serve together, by name; they replace the one of `loads`. Null: "
-        "`loads` as configured. Validation always uses `loads`.",
+        description="Load cases, by name, for which one layout is placed together; they replace the signals of "
+        "`loads`. Null: one case with the signals of `loads`. Validation always uses `loads`.",
     )
     weights: Literal["normalised", "thesis"] = Field(
         "normalised",
@@ -284,9 +283,9 @@ class Filter(Section):
     method: Literal["grid", "extended", "sigma-point"] = Field(
         "grid",
         description="Filter for parameters. With `grid`: multiple-model grid filter; exact for up to three constant "
-        "parameters, with normal densities in additional directions for more. With `extended`: extended Kalman filter of "
-        "the thesis, overconfident for weakly observable parameters. With `sigma-point`: sigma-point filter. The σ of "
-        "extended and sigma-point excludes tolerances.",
+        "parameters, with normal densities in the additional directions of more parameters. With `extended`: "
+        "extended Kalman filter of the thesis, overconfident for weakly observable parameters. With `sigma-point`: "
+        "sigma-point filter. The σ of extended and sigma-point excludes tolerances.",
     )
     drift: bool | None = expert(
         None,
@@ -295,9 +294,8 @@ class Filter(Section):
     )
     compare: bool | None = Field(
         None,
-        description="`true`: compare the grid filter with the other two filters on the same samples, to detect an "
-        "overconfident σ. Null: in the test of validate, and in an estimate of up to 20 000 steps (about 2 ms for each "
-        "step).",
+        description="`true`: compare the grid filter with the other two filters on the same samples, to detect an overconfident "
+        "σ. Null: `true` in validate, and in an estimate of up to 20 000 steps (run time about 2 ms for each step).",
     )
     scheme: Literal["exact", "trapezoidal", "implicit_euler"] = expert(
         "exact",
@@ -332,21 +330,21 @@ class Report(Section):
     remark: str = Field("", max_length=500, description="Remark to print on the page; line breaks are kept.")
     datum: Datum = with_defaults(
         Datum,
-        "Datum of gauge positions in the length unit of the deck, for the page, the drawings, workshop.csv and "
-        "workshop.unv.",
+        "Datum of gauge positions in the length unit of the deck, for the page, the drawings, workshop.csv and workshop.unv.",
     )
     exports: tuple[Export, ...] = expert(
         (),
-        description="Export files. With `nastran`: SET cards of the elements below the gauges, gauges-nastran.inc. With "
-        "`abaqus`: *ELSET of them, gauges-abaqus.inp. catman, labview: channel tables for manual setup, "
-        "channels-catman.txt, channels-labview.txt. With `mat`: linear augmented model with the strain operator of the "
-        "layout, model.mat.",
+        description="Export files. With `nastran`: SET cards of the elements below the gauges, gauges-nastran.inc. "
+        "With `abaqus`: *ELSET of the same elements, gauges-abaqus.inp. With `catman` and `labview`: channel tables "
+        "for manual setup, channels-catman.txt, channels-labview.txt. With `mat`: linear augmented model with the "
+        "strain operator of the layout, model.mat.",
     )
     gauge_factor: Annotated[Positive | None, GAUGE_FACTOR] = expert(
-        None, description="Gauge factor in channel tables [-]; null: that of gauges.type, otherwise blank."
+        None, description="Gauge factor in channel tables [-]; null: value of gauges.type, or blank without a type."
     )
     resistance: Annotated[Positive | None, RESISTANCE] = expert(
-        None, description="Gauge resistance in channel tables [ohm]; null: that of gauges.type, otherwise blank."
+        None,
+        description="Gauge resistance in channel tables [ohm]; null: value of gauges.type, or blank without a type.",
     )
 
 

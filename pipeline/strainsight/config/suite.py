@@ -31,19 +31,19 @@ class Measure(Section):
         None, description="Name of a reference run; the result is divided by that of the reference run."
     )
     against_number: Text | None = Field(
-        None, description="Name of the result of the reference run; null: the same as number."
+        None, description="Name of the result of the reference run; null: the name in `number`."
     )
     above: Annotated[float | None, COMPARED] = Field(None, description="Lower limit.")
     below: Annotated[float | None, COMPARED] = Field(None, description="Upper limit.")
     equals: bool | None = Field(None, description="Required value of a true/false result.")
-    unit: str = Field("", description="Unit or text after the number on the page, as in N or of the weight.")
+    unit: str = Field("", description="Unit or text after the number on the page, such as `N` or `of the weight`.")
 
     def problems(self) -> Iterator[Problem]:
         bounds = [value for value in (self.above, self.below) if value is not None]
         if self.equals is None and not bounds:
             yield Problem("", "no limit is set", "set above, below or both, or equals: true or false", at_key=True)
         elif self.equals is not None and (bounds or self.against is not None or self.times != 1):
-            yield Problem("equals", "cannot be combined with other limits or a ratio", "remove one of them")
+            yield Problem("equals", "cannot be combined with limits or a ratio", "remove equals, or these keys")
         elif len(bounds) == 2 and not bounds[0] < bounds[1]:
             yield Problem("above", f"{bounds[0]:g} is not smaller than below, {bounds[1]:g}", "swap the two limits")
         if self.against_number is not None and self.against is None:
@@ -56,8 +56,8 @@ class WithReason(Section):
 
     why: str = Field(
         "",
-        description="Explanation of the result, or of why nothing is measured, as printed on the page. The page marks a "
-        "claim without explanation that is not confirmed.",
+        description="Explanation of the result, or of why nothing is measured, as printed on the page. The page "
+        "marks unconfirmed claims without explanation.",
     )
 
 
@@ -84,7 +84,7 @@ class ComparisonSection(WithReason):
 
     def problems(self) -> Iterator[Problem]:
         if self.as_printed is None and self.ours is None and not self.why:
-            remedy = "set as_printed or ours, or explain in why that there is nothing to measure"
+            remedy = "set as_printed or ours, or explain under why that nothing can be measured"
             yield Problem("", "no result and no explanation is set", remedy, at_key=True)
 
 
@@ -103,18 +103,18 @@ def measures_of(claims: Sequence[ClaimSection], comparisons: Sequence[Comparison
 
 
 class StudySection(Noted):
-    """A question that several runs answer together. Studies that are not listed here are defined by runs[].study."""
+    """A study: runs that answer one question together. Studies without an entry are defined by runs[].study."""
 
     name: Text = Field(description="Name of the study, as in runs[].study; a heading of the page.")
     over: Text | None = Field(
         None,
-        description="Dotted key that the runs vary, as in estimate.time_step; the horizontal axis of the figures, with one "
-        "line for each group.",
+        description="Dotted key that the runs vary, such as estimate.time_step. The figures show it on the "
+        "horizontal axis, with one line for each group.",
     )
     numbers: tuple[Text, ...] = expert(
         (),
-        description="Results of `estimate` (of a placement `validate`) to plot, as in slope.Fz. Default: the error of every "
-        "unknown, and its standard deviation.",
+        description="Results to plot, such as slope.Fz, from the summary of `estimate` (for a placement, of "
+        "`validate`). Default: error and standard deviation of every unknown.",
     )
 
 
@@ -132,7 +132,7 @@ def study_problems(studies: Sequence[StudySection], named: Sequence[str]) -> Ite
 
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 """A dotted key, as in --set place.keep=6."""
-OWN = {"name": "set name: NAME next to config:", "kind": "remove it: the config itself defines its kind"}
+OWN = {"name": "set name: NAME next to config:", "kind": "remove the key; the config of each run defines its kind"}
 
 
 class Overriding(Section):
@@ -207,7 +207,7 @@ def _lines(texts: Mapping[str, str]) -> Iterator[Problem]:
     for key, text in texts.items():
         if bad := next((c for c in text if unicodedata.category(c) in ("Cc", "Zl", "Zp")), None):
             what = "a line break" if bad in "\n\r\u2028\u2029" else f"the control character U+{ord(bad):04X}"
-            yield Problem(key, f"holds {what}", "write plain text on one line; use >- for a folded block")
+            yield Problem(key, f"contains {what}", "write plain text on one line; use >- for a folded block")
 
 
 def _overrides(section: str, overrides: dict[str, JsonValue]) -> Iterator[Problem]:

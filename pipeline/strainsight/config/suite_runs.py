@@ -95,7 +95,7 @@ def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
         )
     kind = kind_of(path)
     if kind == "suite":
-        raise ConfigError(f"{path} is a suite", key=key, where=where, remedy="list its runs instead")
+        raise ConfigError(f"{path} is a suite", key=key, where=where, remedy="list the runs of that suite instead")
     if kind == "bearing":
         what = f"{path} is a bearing config; a suite can contain placements and benches only"
         raise ConfigError(what, key=key, where=where, remedy=f"run it separately: strainsight run {path}")
@@ -154,12 +154,12 @@ def _renamed_sources(run: PlannedRun, names: Sequence[str], suffix: str) -> Iter
             if suffix:
                 yield Override(key, source + suffix, where)
         elif source in names:
-            what = "the guess" if ".guess." in key else "it"
+            what = "the guess" if ".guess." in key else "the input"
             raise ConfigError(
                 f"{what} comes from '{source}', which runs later in this suite",
                 key=key,
                 where=where,
-                remedy="move that run before this one",
+                remedy=f"move run '{source}' before this run",
             )
 
 
@@ -171,7 +171,7 @@ def _refuse_taken(suite: LoadedConfig, model: SuiteConfig, before: Sequence[Plan
             f"the run name '{name}' is already the name of {owners[name]}",
             key=f"runs[{run.place}].name",
             where=suite.locate(f"runs.{run.place}.name"),
-            remedy="set another name next to config: name: NAME",
+            remedy="set another name for this run, next to config: name: NAME",
         )
 
 
@@ -186,14 +186,14 @@ def _refused(
                 suite,
                 f"studies.{model.studies.index(study)}.over",
                 f"{study.over} is not a number in runs[{run.place}], '{run.config.data['name']}'",
-                "use a key that is a number in every run of the study, or set it there",
+                "use a key that is a number in every run of the study, or set the key in this run",
             )
     for place, measure in measures_of(model.claims, model.comparisons).items():
         named = [("run", name) for name in as_texts(measure.run)]
         named += [("against", measure.against)] if measure.against is not None else []
         for key, name in named:
             if name not in names:
-                known = f"its runs are {', '.join(names)}"
+                known = f"known runs: {', '.join(names)}"
                 yield wrong(
                     suite, f"{place}.{key}", f"unknown run '{name}' in this suite", did_you_mean(name, names, known)
                 )

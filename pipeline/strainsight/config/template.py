@@ -33,7 +33,7 @@ mesh:
   length_unit: {length_unit:<8} # ← length unit of the deck: m, mm, cm, in, ft
   mass_unit: {mass_unit:<8}   # ← mass unit of the deck: kg, t, g, lb, slug, lbf*s2/in (t with mm and N)
 {mesh}
-# Uncertain material properties. Without any: parameters: {{}}
+# Uncertain material properties; if all are known: parameters: {{}}
 {parameters}
 # Forces, moments, pressures. List loads with `known: false` under place.estimate.
 loads:
@@ -63,8 +63,8 @@ screen:
 place:
   estimate: [{unknown}]{pad}             # ← parameters and loads from above
   keep: {keep}                         # ← number of gauges to bond
-  instants: 20                    # instants of the training run to place for
-  aggregate: mean                 # mean or worst over the instants
+  instants: 20                    # instants of the training run for the placement
+  aggregate: mean                 # criterion: mean or worst over the instants
   certificate: true               # compute a bound on the best possible layout
 
 validate:
@@ -161,7 +161,7 @@ def _named(suggestion: Suggestion, answers: Answers) -> dict[str, str]:
     """Faces named by the user: name → point."""
     return {
         suggestion.free(role): place.name
-        for role, place in (("held", answers.held), ("loaded", answers.load))
+        for role, place in (("held", answers.support), ("loaded", answers.load))
         if place is not None and place.kind == "face"
     }
 
@@ -209,7 +209,7 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
     """Faces, materials and supports that the file lacks, and its faces as comments."""
     named = _named(suggestion, answers)
     seats = {name: place for name, place in _seats(suggestion, answers).items() if name not in named}
-    blank = not suggestion.supports and answers.held is None and not suggestion.thin
+    blank = not suggestion.supports and answers.support is None and not suggestion.thin
     lines = [f"  # {suggestion.odd}: add mesh.materials, or correct the deck"] if suggestion.odd else []
     if suggestion.unsupported:
         lines.append("  # Unsupported entities that affect the model. Add those that can be neglected to `ignore`:")
@@ -235,7 +235,7 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
             "  # Faces of the surface, the largest first. A name in `faces` can be used like a set of the deck:"
         )
         for place in faces[:FACES]:
-            support = f", {place.lies_on}: contact face?" if place.lies_on else ", supported" * place.held
+            support = f", {place.lies_on}: contact face?" if place.lies_on else ", supported" * place.supported
             lines.append(f"  #   near: {place.name:<32} # {place.what}{support}")
         if len(faces) > FACES:
             lines.append(f"  #   {len(faces) - FACES} more: `strainsight import` lists them")
@@ -245,7 +245,7 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
         lines += [f"    {name}: {{{entry.picked}}}    # {entry.lies_on}" for name, entry in seats.items()]
         if blank:
             lines.append(
-                f"    {suggestion.free('remark')}: {{near: }}        # ← [x, y, z] of a point on the supported face"
+                f"    {suggestion.free('held')}: {{near: }}        # ← [x, y, z] of a point on the supported face"
             )
     if suggestion.thin:
         lines.append(f"  sections:             # shells of the regions {printable(', '.join(suggestion.thin))} ← [m]")
@@ -267,9 +267,9 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
             MATERIAL.format(name=name, regions=regions, E=_exact(E), nu=_plain(nu, 12), rho=_plain(rho)).rstrip()
         )
     if not suggestion.supports:
-        on_face = blank or (answers.held is not None and answers.held.kind == "face")
-        support = suggestion.free("held") if on_face else _value(answers.held) if answers.held else ""
-        node = answers.held is not None and answers.held.kind == "node"
+        on_face = blank or (answers.support is not None and answers.support.kind == "face")
+        support = suggestion.free("held") if on_face else _value(answers.support) if answers.support else ""
+        node = answers.support is not None and answers.support.kind == "node"
         lines.append("  supports:             # missing in the file; for a free structure, use `free: true` instead")
         components = "[1, 2, 3, 4, 5, 6]" if suggestion.thin else "[1, 2, 3]"
         means = "1-3 translations, 4-6 rotations" if suggestion.thin else "1-3 translations"
@@ -291,7 +291,7 @@ def _load(suggestion: Suggestion, answers: Answers) -> str:
     lines = []
     if place is None:
         lines.append("    # ← location of the load, one of")
-        likely = [spot for spot in suggestion.places if spot.kind != "face" and not (spot.held or spot.of_mass)]
+        likely = [spot for spot in suggestion.places if spot.kind != "face" and not (spot.supported or spot.of_mass)]
         lines += [f"    #   {spot.kind}: {_value(spot):<20} # {spot.what}" for spot in likely[:LISTED]]
         lines.append("    #   set: NAME                 # a name of mesh.faces: the force is distributed over the face")
         for spot in [spot for spot in suggestion.places if spot.of_mass]:

@@ -55,7 +55,7 @@ class GaugeTolerances(Section):
 
 class Tolerances(GaugeTolerances):
     """Standard deviations of gauge installation, load application and model error; 0 means exact. A simulated test with model
-    error samples from them."""
+    error samples its errors from these."""
 
     offset: Annotated[NotNegative, STRAIN] = expert(
         0.0, description="Standard deviation of a constant offset of every strain channel [strain]."
@@ -110,16 +110,15 @@ class Tolerances(GaugeTolerances):
         0.01,
         ge=0,
         le=0.2,
-        description="Standard deviation of the logarithm of all natural frequencies by a common factor [-], without a change "
-        "of the static responses. Each measured frequency has an additional individual σ of half of it. Example: a density "
+        description="Standard deviation of the logarithm of all natural frequencies by a common factor [-], without a change of "
+        "the static responses. Each measured frequency has an additional individual σ of half this value. Example: a density "
         "error of 1 % changes frequencies by 0.5 %. Use 0 for a model with measured frequencies.",
     )
     model: Annotated[float, GAIN] = expert(
         0.0,
         ge=0,
         le=0.5,
-        description="Standard deviation of the logarithm of the scale of the whole stiffness, if no modulus is estimated "
-        "[-].",
+        description="Standard deviation of the logarithm of the scale of the whole stiffness, if no modulus is estimated [-].",
     )
     discrepancy: Annotated[float, GAIN] = expert(
         0.02,
@@ -182,7 +181,7 @@ class TruthSection(Section):
 class Sweeps(Section):
     """Studies of one change of the filter at a time, each on the measurements of the layout."""
 
-    time_steps: tuple[TimeStep, ...] = expert((), description="Other time steps of the filter and its samples [s].")
+    time_steps: tuple[TimeStep, ...] = expert((), description="Other time steps of filter and samples [s].")
     process_noise: Annotated[tuple[Positive, ...], Plausible(1e-9, 1e9)] = expert(
         (), description="Factors on all process noise of the filter [-]."
     )

@@ -78,7 +78,7 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
         unsupported=tuple(
             (short(card), mesh.ignored[card], where.rpartition("/")[2]) for card, where in mesh.unsupported.items()
         ),
-        taken=(*mesh.node_sets, *mesh.element_sets),
+        set_names=(*mesh.node_sets, *mesh.element_sets),
         gauge_type=fitting_type(float(np.sqrt(faces.area.max()))) if units and faces is not None else None,
         thin=thin,
         contact=contact,

@@ -36,7 +36,7 @@ Layout = Literal["place", "random"]
 
 
 class CandidateSensor(Priced):
-    """A candidate sensor of the bench; each of its three components is a candidate."""
+    """A candidate sensor of the bench; each of its three components is one candidate."""
 
     noise: Annotated[Positive | tuple[Positive, Positive, Positive], NOISE] = expert(
         description="Noise standard deviation of one sample [m or m/s²], one value for all three components or one for each."
@@ -52,11 +52,11 @@ class OnFlexibleBody(Section):
 class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
     """Gauge placement on a flexible body, for the unknown inputs and the parameters of `estimate`."""
 
-    fixed: tuple[BondedGauge, ...] = expert((), description="Gauges that are already bonded; they count in place.keep.")
+    fixed: tuple[BondedGauge, ...] = expert((), description="Gauges that are already bonded; place.keep includes them.")
     sensors: dict[Name, CandidateSensor] = expert(
         {},
         description="Candidate displacement sensors and accelerometers, by their names under `sensors`: motion (position), "
-        "relative (displacements without tilts) or acceleration. The spacing does not apply to them.",
+        "relative (displacements without tilts) or acceleration. Minimum distances apply to gauges only.",
     )
     keep: Keep = 4
     noise: Annotated[Positive, STRAIN] = Field(
@@ -64,13 +64,13 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
     )
     direction: Direction = Field(
         default_factory=lambda: PrincipalDirection(type="principal", angles=(0.0, 45.0, 90.0, 135.0)),
-        description="Measuring directions of the candidates, one gauge each. With `principal`: principal directions of the "
-        "static strains under the unknown inputs, with equal weights.",
+        description="Measuring directions; each direction at a location is one candidate gauge. With `principal`: "
+        "principal directions of the static strains under the unknown inputs, all inputs with equal weights.",
     )
     pool: Annotated[int, Field(ge=1), Plausible(1, 1e5)] = expert(
         300,
-        description="Number of candidates for the elimination, apart from bonded gauges [-]: the most sensitive to each "
-        "unknown in turn.",
+        description="Number of candidates for the elimination, without bonded gauges [-]: in turn the most sensitive "
+        "candidate to each unknown.",
     )
     search: Literal["all", "pool"] = expert(
         "all",
@@ -78,12 +78,12 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
         "improve the layout are added to the pool. With `pool`: layout and bound consider the pool only.",
     )
     spacing: Annotated[NotNegative, SIZE] = Field(
-        0.0, description="Smallest distance between the most sensitive candidates of one input [m]."
+        0.0, description="Smallest distance between pool candidates that are selected for the same input [m]."
     )
     poses: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=100), INSTANT] = expert(
         (0.0,),
-        description="Instants of the run for which the gauges are placed [s]; the pose is in equilibrium under the loads and "
-        "drives.",
+        description="Instants for which the gauges are placed [s]; the pose at each instant is the equilibrium under "
+        "the loads and drives.",
     )
     random: int = expert(
         4, ge=0, le=1000, description="Number of random layouts from all candidates, for comparison [-]."
@@ -99,12 +99,12 @@ class StrainSensorSection(OnFlexibleBody, Snapped):
     """Strain gauges on a flexible body."""
 
     type: Literal["strain"] = Field(description="Kind of sensor.")
-    gauges: tuple[BondedGauge, ...] = Field((), description="Bonded gauges; empty: those of `layout`.")
+    gauges: tuple[BondedGauge, ...] = Field((), description="Bonded gauges; empty: the gauges of `layout`.")
     layout: Layout | None = Field(
         None,
-        description="Layout of the section `place` instead of gauges: the placed layout, or the first random layout.",
+        description="Layout from the section `place`, instead of `gauges`: the placed layout, or the first random layout.",
     )
-    zeroed: bool = Field(False, description="`true`: subtract the reading at the start.")
+    zeroed: bool = Field(False, description="`true`: subtract the reading at the start of the run.")
 
 
 class RelativeSensor(Between):
@@ -119,7 +119,8 @@ class MotionSensor(AtFrame):
     type: Literal["motion"] = Field(description="Kind of sensor.")
     quantity: Literal["position", "velocity", "x_axis", "y_axis", "z_axis"] = expert(
         "position",
-        description="Measured quantity: position [m] or velocity [m/s] of the origin, or direction of one of the axes [-].",
+        description="Measured quantity: position [m] or velocity [m/s] of the origin of the frame, or direction of "
+        "one of its axes [-].",
     )
 
 
@@ -128,7 +129,7 @@ class AccelerationSensor(AtFrame):
 
     type: Literal["acceleration"] = Field(description="Kind of sensor.")
     axes: Literal["own", "global"] = expert(
-        "own", description="Axes of the components: those of the frame, or global axes."
+        "own", description="Axes of the components: axes of the frame, or global axes."
     )
     gravity: bool = expert(
         True,
@@ -176,9 +177,9 @@ class Simulate(TimeSpan):
     )
     tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = expert(
         None,
-        description="Largest total error of the motion, relative to the coordinates of each body (1 for rotations). Steps "
-        "are subdivided until another halving has a smaller effect, with the loads at every intermediate instant. Null: "
-        "fixed steps.",
+        description="Largest integration error of the motion, relative to the coordinates of each body (rotations: "
+        "in rad). Steps are halved, with the loads at every intermediate instant, until another halving changes the "
+        "motion by less. Null: fixed steps.",
     )
     start: Literal["equilibrium", "as_given"] = expert(
         "equilibrium",
@@ -187,7 +188,7 @@ class Simulate(TimeSpan):
     )
     allow_unstable: bool = expert(
         False,
-        description="`true`: start from an unstable equilibrium, such as an inverted pendulum.",
+        description="`true`: accept an unstable equilibrium as initial state, such as an inverted pendulum.",
     )
     snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = expert(
         0.005,
@@ -203,20 +204,20 @@ class SurfaceField(OnFlexibleBody):
         description="Motion to evaluate: the simulated motion, or the estimated motion with the estimated moduli.",
     )
     every: Annotated[int | None, Plausible(1, 1e6)] = expert(
-        None, ge=1, description="Steps between frames [-]; null: number of frames from `instants`."
+        None, ge=1, description="Number of time steps between two frames [-]; null: from `instants`."
     )
     instants: int | None = Field(
         None, ge=2, le=10_000, description="Number of frames, evenly spaced from start to end [-]; null: 50."
     )
     allowable: Stress | None = expert(
         None,
-        description="Allowable von Mises stress of the body [Pa]. The page compares it with the largest stress, and starts "
-        "with a warning if it is exceeded. Null: no comparison.",
+        description="Allowable von Mises stress of the body [Pa]. The page starts with a warning if the largest "
+        "stress exceeds this value. Null: no comparison.",
     )
 
     def problems(self) -> Iterator[Problem]:
         if self.every is not None and self.instants is not None:
-            yield Problem("every", "every and instants are both set", "remove one of the two")
+            yield Problem("every", "every and instants are both set", "remove one of the two keys")
 
 
 class BenchConfig(NamedRun, BearingLoads):

@@ -61,13 +61,13 @@ class PoseSection(Section):
     def problems(self) -> Iterator[Problem]:
         farthest = float(np.max(np.abs(self.origin)))
         if farthest > FARTHEST:
-            what = f"{farthest:g} m from the origin, where numbers have a resolution of {np.spacing(farthest):.1g} m"
+            what = f"a coordinate of {farthest:g} m has a numerical resolution of {np.spacing(farthest):.1g} m"
             remedy = f"use positions in metres, with an origin near the bench (within {FARTHEST:g} m)"
             yield Problem("origin", what, remedy)
         if any(self.x_axis) and any(self.y_axis):
             x, y = (np.array(v) / np.linalg.norm(v) for v in (self.x_axis, self.y_axis))
             if np.linalg.norm(np.cross(x, y)) < PARALLEL:
-                yield Problem("y_axis", "is parallel to the x axis", "use another direction")
+                yield Problem("y_axis", "is parallel to the x axis", "use a vector not parallel to x_axis")
 
 
 class InertiaSection(Section):
@@ -109,7 +109,7 @@ class RigidBodySection(Moving):
     type: Literal["rigid"] = Field(description="Kind of body.")
     mass: Annotated[Positive, Plausible(1e-6, 1e8, "kg")] = Field(description="Mass [kg].")
     centre: Point = Field((0.0, 0.0, 0.0), description="Centre of mass in body axes [m].")
-    inertia: InertiaSection = Field(description="Moments of inertia.")
+    inertia: InertiaSection = Field(description="Moments of inertia about the centre of mass.")
 
     def problems(self) -> Iterator[Problem]:
         """Radius of gyration √(½ tr I / m), which scales rotations against translations in the mass metric of the joints."""
@@ -130,7 +130,7 @@ class Modulus(Section):
     region: Id | Text | Annotated[tuple[Id | Text, ...], Field(min_length=1)] = Field(
         description="Region id (PSOLID id) or name, or a list of them."
     )
-    value: YoungsModulus = Field(description="Value in this bench [Pa].")
+    value: YoungsModulus = Field(description="Young's modulus of the regions in this bench [Pa].")
 
 
 class FlexibleBodySection(Moving, Damped):
@@ -139,21 +139,21 @@ class FlexibleBodySection(Moving, Damped):
     type: Literal["flexible"] = Field(description="Kind of body.")
     mesh: MeshFile = Field(description="Finite-element model; its supports fix the body to the ground.")
     scale: Annotated[Positive, Plausible(1e-3, 1e3)] = Field(
-        1.0, description="Scale factor on the size of the mesh, with the same material [-]."
+        1.0, description="Scale factor on all lengths of the mesh; the material is unchanged [-]."
     )
     modes: Annotated[Annotated[int, Field(ge=0)] | None, Plausible(0, 500)] = Field(
-        None, description="Number of fixed-interface modes [-]; null: from `cutoff`, otherwise 10."
+        None, description="Number of fixed-interface modes [-]; null: from `cutoff`, or 10 without `cutoff`."
     )
     cutoff: Frequency | None = expert(
         None,
-        description="Frequency limit [Hz] up to which natural frequencies of the body are accurate to 0.5 %, instead of a number "
-        "of modes.",
+        description="Frequency [Hz] up to which natural frequencies of the body are accurate to 0.5 %, instead of "
+        "the number of modes (`modes`).",
     )
-    moduli: dict[Name, Modulus] = Field({}, description="Young's moduli as free parameters, by name.")
+    moduli: dict[Name, Modulus] = Field({}, description="Young's moduli of regions that are free parameters, by name.")
 
     def problems(self) -> Iterator[Problem]:
         if self.modes is not None and self.cutoff is not None:
-            yield Problem("cutoff", "modes and cutoff are both set", "remove one of the two")
+            yield Problem("cutoff", "modes and cutoff are both set", "remove one of the two keys")
         for key in ("matrices", "results"):
             if getattr(self.mesh, key) is not None:
                 what = "a flexible body of a bench supports solids only"
@@ -174,7 +174,7 @@ class FrameSection(Section):
     )
     pose: PoseSection = with_defaults(
         PoseSection,
-        "Pose in body axes (on the ground, in global axes). At a node, omit the origin: it is the node.",
+        "Pose of the frame in body axes (on the ground, in global axes). With `node`, omit the origin: the node is the origin.",
     )
 
 
@@ -209,7 +209,7 @@ class BearingSection(Section):
     groove_centres: Literal["follow", "fixed"] = Field(
         "follow",
         description="Effect of a change of ball or groove dimensions. With `follow`: the contact point at the free contact "
-        "angle is kept. With `fixed`: the groove centres are kept, and the change is interference.",
+        "angle is kept. With `fixed`: the groove centres are kept, and the change causes interference.",
     )
     youngs_modulus: Annotated[Positive, Plausible(1e10, 1e12, "Pa")] = expert(
         2.08e11, description="Young's modulus of balls and rings [Pa]."
@@ -238,32 +238,31 @@ class BearingSection(Section):
             yield Problem(
                 "preload",
                 f"{self.preload:g} m exceeds {limit:g} m, {100 * LARGEST_PRELOAD:g} % of the ball diameter",
-                "set the radial oversize of the balls in metres (clearance: negative); typical values are 1e-5 "
-                "to 1e-4 m",
+                "set the radial oversize of the balls in metres (clearance: negative); typical values are 1e-5 to 1e-4 m",
             )
         for radius in RADII:
             value = getattr(self, radius)
             if not value > half:
                 what = f"{value:g} m is not above half the ball diameter, {half:g} m"
-                yield Problem(radius, what, "increase it; typical groove radii are 1.03 to 1.06 times the ball radius")
+                yield Problem(radius, what, "use a larger radius, typically 1.03 to 1.06 times the ball radius")
             elif not value > half + self.preload and self.preload <= limit:
                 what = (
                     f"balls with a radius of {half:g} m and an oversize of {self.preload:g} m do not fit into "
-                    f"{radius}, {value:g} m"
+                    f"the groove {radius} of {value:g} m"
                 )
-                yield Problem("preload", what, f"use less than {value - half:.6g} m, or a larger groove radius")
+                yield Problem("preload", what, f"use a preload below {value - half:.6g} m, or a larger groove radius")
         if self.ball_diameter * self.balls > np.pi * self.pitch_diameter:
             what = (
                 f"{self.balls} balls with a diameter of {self.ball_diameter:g} m do not fit on a pitch circle of "
                 f"{self.pitch_diameter:g} m"
             )
-            yield Problem("balls", what, f"use at most {int(np.pi * self.pitch_diameter / self.ball_diameter)}")
+            yield Problem("balls", what, f"use at most {int(np.pi * self.pitch_diameter / self.ball_diameter)} balls")
 
 
 class OfBearings(Section):
     """Base of sections that apply to one, several or all bearings."""
 
-    bearing: Bearings = Field(None, description="Name of the bearing, or a list of names; null: all.")
+    bearing: Bearings = Field(None, description="Name of the bearing, or a list of names; null: all bearings.")
 
     def includes(self, name: str) -> bool:
         """Whether the section applies to this bearing."""
@@ -284,10 +283,10 @@ class LoadCase(OfBearings):
 class CurveSection(OfBearings):
     """A load-displacement curve: one displacement of the inner ring varies, the others are zero."""
 
-    along: Literal["x", "y", "z", "tilt_y", "tilt_z"] = Field(description="Displacement component that varies.")
+    along: Literal["x", "y", "z", "tilt_y", "tilt_z"] = Field(description="Displacement component to vary.")
     reach: Annotated[Positive, Plausible(1e-9, 1.0, "m or rad")] = Field(
-        description="Range of the displacement, from −reach to reach [m or rad]; at the pitch circle, at most the ball "
-        "diameter."
+        description="Largest displacement [m or rad]: the curve extends from −reach to reach. The displacement at "
+        "the pitch circle is at most the ball diameter."
     )
     points: int = Field(41, ge=3, le=10001, description="Number of points of the curve [-].")
 

@@ -44,11 +44,11 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
     if place is not None:
         inputs, parameters = ({}, {}) if estimate is None else (estimate.inputs, estimate.parameters)
         if not inputs:
-            remedy = "list the loads to place for under estimate.inputs"
+            remedy = "list the loads to estimate under estimate.inputs"
             yield Problem("place", "the config has no unknown input", remedy, at_key=True)
         if place.pool + place.bonded < place.keep:
             yield Problem(
-                "place.pool", f"the pool has {place.pool} candidates for {place.keep} gauges", "increase the pool"
+                "place.pool", f"the pool has {place.pool} candidates for {place.keep} gauges", "increase place.pool"
             )
         if list(place.poses) != sorted(set(place.poses)):
             yield Problem("place.poses", "the instants are not strictly increasing", "sort them, and remove duplicates")
@@ -57,7 +57,7 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
             yield Problem("place.poses", what, "use instants within the run")
         if estimate is not None and estimate.method.noise == "as_printed" and estimate.disturbance > 0:
             what = "place does not support a disturbance with noise: as_printed"
-            remedy = "set the disturbance to 0, use method.noise: before_step, or place in a separate run"
+            remedy = "set the disturbance to 0, use method.noise: before_step, or place the gauges in a separate run"
             yield Problem("estimate.disturbance", what, remedy)
         free = [name for name, entry in parameters.items() if entry.std is not None]
         among = "estimate.inputs and estimate.parameters" if free else "estimate.inputs"
@@ -93,8 +93,8 @@ def _candidates(config: BenchConfig, place: BenchPlace) -> Iterator[Problem]:
 
 def _layout(key: str, sensor: StrainSensorSection, place: BenchPlace | None) -> Iterator[Problem]:
     if (sensor.layout is None) == (not sensor.gauges):
-        what = "neither is set" if sensor.layout is None else "both are set"
-        yield Problem(key, f"gauges and layout: {what}", "set one of them", at_key=True)
+        what = "neither gauges nor layout is set" if sensor.layout is None else "gauges and layout are both set"
+        yield Problem(key, what, "set either gauges or layout", at_key=True)
     if sensor.layout is None:
         return
     if place is None:
@@ -135,9 +135,7 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     for check in (_masses, _frames, _two_bodies, _loads, _moduli, _time, estimate_problems, place_problems):
         yield from check(config)
     if config.field is not None and config.field.of == "estimate" and config.estimate is None:
-        yield Problem(
-            "field.of", "the config has no section estimate", "add the section estimate, or use the simulated motion"
-        )
+        yield Problem("field.of", "the config has no section estimate", "add the section estimate, or set of: simulate")
 
 
 def _time(config: BenchConfig) -> Iterator[Problem]:
@@ -160,7 +158,7 @@ def _moduli(config: BenchConfig) -> Iterator[Problem]:
                 yield Problem(where, f"the name '{key}' is reserved", "use another name", at_key=True)
             owner, value = first.setdefault(key, (name, modulus.value))
             if value != modulus.value:
-                what = f"{modulus.value:g} Pa differs from {value:g} Pa in '{owner}'"
+                what = f"{modulus.value:g} Pa differs from {value:g} Pa of the same modulus in body '{owner}'"
                 remedy = "moduli with the same name are one parameter; use two names, or one value"
                 yield Problem(f"{where}.value", what, remedy)
 
@@ -177,7 +175,7 @@ def _masses(config: BenchConfig) -> Iterator[Problem]:
             f"bodies.{odd}.mass",
             f"{masses[odd]:g} kg and {masses[other]:g} kg of '{other}' differ by more than a factor of "
             f"{MASSES_APART:g}",
-            "check both masses in kg; attach fixed parts to the ground",
+            "check the unit of both masses (kg); attach fixed parts to the ground",
         )
 
 
@@ -186,7 +184,7 @@ def _frames(config: BenchConfig) -> Iterator[Problem]:
         key = f"frames.{name}"
         flexible = frame.body in config.flexible
         if flexible and frame.node is None:
-            yield Problem(f"{key}.node", "missing", "a frame on a flexible body needs a node", at_key=True)
+            yield Problem(f"{key}.node", "missing", "set the node of the flexible body at the frame", at_key=True)
         if not flexible and frame.node is not None:
             yield Problem(f"{key}.node", f"body '{frame.body}' has no nodes", "set pose.origin instead")
         if flexible and frame.node is not None and any(frame.pose.origin):
@@ -210,7 +208,7 @@ def _two_bodies(config: BenchConfig) -> Iterator[Problem]:
             if len(bodies) == 2 and bodies[0] == bodies[1]:
                 keys = {one.field for one in frames}
                 where = keys.pop() if len(keys) == 1 else f"{section}.{name}"
-                yield Problem(where, f"both frames are on '{bodies[0]}'", "use frames of two bodies")
+                yield Problem(where, f"both frames are on '{bodies[0]}'", "use frames on two different bodies")
 
 
 def _curve(i: int, curve: CurveSection, bearings: Mapping[str, BearingSection]) -> Iterator[Problem]:

@@ -21,7 +21,7 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
     """Check `estimate.truth` with the step of the filter and the joints."""
     truth, key = estimate.truth, "estimate.truth"
     if truth.model == "walk" and estimate.tolerances is not None and estimate.measured is None:
-        what = "measurements simulated with the model of the filter have exact gauges"
+        what = "gauges are exact in measurements simulated with truth.model: walk"
         remedy = "use truth.model: fine or other, or remove tolerances"
         yield Problem("estimate.tolerances", what, remedy, at_key=True)
     if truth.model != "other":
@@ -31,7 +31,7 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
                 yield Problem(f"{key}.{name}", what, "remove it, or set estimate.truth.model: other", at_key=True)
         return
     if config.driven:
-        yield Problem(f"{key}.model", "driven joints do not support this simulation", "use fine")
+        yield Problem(f"{key}.model", "this simulation does not support driven joints", "set truth.model: fine")
     h, duration = config.filter_step, config.filter_duration
     every = round(h / truth.step)
     if every < 1 or abs(every * truth.step - h) > CLOCK_SHARE * truth.step:
@@ -42,10 +42,10 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
         yield Problem(f"{key}.duration", what, f"use at least {duration:g} s, or remove the key", at_key=True)
     if 1 < truth.histories < estimate.runs:
         what = f"{truth.histories} load histories are not enough for {estimate.runs} runs"
-        yield Problem(f"{key}.histories", what, f"use {estimate.runs}, or 1 for the same history in all runs")
+        yield Problem(f"{key}.histories", what, f"use {estimate.runs} histories, or 1 for the same history in all runs")
     if truth.histories > 1 and truth.within == 0:
         yield Problem(
-            f"{key}.histories", "all load histories are identical", "set within, in seconds of the load history"
+            f"{key}.histories", "all load histories are identical", "set within, the largest start of a history [s]"
         )
 
 
@@ -70,17 +70,14 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         remedy = "remove the key, and use a time step that resolves the loads and the drive"
         yield Problem("estimate.method.step_error", what, remedy)
     if estimate.method.step_error == "estimated" and estimate.method.noise == "as_printed":
-        what = (
-            "the step error depends on the load change within the step, but with noise: as_printed the loads change "
-            "after it"
-        )
+        what = "the step error depends on the load change within the step, but with noise: as_printed the loads change after it"
         remedy = "remove the key, or set estimate.method.noise: before_step"
         yield Problem("estimate.method.step_error", what, remedy)
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
         yield Problem("estimate", "the config has no unknowns", "add inputs, or parameters with std", at_key=True)
     if estimate.accept and not isinstance(estimate.measured, FromFile):
         what = "has no effect without the measurements of a test"
-        remedy = "remove the key (--accept), or set the measurement file under estimate.measured"
+        remedy = "remove the key or --accept, or set the measurement file under estimate.measured"
         yield Problem("estimate.accept", what, remedy)
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
@@ -108,8 +105,8 @@ def _load_models(config: BenchConfig, estimate: BenchEstimateSection) -> Iterato
         need = "a random walk without increment" if walks else entry.model
         for field in ("frequency", "amplitude"):
             if getattr(entry, field) is None:
-                what = f"{need} needs the typical {field} of the load, and its history is not a sine"
-                yield Problem(key, what, f"give {field}" + ", or increment" * walks, at_key=True)
+                what = f"{need} needs the typical {field} of the load, which only a sine history defines"
+                yield Problem(key, what, f"set {field}" + ", or increment" * walks, at_key=True)
 
 
 def disturbed(
@@ -117,8 +114,8 @@ def disturbed(
 ) -> Iterator[Problem]:
     """Yield a problem for an accelerometer together with a white acceleration."""
     if isinstance(sensor, AccelerationSensor) and estimate is not None and estimate.disturbance > 0:
-        what = f"{name} would measure the white acceleration, which is not defined between samples"
-        yield Problem("estimate.disturbance", what, f"set it to 0, {remedy}")
+        what = f"accelerometer {name} would measure this white acceleration, which is undefined between samples"
+        yield Problem("estimate.disturbance", what, f"set the disturbance to 0, {remedy}")
 
 
 def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
@@ -129,19 +126,19 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
         if sensor is None:
             return
         if isinstance(sensor, ReactionSensor):
-            what = "the filter does not support this kind of sensor"
+            what = f"the filter does not support sensors of type {sensor.type}"
             yield Problem(key, what, "remove the sensor; it can be simulated only")
         yield from disturbed(estimate, sensor, name, f"and include the model error in the noise of {name}")
         count = channels_of(config, name)
-        for field, many in (("noise", "noises"), ("bias", "offsets"), ("drift", "drifts")):
+        for field, many in (("noise", "noise values"), ("bias", "offsets"), ("drift", "drifts")):
             values = getattr(entry, field)
             if count is not None and isinstance(values, tuple) and len(values) != count:
-                what = f"{len(values)} {many} for {count} components"
-                yield Problem(f"{key}.{field}", what, f"use one value, or {count}")
+                what = f"{len(values)} {many} are set for {count} components"
+                yield Problem(f"{key}.{field}", what, f"use one value, or {count} values")
         counts.append(_used_components(config, estimate, name))
     if None not in counts and (channels := sum(filter(None, counts))) < len(estimate.inputs):
         what = f"{channels} channels are not enough for {len(estimate.inputs)} unknown loads"
-        yield Problem("estimate.sensors", what, "add sensors, or measure a load")
+        yield Problem("estimate.sensors", what, "add sensors, or remove loads from estimate.inputs")
 
 
 def _used_components(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> int | None:
@@ -172,7 +169,7 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
             what = "a load of the estimate has the same name"
             yield Problem(key, what, "use another name for the parameter", at_key=True)
         if entry.starts and estimate.truth.model == "walk":
-            what = "with truth.model: walk, the initial value is sampled from the filter"
+            what = "with truth.model: walk, the initial value is sampled from its distribution in the filter"
             yield Problem(f"{key}.starts", what, "remove starts, or use another truth.model")
         if (bearing is None) != (entry.property is None):
             continue
@@ -182,16 +179,16 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
         else:
             if bearing in config.bearings and bearing not in used:
                 what = f"no force uses the bearing '{bearing}'"
-                yield Problem(f"{key}.bearing", what, "use a bearing of the forces of this bench")
+                yield Problem(f"{key}.bearing", what, "use a bearing with a force of type bearing in this bench")
             if (other := names.setdefault((bearing, part), name)) != name:
-                yield Problem(key, f"'{other}' is the same property", "remove one of the two", at_key=True)
+                yield Problem(key, f"'{other}' has the same property", "remove one of the two parameters", at_key=True)
             # a preload may be of any sign and size
             sized = bearing in config.bearings and part != "preload"
             nominal = float(getattr(config.bearings[bearing], part)) if sized else None
         unit = "Pa" if bearing is None else "m"
         for field, value in entry.guesses():
             if nominal and value > 0 and not 1 / FARTHEST <= value / nominal <= FARTHEST:
-                what = f"{value:g} {unit} is far from {nominal:g} {unit} in the bench"
+                what = f"{value:g} {unit} is far from the bench value of {nominal:g} {unit}"
                 yield Problem(
                     f"{key}.{field}", what, f"use the unit {unit}, and a value within a factor of {FARTHEST:g}"
                 )
@@ -226,7 +223,7 @@ def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Ite
         }
         if entry.groove_centres == "fixed" and {"ball_diameter", "preload"} <= free.keys():
             what = "with groove_centres: fixed, ball diameter and preload have the same effect"
-            yield Problem(f"estimate.parameters.{free['preload']}", what, "estimate one of them", at_key=True)
+            yield Problem(f"estimate.parameters.{free['preload']}", what, "estimate only one of them", at_key=True)
 
 
 def _check_grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
@@ -288,13 +285,13 @@ def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[
 def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: FromFile) -> Iterator[Problem]:
     """Check the channels of a file against the sensors of the filter."""
     if estimate.runs != 1:
-        yield Problem("estimate.runs", "a test has one run, with its measured noise", "set runs: 1")
+        yield Problem("estimate.runs", "measurements of a test support one run only", "set runs: 1")
     for name, channels in measured.channels.items():
         key = f"estimate.measured.channels.{name}"
         yield from known(key, name, list(estimate.sensors), "sensor of the filter")
         count = channels_of(config, name) if name in config.sensors else None
         if count is not None and len(channels) != count:
-            what = f"{len(channels)} channels for {count} components"
+            what = f"{len(channels)} channels are listed for {count} components"
             yield Problem(
                 key, what, "list one channel for each component in order, or null for a component that is not measured"
             )

@@ -37,15 +37,15 @@ class ConstantSection(Section):
     """Constant signal u(t) = value."""
 
     type: Literal["constant"] = Field(description="Kind of signal.")
-    value: Annotated[float, DRIVEN] = Field(description="Value [N or N m; for a drive its unit].")
+    value: Annotated[float, DRIVEN] = Field(description="Value [N or N m; for a drive, unit of its motion].")
 
 
 class RampSection(Section):
     """Smooth transition between two values, u = a + (b − a)(10s³ − 15s⁴ + 6s⁵), with continuous velocity and acceleration."""
 
     type: Literal["ramp"] = Field(description="Kind of signal.")
-    start: Annotated[float, DRIVEN] = Field(0.0, description="Initial value a [N or N m; for a drive its unit].")
-    end: Annotated[float, DRIVEN] = Field(description="Final value b [N or N m; for a drive its unit].")
+    start: Annotated[float, DRIVEN] = Field(0.0, description="Initial value a [N or N m; for a drive, unit of motion].")
+    end: Annotated[float, DRIVEN] = Field(description="Final value b [N or N m; for a drive, unit of motion].")
     begin: Annotated[NotNegative, DURATION] = Field(0.0, description="Start time [s].")
     duration: Duration = Field(description="Duration of the transition [s].")
 
@@ -69,7 +69,7 @@ class Between(Section):
 class Axial(Between):
     """Base of joints and forces with an axis."""
 
-    axis: Axis = Field("x", description="Axis in the first frame; also in the second frame if both have it in common.")
+    axis: Axis = Field("x", description="Axis of the first frame; a common axis has the same name in the second frame.")
 
 
 class Spherical(Between):
@@ -105,13 +105,13 @@ class Universal(Axial):
 
 
 class Pin(Axial):
-    """The origin of the second frame stays on an axis of the first; it slides and rotates freely."""
+    """The origin of the second frame stays on an axis of the first; the second frame slides and rotates freely."""
 
     type: Literal["pin"] = Field(description="Kind of joint.")
 
 
 class Fixed(Between):
-    """Origins and axes coincide."""
+    """The origins and axes of two frames coincide."""
 
     type: Literal["fixed"] = Field(description="Kind of joint.")
 
@@ -121,7 +121,7 @@ class Coincidence(Between):
 
     type: Literal["coincidence"] = Field(description="Kind of joint.")
     components: Annotated[tuple[Axis, ...], Field(min_length=1, max_length=3)] = expert(
-        description="Coinciding components, in global axes."
+        description="Components of the origins that coincide, in global axes."
     )
 
 
@@ -151,17 +151,16 @@ class Generic(Between):
     type: Literal["generic"] = Field(description="Kind of joint.")
     held: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = expert(
         description="Fixed components: displacements along the axes of the first frame, and rotations about them. One fixed "
-        "rotation keeps two axes perpendicular, as in a Cardan joint; two fixed rotations keep an axis of both frames "
-        "parallel."
+        "rotation keeps two axes perpendicular, as in a Cardan joint; two fixed rotations keep an axis of both frames parallel."
     )
 
 
 class Drive(Section):
     """Prescribed motion of a driven joint."""
 
-    signal: Signal = Field(description="Time history [rad or m; of a rate, rad/s or m/s].")
+    signal: Signal = Field(description="Time history of the motion [rad or m; for a rate, rad/s or m/s].")
     of: Literal["position", "rate"] = expert(
-        "position", description="Quantity of the history: the position (angle, displacement or length), or its rate."
+        "position", description="Quantity of the signal: the position (angle, displacement or length), or its rate."
     )
     start: Annotated[float, Plausible(0.0, 1e3, "rad or m")] = expert(
         0.0, description="Position at t = 0, if the history is a rate [rad or m]."
@@ -266,7 +265,7 @@ class Torsion(Axial, SpringAndDamper):
 
     type: Literal["torsion"] = Field(description="Kind of force.")
     angle: Annotated[float, TURN] = expert(
-        0.0, description="Angle of the second frame about the axis of the first without moment [rad]."
+        0.0, description="Unloaded angle of the second frame about the axis of the first frame [rad]."
     )
 
 
@@ -293,8 +292,8 @@ class RegularisedFriction(Section):
     )
     speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s or m/s")] = Field(
         1e-3,
-        description="Regularisation speed ω₀ [rad/s, for sliding m/s]: Coulomb friction is accurate to 0.5 % above 3 ω₀, and "
-        "sticking parts creep below. At least a tenth of the speed change of one step; otherwise the step has no solution.",
+        description="Regularisation speed ω₀ [rad/s, for sliding m/s]: Coulomb friction is accurate to 0.5 % above 3 ω₀; below, "
+        "sticking parts creep. Use at least a tenth of the speed change in one step, otherwise the step has no solution.",
     )
 
 
@@ -302,8 +301,8 @@ class Input(Section):
     """Base of forces with a time history: inputs of the bench."""
 
     signal: Signal = Field(
-        description="Time history: of a force, or of an actuator that pushes the origins apart [N]; of a moment, or of a "
-        "torque on the second frame [N m]."
+        description="Time history of the force [N; an actuator pushes the two origins apart], or of the moment [N m; "
+        "a motor turns the second frame]."
     )
 
 
@@ -372,8 +371,8 @@ class BearingDrag(RegularisedFriction):
     )
     coefficient: Annotated[NotNegative, Plausible(1e-4, 0.3)] = Field(
         0.0,
-        description="Friction coefficient µ of the manufacturer, about 0.006 [-]; the moment from the ball loads is µ/2 (4.4 "
-        "M + D F_a + 3.81 D F_r).",
+        description="Friction coefficient µ of the manufacturer, about 0.006 [-]. Moment from the ball loads: µ/2 (4.4 M + D F_a "
+        "+ 3.81 D F_r), with tilting moment M, pitch diameter D, axial force F_a and radial force F_r.",
     )
     axial: Annotated[NotNegative, VISCOUS] = expert(
         0.0, description="Damping coefficient of the axial displacement [N s/m]."

@@ -45,8 +45,8 @@ class MeasuredSensor(Section):
     )
     bias: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = expert(
         0.0,
-        description="Standard deviation of an unknown constant offset of every component, which is estimated [same unit as "
-        "noise]; 0: no offset. In simulated measurements, it is sampled for every seed.",
+        description="Standard deviation of a constant offset of every component [unit of `noise`]; the filter "
+        "estimates the offset. 0: no offset. Simulated measurements sample the offset for every seed.",
     )
     drift: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = expert(
         0.0,
@@ -55,8 +55,8 @@ class MeasuredSensor(Section):
     )
     layout: Literal["place", "random"] | None = expert(
         None,
-        description="Components to use of a sensor under `place.sensors`: those of the placed layout, or of the first random "
-        "layout. Null: all.",
+        description="Components that the filter uses of a candidate under `place.sensors`: components in the placed "
+        "layout, or in the first random layout. Null: all components.",
     )
 
 
@@ -65,17 +65,17 @@ class UnknownInput(InputNoise):
 
     guess: Annotated[float | None, DRIVEN] = expert(
         None,
-        description="Initial estimate [N or N m]. Null: the first value of its history; with `measured`, the load that fits "
-        "the first sample at rest.",
+        description="Initial estimate of the load [N or N m]. Null: the first value of its history; with `measured`, "
+        "the load that fits the first sample if the bench is at rest.",
     )
-    std: Annotated[Positive, DRIVEN] = Field(description="Standard deviation of the initial estimate [N or N m].")
+    std: Annotated[Positive, DRIVEN] = Field(description="Standard deviation of the initial load [N or N m].")
     increment: Annotated[Positive | None, DRIVEN] = Field(
         None,
-        description="Random walk: standard deviation of the change in one step or second (see `increments`) [N or N m]. "
-        "Null: from amplitude, frequency and kappa.",
+        description="`random_walk`: standard deviation of the load change in one step or second (see `increments`) "
+        "[N or N m]. Null: from amplitude, frequency and kappa.",
     )
     amplitude: Annotated[Positive | None, DRIVEN] = expert(
-        None, description="Typical amplitude of the load [N or N m]; null: that of its history, if it is a sine."
+        None, description="Typical amplitude of the load [N or N m]; null: amplitude of its history, a sine."
     )
 
 
@@ -86,23 +86,22 @@ class EstimatedParameter(Section):
     """
 
     bearing: BearingName | None = Field(
-        None, description="Name of the bearing; null: the parameter is a modulus with that name."
+        None, description="Name of the bearing; null: the parameter is the modulus with the same name."
     )
-    property: BearingParameter | None = Field(None, description="Property of the bearing.")
+    property: BearingParameter | None = Field(None, description="Bearing property that is the parameter.")
     guess: Annotated[float | None, PARAMETER] = Field(
-        None, description="Initial value of the filter [m or Pa]; null: the value of the bench."
+        None, description="Initial value of the parameter in the filter [m or Pa]; null: the value in the bench."
     )
     std: ParameterValue | None = Field(
         None,
-        description="Standard deviation of the initial value [m or Pa]; null: the parameter is assumed known and not "
-        "estimated.",
+        description="Standard deviation of the initial value [m or Pa]; null: the parameter is assumed known and not estimated.",
     )
     increment: Annotated[NotNegative, PARAMETER] = Field(
-        0.0, description="Standard deviation of its change in one step or second (see `increments`) [m or Pa]."
+        0.0, description="Standard deviation of the change in one step or second (see `increments`) [m or Pa]."
     )
     starts: Annotated[tuple[float, ...], PARAMETER] = Field(
         (),
-        description="Additional initial values, each with one run, to check convergence to the same result [m or Pa].",
+        description="Additional initial values [m or Pa], each with one run, to check convergence to the same result.",
     )
 
     def guesses(self) -> list[tuple[str, float]]:
@@ -112,14 +111,12 @@ class EstimatedParameter(Section):
 
     def problems(self) -> Iterator[Problem]:
         if (self.bearing is None) != (self.property is None):
-            yield Problem(
-                "", "bearing and property have to be set together", "set both, or neither for a modulus", at_key=True
-            )
+            yield Problem("", "only bearing or property is set", "set both keys, or neither for a modulus", at_key=True)
         if self.starts and self.std is None:
             yield Problem("starts", "the parameter is not estimated", "set std, or remove starts")
         if self.std is None and self.guess is None:
             what = "neither guess nor std is set, so the entry has no effect"
-            yield Problem("", what, "set one of them, or remove the entry", at_key=True)
+            yield Problem("", what, "set guess or std, or remove the entry", at_key=True)
         for key, value in self.guesses():
             if self.property != "preload" and not value > 0:
                 yield Problem(key, f"{value:g} is not positive", "use a positive value")
@@ -130,21 +127,19 @@ class BenchTruth(Section):
 
     model: Literal["fine", "other", "own", "walk"] = Field(
         "fine",
-        description="Simulation of the measurements. With `fine`: integration with a smaller step. With `other`: independent "
-        "integrator of fifth order (Radau). With `own`: integration with the step of the filter. With `walk`: the same, "
-        "with inputs, parameters and disturbance sampled from the model of the filter.",
+        description="Simulation of the measurements. With `fine`: integration with a smaller step. With `other`: "
+        "independent integrator of fifth order (Radau). With `own`: integration with the step of the filter. With "
+        "`walk`: as `own`, with inputs, parameters and disturbance sampled from the model of the filter.",
     )
-    substeps: int = expert(
-        20, ge=1, le=10_000, description="`fine`: steps of the simulation per step of the filter [-]."
-    )
+    substeps: int = expert(20, ge=1, le=10_000, description="`fine`: number of simulation steps per filter step [-].")
     noise: bool = Field(
         True, description="`false`: simulated readings without noise; the noise in the filter is unchanged."
     )
-    step: TimeStep = Field(0.01, description="`other`: time step, with linear loads in each step [s].")
+    step: TimeStep = Field(0.01, description="`other`: time step of the simulation [s]; loads are linear in each step.")
     duration: Duration | None = Field(
         None,
-        description="`other`: duration of the simulation [s]; null: that of the estimate. Set it so that runs with shorter "
-        "estimates share one simulation.",
+        description="`other`: duration of the simulation [s]; null: duration of the estimate. With a common "
+        "duration, runs with shorter estimates share one simulation.",
     )
     histories: int = Field(
         1,
@@ -154,8 +149,8 @@ class BenchTruth(Section):
     )
     within: Annotated[NotNegative, INSTANT] = Field(
         0.0,
-        description="`other`: largest start of further load histories [s]. Each is a part of the configured history from a "
-        "random instant, shifted to the same initial loads.",
+        description="`other`: largest start of further load histories [s]. Each further history is a part of the "
+        "configured history from a random instant, shifted to the same initial loads.",
     )
 
 
@@ -164,8 +159,8 @@ class FromRun(Section):
 
     run: Text = Field(
         alias="from",
-        description="Name of the run (results/NAME/simulate.h5), or path of such a file relative to the folder of the "
-        "config.",
+        description="Name of the run with the measurements (results/NAME/simulate.h5), or path of such a file "
+        "relative to the folder of the config.",
     )
     sensors: dict[Name, Text] = expert(
         {}, description="Sensor of this bench → sensor of the other bench; default: the same name."
@@ -174,7 +169,9 @@ class FromRun(Section):
         {},
         description="Input of this bench → input of the other bench, to compare the estimates; default: the same name.",
     )
-    scale: Annotated[Positive, Plausible(1e-3, 1e3)] = Field(1.0, description="Factor on lengths of the other run [-].")
+    scale: Annotated[Positive, Plausible(1e-3, 1e3)] = Field(
+        1.0, description="Factor on lengths of the other bench [-]."
+    )
 
 
 class FromFile(RecordedFile):
@@ -246,7 +243,7 @@ class BenchEstimateSection(EstimateOptions):
     )
     increments: Literal["step", "second"] = Field(
         "step",
-        description="Reference of `increment`: the change in one step of any length, or in one second (Q ∝ h²).",
+        description="Time that `increment` refers to: one step of any length, or one second (Q ∝ h²).",
     )
     tolerances: GaugeTolerances | None = expert(
         None,
@@ -255,7 +252,7 @@ class BenchEstimateSection(EstimateOptions):
     )
     disturbance: Annotated[NotNegative, Plausible(1e-9, 1e4, "m/s²")] = Field(
         0.0,
-        description="Standard deviation of a white acceleration of every body, constant in each step, as model error [m/s²].",
+        description="Model error: standard deviation of a white acceleration of every body, constant in each step [m/s²].",
     )
     truth: BenchTruth = with_defaults(BenchTruth, "Simulation of the measurements.")
     measured: Measured | None = Field(
