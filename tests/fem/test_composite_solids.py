@@ -149,7 +149,7 @@ def test_other_properties_scale_all_layers(box):
     free, _ = assemble(mesh, [Parameter("s", "stiffness_factor", (1,), 1.0)])
     assert abs(free.terms["s"] - K).max() == 0
     with pytest.raises(
-        UserError, match="is a composite solid without isotropic plies and has no single youngs_modulus"
+        UserError, match="is a composite solid without isotropic plies, so that youngs_modulus is undefined"
     ) as e:
         value_of(layered(mesh, [(1.0, CARBON, 0)]), 1, "youngs_modulus")
     assert "stiffness_factor" in e.value.remedy

@@ -79,7 +79,7 @@ def test_a_pin_without_clearance_touches_its_bush_and_a_thicker_one_overlaps_it(
     meets = [np.allclose(radius[own[own >= 0]], 0.05) for own in facets.nodes]
     assert covered(mesh, facets).tolist() == meets
     (said,) = connectivity_warnings(mesh)
-    assert "lie on elements that do not contain them" in said
+    assert "lie on the surface of elements without belonging to them" in said
     assert any("overlapping volumes" in said for said in connectivity_warnings(pin_and_bush(-3e-3)))
 
 
@@ -230,7 +230,7 @@ def test_hanging_nodes_on_shell_edge_and_beam():
     two = plates(((1, 1), (1.0, 1.0), (0, 0, 0)), ((2, 2), (1.0, 1.0), (1, 0, 0)))
     unmerged, hanging = connectivity_warnings(two)
     assert unmerged.startswith("4 nodes")
-    assert hanging.startswith("a node lies on an element that does not contain it")
+    assert hanging.startswith("a node lies on the surface of an element without belonging to it")
     assert "on element 1 at (1, 0.5, 0)" in hanging
     (left,) = connectivity_warnings(merged(two, 1e-6))
     assert left.startswith("a node lies")

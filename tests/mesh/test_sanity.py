@@ -79,8 +79,8 @@ def test_unused_nodes_and_ignored_cards_give_warnings():
     assert list(mesh.node_ids[unused_nodes(mesh)]) == [9]
     assert empty_regions(mesh) == (2,)
     assert sanity_warnings(mesh) == (
-        "3 × shells ignored: the stiffness, mass or tie that it may add is missing",
-        "1 node has no connection and is left out of the model: 9",
+        "3 × shells ignored: the stiffness, mass or tie of the card is missing from the model",
+        "1 node has no connection, and is omitted from the model: 9",
         "region 2 (lid) has no elements",
     )
 
@@ -94,7 +94,7 @@ def test_locking_or_negative_poisson_ratio_gives_a_warning(nu, says):
 
 
 def test_a_structure_without_supports_is_a_warning():
-    said = "nothing is fixed. Add supports, set mesh.free for a free structure, or use soft springs (mesh.supports, stiffness)."
+    said = "the structure has no supports. Add supports, set mesh.free: true, or use soft springs (mesh.supports, stiffness)."
     for fixed in (np.zeros((0, 2), dtype=np.int64), np.array([[0, 3], [1, 5]])):
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed)) == (said,)
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed), free=True) == ()

@@ -73,7 +73,7 @@ UNITS = {
         {},
         "radius of gyration √((I1 + I2)/A) is 8.66e+03 m",
     ),
-    "an offset of a shell in mm": (plate(rest=",,.2"), ON_PLATE, "has an offset of up to 0.2 m from its nodes"),
+    "an offset of a shell in mm": (plate(rest=",,.2"), ON_PLATE, "has an offset of up to 0.2 m from the nodes"),
     "an offset of a beam in mm": (frame(rest="\n,,,0.,0.,5.,0.,0.,5."), {}, "has an offset of 5 m from its nodes"),
     "a reference node in mm": (
         bar("GRID,99,,500.,0.,0.", "RBE2,98,99,123456,5,10,15,20"),
@@ -120,7 +120,7 @@ SECTIONS = {
     "normals that change sides": (
         plate(turned=(3,)),
         ON_PLATE,
-        "normals of neighbouring shells point to opposite sides at 3 common sides",
+        "normals of neighbouring shells are opposite at 3 common sides",
     ),
     "a section of shells on solids": (
         inp(section="*SHELL SECTION, ELSET=EALL, MATERIAL=STEEL\n0.01"),
@@ -134,7 +134,7 @@ CONNECTIONS = {
     "a fine mesh on a coarse one": (
         pair((0.4, 0.0, 0.0), (4, 2, 2)),
         {},
-        "5 nodes lie on elements that do not contain them",
+        "5 nodes lie on the surface of elements without belonging to them",
     ),
     "a beam twice": (frame("CBAR,9,1,1,2,0.,0.,1."), {}, "CBAR 9 has the same nodes as CBAR 1"),
     "an element twice": (bar("CHEXA,9,1,1,2,7,6,11,12,\n,17,16"), {}, "CHEXA 9: the same nodes as CHEXA 1"),
@@ -146,7 +146,7 @@ CONNECTIONS = {
 }
 SUPPORTS = {
     "no selected supports": (bar(case="TITLE = A"), {}, "the case control selects no supports"),
-    "rotations of solids held": (bar(held="SPC1,1,456,1,6,11,16"), {}, "nothing is fixed"),
+    "rotations of solids held": (bar(held="SPC1,1,456,1,6,11,16"), {}, "the structure has no supports"),
     "one node held": (bar(held="SPC1,1,123,1"), {}, "can move freely: rotation about x"),
     "one component held": (bar(held="SPC1,1,1,1,6,11,16"), {}, "can move freely: translation y"),
     "a part that nothing holds": (

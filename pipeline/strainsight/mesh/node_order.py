@@ -38,7 +38,7 @@ def check_node_order(mesh: Mesh) -> None:
                 f"mid-side nodes are not at the middles of their edges in all {len(off)} {kind} elements (at least "
                 f"{off.min():.2g} of the edge length away), but at the middles of other edges. The node order differs from "
                 "that of the format.",
-                "Write the nodes of these elements in the order of the file format.",
+                "Write the element nodes in the order of the file format.",
             )
 
 
