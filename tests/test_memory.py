@@ -68,7 +68,7 @@ def test_the_limit_of_address_space_less_what_is_in_use(system, monkeypatch):
 
 def test_the_refusal_names_need_and_means(system):
     require_memory(8 * GIB, "the factor")
-    with pytest.raises(UserError, match=r"the factor: 9 GiB of memory are needed, 8 GiB are available") as refused:
+    with pytest.raises(UserError, match=r"the factor: 9 GiB of memory are needed, but 8 GiB are available") as refused:
         require_memory(9 * GIB, "the factor")
     assert refused.value.exit_code == 2
     assert "coarser mesh" in refused.value.remedy

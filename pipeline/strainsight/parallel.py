@@ -180,7 +180,7 @@ def _spread(task: Callable[[S, P], R], points: Sequence[P], shared: S, count: in
                 keep(repeated(result))
     except TerminatedWorkerError:
         warnings.warn(
-            "a process of a sweep was killed, probably for lack of memory; the sweep continues in one process "
+            "a parallel process was killed, probably for lack of memory; the computation continues in one process "
             "(--jobs 1)",
             MachineWarning,
             stacklevel=2,

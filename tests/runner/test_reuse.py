@@ -79,7 +79,7 @@ def test_a_link_is_followed_to_the_file(results):
 def test_artefact_replaced_during_copy_is_skipped(results, changed, monkeypatch):
     source_of(job_of(results, "second"))
     source_of(job_of(results, "other", by=2))
-    name = {"look.h5": "_shared", "page.html": "_beside"}[changed]
+    name = {"look.h5": "_shared", "page.html": "_copy_sibling"}[changed]
     real = getattr(runner, name)
 
     def late(source: Path, *rest):
@@ -152,7 +152,7 @@ def test_a_file_that_is_mostly_holes_is_not_copied(results):
     with page.open("wb") as stream:
         stream.truncate(runner.LARGEST + 1)
     with pytest.raises(ArtefactError, match="not the file"):
-        runner._beside(page, runner.LARGEST + 1, "0" * 64, results / "part")
+        runner._copy_sibling(page, runner.LARGEST + 1, "0" * 64, results / "part")
     assert (results / "part").stat().st_size == 0
 
 

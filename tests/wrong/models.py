@@ -63,11 +63,11 @@ UNITS = {
         IN_MM,
         "159 times as heavy as the elements (31.4 kg)",
     ),
-    "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "No facet meets all of normal and box"),
+    "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "no facet meets all of them"),
     "t/mm3 beside a mesh of gmsh": (msh(), of_gmsh(rho="7.85e-9"), "Values of the config are in Pa and kg/m³."),
     "a thickness in mm": (plate(section="PSHELL,1,1,2.,1,,1"), ON_PLATE, "is 2 m thick, but 0.447 m long"),
     "a thickness in km": (plate(section="PSHELL,1,1,2.-6,1,,1"), ON_PLATE, "thinner than 5e-05 m"),
-    "an area in mm2": (frame(section="PBAR,1,1,400.,2.-8,1.-8,2.-8"), {}, "below the minimum for its area"),
+    "an area in mm2": (frame(section="PBAR,1,1,400.,2.-8,1.-8,2.-8"), {}, "below the minimum for this area"),
     "moments of area in mm4": (
         frame(section="PBAR,1,1,4.-4,2.+4,1.+4,2.+4"),
         {},
@@ -78,7 +78,7 @@ UNITS = {
     "a reference node in mm": (
         bar("GRID,99,,500.,0.,0.", "RBE2,98,99,123456,5,10,15,20"),
         {},
-        "node 99 of RBE2 98 is 500 m away from its nodes",
+        "node 99 of RBE2 98 is 500 m away from the other nodes",
     ),
     "a point of the config in mm": (
         bar(),

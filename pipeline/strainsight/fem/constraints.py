@@ -130,7 +130,7 @@ def _clamped(mesh: Mesh, rows: MotionRows, dependencies: Equations) -> np.ndarra
     for (node, component), row in zip(fixed.tolist(), clamped.tolist(), strict=True):
         if row in dependencies.by:
             raise DeckError(
-                f"node {mesh.node_ids[node]} is clamped in component {component + 1}, but also dependent in {dependencies.by[row]}",
+                f"node {mesh.node_ids[node]} is clamped in component {component + 1} and dependent in {dependencies.by[row]}",
                 remedy="Clamp the reference node instead, or remove this node from the rigid or averaging element.",
                 entity=entity_of(dependencies.by[row]),
             )

@@ -234,7 +234,8 @@ def _check_moments(model: FiniteElementModel, load: PointLoad, forces: NodalForc
     mesh, constraint = model.mesh, model.constraint
     if not np.any(constraint.transform.T @ e):
         raise UserError(
-            f"load {load.name} ({load.deck_load}): its moments act on nodes without rotations", remedy="Use another load."
+            f"load {load.name} ({load.deck_load}): its moments act on nodes without rotations",
+            remedy="Use another load.",
         )
     moment = np.zeros((0, 3)) if forces.moment is None else forces.moment
     without_effect = [

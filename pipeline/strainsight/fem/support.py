@@ -135,11 +135,7 @@ def require_support(mesh: Mesh, constraint: Constraint, hint: Callable[[], str] 
         raise UserError(
             f"the structure can move freely: {_listed(motions)}",
             remedy="Add supports or ties that prevent these motions, in the deck or under mesh.supports and mesh.ties."
-            + (
-                " Parts that share only nodes on one line are hinged: tie their rotations (RBE3)."
-                if hinged
-                else ""
-            )
+            + (" Parts that share only nodes on one line are hinged: tie their rotations (RBE3)." if hinged else "")
             + (hint() if free else ""),
         )
 

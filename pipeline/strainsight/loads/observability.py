@@ -36,10 +36,11 @@ MOST_LINES = 200
 class Observability:
     """Observability of the unknowns; null_direction: description of the unobservable direction, empty without any."""
 
-    condition: Annotated[float, Column("1", "", "condition of the scaled PBH matrix at λ = 0")]
-    sigma_min: Annotated[float, Column("1", "", "its smallest singular value")]
+    condition: Annotated[float, Column("1", "", "condition number of the scaled PBH matrix at λ = 0")]
+    sigma_min: Annotated[float, Column("1", "", "smallest singular value of the scaled PBH matrix at λ = 0")]
     condition_raw: Annotated[
-        float, Column("1", "", "the same without scales, as printed in the thesis; depends on units")
+        float,
+        Column("1", "", "condition number of the unscaled PBH matrix at λ = 0, as in the thesis; depends on units"),
     ]
     null_direction: str = ""
 
@@ -97,7 +98,7 @@ def direction_in_words(direction: np.ndarray, names: Sequence[str]) -> str:
     involved = [name for name, size in zip(names, part, strict=True) if size >= 0.1 * part.max()]
     if len(involved) == 1:
         return involved[0]
-    return f"{', '.join(involved[:-1])} and {involved[-1]} together: fix one of them, or make one known"
+    return f"{', '.join(involved[:-1])} and {involved[-1]} together: fix or measure one of them"
 
 
 def marginal_modes(F: np.ndarray) -> MarginalModes:
@@ -113,7 +114,7 @@ def marginal_modes(F: np.ndarray) -> MarginalModes:
     T, Z, k = schur(balanced, output="real", sort=lambda real, imag: real >= -MARGINAL * size)
     basis, T = Z[:, :k], T[:k, :k]
     if np.linalg.norm(balanced @ basis - basis @ T) > 1e-8 * size:
-        raise NumericalError("the states that do not decay cannot be separated from the decaying ones")
+        raise NumericalError("non-decaying states cannot be separated from decaying states")
     eigenvalues: list[complex] = []
     vectors: list[np.ndarray] = []
     for group in _groups(np.linalg.eigvals(T) if k else np.zeros(0), SAME * size):
@@ -290,8 +291,8 @@ def cases(
     groups = (("input", tuple(inputs)), ("E", tuple(moduli)), ("rho", tuple(densities)), ("damping", tuple(damping)))
     if not np.all(largest > 0):
         raise ConfigError(
-            f"{np.sum(~(largest > 0))} of {len(largest)} channels measure a quantity without readings in the motion",
-            remedy="Load the structure, or remove these sensors.",
+            f"{np.sum(~(largest > 0))} of {len(largest)} channels have zero readings in the training motion",
+            remedy="Apply a load in the training, or remove these sensors.",
         )
     lam = modal_basis(model, model.reference)[0]
     n = model.size

@@ -102,9 +102,7 @@ def merged(mesh: Mesh, distance: float) -> Mesh:
     into = _lowest(mesh, pairs)
     is_merged = into != np.arange(len(into))
     if not is_merged.any():
-        more = f"; {np.count_nonzero(connected)} coincident nodes are already connected" * bool(
-            connected.any()
-        )
+        more = f"; {np.count_nonzero(connected)} coincident nodes are already connected" * bool(connected.any())
         return replace(mesh, notes=(*mesh.notes, f"mesh.merge: no two nodes are within {distance:g} m{more}"))
     _check_elements(mesh, into, distance)
     _check_axes(mesh, into, is_merged)

@@ -244,7 +244,7 @@ def mixed_units(E: float, rho: float, length_unit: str, mass_unit: str, ply: boo
     if any(_within(E, modulus) and _within(rho, density) for _, modulus, density, _ in solids):
         return ""
     odd = STIFFEST * rho < E or rho > LIKELY_DENSITY[1]
-    here = f"In units of {length_unit}, {mass_unit} and s the value is"
+    here = f"In {length_unit}, {mass_unit} and s the value is"
     for name, modulus, density, least in solids:
         for unit, factor in PRESSURES.items() if _within(rho, density) and least * rho > E else ():
             if not _within(meant := e * factor, modulus):
