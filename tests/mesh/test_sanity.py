@@ -123,7 +123,7 @@ MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning n
     "pounds without 386": (3e7, 0.283, IN_LB, "Otherwise set mesh.mass_unit lbf*s2/in with the density 0.000733"),
     "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "be in lb/in³ (steel). In in, lbf*s2/in and s the value is 0.000733"),
     "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "In in, lbf*s2/in and s the value is 3e+07"),
-    "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "2.1e+07 appears to be in N/cm² (steel, 2.1e+11 Pa). In cm, kg and s the value is 2.1e+09"),
+    "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "in N/cm² (steel, 2.1e+11 Pa). In cm, kg and s the value is 2.1e+09"),
     "MPa in metres": (2.1e5, 7850.0, ("m", "kg"), "2.1e+05 appears to be in MPa"),
     "psi and slugs": (3e7, 15.2, ("ft", "slug"), "In ft, slug and s the value is 4.32e+09"),
     "kgf": (2.1e4, 7.85e-6, MM_KG, "2.1e+04 appears to be in kgf/mm²"),

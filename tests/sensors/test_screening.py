@@ -66,7 +66,7 @@ def test_noise_must_be_positive_and_responses_finite(last, noise, says):
 
 
 def test_too_many_bonded_gauges_are_refused():
-    with expect_refusal(InfeasibleError, "screen.keep selects only 1 of 3 candidates, but 2 are already bonded", remedy="at least 2"):
+    with expect_refusal(InfeasibleError, "only 1 of 3 candidates, but 2 are already bonded", remedy="at least 2"):
         screen(np.ones(3), 1.0, on_a_line(np.arange(3)), 1, 0.0, bonded=np.array([True, True, False]))
 
 

@@ -166,7 +166,7 @@ def _of_mass(pulls: Sequence[BodyForce]) -> str:
             words.append(f"gravity of {g:.4g} m/s² along {_unit(pull.factor * pull.acceleration)}")
         if speed := float(np.linalg.norm(pull.rotation)):
             words.append(f"rotation at {speed:.4g} rad/s about {_unit(pull.rotation)}")
-    return f"{', '.join(words) or 'zero load'} on the whole mass"
+    return f"{', '.join(words) or 'zero load'} on all mass"
 
 
 def _unit(v: np.ndarray) -> str:

@@ -354,13 +354,13 @@ def run(context: Context[SimpleNamespace]) -> Output:
         drawings = suite_figures(suite)
         scenes, problem = waiting.result()
     page = suite_page(suite, drawings, scenes).encode()
-    verdicts = [statement.result for statement in suite.statements]
-    many, estimated, confirmed = len(suite.runs), sum(run.is_estimated for run in suite.runs), verdicts.count(CONFIRMED)
+    results = [statement.result for statement in suite.statements]
+    many, estimated, confirmed = len(suite.runs), sum(run.is_estimated for run in suite.runs), results.count(CONFIRMED)
     wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in FAULTS)
     none = without_benefit(suite)
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
     message += f"; placement has no benefit in {len(none)} runs" * bool(none)
-    message += f"; {confirmed} of {len(verdicts)} claims confirmed" if verdicts else ""
+    message += f"; {confirmed} of {len(results)} claims confirmed" if results else ""
     agreeing = sum(row.result == HOLDS for row in suite.comparisons)
     message += f"; {agreeing} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""
     message += f"; report.html, {len(page) / 1024:.0f} KiB"
@@ -371,9 +371,9 @@ def run(context: Context[SimpleNamespace]) -> Output:
             "figures": len(drawings),
             "runs": many,
             "estimated": estimated,
-            "claims": len(verdicts),
+            "claims": len(results),
             "confirmed": confirmed,
-            "contradicted": verdicts.count(CONTRADICTED),
+            "contradicted": results.count(CONTRADICTED),
             "comparisons": len(suite.comparisons),
             "hold": agreeing,
         },
