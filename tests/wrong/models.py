@@ -194,6 +194,6 @@ AT_IMPORT = {**UNITS, **MATERIALS, **SECTIONS, **CONNECTIONS, **SUPPORTS, **LOAD
 FIXED = ", fixed: [{{name: A, position: [{}], direction: [{}]}}]"
 LATER = {
     "hinges at both ends": ("modes", frame(rest="\n,456,456"), {}, "the structure has a mechanism"),
-    "a gauge in mm": ("train", bar(), {"gauges": FIXED.format("200, 50, 100", "1, 0, 0")}, "Correct its position (in metres)"),
+    "a gauge in mm": ("train", bar(), {"gauges": FIXED.format("200, 50, 100", "1, 0, 0")}, "Correct the position (in metres)"),
 }
 """Name → the stage that says it, and the same."""

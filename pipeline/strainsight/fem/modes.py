@@ -220,7 +220,7 @@ def _dense_modes(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple
     except np.linalg.LinAlgError:
         raise NumericalError(
             "the stiffness is not positive definite",
-            remedy="Check supports and connections: a part can move freely (mechanism).",
+            remedy="Check supports and connections: the structure has a mechanism.",
         ) from None
     # additional vectors without mass are not modes
     selected = max(count, int(np.count_nonzero(inverse > n * np.finfo(float).eps * inverse[-1])))

@@ -85,7 +85,7 @@ def spring_owners(mesh: Mesh, springs: Mapping[str, Sequence[str]]) -> dict[str,
         if names and not any(spring.stiffness.any() for spring in mesh.springs if spring.name in names):
             raise UserError(
                 f"the springs of parameter {parameter} have no stiffness",
-                remedy="Specify a stiffness, or specify other springs.",
+                remedy="Specify a stiffness, or use other springs.",
             )
         for name in names:
             if (other := owner.setdefault(name, parameter)) != parameter:

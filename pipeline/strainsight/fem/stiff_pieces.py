@@ -163,7 +163,7 @@ def hinge_warnings(mesh: Mesh) -> tuple[str, ...]:
         return ()
     more = f" and nodes at {len(free) - SHOWN} more places" if len(free) > SHOWN else ""
     return (
-        f"parts share only {'; '.join(words)}{more}, and are hinged at these nodes. If this is not intended, use common facets "
+        f"parts share only {'; '.join(words)}{more} and are hinged at these nodes. If this is not intended, use common facets "
         "or tie the parts (docs/decks.md, where a shell meets a solid).",
     )
 

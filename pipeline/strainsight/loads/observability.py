@@ -191,8 +191,8 @@ def unseen_along(
     frequencies of the motion. y is projected orthogonally to the effect of loads, line by line; a direction is undetectable if
     less than UNDETECTABLE of its components remains. Returns RMS loads (u, d) that compensate, and parameters (k, d); d = 0 if
     all parameters are detectable.
-    F (n, n) [1/s] of the motion; B (n, u), D (m, u): loads; H (m, n). driven f (s, n, k), read r (s, m, k): columns of F* and H*
-    of the parameters at s instants h [s] apart. Loads are RMS values.
+    F (n, n) [1/s]; B (n, u) and D (m, u) for RMS loads; H (m, n).
+    driven f (s, n, k) and read r (s, m, k): columns of F* and H* of the parameters, at s instants h [s] apart.
     """
     f, r = np.fft.rfft(driven, axis=0), np.fft.rfft(read, axis=0)
     omega, k = 2 * np.pi * np.fft.rfftfreq(len(driven), h), driven.shape[-1]

@@ -45,7 +45,7 @@ def spring_names(mesh: Mesh, wanted: Sequence[str]) -> tuple[str, ...]:
         fitting = [spring for spring in known if spring == name or fnmatchcase(spring, name)]
         if not fitting:
             more = [f"and {len(known) - 8} more"] if len(known) > 8 else []
-            listed = f"Its springs: {', '.join([*known[:8], *more])}." if known else "It has no springs."
+            listed = f"Use one of {', '.join([*known[:8], *more])}." if known else "Add springs to the mesh."
             raise UserError(f"the mesh has no spring {name!r}", remedy=did_you_mean(name, known, listed))
         names |= dict.fromkeys(fitting)
     return tuple(names)
@@ -104,7 +104,7 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
         if layered := sorted(i for i in chosen if part_of(i)):
             raise UserError(
                 f"{mesh.regions[layered[0]]} is {words} have separate materials",
-                remedy=f"Exclude it from the regions, and define {where}.",
+                remedy=f"Exclude this region, and define {where}.",
             )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
     stacks: list[tuple[Ply | Layer, ...]] = [
@@ -252,7 +252,7 @@ def _next_tie(mesh: Mesh) -> int:
 
 
 def _suggestion(word: str, known: list[str]) -> str:
-    return did_you_mean(word, known, f"It has {', '.join(sorted(set(known)))}." if known else "It has none.")
+    return did_you_mean(word, known, f"Use one of {', '.join(sorted(set(known)))}." if known else "The mesh has none.")
 
 
 def node_springs(name: str, nodes: IntArray, stiffness: Sequence[float]) -> Springs:

@@ -91,7 +91,9 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, assignments: Mapping[int, Gi
     size = np.linalg.norm(along, axis=1)
     if not size.all():
         element = int(ids[np.argmin(size)])
-        raise element_error(element, f"element {element} is a line of zero length", "Merge or move one of its nodes.")
+        raise element_error(
+            element, f"element {element} is a line of zero length", "Move one of the two nodes, or remove the element."
+        )
     towards = [assignments[number].direction for number in region.tolist()]
     across = np.eye(3)[np.argmin(np.abs(along), axis=1)]
     v = np.array([across[i] if direction is None else direction for i, direction in enumerate(towards)]).reshape(-1, 3)

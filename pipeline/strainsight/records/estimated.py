@@ -182,9 +182,9 @@ class TestSource:
     poisson_ratio: np.ndarray = dataset("1", "/channel", "Poisson's ratio for the bridge equation; NaN if not needed")
     sign: np.ndarray = dataset("1", "/channel", "polarity of every channel; −1: reversed wiring")
     scale: np.ndarray = dataset("1", "/channel", "factor on the calibrated signal of every channel")
-    offset: np.ndarray = dataset("see /source/unit", "/channel", "offset, which is subtracted from the readings")
+    offset: np.ndarray = dataset("unit in /source/unit", "/channel", "offset, which is subtracted from the readings")
     drift: np.ndarray = dataset(
-        "see /source/unit, per second",
+        "unit in /source/unit, per second",
         "/channel",
         "drift rate; drift rate × time since the start is subtracted from the readings",
     )

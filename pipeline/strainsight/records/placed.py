@@ -73,11 +73,11 @@ class Selection:
 
     gauge: np.ndarray = dataset("1", "gauge", "pool row of every gauge, <what>")
     number: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
-    channel: np.ndarray = dataset("1", "gauge × most channels", "channels of every gauge; −1: none")
+    channel: np.ndarray = dataset("1", "gauge × most channels", "channels of every gauge; −1: no channel")
     rank: np.ndarray = dataset("1", "gauge", "rank of every gauge from 1, pool rows <what>")
     element: np.ndarray = dataset("1", "gauge", "element id of every gauge in the deck")
     facet: np.ndarray = dataset("1", "gauge", "facet number of every gauge in its element, from 1")
-    nodes: np.ndarray = dataset("1", "gauge × 8", "node indices of the facet of every gauge; −1: none")
+    nodes: np.ndarray = dataset("1", "gauge × 8", "node indices of the facet of every gauge; −1: no node")
     position: np.ndarray = dataset("m", "gauge × 3", "position of every gauge")
     direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction of the first channel of every gauge")
     load: np.ndarray | None = dataset(
@@ -99,7 +99,7 @@ class Rules:
     """The layout and layouts by other criteria, evaluated with the same covariances."""
 
     rule: tuple[str, ...] = dataset("1", "/rule", "selection rule of every set")
-    gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every set; −1: none")
+    gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every set; −1: no gauge")
     name: tuple[str, ...] = dataset("1", "/name", "name of every criterion; the first is the criterion of the layout")
     value: np.ndarray = dataset("1", "/rule × /name", "criterion value of every set, a variance")
     std: dict[str, np.ndarray] = dataset("SI", "/rule", "steady-state σ of <name> with every set; for ranking only")

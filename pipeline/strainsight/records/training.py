@@ -22,7 +22,7 @@ class GridColumns:
     kind: np.ndarray = dataset(
         "1", "<what>", "kind of facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 tri6 of a shell, 5 quad8 of a shell"
     )
-    nodes: np.ndarray = dataset("1", "<what> × 8", "node indices of the facet; −1: none")
+    nodes: np.ndarray = dataset("1", "<what> × 8", "node indices of the facet; −1: no node")
     position: np.ndarray = dataset("m", "<what> × 3", "position; for a candidate, the centre of the facet")
     normal: np.ndarray = dataset("1", "<what> × 3", "outward normal")
     direction: np.ndarray = dataset("1", "<what> × 3", "measuring direction; for strain, in the plane of the facet")

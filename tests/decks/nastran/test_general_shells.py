@@ -122,7 +122,7 @@ def test_shell_of_several_materials_has_no_face_stress(read):
     mesh = with_faces(read(SKEW + "PSHELL,1,1,.1,2,,1\nMAT1,1,2.+11,,.3,1.\nMAT1,2,1.+11,,.3\n"))
     rows = facet_strain(mesh, exterior_facets(mesh))
     assert np.isfinite(rows.matrix.data).all()
-    with expect_refusal(DeckError, r"region 1 \(PSHELL 1\) has different materials in its membrane", remedy="MID1 = MID2"):
+    with expect_refusal(DeckError, r"region 1 \(PSHELL 1\) has different materials for membrane", remedy="MID1 = MID2"):
         surface_model(mesh, rows, np.ones((3 * len(mesh.position), 1)))
 
 
