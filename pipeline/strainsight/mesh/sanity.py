@@ -50,7 +50,7 @@ def _shell_warnings(mesh: Mesh, number: int) -> Iterator[str]:
         yield f"{name} is {t:.3g} m thick, but {long:.3g} m long with elements of {side:.3g} m. {UNITS}"
     lever = max(float(np.abs(block.offset[selected]).max(initial=0.0)) for block, selected in shells)
     if lever > LEVER * t:
-        yield f"{name} has an offset of up to {lever:.3g} m from the nodes, {lever / t:.3g} times its thickness. {UNITS}"
+        yield f"{name} has an offset of up to {lever:.3g} m from the nodes, {lever / t:.3g} times the thickness. {UNITS}"
     if isinstance(section, ShellSection) and section.bending == 0:
         yield f"{name} has no bending stiffness: it is a membrane (a PSHELL without MID2) without transverse stiffness."
     if isinstance(section, GeneralShell) and not section.bending.any():
@@ -300,7 +300,7 @@ def lost(card: str) -> str:
     if card.startswith("PRELOAD"):
         message = "the deck requests modes under a preload, but the stiffness is that of the unloaded structure"
         return (
-            f"{message}. CalculiX includes the loads of the previous step; Abaqus does so only with NLGEOM in that step."
+            f"{message}. CalculiX includes the loads of the previous step; Abaqus includes them only with NLGEOM in that step."
             if "PERTURB" in card
             else message
         )

@@ -201,7 +201,7 @@ def kept_on_disk(path: Path) -> Iterator[None]:
         if error.errno is None or error.errno in (errno.EMFILE, errno.ENFILE):  # no matter of room
             raise
         raise UserError(
-            f"the results file cannot be written: {os.strerror(error.errno)}",
+            f"the file cannot be written: {os.strerror(error.errno)}",
             where=str(path),
             remedy="free some disk space, or use a writable folder with --results DIR; existing files are unchanged",
         ) from error

@@ -121,7 +121,7 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(
                 f"Random sets from all candidates have a median σ of {100 * np.nanmedian(random):.2g} % for "
-                f"{name}, but the layout {100 * std:.2g} %: the screening removed better locations. Try screen.keep: all"
+                f"{name}, but the layout has {100 * std:.2g} %: the screening removed better locations. Try screen.keep: all"
             )
     notes += map(capital, disagreements_in_words(validated.compared))
     if lost := int(summary["lost_runs"]):

@@ -250,9 +250,9 @@ def offers_of(
     placed = ("place",) * (placed_here or any(sensor.layout for sensor in strains))
     stages["modes"] = ("import", "reduce")
     absent = {
-        "candidates": f"the config has no placement on '{body}'; add a section `place`",
-        "layout": f"'{body}' has no gauges; add a strain sensor, or a section `place`",
-        "field": (no_field := f"the config has no field of '{body}'; add a section `field`"),
+        "candidates": f"add a section `place` for body '{body}'",
+        "layout": f"add a strain sensor or a section `place` for body '{body}'",
+        "field": (no_field := f"add a section `field` for body '{body}'"),
         "strain": no_field,
     }
     if placed_here:
