@@ -138,7 +138,7 @@ def test_lines_of_three_nodes_become_beams(tmp_path):
     beams = made(tmp_path / "a.msh", text, sections=given).beams
     assert [(own.kind, own.nodes.tolist()) for own in beams] == [("beam3", [[0, 1, 4]])]
     np.testing.assert_allclose(beams[0].axes[0], np.eye(3))
-    with pytest.raises(DeckError, match="element 3 is a line of three nodes, but its section has no bending stiffness"):
+    with pytest.raises(DeckError, match="element 3 is a line of three nodes, which requires bending stiffness"):
         made(tmp_path / "a.msh", text, sections={"mesh.sections.bar": GivenSection(None, BeamSection(1e-4))})
 
 

@@ -323,6 +323,6 @@ def test_forces_of_a_deck_on_clamped_nodes_are_reported_and_push_only_the_suppor
     root, tip = int(np.flatnonzero(beam.position[:, 0] == 0)[0]), len(beam.position) - 1
     both = NodalForces(np.array([root, tip]), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]]))
     model = build_model(replace(beam, loads={"FORCE-4": both}))
-    with pytest.warns(UserWarning, match=r"1 of its 2 nodes cannot move .* 25 % of its resultant"):
+    with pytest.warns(UserWarning, match=r"1 of its 2 nodes cannot move .* 25 % of the resultant"):
         S = input_shape(model, [PointLoad("F", deck_load="FORCE-4")])
     np.testing.assert_allclose(S, 0.75 * input_shape(model, [PointLoad("F", (0, 0, 1), node_id=1000)]), atol=1e-15)

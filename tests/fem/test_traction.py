@@ -370,7 +370,7 @@ def face_springs_on_two_ends():
     [
         (("foundations",), ("left",), "no spring 'foundations'", "did you mean foundation?"),
         (("foundation",), ("f*", "right"), "parameters a and b are both the stiffness of spring foundation", "Remove one"),
-        (("idle",), ("left",), "the springs of parameter a have no stiffness", "name other springs"),
+        (("idle",), ("left",), "the springs of parameter a have no stiffness", "use other springs"),
     ],
 )  # fmt: skip
 def test_springs_of_parameters_exist_and_have_one_parameter(first, second, what, remedy):

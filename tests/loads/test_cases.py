@@ -197,5 +197,5 @@ def test_a_quantity_that_reads_nothing_is_refused():
     x, u = motion(model, 0.5)
     given = sensors(model, x, u, accelerometers=2)
     given["largest"][8:] = 0.0
-    with pytest.raises(ConfigError, match="2 of 10 channels measure a quantity without readings"):
+    with pytest.raises(ConfigError, match="2 of 10 channels have zero readings"):
         ask(model, x, u, given)
