@@ -235,7 +235,7 @@ def test_the_centre_of_mass_is_that_of_all_parts(bar):
 
 def test_invalid_bodies_are_refused(bar):
     n = len(bar.position) - 2
-    with pytest.raises(DeckError, match="point mass 4 is -1 kg"):
+    with pytest.raises(DeckError, match="point mass 4 has the mass -1 kg"):
         build_model(replace(bar, point_masses=(PointMass(4, n, -1.0),)))
     skew = np.eye(3) + np.eye(3, k=1)
     with pytest.raises(DeckError, match="the inertia of point mass 4 is not symmetric"):

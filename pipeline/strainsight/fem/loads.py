@@ -246,7 +246,7 @@ def _check_moments(model: FiniteElementModel, load: PointLoad, forces: NodalForc
     if without_effect:
         warnings.warn(
             f"load {load.name} ({load.deck_load}): the moment on node {mesh.node_ids[without_effect[0]]} has no effect"
-            f"{f', nor have {len(without_effect) - 1} others' if len(without_effect) > 1 else ''}; the node has no rotations "
+            f"{f', nor have {len(without_effect) - 1} others' if len(without_effect) > 1 else ''}: the node has no rotations "
             "and no element that could rotate, or is clamped",
             stacklevel=2,
         )
