@@ -218,7 +218,9 @@ class BenchCase(_Checked[BenchConfig]):
 
     def _has(self, section: str) -> None:
         if getattr(self.config, section) is None:
-            raise ConfigError(f"the config has no section '{section}'", key=section, remedy="add the section")
+            raise ConfigError(
+                f"the config has no section '{section}'", key=section, remedy=f"add the section `{section}`"
+            )
 
 
 def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
@@ -379,7 +381,9 @@ def estimate(
     estimation = campaign(case, mesh, reduced, training, screened, gauges).only
     if estimation is None:
         raise ConfigError(
-            "several records", key="estimate.records", remedy="use `campaign`, which returns each record by name"
+            "the test has several records",
+            key="estimate.records",
+            remedy="use `campaign`, which returns each record by name",
         )
     return estimation
 

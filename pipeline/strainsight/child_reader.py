@@ -24,12 +24,12 @@ Message = tuple[dict[str, Any], list[np.ndarray]]
 
 
 @contextmanager
-def child_reader(command: Sequence[str], asked: Any, failure: UserError) -> Iterator[Callable[[float], Message]]:
+def child_reader(command: Sequence[str], request: Any, failure: UserError) -> Iterator[Callable[[float], Message]]:
     """The next message of `answer` in the process of this command, by its limit [s] of processor time.
 
     A message raises the error, of the class of `failure`, that the child raised, and `failure` where the process fails.
     """
-    with reader(command, asked, START_LIMIT) as within:
+    with reader(command, request, START_LIMIT) as within:
         yield lambda limit: within(limit, partial(_received, failure=failure))
 
 
@@ -58,9 +58,9 @@ def answer(
     memory: Callable[[Any], int] | None = None,
     writable: Callable[[Any], str] | None = None,
 ) -> None:
-    """In the child process: send the messages that `read` makes of what is asked, or the UserError that it raises.
+    """In the child process: send the messages that `read` makes of the request, or the UserError that it raises.
 
-    modules: imported before; memory: what is asked → bytes that reading may take; writable: see `receive_request`.
+    modules: imported before; memory: request → bytes that reading may take; writable: see `receive_request`.
     """
     request = receive_request(*modules, writable=writable)
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")

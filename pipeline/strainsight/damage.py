@@ -24,7 +24,7 @@ def rainflow(signal: np.ndarray) -> np.ndarray:
     """
     samples = np.ascontiguousarray(signal, dtype=float)
     if not np.isfinite(samples).all():
-        raise ValueError("a signal with NaN has no cycles")
+        raise ValueError("the signal contains NaN, so that cycles cannot be counted")
     cycles = np.empty((len(samples), 3))
     return cycles[: _count(samples, np.empty((2, len(samples))), cycles)]
 
@@ -282,7 +282,7 @@ def interval_of(draws: np.ndarray) -> Interval:
     is exact for any N. Infinite draws are the largest there are; NaN stays NaN. Raises ValueError for fewer draws. Source:
     Weibull (1939); Hyndman and Fan, The American Statistician 50 (1996), type 6."""
     if len(draws) < FEWEST:
-        raise ValueError(f"{len(draws)} samples are not enough for a 95 % interval; {FEWEST} are needed")
+        raise ValueError(f"{len(draws)} samples are too few for a 95 % interval; at least {FEWEST} are needed")
     ordered = np.sort(draws, axis=0)
     return Interval(*(_between(ordered, q) for q in (0.5, 0.025, 0.975)))
 

@@ -53,10 +53,12 @@ def serial(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: 
 def watched(sweep: Sweep, watcher: Progress) -> Sweep:
     """The same sweep, which calls `watcher` with its progress."""
 
-    def seen(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = watcher) -> list[R]:
+    def with_progress(
+        task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = watcher
+    ) -> list[R]:
         return sweep(task, points, shared, progress)
 
-    return seen
+    return with_progress
 
 
 Captured = tuple[Any, list[tuple[str, type[Warning]]]]
@@ -180,7 +182,7 @@ def _spread(task: Callable[[S, P], R], points: Sequence[P], shared: S, count: in
                 keep(repeated(result))
     except TerminatedWorkerError:
         warnings.warn(
-            "a process of a sweep was killed, probably for lack of memory; the sweep continues in one process "
+            "a parallel process was killed, probably for lack of memory; the computation continues in one process "
             "(--jobs 1)",
             MachineWarning,
             stacklevel=2,

@@ -274,10 +274,10 @@ class Within(Protocol):
 
 
 @contextmanager
-def reader(command: Sequence[str], asked: Any, start_limit: float) -> Iterator[Within]:
+def reader(command: Sequence[str], request: Any, start_limit: float) -> Iterator[Within]:
     """A child process that reads a file which may crash it, or hold it for ever: both cost the file and not the run.
 
-    `asked` goes there as JSON, and `receive_request` takes it. A process that crashes, is not ready within start_limit [s],
+    `request` goes there as JSON, and `receive_request` takes it. A process that crashes, is not ready within start_limit [s],
     or is killed at the limit of `Within`, answers no more.
     """
     process = subprocess.Popen(
@@ -305,7 +305,7 @@ def reader(command: Sequence[str], asked: Any, start_limit: float) -> Iterator[W
     with process:
         try:
             with suppress(BrokenPipeError), process.stdin:
-                process.stdin.write(json.dumps([os.getcwd(), asked]).encode())
+                process.stdin.write(json.dumps([os.getcwd(), request]).encode())
             if within(start_limit / LONGER, lambda stream: stream.readline()) != READY:
                 process.kill()
                 answer.read()
@@ -333,10 +333,10 @@ def _used(pid: int) -> float:
 
 
 def receive_request(*modules: str, writable: Callable[[Any], str] | None = None) -> Any:
-    """In the child process of `reader`: what is asked of it.
+    """In the child process of `reader`: the request.
 
     The modules are imported first, which no limit counts, away from the parent's working folder, whose settings they do not
-    read; from then on the process is confined to reading. writable: what is asked → the folder of `confine`.
+    read; from then on the process is confined to reading. writable: request → the folder of `confine`.
     """
     end_with_parent()
     folder, request = json.loads(sys.stdin.read())

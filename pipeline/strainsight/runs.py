@@ -71,7 +71,7 @@ class Run(Written):
     """Results of a placement. Grids: "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain of the
     candidates, "estimate" with `estimate.field` the surface over time."""
 
-    GRIDS = "import, rom, place or validate; estimate with estimate.field"
+    GRIDS = "use the stage import, rom, place or validate, or estimate with estimate.field"
 
     @property
     def mesh(self) -> Mesh:
@@ -93,7 +93,7 @@ class Run(Written):
             raise UserError(
                 "the test has several records",
                 where=str(artefact.path),
-                remedy="use the attribute `records`, by record name",
+                remedy="use the attribute `records`, a dict by record name",
             )
         return read(Estimated, artefact)
 
@@ -111,7 +111,7 @@ class Run(Written):
 class BenchRun(Written):
     """Results of a bench, or of bearings alone. Grids: "place" the pool, "field" the surface of a body over time."""
 
-    GRIDS = "place, with the section place; field, with the section field"
+    GRIDS = "use the stage place (section `place`) or field (section `field`)"
 
     @property
     def meshes(self) -> dict[str, Mesh]:
@@ -159,5 +159,9 @@ def to_pyvista(grid: VtkHdf | Mesh, step: int = 0) -> pyvista.UnstructuredGrid:
 def _results(folder: Path | str) -> Path:
     path = Path(folder)
     if not any(path.glob("*.h5")):
-        raise UserError("no results of a run found", where=str(path), remedy="specify the folder results/NAME of a run")
+        raise UserError(
+            "the folder contains no results of a run",
+            where=str(path),
+            remedy="specify the folder results/NAME of a run",
+        )
     return path

@@ -22,7 +22,7 @@ def make_folder(folder: Path) -> None:
     """Create a folder if it does not exist. Raises UserError if it is a link; parent folders may be links."""
     if folder.is_symlink() or getattr(os.path, "isjunction", lambda _: False)(folder):
         raise UserError(
-            f"is a link to {os.readlink(folder)}, and results are not written through links",
+            f"the folder is a link to {os.readlink(folder)}, and results are not written through links",
             where=str(folder),
             remedy="remove the link, or use another results folder with --results DIR",
         )
@@ -32,7 +32,7 @@ def make_folder(folder: Path) -> None:
 def write_file(path: Path, content: bytes) -> None:
     """Write the file, complete or not at all. Raises UserError for a folder, a pipe or a device of that name."""
     if path.exists() and not path.is_file():
-        raise UserError("is not a regular file", where=str(path), remedy="use another name")
+        raise UserError("the path is not a regular file", where=str(path), remedy="use another file name")
     part = temporary(path, partial(write_bytes, content))
     try:
         replace_file(part, path)

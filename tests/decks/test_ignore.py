@@ -112,7 +112,7 @@ def test_enforced_displacement_is_fixed_or_free(tmp_path, name, text):
     mesh = imported(tmp_path, text, name=name)
     assert [3, 0] in mesh.fixed.tolist()
     assert sanity_warnings(mesh)[0].startswith(
-        "1 × ENFORCED DISPLACEMENT of another value than zero ignored: the motion is clamped"
+        "1 × ENFORCED DISPLACEMENT of another value than zero ignored: the displacement is set to zero"
     )
     mesh = imported(tmp_path, text, ["enforced displacement"], name=name)
     assert [3, 0] not in mesh.fixed.tolist()
@@ -212,11 +212,11 @@ def import_checked(tmp_path, text, **more):
 def test_element_without_region_is_noted_and_massless(tmp_path):
     mesh, weight = import_checked(tmp_path, LOOSE)
     assert [point.id for point in mesh.point_masses] == [91]
-    assert mesh.notes[-1].startswith("a point mass of 2.5 kg on nodes without element, tie, spring or support left out")
+    assert mesh.notes[-1].startswith("a point mass of 2.5 kg omitted, because no element, tie, spring or support")
     assert mesh.notes[-1].endswith("node 50")
     assert weight == pytest.approx(7850 / 6 + 3)
     mesh, _ = import_checked(tmp_path, LOOSE + "CONM2,92,51,,4.\n")
-    assert mesh.notes[-1].startswith("2 point masses of 6.5 kg on nodes")
+    assert mesh.notes[-1].startswith("2 point masses of 6.5 kg omitted")
 
 
 @pytest.mark.parametrize("card", ["RBE2,20,50,123,4", "CELAS2,20,1.+6,50,1,4,1", "MPC,1,50,1,1.,4,1,-1."])

@@ -130,8 +130,8 @@ def test_element_in_two_groups_has_one_section(strip):
             {"a": GivenSection(("spar",), BEAM.section, direction=(1.0, 0.0, 0.0))},
             (),
             None,
-            r"element 3 is parallel to the direction \[1.0, 0.0, 0.0\]",
-            "with another direction",
+            r"element 3 is parallel to the section direction \[1.0, 0.0, 0.0\]",
+            "another section direction",
         ),
         (
             {"a": SHELL},

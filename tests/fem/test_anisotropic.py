@@ -192,7 +192,7 @@ def test_a_factor_of_the_stiffness_is_free_and_a_modulus_is_not(box):
     K = assemble_stiffness(changed)
     assert mass_properties(changed)[0] == pytest.approx(900.0)
     assert abs(stiffness.at({"s": 1.3}) - K).max() < 1e-13 * abs(K).max()
-    with pytest.raises(UserError, match="region 1, made of an anisotropic material") as error:
+    with pytest.raises(UserError, match="region 1 \\(made of an anisotropic material") as error:
         assemble(mesh, [Parameter("E", "youngs_modulus", (1,), 2e11)])
     assert "stiffness_factor" in error.value.remedy
     z = np.random.default_rng(0).normal(size=(3 * len(mesh.position), 1))
@@ -223,5 +223,5 @@ def test_what_no_material_can_be_is_refused_with_its_eigenvalue(box):
     assert "off-diagonal" in remedy
     with pytest.raises(DeckError, match="not positive definite"):
         check_mesh(anisotropic(box("hex8"), C))
-    assert "does not resist a strain" in stiffness_fault(np.diag([1.0, 1, 1, 1, 0, 1]))[0]
+    assert "diagonal entry 5 is 0" in stiffness_fault(np.diag([1.0, 1, 1, 1, 0, 1]))[0]
     assert stiffness_fault(isotropic(1e7, 0.4999)) is None

@@ -154,11 +154,11 @@ CONTRADICTIONS = [
         "cycle through nodes 912, 913",
         {"rigid": (RigidElement(1, A, np.array([B]), ALL_SIX), RigidElement(2, B, np.array([A]), ALL_SIX))},
     ),
-    (("tie", 1), "depends on its reference", {"rigid": (RigidElement(1, A, np.array([A]), (0,)),)}),
+    (("tie", 1), "the same node as reference", {"rigid": (RigidElement(1, A, np.array([A]), (0,)),)}),
     (("tie", 1), "rigid element 1 has no dependent nodes", {"rigid": (RigidElement(1, A, np.zeros(0, dtype=int), (0,)),)}),
     (
         ("tie", 3),
-        "averaging element 3 needs nodes",
+        "averaging element 3 has no averaged nodes",
         {"averaging": (AveragingElement(3, A, TIP_NODES, np.zeros(4), (0,)),)},
     ),
     (

@@ -123,7 +123,7 @@ def test_too_little_memory_is_refused_before_it_is_taken(monkeypatch, available)
 
     monkeypatch.setattr(factorisation, "interface", watched)
     monkeypatch.setattr(memory, "available_memory", lambda: available)
-    with pytest.raises(UserError, match=r"27000 unknowns.*: .* GiB of memory are needed, .* GiB are available"):
+    with pytest.raises(UserError, match=r"27000 unknowns.*: .* GiB of memory are needed, but .* GiB are available"):
         factorise(laplacian(30))
     assert phases == ([] if available < 2e6 else [factorisation.ANALYSE])
 

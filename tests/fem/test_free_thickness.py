@@ -203,9 +203,9 @@ def test_laminate_thickness_is_that_of_all_plies():
     assert value_of(mesh, 1, "thickness") == pytest.approx(T)
     changed = with_value(mesh, "thickness", (1,), 2 * T)
     assert [ply.thickness for ply in changed.sections[1].plies] == pytest.approx([0.6 * T, 0.9 * T, 0.5 * T])
-    with pytest.raises(UserError, match="has solids and no thickness") as told:
+    with pytest.raises(UserError, match="consists of solids, which have no thickness") as told:
         value_of(replace(mesh, sections={}), 1, "thickness")
     assert "youngs_modulus" in str(told.value.remedy)
-    with pytest.raises(UserError, match="has beams or rods and no thickness") as told:
+    with pytest.raises(UserError, match="consists of beams or rods, which have no thickness") as told:
         value_of(replace(mesh, sections={1: BeamSection(1e-4)}), 1, "thickness")
     assert "bending_factor" in str(told.value.remedy)

@@ -235,7 +235,7 @@ def test_the_centre_of_mass_is_that_of_all_parts(bar):
 
 def test_invalid_bodies_are_refused(bar):
     n = len(bar.position) - 2
-    with pytest.raises(DeckError, match="point mass 4 is -1 kg"):
+    with pytest.raises(DeckError, match="point mass 4 has the mass -1 kg"):
         build_model(replace(bar, point_masses=(PointMass(4, n, -1.0),)))
     skew = np.eye(3) + np.eye(3, k=1)
     with pytest.raises(DeckError, match="the inertia of point mass 4 is not symmetric"):
@@ -323,6 +323,6 @@ def test_forces_of_a_deck_on_clamped_nodes_are_reported_and_push_only_the_suppor
     root, tip = int(np.flatnonzero(beam.position[:, 0] == 0)[0]), len(beam.position) - 1
     both = NodalForces(np.array([root, tip]), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]]))
     model = build_model(replace(beam, loads={"FORCE-4": both}))
-    with pytest.warns(UserWarning, match=r"1 of its 2 nodes cannot move .* 25 % of its resultant"):
+    with pytest.warns(UserWarning, match=r"1 of its 2 nodes cannot move .* 25 % of the resultant"):
         S = input_shape(model, [PointLoad("F", deck_load="FORCE-4")])
     np.testing.assert_allclose(S, 0.75 * input_shape(model, [PointLoad("F", (0, 0, 1), node_id=1000)]), atol=1e-15)

@@ -52,7 +52,7 @@ def test_unknowns_without_mass_are_condensed(n):
     diagonal = np.tile([0.0, 1.0], n // 2)
     frequency, _ = modes(K, sparse.csr_array(sparse.diags_array(diagonal)), 4)
     assert np.allclose(frequency, chain(n // 2)[2][:4], rtol=1e-9)
-    with pytest.raises(UserError, match=f"{n // 2 + 1} modes requested of a model with {n // 2} massive unknowns"):
+    with pytest.raises(UserError, match=f"{n // 2 + 1} modes were requested, but the model has only {n // 2} unknowns with mass"):
         modes(K, sparse.csr_array(sparse.diags_array(diagonal)), n // 2 + 1)
 
 

@@ -270,8 +270,8 @@ def refused(mesh, what, **change):
 def test_um_sets_that_do_not_determine_the_equations_are_refused(box):
     mesh = box("hex8", (1, 1, 1))
     mesh = with_nodes(mesh, [0.5, 0.5, 0.5], ids=[900])
-    named = "averaging element 3 cannot be solved for its dependent motions"
-    refused(mesh, f"{named} .node 1 component 2, 2 component 2, 3 component 2", dependent=[(0, 1), (1, 1), (2, 1)])
+    named = "averaging element 3 cannot be solved for the dependent motions"
+    refused(mesh, f"{named} .UM: node 1 component 2, 2 component 2, 3 component 2", dependent=[(0, 1), (1, 1), (2, 1)])
     refused(mesh, named, dependent=[(0, 0), (0, 0), (0, 1)])
     refused(mesh, named, dependent=[(0, 0), (7, 1), (0, 2)])
     refused(mesh, named, dependent=[(0, 0), (0, 1)])

@@ -91,7 +91,7 @@ def test_load_modulus_and_density_of_one_material_are_an_exact_null_vector_and_n
     found = at(chain_of(ground=0.0, extra=0.0), ratio)
     assert found["input+E+rho"].found.condition > 1e12
     assert found["input+E+rho"].found.sigma_min < 1e-12
-    expected = "tip, E and rho together: fix one of them, or make one known"
+    expected = "tip, E and rho together: fix or measure one of them"
     assert found["input+E+rho"].found.null_direction == expected
     assert all(case.found.condition < 1e8 for label, case in found.items() if label != "input+E+rho")
     assert at(chain_of(), ratio)["input+E+rho"].found.condition < 1e6
@@ -197,5 +197,5 @@ def test_a_quantity_that_reads_nothing_is_refused():
     x, u = motion(model, 0.5)
     given = sensors(model, x, u, accelerometers=2)
     given["largest"][8:] = 0.0
-    with pytest.raises(ConfigError, match="2 of 10 channels measure a quantity without readings"):
+    with pytest.raises(ConfigError, match="2 of 10 channels have zero readings"):
         ask(model, x, u, given)

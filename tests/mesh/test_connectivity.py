@@ -79,7 +79,7 @@ def test_a_pin_without_clearance_touches_its_bush_and_a_thicker_one_overlaps_it(
     meets = [np.allclose(radius[own[own >= 0]], 0.05) for own in facets.nodes]
     assert covered(mesh, facets).tolist() == meets
     (said,) = connectivity_warnings(mesh)
-    assert "lie on elements that do not contain them" in said
+    assert "lie on the surface of elements without belonging to them" in said
     assert any("overlapping volumes" in said for said in connectivity_warnings(pin_and_bush(-3e-3)))
 
 
@@ -128,7 +128,7 @@ def test_merge_keeps_coincident_nodes_with_a_tie(way):
     assert connectivity_warnings(mesh) == ()
     kept = merged(mesh, 1e-6)
     assert len(kept.position) == len(mesh.position)
-    assert "connected otherwise" in kept.notes[-1]
+    assert "already connected" in kept.notes[-1]
 
 
 def test_average_over_both_sides_does_not_connect_them():
@@ -204,7 +204,7 @@ def test_coincident_shells_tied_at_corners_give_a_warning():
     fasteners = tuple(RigidElement(i, k, np.array([k + 25]), tuple(range(6))) for i, k in enumerate((0, 4, 20, 24)))
     check_doubled(replace(mesh, rigid=fasteners))
     said = connectivity_warnings(replace(mesh, rigid=fasteners))
-    assert "11 more pairs coincide with separate nodes, and are connected elsewhere only" in said[1]
+    assert "11 more pairs coincide but have separate nodes; their parts are connected at other nodes" in said[1]
     with pytest.raises(DeckError, match="coincide"):
         check_doubled(held(mesh, mesh.position[:, 0] == 0))
 
@@ -230,7 +230,7 @@ def test_hanging_nodes_on_shell_edge_and_beam():
     two = plates(((1, 1), (1.0, 1.0), (0, 0, 0)), ((2, 2), (1.0, 1.0), (1, 0, 0)))
     unmerged, hanging = connectivity_warnings(two)
     assert unmerged.startswith("4 nodes")
-    assert hanging.startswith("a node lies on an element that does not contain it")
+    assert hanging.startswith("a node lies on the surface of an element without belonging to it")
     assert "on element 1 at (1, 0.5, 0)" in hanging
     (left,) = connectivity_warnings(merged(two, 1e-6))
     assert left.startswith("a node lies")

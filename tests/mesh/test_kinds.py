@@ -183,7 +183,7 @@ def tetrahedra(*connectivity, kind="tet4", points=6):
 
 
 def test_three_elements_on_one_facet_are_refused():
-    with pytest.raises(DeckError, match="elements 1, 2, 3 share one facet"):
+    with pytest.raises(DeckError, match="elements 1, 2, 3 share the same facet"):
         exterior_facets(tetrahedra((0, 1, 2, 3), (0, 1, 2, 4), (0, 1, 2, 5)))
 
 

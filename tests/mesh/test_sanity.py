@@ -47,11 +47,11 @@ def test_a_structure_of_steel_has_no_warnings():
             2.1e5,
             7.85e-9,
             ("m", "kg"),
-            "length_unit mm and mesh.mass_unit t it would be 2.1e+11 Pa and 7850 kg/m³",
+            "length_unit mm and mesh.mass_unit t the material would have 2.1e+11 Pa and 7850 kg/m³",
         ),
         (1.0, 2.1e5, 7850.0, ("m", "kg"), "Young's modulus is 2.1e+05 Pa"),
         (1.0, 2.1e5, 7850.0, ("m", "kg"), "2.1e+05 appears to be in MPa"),
-        (1.0, 2.1e11, 7850.0, ("mm", "t"), "length_unit m and mesh.mass_unit kg it would be 2.1e+11 Pa"),
+        (1.0, 2.1e11, 7850.0, ("mm", "t"), "length_unit m and mesh.mass_unit kg the material would have 2.1e+11 Pa"),
         (1000.0, 2.1e5, 7.85e-9, ("mm", "kg"), "density is 7.85 kg/m³, outside 10 to 100000"),
         (1.0, 3.0e7, 15.0, ("m", "kg"), None),
         (1.0, 2.1e9, 78500.0, ("m", "kg"), None),
@@ -79,13 +79,13 @@ def test_unused_nodes_and_ignored_cards_give_warnings():
     assert list(mesh.node_ids[unused_nodes(mesh)]) == [9]
     assert empty_regions(mesh) == (2,)
     assert sanity_warnings(mesh) == (
-        "3 × shells ignored: the stiffness, mass or tie that it may add is missing",
-        "1 node has no connection and is left out of the model: 9",
+        "3 × shells ignored: the stiffness, mass or tie of the card is missing from the model",
+        "1 node has no connection, and is omitted from the model: 9",
         "region 2 (lid) has no elements",
     )
 
 
-@pytest.mark.parametrize(("nu", "says"), [(0.4999999, "0.4999999. Displacement elements"), (-0.5, "-0.5: it expands")])
+@pytest.mark.parametrize(("nu", "says"), [(0.4999999, "0.4999999. Elements lock"), (-0.5, "-0.5: the material expands")])
 def test_locking_or_negative_poisson_ratio_gives_a_warning(nu, says):
     (said,) = sanity_warnings(with_material(tetrahedron(), None, 2.1e11, nu, 7850.0, "steel"))
     assert said.startswith(f"steel: Poisson's ratio is {says}")
@@ -94,7 +94,7 @@ def test_locking_or_negative_poisson_ratio_gives_a_warning(nu, says):
 
 
 def test_a_structure_without_supports_is_a_warning():
-    said = "nothing is fixed. Add supports, set mesh.free for a free structure, or use soft springs (mesh.supports, stiffness)."
+    said = "the structure has no supports. Add supports, set mesh.free: true, or use soft springs (mesh.supports, stiffness)."
     for fixed in (np.zeros((0, 2), dtype=np.int64), np.array([[0, 3], [1, 5]])):
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed)) == (said,)
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed), free=True) == ()
@@ -109,25 +109,25 @@ def test_a_reference_node_given_in_millimetres_is_a_warning():
         with_rigid_element(mesh, mesh.node_index(900), np.array([1]), (0, 1, 2), "mesh.ties.0") for mesh in (near, far)
     )
     assert sanity_warnings(near, "mm", "t") == ()
-    assert any("node 900 of mesh.ties.0 is 49 m away from its nodes" in text for text in sanity_warnings(far, "mm", "t"))
+    assert any("node 900 of mesh.ties.0 is 49 m away from the other nodes" in text for text in sanity_warnings(far, "mm", "t"))
 
 
 # Moduli and densities in units that do not belong together are warned of, with the unit; real materials never are.
 MM_KG, MM_T, IN_LB, CM_KG = ("mm", "kg"), ("mm", "t"), ("in", "lb"), ("cm", "kg")
 MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning names)
-    "steel in kg, mm and N": (2.1e5, 7.85e-6, MM_KG, "be in MPa (steel, 2.1e+11 Pa). In mm, kg and s it is 2.1e+08"),
+    "steel in kg, mm and N": (2.1e5, 7.85e-6, MM_KG, "be in MPa (steel, 2.1e+11 Pa). In mm, kg and s the value is 2.1e+08"),
     "kg, mm, ms and kN": (210.0, 7.85e-6, MM_KG, "210 appears to be in GPa with time in ms (steel"),
     "g, mm, ms and N": (2.1e5, 7.85e-3, ("mm", "g"), "2.1e+05 appears to be in MPa with time in ms"),
-    "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 appears to be in g/mm³ (steel). In mm, t and s it is 7.85e-09"),
+    "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 appears to be in g/mm³ (steel). In mm, t and s the value is 7.85e-09"),
     "t, mm and kN": (210.0, 7.85e-9, MM_T, "210 appears to be in GPa"),
     "pounds without 386": (3e7, 0.283, IN_LB, "Otherwise set mesh.mass_unit lbf*s2/in with the density 0.000733"),
-    "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "be in lb/in³ (steel). In in, lbf*s2/in and s it is 0.000733"),
-    "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "In in, lbf*s2/in and s it is 3e+07"),
-    "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "2.1e+07 appears to be in N/cm² (steel, 2.1e+11 Pa). In cm, kg and s it is 2.1e+09"),
+    "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "be in lb/in³ (steel). In in, lbf*s2/in and s the value is 0.000733"),
+    "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "In in, lbf*s2/in and s the value is 3e+07"),
+    "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "in N/cm² (steel, 2.1e+11 Pa). In cm, kg and s the value is 2.1e+09"),
     "MPa in metres": (2.1e5, 7850.0, ("m", "kg"), "2.1e+05 appears to be in MPa"),
-    "psi and slugs": (3e7, 15.2, ("ft", "slug"), "In ft, slug and s it is 4.32e+09"),
+    "psi and slugs": (3e7, 15.2, ("ft", "slug"), "In ft, slug and s the value is 4.32e+09"),
     "kgf": (2.1e4, 7.85e-6, MM_KG, "2.1e+04 appears to be in kgf/mm²"),
-    "pounds a cubic foot": (2.07e11, 490.0, ("m", "kg"), "490 appears to be in lb/ft³ (steel). In m, kg and s it is 7849"),
+    "pounds a cubic foot": (2.07e11, 490.0, ("m", "kg"), "490 appears to be in lb/ft³ (steel). In m, kg and s the value is 7849"),
 }
 REAL = {  # Pa, kg/m³
     "natural rubber": (2e6, 930), "filled rubber": (1e7, 1300), "soft foam": (2e5, 30), "rigid foam": (5e7, 60),

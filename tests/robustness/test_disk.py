@@ -77,7 +77,7 @@ def test_a_full_disk_is_reported_and_what_was_there_stays(mounts, project, place
     disk.mkdir(), after.mkdir()
     run = command(project / "beam.yaml", disk, "--force", stage="import")
     done = ran([*APART, FULL, "sh", "0", str(disk), str(tmp_path / "results"), str(after), *run])
-    refused(done, "cannot be written: No space left on device", disk / "beam" / "import.h5")
+    refused(done, "the file cannot be written: No space left on device", disk / "beam" / "import.h5")
     assert set(compared(after / "beam", placed / "beam")) == {"import.h5", "import.vtkhdf"}
     assert not list((after / "beam").glob(".part-*"))
 
@@ -87,7 +87,7 @@ def test_a_full_disk_is_reported_and_what_was_there_stays(mounts, project, place
 def test_a_limit_on_the_size_of_files_is_as_a_full_disk(project, undisturbed, results, limit, name):
     run = command(project / "beam.yaml", results, "--force", stage=Path(name).stem)
     done = ran(run, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
-    refused(done, "cannot be written: File too large", results / "beam" / name)
+    refused(done, "the file cannot be written: File too large", results / "beam" / name)
     assert set(compared(results / "beam", undisturbed / "beam")) == names(undisturbed / "beam")
     assert not list((results / "beam").glob(".part-*"))
     assert ran(command(project / "beam.yaml", results)).returncode == 0

@@ -72,7 +72,7 @@ def test_a_second_run_on_a_folder_names_the_first_and_a_killed_one_is_reported(p
         second = screen(project / "beam.yaml", results)
         assert second.returncode == 2
         assert second.stderr.startswith(f"{results / 'beam'}  another run (process {pid}) is writing to this folder\n")
-        assert "wait until it has finished, or use another folder with --results DIR" in second.stderr
+        assert "wait until the other run has finished, or use another folder with --results DIR" in second.stderr
         assert {path: path.read_bytes() for path in (results / "beam").glob("*.h5")} == before
         looked = screen(project / "beam.yaml", results, "--dry-run")
         assert looked.returncode == 0

@@ -306,7 +306,7 @@ def test_full_disk_is_reported_before_hdf5(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     monkeypatch.setattr(h5py, "File", None)
-    with pytest.raises(UserError, match=r"a\.h5  cannot be written: No space left on device\n .*--results DIR"):
+    with pytest.raises(UserError, match=r"a\.h5  the file cannot be written: No space left on device\n .*--results DIR"):
         write_artefact(tmp_path / "a.h5", output(**more), replace(HEADER, key="other"))
     monkeypatch.undo()
     assert Artefact(tmp_path / "a.h5").digest == good.digest

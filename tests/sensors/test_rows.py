@@ -144,7 +144,7 @@ NOWHERE, EVERYWHERE = Box((5, 5, 5), (6, 6, 6)), Box((-1, -1, -1), (2, 2, 2))
         ({"surface": "lonely"}, "gauges.surface", "excludes the last 112: 112 exterior, 0 on the surface 'lonely'"),
         ({"include": (NOWHERE, NOWHERE)}, "gauges.include", "excludes the last 80"),
         ({"exclude": (NOWHERE, EVERYWHERE)}, "gauges.exclude.1", "80 outside exclude.0, 0 outside exclude.1"),
-        ({"include": (EVERYWHERE,), "exclude": (EVERYWHERE,)}, "gauges.exclude.0", "80 in zones to include"),
+        ({"include": (EVERYWHERE,), "exclude": (EVERYWHERE,)}, "gauges.exclude.0", "80 in included zones"),
     ],
 )
 def test_step_without_remaining_facet_is_reported(arguments, key, count, box_mesh):

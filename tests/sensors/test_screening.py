@@ -57,7 +57,7 @@ def test_ties_are_relative_to_the_strongest_signal():
     ("last", "noise", "says"),
     [
         *[(1.0, noise, "gauge noise") for noise in (0.0, -1.0, np.nan, np.inf)],
-        (np.nan, 1.0, "1 candidates have no finite response"),
+        (np.nan, 1.0, "1 candidates have a training reading that is not finite"),
     ],
 )
 def test_noise_must_be_positive_and_responses_finite(last, noise, says):
@@ -66,7 +66,7 @@ def test_noise_must_be_positive_and_responses_finite(last, noise, says):
 
 
 def test_too_many_bonded_gauges_are_refused():
-    with expect_refusal(InfeasibleError, "only 1 of 3 candidates may be selected, but 2 are already bonded", remedy="at least 2"):
+    with expect_refusal(InfeasibleError, "only 1 of 3 candidates, but 2 are already bonded", remedy="at least 2"):
         screen(np.ones(3), 1.0, on_a_line(np.arange(3)), 1, 0.0, bonded=np.array([True, True, False]))
 
 

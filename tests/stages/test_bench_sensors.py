@@ -158,7 +158,7 @@ ONE_SMOOTH = "estimate.inputs={side: {std: 100.0, model: matern}, again: {std: 1
 @pytest.mark.parametrize(
     ("config", "change", "says"),
     [
-        (RIG, BOTH, ("cannot tell side and again together: fix one of them, or make one known",
+        (RIG, BOTH, ("cannot tell side and again together: fix or measure one of them",
                      "estimate.allow_unobservable: true")),
         (RIG, ONE_SMOOTH, ("side and again together",)),
         (RIG, "estimate.inputs={side: {std: 100.0, model: matern, increment: 1.0}}",

@@ -172,7 +172,7 @@ TIED = (
     ("cells", "mesh", "says", "gone"),
     [
         ((4, 1, 1), ", merge: 1.0e-6", "4 nodes were merged into others within 1e-06 m", "nodes coincide with"),
-        ((4, 2, 2), TIED, "mesh.ties.0", "do not contain them"),
+        ((4, 2, 2), TIED, "mesh.ties.0", "without belonging to them"),
     ],
     ids=["merged", "tied"],
 )

@@ -178,7 +178,7 @@ INERTIA = r"train\.model: static"
         ({"parameters.s.springs": ["mesh.support.0"]}, "parameters.s.springs", "no spring 'mesh.support.0'"),
         ({"parameters.s.region": 1}, "parameters.s.springs", "region is set as well"),
         ({"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]}, "parameters.s.guess", "has 1 in mesh.supports.0"),
-        ({"parameters.t": FOUNDATION["parameters"]["s"]}, "parameters", "s and t are both the stiffness of the spring"),
+        ({"parameters.t": FOUNDATION["parameters"]["s"]}, "parameters", "s and t are both the stiffness of spring"),
         (STATIC | {"motion_sensors": {"a": SENSOR}}, "motion_sensors.a.quantity", INERTIA),
         (STATIC | {"parameters.s": DENSITY, "validate.truth.parameters.s": 7850.0}, "parameters.s.property", INERTIA),
     ],

@@ -63,22 +63,22 @@ UNITS = {
         IN_MM,
         "159 times as heavy as the elements (31.4 kg)",
     ),
-    "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "No facet meets all of normal and box"),
+    "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "no facet meets all of them"),
     "t/mm3 beside a mesh of gmsh": (msh(), of_gmsh(rho="7.85e-9"), "Values of the config are in Pa and kg/m³."),
     "a thickness in mm": (plate(section="PSHELL,1,1,2.,1,,1"), ON_PLATE, "is 2 m thick, but 0.447 m long"),
     "a thickness in km": (plate(section="PSHELL,1,1,2.-6,1,,1"), ON_PLATE, "thinner than 5e-05 m"),
-    "an area in mm2": (frame(section="PBAR,1,1,400.,2.-8,1.-8,2.-8"), {}, "below the minimum for its area"),
+    "an area in mm2": (frame(section="PBAR,1,1,400.,2.-8,1.-8,2.-8"), {}, "below the minimum for this area"),
     "moments of area in mm4": (
         frame(section="PBAR,1,1,4.-4,2.+4,1.+4,2.+4"),
         {},
         "radius of gyration √((I1 + I2)/A) is 8.66e+03 m",
     ),
-    "an offset of a shell in mm": (plate(rest=",,.2"), ON_PLATE, "has an offset of up to 0.2 m from its nodes"),
+    "an offset of a shell in mm": (plate(rest=",,.2"), ON_PLATE, "has an offset of up to 0.2 m from the nodes"),
     "an offset of a beam in mm": (frame(rest="\n,,,0.,0.,5.,0.,0.,5."), {}, "has an offset of 5 m from its nodes"),
     "a reference node in mm": (
         bar("GRID,99,,500.,0.,0.", "RBE2,98,99,123456,5,10,15,20"),
         {},
-        "node 99 of RBE2 98 is 500 m away from its nodes",
+        "node 99 of RBE2 98 is 500 m away from the other nodes",
     ),
     "a point of the config in mm": (
         bar(),
@@ -120,7 +120,7 @@ SECTIONS = {
     "normals that change sides": (
         plate(turned=(3,)),
         ON_PLATE,
-        "normals of neighbouring shells point to opposite sides at 3 common sides",
+        "normals of neighbouring shells are opposite at 3 common sides",
     ),
     "a section of shells on solids": (
         inp(section="*SHELL SECTION, ELSET=EALL, MATERIAL=STEEL\n0.01"),
@@ -134,7 +134,7 @@ CONNECTIONS = {
     "a fine mesh on a coarse one": (
         pair((0.4, 0.0, 0.0), (4, 2, 2)),
         {},
-        "5 nodes lie on elements that do not contain them",
+        "5 nodes lie on the surface of elements without belonging to them",
     ),
     "a beam twice": (frame("CBAR,9,1,1,2,0.,0.,1."), {}, "CBAR 9 has the same nodes as CBAR 1"),
     "an element twice": (bar("CHEXA,9,1,1,2,7,6,11,12,\n,17,16"), {}, "CHEXA 9 has the same nodes as CHEXA 1"),
@@ -146,7 +146,7 @@ CONNECTIONS = {
 }
 SUPPORTS = {
     "no selected supports": (bar(case="TITLE = A"), {}, "the case control selects no supports"),
-    "rotations of solids held": (bar(held="SPC1,1,456,1,6,11,16"), {}, "nothing is fixed"),
+    "rotations of solids held": (bar(held="SPC1,1,456,1,6,11,16"), {}, "the structure has no supports"),
     "one node held": (bar(held="SPC1,1,123,1"), {}, "can move freely: rotation about x"),
     "one component held": (bar(held="SPC1,1,1,1,6,11,16"), {}, "can move freely: translation y"),
     "a part that nothing holds": (
@@ -194,6 +194,6 @@ AT_IMPORT = {**UNITS, **MATERIALS, **SECTIONS, **CONNECTIONS, **SUPPORTS, **LOAD
 FIXED = ", fixed: [{{name: A, position: [{}], direction: [{}]}}]"
 LATER = {
     "hinges at both ends": ("modes", frame(rest="\n,456,456"), {}, "the structure has a mechanism"),
-    "a gauge in mm": ("train", bar(), {"gauges": FIXED.format("200, 50, 100", "1, 0, 0")}, "Correct its position (in metres)"),
+    "a gauge in mm": ("train", bar(), {"gauges": FIXED.format("200, 50, 100", "1, 0, 0")}, "Correct the position (in metres)"),
 }
 """Name → the stage that says it, and the same."""

@@ -56,7 +56,7 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
     """
     check_mesh(mesh)
     pairs = sum(len(block.ids) * block.nodes.shape[1] * (block.nodes.shape[1] + 1) // 2 for block in mesh.blocks)
-    require_memory(PAIR_BYTES * pairs, f"the stiffness of {len(mesh.position)} nodes, at the very least")
+    require_memory(PAIR_BYTES * pairs, f"the stiffness of {len(mesh.position)} nodes")
 
     @cache
     def pattern(regions: frozenset[int]) -> Pattern:

@@ -66,23 +66,25 @@ def check_properties(properties: BeamProperties, ids: np.ndarray) -> None:
             value,
             ids,
             f"has the {name} {{value:g}} {unit}".rstrip(),
-            f"Specify a {name} ≥ 0 in its property.",
+            f"Specify a {name} ≥ 0 in the beam property.",
         )
     excess = I12**2 - I1 * I2 * (1 + 1e-12)
     what, remedy = (
-        "has I12² greater than I1 I2, by {value:.3g} m⁸",
-        "Check I1, I2 and I12 of its property: no real section has these values.",
+        "has I12² > I1 I2 (difference {value:.3g} m⁸)",
+        "Check I1, I2 and I12 of the beam property: no section has these values.",
     )
     require(excess <= 0, excess, ids, what, remedy)
     ends = np.concatenate([bending_axes(properties.second)[1], _shares(properties.torsion)[:, None]], axis=1)
     least = ends.min(axis=(1, 2))
-    what = "has bending or torsional stiffness at one end only (at the other {value:.3g} of the mean)"
-    require(least > ONE_END, least, ids, what, "Specify I1, I2 and J of its property at both ends, or at neither.")
+    what = "has bending or torsional stiffness at one end only (at the other end {value:.3g} times the mean)"
+    require(
+        least > ONE_END, least, ids, what, "Specify I1, I2 and J of the beam property at both ends, or at neither end."
+    )
 
 
 def require_area(area: np.ndarray, ids: np.ndarray) -> None:
     """Raises DeckError where an area (e, …) is not positive."""
-    require(area > 0, area, ids, "has the area {value:g} m²", "Specify a positive area in its property.")
+    require(area > 0, area, ids, "has the area {value:g} m²", "Specify a positive area in the beam property.")
 
 
 def require(right: np.ndarray, value: np.ndarray, ids: np.ndarray, what: str, remedy: str) -> None:

@@ -225,7 +225,7 @@ def _shaped(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[int,
             if (other := owner.setdefault(which, parameter)) is not parameter:
                 raise UserError(
                     f"parameters {other.name} and {parameter.name} are both the {parameter.property} of region {number}",
-                    remedy="Remove one of them.",
+                    remedy="Remove one of the two parameters.",
                 )
             dependent.setdefault(number, []).append(parameter)
     return dependent
@@ -278,14 +278,14 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
             if number not in present:
                 raise UserError(
                     f"parameter {p.name} refers to region {number}, which has no elements",
-                    remedy=f"The mesh has regions {', '.join(map(str, present))}.",
+                    remedy=f"Use one of the regions {', '.join(map(str, present))}.",
                 )
             if shapes(mesh, number, p.property):
                 continue
             if p.property == "youngs_modulus" and (why := without_modulus(mesh, number)):
                 raise UserError(
-                    f"parameter {p.name} is the youngs_modulus of region {number}, {why}, which has several moduli",
-                    remedy="Estimate a factor of its stiffness instead: property stiffness_factor, guess 1.0.",
+                    f"parameter {p.name} is the youngs_modulus of region {number} ({why}), which has several moduli",
+                    remedy="Estimate a factor on the stiffness instead: property: stiffness_factor, guess: 1.0.",
                 )
             if (
                 scales_stiffness(p.property) == (kind == "stiffness")
@@ -294,7 +294,7 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
                 shared = p.property if p.property == other.property else kind
                 raise UserError(
                     f"parameters {other.name} and {p.name} are both the {shared} of region {number}",
-                    remedy="Remove one of them.",
+                    remedy="Remove one of the two parameters.",
                 )
     targets: dict[str, dict[int, float]] = {}
     for number in present:

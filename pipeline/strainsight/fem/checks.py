@@ -45,7 +45,7 @@ def check_geometry(mesh: Mesh) -> None:
         node = mesh.node_ids[np.argmin(np.isfinite(mesh.position).all(axis=1))]
         raise DeckError(
             f"node {node} has a position that is not finite",
-            remedy="Correct its coordinates.",
+            remedy="Correct the coordinates of the node.",
             entity=("node", int(node)),
         )
     for block in mesh.blocks:
@@ -64,7 +64,7 @@ def _check_regions(mesh: Mesh, block: CellBlock | ShellBlock | BeamBlock) -> Non
             element = block.ids[np.argmax(block.region == number)]
             raise DeckError(
                 f"element {element} refers to region {number}, which does not exist",
-                remedy="Add its property.",
+                remedy="Add this property to the deck.",
                 entity=("element", int(element)),
             )
 
@@ -87,7 +87,7 @@ def check_materials(mesh: Mesh) -> None:
     present = {int(number) for block in mesh.elements for number in np.unique(block.region)}
     for region in (mesh.regions[number] for number in sorted(present)):
         if (laminate := mesh.laminate(region.id)) is not None:
-            remedy = "Add it to the deck (MAT8, MAT1)."
+            remedy = "Add the material to the deck (MAT8, MAT1)."
             _check_layers(mesh, f"a ply of {region}", " m", laminate.plies, mesh.ply_materials(region.id), remedy)
         elif (shell := mesh.general_shell(region.id)) is not None:
             _check_general(shell, region)
@@ -102,7 +102,7 @@ def check_materials(mesh: Mesh) -> None:
             raise DeckError(
                 f"{region} {f'refers to material {number}, which does not exist' if number else 'has no material'}",
                 where=mesh.source or None,
-                remedy=f"Add it to the config: mesh.materials: {{NAME: {{regions: [{region.id}], youngs_modulus: …, "
+                remedy=f"Add the material to the config: mesh.materials: {{NAME: {{regions: [{region.id}], youngs_modulus: …, "
                 "poisson_ratio: …, density: …}}.",
             )
 
@@ -128,13 +128,13 @@ def _check_composite(mesh: Mesh, region: Region) -> None:
                     if lacks
                     else f"cannot have layers along its direction {composite.direction + 1}"
                 ),
-                remedy="Use layers in hexahedra, or in wedges along direction 3 (triangle to triangle). "
+                remedy="Use layers only in hexahedra, or in wedges along direction 3 (triangle to triangle). "
                 "Assign a section with a single material to other elements.",
                 entity=("element", element),
             )
     if not composite.layers:
-        raise DeckError(f"{region} is a composite solid without layers", remedy="Add a layer.")
-    remedy = "Add it to the deck, isotropic or anisotropic."
+        raise DeckError(f"{region} is a composite solid without layers", remedy="Add a layer to the composite solid.")
+    remedy = "Add this material (isotropic or anisotropic) to the deck."
     _check_layers(mesh, f"a layer of {region}", "", composite.layers, mesh.layer_materials(region.id), remedy)
 
 
@@ -142,7 +142,7 @@ def _check_anisotropic(mesh: Mesh, material: Anisotropic, region: Region) -> Non
     for block in mesh.thin:
         if (block.region == region.id).any():
             raise DeckError(
-                f"{region} of {block.kind} elements has {material}, which only solids support",
+                f"{region} of {block.kind} elements has the anisotropic {material}, which only solids support",
                 remedy="Assign a lamina or a laminate to shells, and an isotropic material to beams.",
             )
     _check_stiffness(material)
@@ -190,7 +190,7 @@ def _check_lamina(lamina: Lamina) -> None:
     if not lamina.nu12**2 < lamina.e1 / lamina.e2:
         raise DeckError(
             f"{lamina} has nu12 {lamina.nu12:g}",
-            remedy=f"Specify a value below the square root of e1/e2, {np.sqrt(lamina.e1 / lamina.e2):g}.",
+            remedy=f"Specify nu12 below the square root of e1/e2, {np.sqrt(lamina.e1 / lamina.e2):g}.",
         )
     _check_density(lamina, lamina.density)
 
@@ -201,7 +201,7 @@ def _check_material(m: Material) -> None:
     if not -1 < m.poisson_ratio < 0.5:
         raise DeckError(
             f"{m} has Poisson's ratio {m.poisson_ratio:g}",
-            remedy="Specify a value between -1 and 0.5, in practice at most 0.49.",
+            remedy="Specify a Poisson's ratio between -1 and 0.5, in practice at most 0.49.",
         )
     _check_density(m, m.density)
 
@@ -221,8 +221,8 @@ def _check_midsides(mesh: Mesh, block: CellBlock) -> None:
         if not off[worst] <= MIDSIDE_LIMIT:
             raise DeckError(
                 f"node {mesh.node_ids[block.nodes[worst, node]]} of {block.kind} element {block.ids[worst]} is "
-                f"{off[worst]:.2g} side lengths from the middle of its side",
-                remedy="Check the mid-side nodes in the file: they are missing or in another order.",
+                f"{off[worst]:.2g} side lengths away from the middle of the element side",
+                remedy="Check the mid-side nodes of the element in the file: they are missing or in another order.",
                 entity=("element", int(block.ids[worst])),
             )
 
@@ -240,13 +240,13 @@ def _check_middle_half(mesh: Mesh, block: ShellBlock | BeamBlock) -> None:
         if abs(along[worst]) < MIDDLE_HALF and across[worst] <= MIDSIDE_LIMIT:
             continue
         where = (
-            f"lies at {0.5 + along[worst]:.2g} of its side, outside the middle half"
+            f"lies at {0.5 + along[worst]:.2g} of the side length, outside the middle half of the side"
             if abs(along[worst]) >= MIDDLE_HALF
-            else f"is {across[worst]:.2g} side lengths away from its side"
+            else f"is {across[worst]:.2g} side lengths away from the line of the side"
         )
         raise DeckError(
             f"node {mesh.node_ids[block.nodes[worst, node]]} of {block.kind} element {block.ids[worst]} {where}",
-            remedy="Move it near the middle of its side, or check the node order of the element.",
+            remedy="Move the node near the middle of the side, or check the node order of the element.",
             entity=("element", int(block.ids[worst])),
         )
 
@@ -294,8 +294,8 @@ def check_inverted(quality: Sequence[Quality]) -> None:
     kinds = " and ".join(f"{len(numbers)} {kind}" for kind, numbers in inverted.items())
     names = ", ".join(str(number) for number in ids[:5]) + (", …" if len(ids) > 5 else "")
     raise DeckError(
-        f"of {sum(len(block.ids) for block in quality)} solid elements {kinds} are flat or inverted: {names}",
-        remedy="Check their node order and the position of their mid-side nodes.",
+        f"{kinds} of {sum(len(block.ids) for block in quality)} solid elements are flat or inverted: {names}",
+        remedy="Check the node order and the mid-side nodes of these elements.",
         entity=("element", int(ids[0])),
     )
 

@@ -131,7 +131,7 @@ def _clamped(mesh: Mesh, rows: MotionRows, dependencies: Equations) -> np.ndarra
         if row in dependencies.by:
             raise DeckError(
                 f"node {mesh.node_ids[node]} is clamped in component {component + 1} and dependent in {dependencies.by[row]}",
-                remedy="Clamp the reference node instead, or remove the node from the element.",
+                remedy="Clamp the reference node instead, or remove this node from the rigid or averaging element.",
                 entity=entity_of(dependencies.by[row]),
             )
     return clamped[clamped >= 0]
@@ -182,7 +182,7 @@ def _check_has_stiffness(mesh: Mesh, rows: MotionRows, T: sparse.csr_array, has_
             node = int(nodes_of_mean[np.argmax(unsupported[rows_of_mean])])
             raise DeckError(
                 f"{e} averages node {mesh.node_ids[node]}, which is connected to no element",
-                remedy="Remove the node from it, or connect the node.",
+                remedy="Remove the node from the averaging element, or connect the node to an element.",
                 entity=("tie", e.id),
             )
     attached = {int(node) for node, _ in mesh.fixed}

@@ -115,8 +115,8 @@ def jacobians(
         names = ", ".join(str(id) for id in ids[bad][:5]) + (", …" if bad.sum() > 5 else "")
         raise DeckError(
             f"{bad.sum()} {kind.name} elements are flat or inverted: {names} "
-            f"(least Jacobian {det[worst].min():.3g} m³ in element {ids[worst]})",
-            remedy="Check their node order and the position of their mid-side nodes.",
+            f"(smallest Jacobian {det[worst].min():.3g} m³ in element {ids[worst]})",
+            remedy="Check the node order and the mid-side nodes of these elements.",
             entity=("element", int(ids[worst])),
         )
     return J, det

@@ -111,7 +111,7 @@ class Equations:
             at = mesh.where(*entity_of(first)) if str(first) == str(e) else None
             raise DeckError(
                 f"node {mesh.node_ids[node]} is dependent in {first}{f' ({at})' if at else ''} and in {e}",
-                remedy="Make it dependent in only one of them.",
+                remedy="Make the node dependent in only one of the two.",
                 entity=entity_of(e),
             )
         self.by[row] = e
@@ -151,7 +151,7 @@ def add_relations(mesh: Mesh, rows: MotionRows, dependencies: Equations) -> None
         if coefficient == 0:
             raise DeckError(
                 f"{e} has the coefficient 0 in its first term, node {mesh.node_ids[dependent_node]} component "
-                f"{dependent_component + 1}, which must depend on the other terms",
+                f"{dependent_component + 1}; this term must depend on the other terms",
                 remedy="Put a term with a nonzero coefficient first.",
                 entity=entity_of(e),
             )
@@ -271,8 +271,8 @@ def _add_rigid(mesh: Mesh, e: RigidElement, rows: MotionRows, dependencies: Equa
     if len(nodes) == 0 or e.reference in nodes:
         fault = "has no dependent nodes"
         if len(nodes):
-            fault = f"depends on its reference node {mesh.node_ids[e.reference]}"
-        raise DeckError(f"{e} {fault}", remedy="Correct its nodes.", entity=("tie", e.id))
+            fault = f"has the same node as reference and dependent node: {mesh.node_ids[e.reference]}"
+        raise DeckError(f"{e} {fault}", remedy="Correct the nodes of this element.", entity=("tie", e.id))
     arm = mesh.position[nodes] - mesh.position[e.reference]
     motion = np.zeros((len(nodes), 6, 6))
     motion[:, :3] = rigid_rows(arm)
@@ -313,8 +313,8 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, dependenci
     if not strength[-1] > LEAST_STRENGTH * np.linalg.norm(C, 2):
         named = ", ".join(f"{mesh.node_ids[node]} component {c + 1}" for node, c in dependent.tolist())
         raise DeckError(
-            f"{e} cannot be solved for its dependent motions (node {named})",
-            remedy="Select as many motions of its nodes as it has reference components, not all on one line.",
+            f"{e} cannot be solved for the dependent motions (UM: node {named})",
+            remedy="Specify as many UM components as reference components, on nodes that do not lie on one line.",
             entity=("tie", e.id),
         )
     values = -np.linalg.solve(A, C[:, ~chosen])
@@ -330,8 +330,8 @@ def _mean_motion(
     nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
     if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
         raise DeckError(
-            f"{e} needs nodes other than its reference, and weights ≥ 0 that are not all zero",
-            remedy="Correct its nodes and weights.",
+            f"{e} has no averaged nodes, averages its own reference node, or has invalid weights",
+            remedy="Specify averaged nodes other than the reference node, and weights ≥ 0 that are not all zero.",
             entity=("tie", e.id),
         )
     arm = mesh.position[nodes] - mesh.position[e.reference]
@@ -361,7 +361,7 @@ def _mean_motion(
         motion = MOTIONS[list(wanted)[int(np.argmax(loose.any(axis=1)))]]
         raise DeckError(
             f"the {len(nodes)} nodes of {e} do not determine {motion} of its reference node {mesh.node_ids[e.reference]}",
-            remedy="They lie on a line or at a point: add nodes off the line, or remove rotations from its components.",
+            remedy="Add averaged nodes that do not lie on one line, or remove rotations from the reference components.",
             entity=("tie", e.id),
         )
     inverse = (V[:, determined] / strength[determined]) @ V[:, determined].T

@@ -22,7 +22,7 @@ from strainsight.errors import MachineWarning, NumericalError, UserError
 from strainsight.memory import require_memory
 
 NOT_DEFINITE = "the stiffness is not positive definite: a pivot is not positive"
-MECHANISM = "The structure has a mechanism or an element without stiffness. Check supports, connections and materials."
+MECHANISM = "Check supports, connections and materials: a part can move freely or has no stiffness."
 POSITIVE_DEFINITE = 2
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33
 OWN_VALUES, ORDERING, NUMERICAL_MEMORY, FROM_ZERO = 1, 2, 17, 35
@@ -201,7 +201,7 @@ def factorise(A: sparse.csr_array) -> Factor:
     of PARDISO, before its factorisation), and above 100 000 unknowns without PARDISO.
     """
     scale, size = diagonal_scaling(A), A.shape[0]
-    require_memory(LEAST_BYTES * A.nnz, f"the factor of {size} unknowns, at the very least")
+    require_memory(LEAST_BYTES * A.nnz, f"the factor of {size} unknowns")
     upper = scaled_upper(A, scale)
     try:
         solve, name = pardiso(upper), "PARDISO"
@@ -244,7 +244,7 @@ def scaled_upper(A: sparse.csr_array, scale: np.ndarray) -> sparse.csr_array:
 def too_large(size: int) -> UserError:
     """Error for this number of unknowns without PARDISO."""
     return UserError(
-        f"{size} unknowns without PARDISO would take SuperLU many minutes",
+        f"{size} unknowns are too many for SuperLU, which is used without PARDISO",
         remedy="Install PARDISO (pip install pypardiso, x86-64), or coarsen the mesh below 100 000 unknowns.",
     )
 
@@ -275,10 +275,10 @@ def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]
     PARDISO.
     Source: Higham, Mathematics of Computation 67 (1998); George, Ikramov and Kucherov, SIAM J. Matrix Anal. 23 (2002).
     """
-    require_memory(COMPLEX_BYTES * A.nnz, f"the complex factor of {A.shape[0]} unknowns, at the very least")
+    require_memory(COMPLEX_BYTES * A.nnz, f"the complex factor of {A.shape[0]} unknowns")
     size = np.abs(A.diagonal())
     if not np.all(size > 0):
-        raise NumericalError("a dynamic stiffness has a zero on its diagonal", remedy=MECHANISM)
+        raise NumericalError("the dynamic stiffness has a zero on the diagonal", remedy=MECHANISM)
     scale = 1.0 / np.sqrt(size)
     upper = scaled_upper(A, scale)
     try:
@@ -294,7 +294,7 @@ def _pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     what = f"the complex factor of {upper.shape[0]} unknowns"
     solve, iparm = factorise_with(upper, COMPLEX_SYMMETRIC, what, ((PERTURBATION, _TINY), (PIVOTING, 0)))
     if iparm[PERTURBED - 1]:
-        raise NumericalError("a pivot of a dynamic stiffness vanishes", remedy=MECHANISM)
+        raise NumericalError("a pivot of the dynamic stiffness is zero", remedy=MECHANISM)
     return lambda b: solve(b[:, None])[:, 0]
 
 
@@ -329,7 +329,7 @@ def relief_of(M: sparse.csr_array, rigid: np.ndarray) -> Relief:
         raise UserError(
             "a rigid-body motion of the structure has no mass",
             key="mesh.free",
-            remedy="Specify the density of its materials.",
+            remedy="Specify the density of all materials.",
         )
     shapes = rigid @ (V / np.sqrt(moment))
     return Relief(shapes, np.asarray(M @ shapes))

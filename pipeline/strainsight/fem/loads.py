@@ -164,7 +164,7 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
         return body_forces(mesh, BodyForce(rotation=_unit(load.name, axis), centre=np.asarray(point, dtype=float)))
     if sum(place is not None for place in (load.node_id, load.node_set, load.deck_load)) != 1:
         raise UserError(
-            f"load {load.name} needs a node, a node set or a load of the deck", remedy="Specify one of them."
+            f"load {load.name} needs a node, a node set or a load of the deck", remedy="Specify one of the three."
         )
     if load.deck_load is not None:
         return _deck_load(mesh, load)
@@ -172,8 +172,8 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
     if (load.pressure or load.bearing is not None) and face is None:
         where = f"node {load.node_id}" if load.node_id is not None else f"set {load.node_set!r}"
         raise UserError(
-            f"load {load.name} presses on {where}, which has no area",
-            remedy="Set `set` to the name of one of mesh.faces.",
+            f"load {load.name} is a pressure or bearing load on {where}, which has no area",
+            remedy="Set `set` to the name of a face in mesh.faces.",
         )
     if face is not None and load.pressure:
         return pressure(mesh, face)
@@ -181,8 +181,8 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
         forces = bearing(mesh, face, _unit(load.name, load.bearing))
         if not forces.force.any():
             raise UserError(
-                f"load {load.name}: no part of face {face!r} is turned against the bearing load",
-                remedy="Its vector points from the pin into the material. Reverse its sign, or use another face.",
+                f"load {load.name}: no part of face {face!r} faces the bearing load",
+                remedy="Reverse the bearing vector, which must point from the pin into the material, or use another face.",
             )
         return forces
     direction = _unit(load.name, load.direction)
@@ -211,20 +211,20 @@ def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, forces: NodalF
     if fixed and not distributed:
         raise UserError(
             f"load {load.name} acts on node {mesh.node_ids[forces.nodes[fixed[0]]]}, which cannot move in its direction",
-            remedy="The node is clamped or belongs to no element: load another node or direction.",
+            remedy="Load another node or direction: this node is clamped or belongs to no element.",
         )
     if len(fixed) == len(loaded) and forces.moment is None:
-        what = load.deck_load or load.node_set or "on all mass"
+        what = load.deck_load or load.node_set or "on the mass"
         raise UserError(
-            f"load {load.name} ({what}) acts on nodes that cannot move in its direction",
-            remedy="The nodes are clamped or belong to no element: use another load.",
+            f"load {load.name} ({what}) acts only on nodes that cannot move in its direction",
+            remedy="Use another load: the nodes are clamped or belong to no element.",
         )
     if fixed and load.deck_load is not None and not forces.regions:
         resultant = np.linalg.norm(forces.force.sum(axis=0)) or 1.0
         share = np.linalg.norm(forces.force[fixed].sum(axis=0)) / resultant
         warnings.warn(
             f"load {load.name} ({load.deck_load}): {len(fixed)} of its {len(loaded)} nodes cannot move in its direction "
-            f"(node {mesh.node_ids[forces.nodes[fixed[0]]]}, …); {100 * share:.3g} % of its resultant has no effect",
+            f"(node {mesh.node_ids[forces.nodes[fixed[0]]]}, …); {100 * share:.3g} % of the resultant has no effect",
             stacklevel=2,
         )
 
@@ -234,7 +234,8 @@ def _check_moments(model: FiniteElementModel, load: PointLoad, forces: NodalForc
     mesh, constraint = model.mesh, model.constraint
     if not np.any(constraint.transform.T @ e):
         raise UserError(
-            f"load {load.name} ({load.deck_load}): its nodes cannot exert its moments", remedy="Use another load."
+            f"load {load.name} ({load.deck_load}): its moments act on nodes without rotations",
+            remedy="Use another load.",
         )
     moment = np.zeros((0, 3)) if forces.moment is None else forces.moment
     without_effect = [
@@ -257,24 +258,24 @@ def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
         known = ", ".join(sorted(mesh.loads)) or "none"
         raise UserError(
             f"load {load.name} refers to load {load.deck_load!r} of the deck, which does not exist",
-            remedy=f"Loads of the deck: {known}.",
+            remedy=f"Use one of the loads of the deck: {known}.",
         )
     if load.direction is not None:
         raise UserError(
-            f"load {load.name} has a direction, but {load.deck_load} defines its direction",
+            f"load {load.name} has a direction, but the deck load {load.deck_load} already defines the direction",
             remedy="Remove the direction.",
         )
     forces = mesh.loads[load.deck_load]
     if forces.body:
         raise UserError(
-            f"load {load.name}: {load.deck_load} acts on the mass of the deck, whose distribution is unknown",
-            remedy="Define it by forces in the deck.",
+            f"load {load.name}: {load.deck_load} is a body force, but the mass distribution of the deck is unknown",
+            remedy="Replace the body force by nodal forces in the deck.",
         )
     total = 1.0 if load.factor else np.linalg.norm(forces.force.sum(axis=0))
     if not total > 1e-9 * np.abs(forces.force).sum():
         raise UserError(
             f"load {load.name}: the forces of {load.deck_load} have no resultant",
-            remedy="Set `factor: true`: the load is then a multiple of the deck load instead of its resultant in N.",
+            remedy="Set `factor: true`, so that the load is a multiple of the deck load instead of a resultant in N.",
         )
     combined = summed([forces])
     return replace(
@@ -292,7 +293,7 @@ def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
         known = ", ".join(sorted(mesh.node_sets)) or "none"
         raise UserError(
             f"load {load.name} refers to node set {load.node_set!r}, which does not exist",
-            remedy=f"Node sets: {known}.",
+            remedy=f"Use one of the node sets: {known}.",
         )
     index = {int(node): i for i, node in enumerate(mesh.node_ids[: mesh.own_nodes])}
     missing = [node for node in ids if node not in index]
@@ -301,7 +302,7 @@ def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
             f"load {load.name} refers to node {missing[0]}, which does not exist"
             if missing
             else f"load {load.name} refers to an empty node set",
-            remedy="Use the node ids of the mesh file.",
+            remedy="Specify node ids of the mesh file.",
         )
     return [index[node] for node in ids]
 

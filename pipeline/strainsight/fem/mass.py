@@ -52,16 +52,17 @@ def block(point: PointMass) -> np.ndarray:
 def check(point: PointMass) -> None:
     """Raise DeckError for a negative mass and for an inertia or a matrix that is not symmetric."""
     if not point.mass >= 0:
-        raise DeckError(f"point mass {point.id} is {point.mass:g} kg", remedy="Specify a mass ≥ 0.")
+        raise DeckError(f"point mass {point.id} has the mass {point.mass:g} kg", remedy="Specify a mass ≥ 0.")
     J = np.asarray(point.inertia)
     if not np.abs(J - J.T).max() <= 1e-9 * np.abs(J).max():
         raise DeckError(
-            f"the inertia of point mass {point.id} is not symmetric", remedy="Specify six moments of inertia."
+            f"the inertia of point mass {point.id} is not symmetric",
+            remedy="Specify six moments of inertia of a symmetric tensor.",
         )
     M = np.zeros((6, 6)) if point.matrix is None else point.matrix
     if not np.abs(M - M.T).max() <= 1e-9 * np.abs(M).max():
         raise DeckError(
-            f"the matrix of point mass {point.id} is not symmetric", remedy="Specify one triangle of it only."
+            f"the matrix of point mass {point.id} is not symmetric", remedy="Specify only one triangle of the matrix."
         )
 
 
@@ -103,7 +104,7 @@ def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
         named = ", ".join(str(mesh.regions[number]) for number in regions_of(mesh.elements))
         raise DeckError(
             f"the total mass is {mass:g} kg: the density of {named or 'all regions'} is zero",
-            remedy="Specify the density of their materials, in the mesh file or under mesh.materials.",
+            remedy="Specify the density of the materials, in the mesh file or under mesh.materials.",
         )
     return mass, moment / mass
 

@@ -84,7 +84,7 @@ def build_model(
         raise DeckError("the mesh has no elements", remedy=f"Provide a mesh with {FAMILIES}, shells or beams.")
     constraint = constraint_transform(mesh, rotations=turning_nodes(mesh))
     if constraint.transform.shape[1] == 0:
-        raise DeckError("every node is clamped", remedy="Remove the supports of the nodes that move.")
+        raise DeckError("every node is clamped", remedy="Remove the supports of nodes that can move in the test.")
     rigid = rigid_motions(mesh, constraint) if free else None
     if supported and not free:
         require_support(mesh, constraint, lambda: soft_springs(mesh))
@@ -132,8 +132,8 @@ def soft_springs(mesh: Mesh) -> str:
     k = float(f"{mass * (2 * np.pi * first / 10) ** 2:.2g}")
     return (
         " For a free structure with strain gauges only, set mesh.free: true."
-        " Otherwise support it on soft springs, on a face or on nodes that do not lie on a line. "
-        f"With `stiffness: {k:g}` [N/m] of mesh.supports, its rigid-body modes are at a tenth of its first elastic mode, "
+        " Otherwise support the structure on soft springs, on a face or on nodes that do not lie on a line. "
+        f"With `stiffness: {k:g}` [N/m] in mesh.supports, the rigid-body modes are at a tenth of the first elastic mode, "
         f"{first:.3g} Hz."
     )
 

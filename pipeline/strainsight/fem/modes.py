@@ -156,7 +156,7 @@ def modes(
     if not 1 <= count <= massive:
         suffix = "" if relief is None else f" in addition to {relief.shapes.shape[1]} rigid-body modes"
         raise UserError(
-            f"{count} modes requested of a model with {massive} massive unknowns{suffix}",
+            f"{count} modes were requested, but the model has only {massive} unknowns with mass{suffix}",
             remedy=f"Request 1 to {massive} modes.",
         )
     if shift > 0 or (shift and relief is not None):
@@ -365,9 +365,9 @@ def _check(A: sparse.csr_array, M: sparse.csr_array, lam: np.ndarray, shapes: np
     size = np.abs(shapes[:, 0])
     if not lam[0] > 1e-15 * stiffest and not lam[0] > 1e-12 * float(size @ (abs(A) @ size)):
         raise UserError(
-            f"the structure has a mechanism: the stiffness of a mode at {np.sqrt(max(lam[0], 0.0)) / (2 * np.pi):.2g} Hz is "
-            "of the order of rounding",
-            remedy="Look for parts that are joined at one node or one edge only, and for missing supports.",
+            f"the structure has a mechanism: a mode at {np.sqrt(max(lam[0], 0.0)) / (2 * np.pi):.2g} Hz has no stiffness except "
+            "rounding errors",
+            remedy="Check for parts that are joined at one node or one edge only, and for missing supports.",
         )
     elastic = A @ shapes
     residual = np.linalg.norm(elastic - (M @ shapes) * lam, axis=0)

@@ -38,8 +38,8 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
     lacking = [region for region in mesh.regions.values() if mesh.density_of(region.id) is None]
     if lacking:
         raise UserError(
-            f"{lacking[0]} has no density, but a load acts on its mass",
-            remedy="Specify its density under mesh.materials.",
+            f"{lacking[0]} has no density, but a gravity or rotation load requires mass",
+            remedy="Specify the density under mesh.materials.",
         )
     force, moment = np.zeros_like(mesh.position), np.zeros_like(mesh.position)
     a, regions = body.factor * acceleration(body, mesh.position), set()
@@ -109,7 +109,7 @@ def gravity_warnings(mesh: Mesh, loads: Collection[str] | None = None) -> list[s
                 if abs(size * factor / 9.81 - 1) < 0.01:
                     warnings.append(
                         f"load {name} has an acceleration of {size:.4g} m/s² instead of 9.81 m/s²: the deck appears to use "
-                        f"{unit}/s², with another mesh.length_unit"
+                        f"{unit}/s². Check mesh.length_unit"
                     )
     return warnings
 

@@ -270,14 +270,15 @@ def surface_model(
     for number in numbers:
         if int(number) not in mesh.regions or mesh.density_of(int(number)) is None:
             raise DeckError(
-                f"region {number} has no material", remedy="Specify one under mesh.materials: stresses need a material."
+                f"region {number} has no material",
+                remedy="Specify a material under mesh.materials: stresses require a material.",
             )
     if rows.laws is not None and (without_stress := np.isnan(rows.laws.stiffness.constant[:, 0, 0])).any():
         region = mesh.regions[int(rows.region[rows.laws.facet[np.argmax(without_stress)]])]
         raise DeckError(
-            f"{region} has different materials in its membrane and in bending, or coupling: no stress follows from the strain "
-            "on its faces",
-            remedy="Assign it one material (MID1 = MID2, no MID4) or plies (PCOMP), or do without stress and damage there.",
+            f"{region} has different materials for membrane and bending, or coupling, so that stress cannot be "
+            "computed from surface strain",
+            remedy="Assign one material (MID1 = MID2, no MID4) or plies (PCOMP), or request no stress and damage in this region.",
         )
     materials = [mesh.material_of(int(number)) for number in numbers]
     lam, mu = lame(np.array([0.0 if material is None else material.poisson_ratio for material in materials])[where])

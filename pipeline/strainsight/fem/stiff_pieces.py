@@ -161,10 +161,10 @@ def hinge_warnings(mesh: Mesh) -> tuple[str, ...]:
     words = [_node_names(mesh, np.unique(node[pair_of_node.ravel() == i])) for i in free[:SHOWN]]
     if not words:
         return ()
-    more = f" and in {len(free) - SHOWN} more places" if len(free) > SHOWN else ""
+    more = f" and nodes at {len(free) - SHOWN} more places" if len(free) > SHOWN else ""
     return (
-        f"parts share only {'; '.join(words)}{more} and are hinged there. If this is not intended, mesh them with common facets "
-        "or tie them (docs/decks.md, where a shell meets a solid).",
+        f"parts share only {'; '.join(words)}{more} and are hinged at these nodes. If this is not intended, use common facets "
+        "or tie the parts (docs/decks.md, where a shell meets a solid).",
     )
 
 

@@ -122,7 +122,7 @@ def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
             f"the {bodies.count} parts of the structure move relative to each other: {separate.vectors.shape[1]} free motions "
             f"instead of {together.vectors.shape[1]}. Relative to the part with node {first}: {_listed(separate.words)}",
             key="mesh.free",
-            remedy="A free structure must be one piece: tie the parts (mesh.ties), or merge coincident nodes.",
+            remedy="Tie the parts (mesh.ties) or merge coincident nodes (mesh.merge): a free structure must be one piece.",
         )
     return together.vectors
 
@@ -135,11 +135,7 @@ def require_support(mesh: Mesh, constraint: Constraint, hint: Callable[[], str] 
         raise UserError(
             f"the structure can move freely: {_listed(motions)}",
             remedy="Add supports or ties that prevent these motions, in the deck or under mesh.supports and mesh.ties."
-            + (
-                " Parts that share nodes on one line only are hinged there: tie their rotations (RBE3)."
-                if hinged
-                else ""
-            )
+            + (" Parts that share only nodes on one line are hinged: tie their rotations (RBE3)." if hinged else "")
             + (hint() if free else ""),
         )
 
@@ -156,7 +152,7 @@ def _bodies(mesh: Mesh) -> Pieces:
     if pieces.count > MOST:
         raise UserError(
             f"the mesh consists of {pieces.count} parts that share no node",
-            remedy="Merge coincident nodes.",
+            remedy="Merge coincident nodes (mesh.merge).",
         )
     return pieces
 

@@ -117,7 +117,7 @@ def transient(
         if not np.all(M.diagonal() > 0):
             raise UserError(
                 "accelerations of a model with massless unknowns are undefined",
-                remedy="Give every unknown a mass, or measure strains and displacements only.",
+                remedy="Specify a density for all materials, or use no accelerometers.",
             )
         mass = factorise(M)
     reach = highest

@@ -320,7 +320,9 @@ def gap(signal: FromSamples) -> tuple[float, float, float]:
 
 def _recorded(signal: FromSamples, of: str, start: float) -> Motion:
     if len(signal.time) < 2:
-        raise InfeasibleError("a record of one sample defines no motion", remedy="Record at least two instants.")
+        raise InfeasibleError(
+            "a record of one sample defines no motion", remedy="Use a record of at least two samples."
+        )
     spline = CubicSpline(signal.time, signal.value)
     parts = [spline, spline.derivative(1), spline.derivative(2)]
     shift = 0.0

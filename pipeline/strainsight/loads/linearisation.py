@@ -106,7 +106,8 @@ def linearisation_instants(
     for name, peak in zip(unknowns.parameters, largest, strict=True):
         if peak <= 0:
             raise ConfigError(
-                f"the training motion never depends on {name}", remedy="Load the structure, or do not estimate it."
+                f"the training motion never depends on {name}",
+                remedy="Apply a load in the training, or do not estimate the parameter.",
             )
     act = (size / largest).min(axis=1)
     eligible = np.flatnonzero(act >= share * act.max())
@@ -208,7 +209,8 @@ def process_intensity(
             walk = k * omega if rule == "intensity" else factor * omega**2
         elif rule != "intensity":
             raise ConfigError(
-                f"noise rule {rule} requires a random walk, but {name} has another model", remedy="Set rule: intensity."
+                f"noise rule {rule} requires a random walk, but load {name} has another load model",
+                remedy="Set rule: intensity.",
             )
         blocks.append(input_intensity(model, walk))
     return np.asarray(block_diag(*blocks, np.diag(factor * delta**2)))

@@ -36,10 +36,11 @@ MOST_LINES = 200
 class Observability:
     """Observability of the unknowns; null_direction: description of the unobservable direction, empty without any."""
 
-    condition: Annotated[float, Column("1", "", "condition of the scaled PBH matrix at λ = 0")]
-    sigma_min: Annotated[float, Column("1", "", "its smallest singular value")]
+    condition: Annotated[float, Column("1", "", "condition number of the scaled PBH matrix at λ = 0")]
+    sigma_min: Annotated[float, Column("1", "", "smallest singular value of the scaled PBH matrix at λ = 0")]
     condition_raw: Annotated[
-        float, Column("1", "", "the same without scales, as printed in the thesis; depends on units")
+        float,
+        Column("1", "", "condition number of the unscaled PBH matrix at λ = 0, as in the thesis; depends on units"),
     ]
     null_direction: str = ""
 
@@ -97,7 +98,7 @@ def direction_in_words(direction: np.ndarray, names: Sequence[str]) -> str:
     involved = [name for name, size in zip(names, part, strict=True) if size >= 0.1 * part.max()]
     if len(involved) == 1:
         return involved[0]
-    return f"{', '.join(involved[:-1])} and {involved[-1]} together: fix one of them, or make one known"
+    return f"{', '.join(involved[:-1])} and {involved[-1]} together: fix or measure one of them"
 
 
 def marginal_modes(F: np.ndarray) -> MarginalModes:
@@ -113,7 +114,7 @@ def marginal_modes(F: np.ndarray) -> MarginalModes:
     T, Z, k = schur(balanced, output="real", sort=lambda real, imag: real >= -MARGINAL * size)
     basis, T = Z[:, :k], T[:k, :k]
     if np.linalg.norm(balanced @ basis - basis @ T) > 1e-8 * size:
-        raise NumericalError("the states that do not decay cannot be separated from the decaying ones")
+        raise NumericalError("non-decaying states cannot be separated from decaying states")
     eigenvalues: list[complex] = []
     vectors: list[np.ndarray] = []
     for group in _groups(np.linalg.eigvals(T) if k else np.zeros(0), SAME * size):
@@ -190,8 +191,8 @@ def unseen_along(
     frequencies of the motion. y is projected orthogonally to the effect of loads, line by line; a direction is undetectable if
     less than UNDETECTABLE of its components remains. Returns RMS loads (u, d) that compensate, and parameters (k, d); d = 0 if
     all parameters are detectable.
-    F (n, n) [1/s] of the motion; B (n, u), D (m, u): loads; H (m, n). driven f (s, n, k), read r (s, m, k): columns of F* and H*
-    of the parameters at s instants h [s] apart. Loads are RMS values.
+    F (n, n) [1/s]; B (n, u) and D (m, u) for RMS loads; H (m, n).
+    driven f (s, n, k) and read r (s, m, k): columns of F* and H* of the parameters, at s instants h [s] apart.
     """
     f, r = np.fft.rfft(driven, axis=0), np.fft.rfft(read, axis=0)
     omega, k = 2 * np.pi * np.fft.rfftfreq(len(driven), h), driven.shape[-1]
@@ -290,8 +291,8 @@ def cases(
     groups = (("input", tuple(inputs)), ("E", tuple(moduli)), ("rho", tuple(densities)), ("damping", tuple(damping)))
     if not np.all(largest > 0):
         raise ConfigError(
-            f"{np.sum(~(largest > 0))} of {len(largest)} channels measure a quantity without readings in the motion",
-            remedy="Load the structure, or remove these sensors.",
+            f"{np.sum(~(largest > 0))} of {len(largest)} channels have zero readings in the training motion",
+            remedy="Apply a load in the training, or remove these sensors.",
         )
     lam = modal_basis(model, model.reference)[0]
     n = model.size

@@ -45,7 +45,7 @@ def spring_names(mesh: Mesh, wanted: Sequence[str]) -> tuple[str, ...]:
         fitting = [spring for spring in known if spring == name or fnmatchcase(spring, name)]
         if not fitting:
             more = [f"and {len(known) - 8} more"] if len(known) > 8 else []
-            listed = f"Its springs: {', '.join([*known[:8], *more])}." if known else "It has no springs."
+            listed = f"Use one of {', '.join([*known[:8], *more])}." if known else "Add springs to the mesh."
             raise UserError(f"the mesh has no spring {name!r}", remedy=did_you_mean(name, known, listed))
         names |= dict.fromkeys(fitting)
     return tuple(names)
@@ -80,7 +80,7 @@ def with_anisotropic(
         if len(thin_regions := np.intersect1d(block.region, chosen)):
             raise UserError(
                 f"{mesh.regions[int(thin_regions[0])]} has {block.kind} elements, but anisotropic materials require solids",
-                remedy="Name the regions of solids. Define orthotropic plies of shells in the deck.",
+                remedy="Specify regions of solids; define orthotropic plies of shells in the deck.",
             )
     return replace(
         changed,
@@ -104,7 +104,7 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
         if layered := sorted(i for i in chosen if part_of(i)):
             raise UserError(
                 f"{mesh.regions[layered[0]]} is {words} have separate materials",
-                remedy=f"Exclude it from the regions, and define {where}.",
+                remedy=f"Exclude this region, and define {where}.",
             )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
     stacks: list[tuple[Ply | Layer, ...]] = [
@@ -197,7 +197,9 @@ def with_support(mesh: Mesh, nodes: IntArray, components: Sequence[int]) -> Mesh
 def with_node(mesh: Mesh, node_id: int, position: Sequence[float]) -> Mesh:
     """A mesh with an added node at position (3,) [m]. Raises UserError for an existing id."""
     if node_id in mesh.node_ids:
-        raise UserError(f"node {node_id} already exists in the mesh", remedy="Use another id, or remove its position.")
+        raise UserError(
+            f"node {node_id} already exists in the mesh", remedy="Use another id, or remove the position of the node."
+        )
     last = mesh.own_nodes
     ids = np.insert(mesh.node_ids, last, node_id)
     return replace(
@@ -228,7 +230,7 @@ def with_averaging_element(
 def with_face(mesh: Mesh, name: str, facets: Facets, chosen: IntArray) -> Mesh:
     """A mesh with an added named face, the chosen (k,) of its facets. Raises UserError for the name of a set."""
     if name in mesh.node_sets or name in mesh.element_sets:
-        raise UserError(f"the mesh already has a set {name!r}", remedy="Rename the face, or use the set.")
+        raise UserError(f"the mesh already has a set {name!r}", remedy="Rename the face, or use the existing set.")
     nodes = facets.nodes[chosen]
     members = np.sort(mesh.node_ids[np.unique(nodes[nodes >= 0])])
     members_of_face = np.column_stack([facets.element_id[chosen], facets.facet[chosen]])
@@ -241,7 +243,7 @@ def node_indices(mesh: Mesh, name: str) -> IntArray:
         raise UserError(f"the mesh has no node set {name!r}", remedy=_suggestion(name, list(mesh.node_sets)))
     indices = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], mesh.node_sets[name]))
     if not indices.size:
-        raise UserError(f"node set {name!r} is empty", remedy="Name another set.")
+        raise UserError(f"node set {name!r} is empty", remedy="Specify another node set.")
     return indices
 
 
@@ -250,7 +252,7 @@ def _next_tie(mesh: Mesh) -> int:
 
 
 def _suggestion(word: str, known: list[str]) -> str:
-    return did_you_mean(word, known, f"It has {', '.join(sorted(set(known)))}." if known else "It has none.")
+    return did_you_mean(word, known, f"Use one of {', '.join(sorted(set(known)))}." if known else "The mesh has none.")
 
 
 def node_springs(name: str, nodes: IntArray, stiffness: Sequence[float]) -> Springs:

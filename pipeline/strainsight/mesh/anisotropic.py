@@ -22,10 +22,10 @@ class Anisotropic:
 
     id: Annotated[int, Column("1", "", "id of every anisotropic material")]
     stiffness: Annotated[
-        FloatArray, Column("Pa", "6 × 6", "stiffness along its axes, strain → stress: 11 22 33 12 23 31, γ = 2ε")
+        FloatArray, Column("Pa", "6 × 6", "stiffness in the material axes, strain → stress: 11 22 33 12 23 31, γ = 2ε")
     ]
     density: Annotated[float, Column("kg/m^3", "", "density of every anisotropic material")]
-    name: Annotated[str, Column("1", "", "name in the file or config")] = ""
+    name: Annotated[str, Column("1", "", "name of every anisotropic material in the file or config")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -43,7 +43,7 @@ class Orientation:
 
     system: CoordinateSystem
     turn: Annotated[
-        FloatArray, Column("1", "3 × 3", "axes 1, 2, 3 along the directions of the system at a point, one in a column")
+        FloatArray, Column("1", "3 × 3", "material axes 1, 2, 3 in the axes of the coordinate system, as columns")
     ]
 
     @property
@@ -87,9 +87,9 @@ def constants_fault(moduli: Sequence[float], ratios: Sequence[float], shear: Seq
     least = float(np.linalg.eigvalsh(np.array([[1, -a, -b], [-a, 1, -c], [-b, -c, 1]]))[0])
     if not least > INDEFINITE:
         return (
-            f"it is not stable: the least eigenvalue of the flexibility √(E_i E_j) S_ij is {least:.3g}, not positive, for NU12 "
+            f"the material is unstable: smallest eigenvalue of the flexibility √(E_i E_j) S_ij is {least:.3g}, for NU12 "
             f"{ratios[0]:g}, NU13 {ratios[1]:g}, NU23 {ratios[2]:g}",
-            "NU_ij is −ε_j/ε_i under a stress along i. Multiply ratios of the opposite convention (NU_ji) by E_i/E_j.",
+            "Specify NU_ij = −ε_j/ε_i under a stress along i; multiply ratios of the opposite convention (NU_ji) by E_i/E_j.",
         )
     return None
 
@@ -101,12 +101,12 @@ def stiffness_fault(C: FloatArray) -> tuple[str, str] | None:
     """
     diagonal = np.diagonal(C)
     if not np.isfinite(C).all():
-        return "its stiffness has a value that is not finite", "Specify finite values."
+        return "the stiffness has a value that is not finite", "Specify finite values."
     if not (diagonal > 0).all():
         i = int(np.argmin(diagonal > 0))
         return (
-            f"it does not resist a strain: diagonal entry {i + 1} of its stiffness is {diagonal[i]:g}, and the least eigenvalue "
-            f"{np.linalg.eigvalsh(C)[0]:.4g} is not positive",
+            f"the stiffness is not positive definite: diagonal entry {i + 1} is {diagonal[i]:g}, and the smallest eigenvalue "
+            f"is {np.linalg.eigvalsh(C)[0]:.4g}",
             "Specify positive values on the diagonal.",
         )
     scale = np.sqrt(diagonal)
@@ -115,7 +115,7 @@ def stiffness_fault(C: FloatArray) -> tuple[str, str] | None:
         worst = V[:, 0] / scale
         shown = ", ".join(f"{component:.2g}" for component in worst / np.abs(worst).max())
         return (
-            f"its stiffness is not positive definite: scaled to a unit diagonal its least eigenvalue is {lam[0]:.3g}, so that "
+            f"the stiffness is not positive definite: scaled to a unit diagonal, the smallest eigenvalue is {lam[0]:.3g}; "
             f"the strain ({shown}) requires no work",
             "Correct the off-diagonal constants: each must be smaller than the square root of the product of its two "
             "diagonal entries.",
@@ -130,9 +130,9 @@ def general_fault(shell: GeneralShell) -> tuple[str, str] | None:
     if shell.bending.any():
         parts["bending"] = shell.bending
         both = [[shell.membrane, shell.coupling], [shell.coupling.T, shell.bending / 12]]
-        parts["membrane and bending together"] = np.block(both)
+        parts["membrane with bending"] = np.block(both)
     if shell.shear.any() and np.isfinite(shell.shear).all():
-        parts["shear across"] = shell.shear
+        parts["transverse shear"] = shell.shear
     for name, C in parts.items():
         if fault := stiffness_fault(C):
             return f"{name}: {fault[0]}", fault[1]
@@ -147,8 +147,8 @@ STACKED: dict[str, tuple[int, ...]] = {"hex8": (0, 1, 2), "hex20": (0, 1, 2), "w
 class Layer:
     """Layer of an isotropic material, or of an anisotropic one with the orientation of its axes."""
 
-    material: Annotated[int, Column("1", "", "id of its material, from ξ = −1 on")]
-    thickness: Annotated[float, Column("1", "", "relative thickness")]
+    material: Annotated[int, Column("1", "", "material id of every layer, starting at ξ = −1")]
+    thickness: Annotated[float, Column("1", "", "thickness of every layer, relative to the other layers")]
     orientation: Orientation
 
 
@@ -158,7 +158,9 @@ class CompositeSolid:
     proportion to their thickness, the first at ξ = −1."""
 
     layers: Annotated[tuple[Layer, ...], Column("", "layer", "layers")]
-    direction: Annotated[int, Column("1", "", "stacking direction of the layers: reference direction 0, 1 or 2")] = 2
+    direction: Annotated[
+        int, Column("1", "", "stacking direction of the layers: 0, 1 or 2 of the element reference domain")
+    ] = 2
 
     @property
     def shares(self) -> FloatArray:

@@ -41,7 +41,7 @@ class GivenSection:
 
     regions: tuple[int | str, ...] | None
     section: ShellSection | BeamSection
-    offset: Annotated[float, Column("m", "", "offset of the middle of shells from their nodes")] = 0.0
+    offset: Annotated[float, Column("m", "", "offset of the shell mid-surface from the nodes")] = 0.0
     direction: tuple[float, float, float] | None = None
 
     @property
@@ -91,7 +91,9 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, assignments: Mapping[int, Gi
     size = np.linalg.norm(along, axis=1)
     if not size.all():
         element = int(ids[np.argmin(size)])
-        raise element_error(element, f"element {element} is a line without length", "Merge or move one of its nodes.")
+        raise element_error(
+            element, f"element {element} is a line of zero length", "Move one of the two nodes, or remove the element."
+        )
     towards = [assignments[number].direction for number in region.tolist()]
     across = np.eye(3)[np.argmin(np.abs(along), axis=1)]
     v = np.array([across[i] if direction is None else direction for i, direction in enumerate(towards)]).reshape(-1, 3)
@@ -100,8 +102,8 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, assignments: Mapping[int, Gi
         element = int(ids[np.argmax(is_parallel)])
         raise element_error(
             element,
-            f"element {element} is parallel to the direction {list(towards[int(np.argmax(is_parallel))] or ())} of its section",
-            "Put lines of another orientation into a separate region with another direction (mesh.sections).",
+            f"element {element} is parallel to the section direction {list(towards[int(np.argmax(is_parallel))] or ())}",
+            "Put this line into a separate region with another section direction (mesh.sections).",
         )
     e = len(ids)
     return BeamBlock(kind, ids, nodes, region, axes, np.zeros((e, nodes.shape[1], 3)), np.zeros((e, 2, 6), dtype=bool))
@@ -112,8 +114,8 @@ def _refuse_curved_rods(block: CellBlock, assignments: Mapping[int, GivenSection
         if not _bends(assignments[region]):
             raise element_error(
                 element,
-                f"element {element} is a line of three nodes, but its section has no bending stiffness for its middle node",
-                "Specify moments of area of its section (mesh.sections), or mesh rods with lines of two nodes.",
+                f"element {element} is a line of three nodes, which requires bending stiffness, but its section has none",
+                "Specify moments of area of the section (mesh.sections), or mesh rods with lines of two nodes.",
             )
 
 
@@ -145,7 +147,7 @@ ELEMENT_NAMES = {1: "lines", 2: "triangles and quadrangles", 3: "solids"}
 REMEDIES = {
     1: "Specify an area for lines.",
     2: "Specify a thickness for triangles and quadrangles.",
-    3: "Remove the section: solids have none.",
+    3: "Remove the section: solids have no section.",
 }
 SHELLS = (
     "Specify a section of their regions in mesh.sections to import triangles and quadrangles as shells, and lines as beams: "
@@ -170,7 +172,7 @@ def regions_with_sections(
                 raise UserError(
                     f"region {name} already has the section {other.rpartition('.')[2]}",
                     key=f"{key}.regions",
-                    remedy="Assign one section to a region.",
+                    remedy="Assign only one section to this region.",
                 )
     known = [tag for group in groups.values() for tag in group if tag is not None]
     spare = max([0, *known, *solids]) + 1
@@ -204,7 +206,7 @@ def _tags(key: str, assigned: GivenSection, groups: Groups) -> Iterator[int | No
     tags = groups.get(assigned.dimension, {})
     words = ELEMENT_NAMES[assigned.dimension]
     if assigned.regions is None and not tags:
-        raise UserError(f"the file has no {words}", key=f"{key}.regions", remedy="Remove the section.")
+        raise UserError(f"the file has no {words} for this section", key=f"{key}.regions", remedy="Remove the section.")
     if assigned.regions is None:
         yield from tags
         return
@@ -221,7 +223,7 @@ def _tags(key: str, assigned: GivenSection, groups: Groups) -> Iterator[int | No
                 remedy=REMEDIES[others[0]]
                 if others
                 else did_you_mean(
-                    str(entry), names, f"Its regions of {words}: {', '.join(names) or 'none'}. Or use all."
+                    str(entry), names, f"Use one of the regions of {words}: {', '.join(names) or 'none'}; or all."
                 ),
             )
         yield from matches

@@ -45,16 +45,16 @@ def connectivity_warnings(mesh: Mesh) -> tuple[str, ...]:
     warnings += [
         f"elements {pair.first} and {pair.second} ({pair.kind})"
         + (f" and {pair.count - 1} more pairs" if pair.count > 1 else "")
-        + " coincide with separate nodes, and are connected elsewhere only. This is correct for two layers that are fastened "
-        "there. If the mesh is duplicated, stiffness and mass count twice: remove one copy."
+        + " coincide but have separate nodes; their parts are connected at other nodes. This is correct for two fastened "
+        "layers. If the mesh is duplicated, stiffness and mass count twice: remove one copy."
         for pair in doubled(mesh, joints, coincident)
         if pair.joined
     ]
     if count := len(contacts := hanging(mesh, surface, joints, coincident)):
         words = (
-            f"{count} nodes lie on elements that do not contain them"
+            f"{count} nodes lie on the surface of elements without belonging to them"
             if count > 1
-            else "a node lies on an element that does not contain it"
+            else "a node lies on the surface of an element without belonging to it"
         )
         warnings.append(
             f"{words}, for example {mesh.node_ids[contacts.node[0]]} on element {contacts.element[0]} at "
@@ -68,8 +68,8 @@ def connectivity_warnings(mesh: Mesh) -> tuple[str, ...]:
         )
         warnings.append(
             f"{words}, for example element {contacts.element[0]} contains node {mesh.node_ids[contacts.node[0]]} at "
-            f"{_at(mesh, contacts.node[0])}: stiffness and mass of overlapping volumes count twice, and parts inside without a "
-            "tie transfer no load."
+            f"{_at(mesh, contacts.node[0])}: stiffness and mass of overlapping volumes count twice, and untied inner parts "
+            "transfer no load."
         )
     return tuple(warnings)
 
@@ -102,7 +102,7 @@ def merged(mesh: Mesh, distance: float) -> Mesh:
     into = _lowest(mesh, pairs)
     is_merged = into != np.arange(len(into))
     if not is_merged.any():
-        more = f"; {np.count_nonzero(connected)} are connected otherwise" * bool(connected.any())
+        more = f"; {np.count_nonzero(connected)} coincident nodes are already connected" * bool(connected.any())
         return replace(mesh, notes=(*mesh.notes, f"mesh.merge: no two nodes are within {distance:g} m{more}"))
     _check_elements(mesh, into, distance)
     _check_axes(mesh, into, is_merged)
@@ -136,7 +136,7 @@ def _check_elements(mesh: Mesh, into: IntArray, distance: float) -> None:
             raise UserError(
                 f"element {block.ids[i]} would lose a node: two of its nodes are {side:.4g} m apart",
                 key="mesh.merge",
-                remedy=f"Specify a distance below that instead of {distance:g} m.",
+                remedy=f"Set mesh.merge below {side:.4g} m (now {distance:g} m).",
             )
 
 
@@ -147,7 +147,7 @@ def _check_axes(mesh: Mesh, into: IntArray, is_merged: NDArray[np.bool_]) -> Non
             number = int(mesh.node_ids[node])
             raise DeckError(
                 f"nodes {mesh.node_ids[into[node]]} and {number} coincide but have different local coordinate systems",
-                remedy="Use the same system for both (CD, *TRANSFORM), so that mesh.merge can merge them.",
+                remedy="Use the same coordinate system for both nodes (CD, *TRANSFORM).",
                 entity=("node", number),
             )
 

@@ -18,9 +18,13 @@ ON_AXIS = 1e-10
 class CoordinateSystem:
     """A coordinate system in the basic one."""
 
-    kind: Annotated[str, Column("1", "", "type of the system of its axes: rectangular, cylindrical, spherical")]
-    origin: Annotated[FloatArray, Column("m", "3", "origin of the system")]
-    axes: Annotated[FloatArray, Column("1", "3 × 3", "x, y, z of the system, one in a column")]
+    kind: Annotated[
+        str, Column("1", "", "type of the coordinate system of the material axes: rectangular, cylindrical, spherical")
+    ]
+    origin: Annotated[FloatArray, Column("m", "3", "origin of the coordinate system of the material axes")]
+    axes: Annotated[
+        FloatArray, Column("1", "3 × 3", "axes x, y, z of the coordinate system of the material axes, as columns")
+    ]
 
 
 def rotation(axis: FloatArray, angle: float) -> FloatArray:

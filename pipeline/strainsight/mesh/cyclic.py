@@ -56,7 +56,7 @@ class Copies:
         element_sets = {name: np.sort(self._ids_of_copies(members)) for name, members in mesh.element_sets.items()}
         named = [name for j in range(count) if (name := f"SECTOR-{j + 1}") in {*node_sets, *element_sets}]
         if named:
-            raise UserError(f"the set {named[0]} has the name of a copy of the sector", remedy="Rename the set.")
+            raise UserError(f"the set {named[0]} has the same name as a copy of the sector", remedy="Rename the set.")
         sector = np.sort(np.concatenate([block.ids for block in mesh.blocks]))
         for j in range(count):
             element_sets[f"SECTOR-{j + 1}"] = sector + j * shift
@@ -216,8 +216,8 @@ class Copies:
             groups = self._by_reference(average.reference)
             if average.dependent is not None and len(groups) == 1:
                 raise UserError(
-                    f"{average}: an average about the axis that is solved for other nodes cannot be expanded",
-                    remedy="Solve it for its reference node.",
+                    f"{average}: an averaging element with UM components and its reference node on the axis cannot be expanded",
+                    remedy="Remove UM, so that the reference node is dependent.",
                 )
             for reference, group in groups:
                 number.append(average.id)
@@ -268,8 +268,8 @@ class Copies:
         for row in set(replaced) - {relation.follower[0] for relation in relations}:
             raise UserError(
                 f"{replaced[row]}: node {self.mesh.node_ids[replaced[row].node[0]]} coincides with a node of the opposite cut "
-                "face that has no relation",
-                remedy="Solve the equation for another motion, or define it for the node of the opposite face.",
+                "face, which has no such relation",
+                remedy="Put another motion first in the equation, or define the equation on the opposite face.",
             )
         return tuple(relations), np.array(number, dtype=np.int64)
 
@@ -362,8 +362,8 @@ def whole_ring(
     """
     if mesh.thin:
         raise UserError(
-            "a sector with shells or beams cannot be expanded to a ring",
-            remedy="Mesh the whole structure, or its solids only.",
+            "a sector with shells or beams cannot be expanded",
+            remedy="Mesh the whole structure, or use solids only.",
         )
     e = -axis / np.linalg.norm(axis)  # copy 1 lies clockwise of the sector when looking against the axis
     turns = np.array([rotation(e, 2 * np.pi * j / count) for j in range(count)])
@@ -412,7 +412,7 @@ def _match_faces(
     if mean > spacing.mean():
         raise UserError(
             f"the cut faces of the sector do not match after a rotation by 360°/{count}: their nodes differ by {mean:.3g} m",
-            remedy="Check the number of sectors, the axis, and the two surfaces.",
+            remedy="Check the number of sectors, the axis and the meshes of the two cut faces.",
         )
     near = off <= CLOSE * spacing.min()
     pair = np.column_stack([first[near], second[which[near]]])

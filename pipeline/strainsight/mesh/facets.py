@@ -157,7 +157,9 @@ def exterior_facets(mesh: Mesh) -> Facets:
     if times.max(initial=0) > 2:
         shared = facets.element_id[group == np.argmax(times)]
         raise element_error(
-            shared[-1], f"elements {', '.join(map(str, shared[:4]))} share one facet", "Remove overlapping elements."
+            shared[-1],
+            f"elements {', '.join(map(str, shared[:4]))} share the same facet",
+            "Remove overlapping elements.",
         )
     _check_conforming(mesh, facets, order, new)
     outside = times[group] == 1
@@ -238,7 +240,7 @@ def _check_conforming(mesh: Mesh, facets: Facets, order: np.ndarray, new: np.nda
         first, second = facets.element_id[a[i]], facets.element_id[b[i]]
         other = "Check the node order of these elements."
         if facets.kind[a[i]] != facets.kind[b[i]]:
-            other = "Use elements of the same order for both."
+            other = "Use elements of the same order (linear or quadratic)."
         elif _coincide(mesh.position, nodes[a[i]], nodes[b[i]]):
             other = "Merge the coincident nodes."
         raise element_error(

@@ -26,9 +26,9 @@ class RigidElement:
 
     id: Annotated[int, Column("1", "", "id of every rigid element (RBE2)")]
     reference: Annotated[int, Column("1", "", "reference node index of every rigid element")]
-    nodes: Annotated[IntArray, Column("1", "dependent node", "dependent node indices")]
-    components: Annotated[tuple[int, ...], Column("1", "", "components 1-6 of its dependent nodes")]
-    name: Annotated[str, Column("1", "", "its name in the file")] = ""
+    nodes: Annotated[IntArray, Column("1", "dependent node", "indices of the dependent nodes of every rigid element")]
+    components: Annotated[tuple[int, ...], Column("1", "", "dependent components 1-6 of every rigid element")]
+    name: Annotated[str, Column("1", "", "name of the constraint in the file")] = ""
 
     def __str__(self) -> str:
         return self.name or f"rigid element {self.id}"
@@ -43,24 +43,27 @@ class AveragingElement:
 
     id: Annotated[int, Column("1", "", "id of every averaging element (RBE3)")]
     reference: Annotated[int, Column("1", "", "reference node index of every averaging element")]
-    nodes: Annotated[IntArray, Column("1", "averaged node", "node indices")]
-    weight: Annotated[FloatArray, Column("1", "averaged node", "weights")]
-    components: Annotated[tuple[int, ...], Column("1", "", "components 1-6 of its reference node")]
+    nodes: Annotated[IntArray, Column("1", "averaged node", "indices of the averaged nodes of every averaging element")]
+    weight: Annotated[FloatArray, Column("1", "averaged node", "weights of the averaged nodes")]
+    components: Annotated[
+        tuple[int, ...], Column("1", "", "components 1-6 of the reference node of every averaging element")
+    ]
     directions: Annotated[
-        NDArray[np.bool_] | None, Column("1", "averaged node × 3", "1 where a translation of a node counts", none=1)
+        NDArray[np.bool_] | None,
+        Column("1", "averaged node × 3", "1 if the translation of the averaged node is used", none=1),
     ] = None
     dependent: Annotated[
         IntArray | None,
         Column(
             "1",
             "component × 2",
-            "[node index, component] that the relations are solved for (UM); none: those of the reference",
+            "dependent [node index, component] (UM); none: components of the reference node",
         ),
     ] = None
-    name: Annotated[str, Column("1", "", "its name in the file")] = ""
+    name: Annotated[str, Column("1", "", "name of the constraint in the file")] = ""
     rotations: Annotated[
         NDArray[np.bool_] | None,
-        Column("1", "averaged node × 3", "1 where a rotation of a node counts", offset="directions_offset"),
+        Column("1", "averaged node × 3", "1 if the rotation of the averaged node is used", offset="directions_offset"),
     ] = None
 
     def __str__(self) -> str:
@@ -81,8 +84,8 @@ class AveragingElement:
         _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
         if len(np.unique(nodes)) < len(first):
             raise DeckError(
-                f"{self}: coincident nodes count in different directions",
-                remedy="Use the same directions for both, so that they can be merged.",
+                f"{self}: coincident nodes are averaged in different directions",
+                remedy="Use the same components for both nodes.",
                 entity=("tie", self.id),
             )
         dependent = self.dependent
@@ -105,20 +108,20 @@ class Relation:
     """
 
     id: Annotated[int, Column("1", "", "number of every relation (MPC, *EQUATION)")]
-    node: Annotated[IntArray, Column("1", "term", "node index of every motion", offset="term_offset")]
+    node: Annotated[IntArray, Column("1", "term", "node index of every term of every relation", offset="term_offset")]
     component: Annotated[
         IntArray,
         Column(
             "1",
             "term",
-            "component of that motion, along the axes of its node: 0-2 motions, 3-5 rotations",
+            "component of the term, in the axes of its node: 0-2 translations, 3-5 rotations",
             offset="term_offset",
         ),
     ]
     value: Annotated[
-        FloatArray, Column("SI", "term", "coefficient of that motion; for a rotation in m", offset="term_offset")
+        FloatArray, Column("SI", "term", "coefficient of the term; in m for a rotation", offset="term_offset")
     ]
-    name: Annotated[str, Column("1", "", "its name in the file")] = ""
+    name: Annotated[str, Column("1", "", "name of the constraint in the file")] = ""
     yields: bool = False
 
     def __str__(self) -> str:
@@ -148,15 +151,15 @@ class PointMass:
     id: Annotated[int, Column("1", "", "id of every point mass")]
     node: Annotated[int, Column("1", "", "node index of every point mass")]
     mass: Annotated[float, Column("kg", "", "mass of every point mass")]
-    offset: Annotated[FloatArray, Column("m", "3", "position of its centre relative to the node")] = field(
+    offset: Annotated[FloatArray, Column("m", "3", "centre of mass relative to the node")] = field(
         default_factory=lambda: np.zeros(3)
     )
-    inertia: Annotated[FloatArray, Column("kg m^2", "3 × 3", "its inertia about the centre of mass")] = field(
-        default_factory=lambda: np.zeros((3, 3))
-    )
+    inertia: Annotated[
+        FloatArray, Column("kg m^2", "3 × 3", "inertia tensor of every point mass about its centre of mass")
+    ] = field(default_factory=lambda: np.zeros((3, 3)))
     matrix: Annotated[
         FloatArray | None,
-        Column("SI", "6 × 6", "matrix of a mass that differs between axes (CONM1, CMASS), else 0"),
+        Column("SI", "6 × 6", "mass matrix of a mass that differs between axes (CONM1, CMASS), otherwise 0"),
     ] = None
 
     @property
@@ -173,16 +176,19 @@ class Springs:
     Components are along the basic axes; r is in m for the rotations of an axial spring.
     """
 
-    name: Annotated[str, Column("1", "", "name of the element or support in the file or config")]
-    stiffness: Annotated[FloatArray, Column("SI", "spring", "stiffness: N/m, for torsion springs N m/rad")]
+    name: Annotated[str, Column("1", "", "name of the spring element or support in the file or config")]
+    stiffness: Annotated[FloatArray, Column("SI", "spring", "spring stiffness: N/m, for torsion springs N m/rad")]
     spring: Annotated[
-        IntArray, Column("1", "part", "spring of its list that a motion belongs to", offset="part_offset")
+        IntArray, Column("1", "part", "number of the spring in its list, for every node motion", offset="part_offset")
     ]
-    node: Annotated[IntArray, Column("1", "part", "node index of that motion", offset="part_offset")]
+    node: Annotated[IntArray, Column("1", "part", "node index of every node motion", offset="part_offset")]
     component: Annotated[
-        IntArray, Column("1", "part", "component of that motion: 0-2 motions, 3-5 rotations", offset="part_offset")
+        IntArray,
+        Column("1", "part", "component of every node motion: 0-2 translations, 3-5 rotations", offset="part_offset"),
     ]
-    value: Annotated[FloatArray, Column("SI", "part", "elongation for a unit of that motion", offset="part_offset")]
+    value: Annotated[
+        FloatArray, Column("SI", "part", "spring elongation per unit of the node motion", offset="part_offset")
+    ]
 
     @property
     def torsion(self) -> NDArray[np.bool_]:
@@ -221,9 +227,13 @@ class BodyForce:
     masses that it acts on, None for all.
     """
 
-    acceleration: Annotated[FloatArray, Column("m/s^2", "3", "g")] = field(default_factory=lambda: np.zeros(3))
+    acceleration: Annotated[FloatArray, Column("m/s^2", "3", "acceleration g of the body force")] = field(
+        default_factory=lambda: np.zeros(3)
+    )
     rotation: FloatArray = field(default_factory=lambda: np.zeros(3))
-    centre: Annotated[FloatArray, Column("m", "3", "a point of the axis")] = field(default_factory=lambda: np.zeros(3))
+    centre: Annotated[FloatArray, Column("m", "3", "a point of the rotation axis")] = field(
+        default_factory=lambda: np.zeros(3)
+    )
     elements: IntArray | None = None
     factor: float = 1.0
 
@@ -233,10 +243,11 @@ class NodalForces:
     """A load of the file (one load set), along the basic axes; body: body forces not yet included in force. regions: those whose
     mass contributes to the forces, which are proportional to their density."""
 
-    nodes: Annotated[IntArray, Column("1", "loaded node", "loaded node indices")]
-    force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces")]
+    nodes: Annotated[IntArray, Column("1", "loaded node", "indices of the loaded nodes")]
+    force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces on the loaded nodes")]
     moment: Annotated[
-        FloatArray | None, Column("N m", "loaded node × 3", "moments, 0 without any", offset="force_offset")
+        FloatArray | None,
+        Column("N m", "loaded node × 3", "moments on the loaded nodes, 0 without moment", offset="force_offset"),
     ] = None
     body: tuple[BodyForce, ...] = ()
     regions: Annotated[

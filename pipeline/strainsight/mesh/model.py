@@ -33,8 +33,8 @@ class CellBlock:
     """Elements of one of the `kinds`."""
 
     kind: str
-    ids: Annotated[IntArray, Column("1", "element", "id of every element of that kind in the deck", name="id")]
-    nodes: Annotated[IntArray, Column("1", "element × node", "node indices in VTK order")]
+    ids: Annotated[IntArray, Column("1", "element", "id of every element in the deck", name="id")]
+    nodes: Annotated[IntArray, Column("1", "element × node", "node indices of every element, in VTK order")]
     region: Annotated[IntArray, Column("1", "element", "region id of every element")]
 
     @classmethod

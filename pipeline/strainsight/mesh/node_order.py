@@ -38,7 +38,7 @@ def check_node_order(mesh: Mesh) -> None:
                 f"mid-side nodes are not at the middles of their edges in all {len(off)} {kind} elements (at least "
                 f"{off.min():.2g} of the edge length away), but at the middles of other edges. The node order differs from "
                 "that of the format.",
-                "Write the nodes of these elements in the order of the file format.",
+                "Write the element nodes in the order of the file format.",
             )
 
 
@@ -89,7 +89,7 @@ def plate_normals(
     sides = np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1)
     flat = ~(area > PARALLEL * sides**2)
     if flat.any():
-        raise fault(int(np.argmax(flat)), "has no area", "Correct its nodes, or remove it.")
+        raise fault(int(np.argmax(flat)), "has no area", "Correct the nodes of the element, or remove the element.")
     normal = across / area[:, None]
     if corners == 3:
         return normal
@@ -99,7 +99,7 @@ def plate_normals(
         raise fault(
             int(np.argmax(is_folded)),
             "is folded, or has a corner of 180° or more",
-            "List its nodes in order around it, or split it into triangles.",
+            "List the nodes in order around the element, or split the element into triangles.",
         )
     height = 0.5 * np.abs(np.einsum("nc,nc->n", x[:, 1] - x[:, 0], normal))
     warp = height / (0.5 * (np.linalg.norm(a, axis=1) + np.linalg.norm(b, axis=1)))
@@ -107,12 +107,12 @@ def plate_normals(
     if warp[worst] > MOST_WARPED:
         raise fault(
             worst,
-            f"has corners {warp[worst]:.2g} of its mean diagonal off their plane; at most {MOST_WARPED:g} is supported",
-            f"Split it into two triangles ({triangle}).",
+            f"is warped: corners are {warp[worst]:.2g} of the mean diagonal off the mean plane (limit {MOST_WARPED:g})",
+            f"Split the element into two triangles ({triangle}).",
         )
     if warp[worst] > WARPED:
         notes.append(
-            f"{np.sum(warp > WARPED)} {called(worst).split()[0]} are warped: corners are more than {WARPED:g} of their mean "
-            f"diagonal off their plane ({called(worst)} {warp[worst]:.2g})"
+            f"{np.sum(warp > WARPED)} {called(worst).split()[0]} are warped: corners are more than {WARPED:g} of the mean "
+            f"diagonal off the mean plane ({called(worst)} {warp[worst]:.2g})"
         )
     return normal

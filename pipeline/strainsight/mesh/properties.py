@@ -65,16 +65,18 @@ def value_of(mesh: Mesh, region: int, property: str, material: int | str | None 
     if property in PLY_MODULI or shapes(mesh, region, property):
         value = float(getattr(_ply(mesh, region, property, material), property))
         if value == float("inf"):
-            raise UserError(f"{mesh.regions[region]} is rigid in transverse shear: its {property} is infinite")
+            raise UserError(f"{mesh.regions[region]} is rigid in transverse shear: {property} is infinite")
         return value
     if what := without_modulus(mesh, region):
         raise UserError(
-            f"{mesh.regions[region]} is {what} and has no single Young's modulus",
+            f"{mesh.regions[region]} is {what}, which has no single Young's modulus",
             remedy="Estimate a factor of its stiffness: property: stiffness_factor, guess: 1.0, range: [0.8, 1.2].",
         )
     isotropic = mesh.materials[mesh.regions[region].material]
     if material is not None and material not in (isotropic.id, str(isotropic)):
-        raise UserError(f"{mesh.regions[region]} has {isotropic}, not {material!r}", remedy="Remove the key.")
+        raise UserError(
+            f"{mesh.regions[region]} has {isotropic}, not {material!r}", remedy="Remove the key `material`."
+        )
     return isotropic.youngs_modulus
 
 
@@ -113,7 +115,7 @@ def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> 
     if several is None or (property != "youngs_modulus" and isinstance(several, CompositeSolid)):
         raise UserError(
             f"{mesh.regions[region]} is not a laminate and has no {property}",
-            remedy="Estimate the youngs_modulus of its material, or name a region of laminated shells.",
+            remedy="Estimate youngs_modulus of the material, or specify a region of laminated shells.",
         )
     among = mesh.materials if property == "youngs_modulus" else mesh.laminae
     kind = "isotropic" if property == "youngs_modulus" else "orthotropic"
@@ -123,15 +125,15 @@ def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> 
     other = "youngs_modulus" if kind == "orthotropic" else ", ".join(PLY_MODULI)
     if not materials:
         raise UserError(
-            f"{mesh.regions[region]} is {without_modulus(mesh, region)} without {kind} plies and has no single {property}",
+            f"{mesh.regions[region]} is {without_modulus(mesh, region)} without {kind} plies, so that {property} is undefined",
             remedy="Estimate a factor of its stiffness, property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]"
-            + ("." if isinstance(several, CompositeSolid) else f", or one of its moduli, property: {other}."),
+            + ("." if isinstance(several, CompositeSolid) else f", or one of the ply moduli, property: {other}."),
         )
     if material is None:
         if len(materials) > 1:
             raise UserError(
                 f"the plies of {mesh.regions[region]} have {len(materials)} {kind} materials",
-                remedy=f"Select one: `material:` {' or '.join(f'{i} ({name})' for i, name in names.items())}.",
+                remedy=f"Select one with the key `material`: {' or '.join(f'{i} ({name})' for i, name in names.items())}.",
             )
         return next(iter(materials.values()))
     for number, name in names.items():
@@ -140,7 +142,7 @@ def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> 
     known = [str(each) for each in (*materials, *names.values())]
     raise UserError(
         f"the plies of {mesh.regions[region]} have no {kind} material {material!r}",
-        remedy=did_you_mean(str(material), known, f"They have {', '.join(known)}."),
+        remedy=did_you_mean(str(material), known, f"The materials are {', '.join(known)}."),
     )
 
 
@@ -159,8 +161,8 @@ def _shell_of(mesh: Mesh, region: int) -> ShellSection | GeneralShell | Laminate
     if section is None or isinstance(section, BeamSection):
         what = "solids" if section is None else "beams or rods"
         raise UserError(
-            f"{mesh.regions[region]} has {what} and no thickness",
-            remedy="Name a region of shells, or estimate "
+            f"{mesh.regions[region]} consists of {what}, which have no thickness",
+            remedy="Specify a region of shells, or estimate "
             + ("the youngs_modulus of its material." if section is None else f"one of {', '.join(SECTION_FACTORS)}."),
         )
     return section
@@ -190,13 +192,13 @@ def _require_section(mesh: Mesh, region: int, property: str) -> BeamSection | Sh
     else:
         kinds = "beams or homogeneous shells" if property == "bending_factor" else "beams or rods"
         raise UserError(
-            f"{mesh.regions[region]} does not consist of {kinds} and has no {property}",
-            remedy="Name another region, or estimate a stiffness_factor.",
+            f"{mesh.regions[region]} does not consist of {kinds}, so that {property} is undefined",
+            remedy="Specify another region, or estimate stiffness_factor.",
         )
     if not applies:
         raise UserError(
-            f"the section of {mesh.regions[region]} has no stiffness that a {property} multiplies",
-            remedy="Name another region or another factor.",
+            f"the section of {mesh.regions[region]} has no stiffness that {property} could multiply",
+            remedy="Specify another region or another factor.",
         )
     return section
 

@@ -24,7 +24,7 @@ TORSION = 1.5
 """J over the polar moment of area: at most 1 for any section, more if J includes another shear modulus."""
 STIFF = 1e8
 """Stiffness of a spring over E L of a structure of length L, above which the structure is lost in rounding."""
-UNITS = "Check the unit: lengths of a deck are in mesh.length_unit, those of mesh.sections in m."
+UNITS = "Check the unit: lengths of the deck are in mesh.length_unit, lengths of mesh.sections in m."
 
 
 def section_warnings(mesh: Mesh) -> list[str]:
@@ -50,7 +50,7 @@ def _shell_warnings(mesh: Mesh, number: int) -> Iterator[str]:
         yield f"{name} is {t:.3g} m thick, but {long:.3g} m long with elements of {side:.3g} m. {UNITS}"
     lever = max(float(np.abs(block.offset[selected]).max(initial=0.0)) for block, selected in shells)
     if lever > LEVER * t:
-        yield f"{name} has an offset of up to {lever:.3g} m from its nodes, {lever / t:.3g} times its thickness. {UNITS}"
+        yield f"{name} has an offset of up to {lever:.3g} m from the nodes, {lever / t:.3g} times the thickness. {UNITS}"
     if isinstance(section, ShellSection) and section.bending == 0:
         yield f"{name} has no bending stiffness: it is a membrane (a PSHELL without MID2) without transverse stiffness."
     if isinstance(section, GeneralShell) and not section.bending.any():
@@ -86,12 +86,12 @@ def _beam_warnings(mesh: Mesh, number: int, section: BeamSection) -> Iterator[st
             continue
         if polar < (1 - 1e-3) * A**2 / (2 * np.pi):
             yield (
-                f"{name}{end}: I1 + I2 = {polar:.3g} m⁴ is below the minimum for its area, A²/2π = "
+                f"{name}{end}: I1 + I2 = {polar:.3g} m⁴ is below the minimum for this area, A²/2π = "
                 f"{A**2 / (2 * np.pi):.3g} m⁴ (circle). Check that A = {A:.3g} m² and the moments use the same unit."
             )
         elif np.sqrt(polar / A) > long:
             yield (
-                f"{name}{end}: its radius of gyration √((I1 + I2)/A) is {np.sqrt(polar / A):.3g} m, but the structure is only "
+                f"{name}{end}: the radius of gyration √((I1 + I2)/A) is {np.sqrt(polar / A):.3g} m, but the structure is only "
                 f"{long:.3g} m long. Check whether area and moments of area are swapped or in different units."
             )
         if J == 0 and _can_twist(mesh, number):
@@ -138,7 +138,7 @@ def _stiff_springs(mesh: Mesh) -> Iterator[str]:
             if k > STIFF * max(E) * long**power:
                 yield (
                     f"{spring} has {k:.3g} {unit}, {k / (max(E) * long**power):.2g} times E L{'³' * turns} of the structure, "
-                    "which is lost in rounding. Clamp the motion (SPC) or tie it (RBE2) instead."
+                    "so that rounding errors dominate. Replace the spring by a support (SPC) or a rigid tie (RBE2)."
                 )
 
 
@@ -163,9 +163,9 @@ def _inconsistent_normals(mesh: Mesh) -> list[str]:
         return []
     a, b = element[same[0]].tolist()
     return [
-        f"normals of neighbouring shells point to opposite sides at {len(same)} common sides, for example between elements "
-        f"{a} and {b}. Upper and lower face, offsets, ply order and pressures change with the normal. Number their nodes in the "
-        "same direction."
+        f"normals of neighbouring shells are opposite at {len(same)} common sides, for example between elements "
+        f"{a} and {b}. Upper and lower face, offsets, ply order and pressures depend on the normal. Number the nodes of "
+        "all shells in the same direction."
     ]
 
 
@@ -212,8 +212,8 @@ def without_loose_masses(mesh: Mesh) -> Mesh:
     shown = ", ".join(str(mesh.node_ids[point.node]) for point in loose[:5]) + (", …" if len(loose) > 5 else "")
     some = f"{len(loose)} point masses" if len(loose) > 1 else "a point mass"
     note = (
-        f"{some} of {sum(point.mass for point in loose):.4g} kg on nodes without element, tie, spring or support left out: node "
-        f"{shown}"
+        f"{some} of {sum(point.mass for point in loose):.4g} kg omitted, because no element, tie, spring or support is connected "
+        f"to node {shown}"
     )
     remaining = tuple(point for point in mesh.point_masses if connected[point.node])
     return replace(mesh, point_masses=remaining, notes=(*mesh.notes, note))
@@ -273,13 +273,13 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     warnings += _far_references(mesh)
     if (unused := unused_nodes(mesh)).size:
         shown = ", ".join(str(mesh.node_ids[i]) for i in unused[:5]) + (", …" if unused.size > 5 else "")
-        words = "nodes have no connection and are" if unused.size > 1 else "node has no connection and is"
-        warnings.append(f"{unused.size} {words} left out of the model: {shown}")
+        words = "nodes have no connection, and are" if unused.size > 1 else "node has no connection, and is"
+        warnings.append(f"{unused.size} {words} omitted from the model: {shown}")
     warnings += [f"{mesh.regions[i]} has no elements" for i in empty_regions(mesh)]
     grounded = any(len(relation.node) == 1 for relation in mesh.relations)
     if not mesh.held.size and not mesh.springs and not grounded and not free:
         warnings.append(
-            "nothing is fixed. Add supports, set mesh.free for a free structure, or use soft springs (mesh.supports, stiffness)."
+            "the structure has no supports. Add supports, set mesh.free: true, or use soft springs (mesh.supports, stiffness)."
         )
     return tuple(warnings)
 
@@ -300,7 +300,7 @@ def lost(card: str) -> str:
     if card.startswith("PRELOAD"):
         message = "the deck requests modes under a preload, but the stiffness is that of the unloaded structure"
         return (
-            f"{message}. CalculiX includes the loads of the previous step; Abaqus requires NLGEOM there."
+            f"{message}. CalculiX includes the loads of the previous step; Abaqus includes them only with NLGEOM in that step."
             if "PERTURB" in card
             else message
         )
@@ -308,19 +308,19 @@ def lost(card: str) -> str:
         return "the stiffness is that of the unloaded structure, without the preload of this step"
     if card.startswith("ENFORCED DISPLACEMENT"):
         if card.endswith("DISPLACEMENT"):
-            return "the structure is free to move there"
+            return "the structure is free to move at these nodes"
         return (
-            "the motion is clamped, as in a frequency analysis. If the test applies a force there, free it with "
+            "the displacement is set to zero, as in a frequency analysis. If the test applies a force at these nodes, set "
             "mesh.ignore: [ENFORCED DISPLACEMENT]."
         )
     if card.endswith("INREL"):
         return "set mesh.free: true for inertia relief"
     if card.endswith("COUPMASS"):
         return (
-            "it requests lumped mass, but the mass of models with shells and beams is always consistent, as with "
+            "the deck requests lumped mass, but models with shells and beams always use consistent mass, as with "
             "PARAM,COUPMASS,1. This changed frequencies of two coarse meshes of tet10 by 9 and 23 %."
         )
-    return "the stiffness, mass or tie that it may add is missing"
+    return "the stiffness, mass or tie of the card is missing from the model"
 
 
 def _ratio_warnings(mesh: Mesh, material: Material) -> list[str]:
@@ -328,8 +328,8 @@ def _ratio_warnings(mesh: Mesh, material: Material) -> list[str]:
     nu = material.poisson_ratio
     if nu < 0:
         return [
-            f"{material}: Poisson's ratio is {nu:.4g}: it expands laterally under tension. If it follows from E and G, "
-            "ν = E/2G − 1, check G: metals have G of 0.38 to 0.4 E."
+            f"{material}: Poisson's ratio is {nu:.4g}: the material expands laterally under tension. If the ratio follows from "
+            "E and G, ν = E/2G − 1, check G: metals have G of 0.38 to 0.4 E."
         ]
     if nu > LOCKING and any(
         material in (mesh.material_of(int(region)), *mesh.layer_materials(int(region)))
@@ -337,7 +337,7 @@ def _ratio_warnings(mesh: Mesh, material: Material) -> list[str]:
         for region in np.unique(block.region)
     ):
         return [
-            f"{material}: Poisson's ratio is {nu:.10g}. Displacement elements lock for nearly incompressible solids "
+            f"{material}: Poisson's ratio is {nu:.10g}. Elements lock (are too stiff) for nearly incompressible solids "
             f"(K/G is {2 * (1 + nu) / (3 * (1 - 2 * nu)):.3g}). Use at most {LOCKING:g}."
         ]
     return []
@@ -354,7 +354,7 @@ def _stiff_cores(mesh: Mesh) -> list[str]:
         excess = float((composite.shares @ G) * (composite.shares @ (1 / G)))
         if excess > SHEAR_EXCESS:
             warnings.append(
-                f"{mesh.regions[number]} has layers whose shear moduli differ by a factor of {G.max() / G.min():.3g}: its "
+                f"{mesh.regions[number]} has layers whose shear moduli differ by a factor of {G.max() / G.min():.3g}: the "
                 f"elements are up to {excess:.3g} times too stiff in transverse shear. If this matters (thick, or a soft core), "
                 "mesh core and skins with separate elements."
             )
@@ -379,8 +379,8 @@ def _far_references(mesh: Mesh) -> list[str]:
         distance = float(np.linalg.norm(mesh.position[tie.nodes] - mesh.position[tie.reference], axis=1).min())
         if distance > 3 * size:
             warnings.append(
-                f"node {mesh.node_ids[tie.reference]} of {tie} is {distance:.3g} m away from its nodes, but the {of} are only "
-                f"{size:.3g} m long. Positions in the config are in m, whatever the unit of the file."
+                f"node {mesh.node_ids[tie.reference]} of {tie} is {distance:.3g} m away from the other nodes, but the {of} are "
+                f"only {size:.3g} m long. Positions in the config are in m, whatever the unit of the file."
             )
     return warnings
 
@@ -399,8 +399,8 @@ def _material_warnings(
     warnings += _outside(f"{name}: density", rho, DENSITY, "kg/m³", remedy)
     if not warnings and rho > LIKELY_DENSITY[1] and E > METAL:
         warnings = [
-            f"{name}: density is {rho:.3g} kg/m³, but metals have at most {LIKELY_DENSITY[1]:g}. If it is a specific weight, "
-            f"the density would be {rho / GRAVITY:.4g} kg/m³ (PARAM,WTMASS). Check the deck."
+            f"{name}: density is {rho:.3g} kg/m³, but metals have at most {LIKELY_DENSITY[1]:g}. If the value is a specific "
+            f"weight, the density would be {rho / GRAVITY:.4g} kg/m³ (PARAM,WTMASS). Check the deck."
         ]
     if not warnings and (mixed := mixed_units(E, rho, length_unit, mass_unit, ply)):
         warnings = [

@@ -40,7 +40,7 @@ def section_of_shape(kind: str, dimensions: Sequence[float]) -> BeamSection:
     if len(dimensions) != count:
         raise DeckError(
             f"the section {kind} has {len(dimensions)} dimensions ({listed}) instead of {count}",
-            remedy="Specify all dimensions as in the figure of the PBARL.",
+            remedy="Specify all dimensions as defined for PBARL.",
         )
     try:
         if not (np.array(dimensions) > 0).all():
@@ -48,8 +48,8 @@ def section_of_shape(kind: str, dimensions: Sequence[float]) -> BeamSection:
         return section_from(build(*map(float, dimensions)))
     except (NoFit, OverflowError):
         raise DeckError(
-            f"the section {kind} has impossible dimensions {listed}: not positive, too large, or a wall without length",
-            remedy="Check them against the figure of the PBARL, or use a PBAR.",
+            f"the section {kind} has impossible dimensions {listed}: not positive, too large, or a wall of zero length",
+            remedy="Check the dimensions against the definition of PBARL, or use a PBAR.",
         ) from None
 
 

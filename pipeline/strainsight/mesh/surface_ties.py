@@ -37,13 +37,14 @@ def with_surface_tie(
     facets = facets.some(facets.of(mesh.blocks) & chosen[facets.nodes].all(axis=1))
     if not len(facets.kind):
         raise UserError(
-            "no facet of a solid has all its nodes in this set", remedy="Name a face of the coarser side (mesh.faces)."
+            "no facet of a solid lies in the coarser surface",
+            remedy="Specify a face of the coarser side (mesh.faces) as `to`.",
         )
     nodes = np.setdiff1d(nodes, facets.nodes)
     if not len(nodes):
         raise UserError(
-            "all its nodes already belong to the surface",
-            remedy="Name the finer side as `set`, the coarser one as `to`.",
+            "all nodes of the finer side already belong to the coarser surface",
+            remedy="Specify the finer side as `set` and the coarser side as `to`.",
         )
     best = np.full(len(nodes), np.inf)
     weight, tied_to = np.zeros((len(nodes), 3, 8, 3)), np.full((len(nodes), 8), -1, dtype=np.int64)
@@ -69,7 +70,7 @@ def with_surface_tie(
     if best[last] > within:
         raise UserError(
             f"node {mesh.node_ids[nodes[last]]} is farther than {within:g} m from the surface",
-            remedy="Name only nodes on the surface, or increase `within` [m].",
+            remedy="Specify only nodes on the surface, or increase `within` [m].",
         )
     axes = np.array([mesh.axes.get(node, np.eye(3)) for node in nodes.tolist()]).reshape(-1, 3, 3)
     onto_axes = np.array([mesh.axes.get(node, np.eye(3)) for node in tied_to.ravel().tolist()]).reshape(
@@ -93,7 +94,7 @@ def without_held(mesh: Mesh) -> Mesh:
     remaining = tuple(tie for tie in mesh.relations if not (tie.yields and tie.follower in clamped))
     if not (count := len(mesh.relations) - len(remaining)):
         return mesh
-    note = f"{count} components of nodes tied to a surface (*TIE, mesh.ties) are clamped by supports: there the supports apply"
+    note = f"{count} components of nodes tied to a surface (*TIE, mesh.ties) are clamped by supports, which replace the tie"
     return replace(mesh, relations=remaining, notes=(*mesh.notes, note))
 
 

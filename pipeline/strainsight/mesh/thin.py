@@ -17,14 +17,14 @@ class Lamina:
     """Linear orthotropic material in plane stress; axis 1 along the fibres, nu12 = −ε₂/ε₁ under σ₁."""
 
     id: Annotated[int, Column("1", "", "id of every orthotropic material")]
-    e1: Annotated[float, Column("Pa", "", "modulus along its axis 1")]
-    e2: Annotated[float, Column("Pa", "", "modulus along its axis 2")]
+    e1: Annotated[float, Column("Pa", "", "Young's modulus along material axis 1")]
+    e2: Annotated[float, Column("Pa", "", "Young's modulus along material axis 2")]
     nu12: Annotated[float, Column("1", "", "Poisson's ratio, contraction along 2 under stress along 1")]
-    g12: Annotated[float, Column("Pa", "", "shear modulus in its plane")]
-    g1z: Annotated[float, Column("Pa", "", "transverse shear modulus of axis 1; infinite: rigid")]
-    g2z: Annotated[float, Column("Pa", "", "transverse shear modulus of axis 2; infinite: rigid")]
+    g12: Annotated[float, Column("Pa", "", "in-plane shear modulus")]
+    g1z: Annotated[float, Column("Pa", "", "transverse shear modulus in plane 1-z; infinite: rigid")]
+    g2z: Annotated[float, Column("Pa", "", "transverse shear modulus in plane 2-z; infinite: rigid")]
     density: Annotated[float, Column("kg/m^3", "", "density of every orthotropic material")]
-    name: Annotated[str, Column("1", "", "name in the file")] = ""
+    name: Annotated[str, Column("1", "", "name of every orthotropic material in the file")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -34,9 +34,9 @@ class Lamina:
 class Ply:
     """Ply of a lamina or an isotropic material; its angle is about the normal of the shell."""
 
-    material: Annotated[int, Column("1", "", "id of its material, from the lower face up")]
-    thickness: Annotated[float, Column("m", "", "thickness")]
-    angle: Annotated[float, Column("deg", "", "angle of its axis 1 from x of the laminate")] = 0.0
+    material: Annotated[int, Column("1", "", "material id of every ply, starting at the lower face")]
+    thickness: Annotated[float, Column("m", "", "thickness of every ply")]
+    angle: Annotated[float, Column("deg", "", "angle of ply axis 1 from the x axis of the laminate")] = 0.0
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,10 @@ class ShellSection:
     """Section of a homogeneous shell; bending is 12 I/t³ of a PSHELL, shear t_s/t of G t."""
 
     thickness: Annotated[float, Column("m", "", "thickness t")]
-    bending: Annotated[float, Column("1", "", "bending stiffness over that of t³/12; 0: membrane")] = 1.0
-    shear: Annotated[float, Column("1", "", "shear thickness over t; infinite: rigid in shear")] = 5 / 6
+    bending: Annotated[float, Column("1", "", "bending stiffness relative to a solid plate, 12 I/t³; 0: membrane")] = (
+        1.0
+    )
+    shear: Annotated[float, Column("1", "", "shear thickness relative to t; infinite: rigid in shear")] = 5 / 6
     nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
 
@@ -93,13 +95,15 @@ class GeneralShell:
 
     thickness: Annotated[float, Column("m", "", "thickness t")]
     membrane: Annotated[
-        FloatArray, Column("Pa", "3 × 3", "M of forces t M ε, along x and y of its material: xx yy xy, γ = 2ε")
+        FloatArray, Column("Pa", "3 × 3", "matrix M of the forces t M ε, in the material axes: xx yy xy, γ = 2ε")
     ]
-    coupling: Annotated[FloatArray, Column("Pa", "3 × 3", "C of forces t² C κ and moments t² C ε")]
-    bending: Annotated[FloatArray, Column("Pa", "3 × 3", "D of moments t³/12 D κ; 0: membrane")]
-    shear: Annotated[FloatArray, Column("Pa", "2 × 2", "S of transverse forces t S γ: xz yz; infinite: rigid")]
-    density: Annotated[float, Column("kg/m^3", "", "density")]
-    uniform: Annotated[bool, Column("1", "", "1 if membrane and bending have one material and no coupling")]
+    coupling: Annotated[FloatArray, Column("Pa", "3 × 3", "matrix C of the forces t² C κ and moments t² C ε")]
+    bending: Annotated[FloatArray, Column("Pa", "3 × 3", "matrix D of the moments t³/12 D κ; 0: membrane")]
+    shear: Annotated[
+        FloatArray, Column("Pa", "2 × 2", "matrix S of the transverse forces t S γ: xz yz; infinite: rigid")
+    ]
+    density: Annotated[float, Column("kg/m^3", "", "density of the shell")]
+    uniform: Annotated[bool, Column("1", "", "1 if membrane and bending have the same material and no coupling")]
     nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
     @property
@@ -117,20 +121,22 @@ class BeamSection:
     −z of the box about its points, for a gauge. The axis of the element goes through the shear centres.
     """
 
-    area: Annotated[float, Column("m^2", "", "area")]
+    area: Annotated[float, Column("m^2", "", "area of the section")]
     second: Annotated[FloatArray, Column("m^4", "2 × 2", "∫ (y, z)ᵀ (y, z) dA")] = field(
         default_factory=lambda: np.zeros((2, 2))
     )
     torsion: Annotated[float, Column("m^4", "", "torsion constant J")] = 0.0
-    shear: Annotated[Pair, Column("1", "2", "shear areas along y and z over the area; 0: rigid in shear")] = ZERO
-    points: Annotated[FloatArray, Column("m", "point × 2", "y and z of its stress recovery points")] = field(
-        default_factory=lambda: np.zeros((0, 2))
+    shear: Annotated[
+        Pair, Column("1", "2", "shear areas for forces along y and z, relative to the area; 0: rigid in shear")
+    ] = ZERO
+    points: Annotated[FloatArray, Column("m", "point × 2", "y and z of the stress recovery points of the section")] = (
+        field(default_factory=lambda: np.zeros((0, 2)))
     )
     nonstructural: Annotated[float, Column("kg/m", "", "nonstructural mass")] = 0.0
     at_b: BeamSection | None = None
     sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
-    neutral: Annotated[Pair, Column("m", "2", "y and z of the neutral axis from the shear centre")] = ZERO
-    beside: Annotated[Pair, Column("m", "2", "y and z of the nonstructural mass from the shear centre")] = ZERO
+    neutral: Annotated[Pair, Column("m", "2", "y and z of the neutral axis, relative to the shear centre")] = ZERO
+    beside: Annotated[Pair, Column("m", "2", "y and z of the nonstructural mass, relative to the shear centre")] = ZERO
 
     def with_shear(self, ratio: float) -> BeamSection:
         """The section for a shear modulus multiplied by `ratio`, which is included in J and the shear factors."""
@@ -146,19 +152,28 @@ class ShellBlock:
     """Shells of one kind of `SHELL_KINDS`, corner nodes before mid-side nodes."""
 
     kind: str
-    ids: Annotated[IntArray, Column("1", "shell", "id of every shell of that kind in the deck", name="id")]
+    ids: Annotated[IntArray, Column("1", "shell", "id of every shell in the deck", name="id")]
     nodes: Annotated[IntArray, Column("1", "shell × node", "node indices in order around the shell")]
     region: Annotated[IntArray, Column("1", "shell", "region id of every shell")]
     offset: Annotated[
-        FloatArray, Column("m", "shell", "offset of its middle from its nodes, along the normal of the node order")
+        FloatArray,
+        Column("m", "shell", "offset of the mid-surface from the nodes, along the normal defined by the node order"),
     ]
     axis: Annotated[
         FloatArray,
-        Column("1", "shell × 3", "vector whose projection is x of its material; NaN: its first side"),
+        Column(
+            "1",
+            "shell × 3",
+            "vector whose projection on the shell is the material x axis; NaN: first side of the shell",
+        ),
     ]
     on_faces: Annotated[
         IntArray,
-        Column("1", "shell with faces × 2 × node", "indices of the nodes on its upper and lower face, see /arms"),
+        Column(
+            "1",
+            "shell with faces × 2 × node",
+            "indices of the nodes on the upper and lower face of the shell, see /arms",
+        ),
     ] = field(default_factory=lambda: np.zeros((0, 2, 0), dtype=np.int64))
 
     def __post_init__(self) -> None:
@@ -177,18 +192,22 @@ class BeamBlock:
 
     kind: str
     ids: Annotated[IntArray, Column("1", "beam", "id of every beam or rod in the deck", name="id")]
-    nodes: Annotated[IntArray, Column("1", "beam × node", "node indices of its ends A and B, and of its middle node")]
+    nodes: Annotated[IntArray, Column("1", "beam × node", "node indices of ends A and B, and of the middle node")]
     region: Annotated[IntArray, Column("1", "beam", "region id of every beam or rod")]
-    axes: Annotated[FloatArray, Column("1", "beam × 3 × 3", "its axes x, y, z, one in a column; x from end A to B")]
-    offset: Annotated[FloatArray, Column("m", "beam × node × 3", "offset of its axis from its nodes")]
+    axes: Annotated[
+        FloatArray, Column("1", "beam × 3 × 3", "axes x, y, z of every beam, as columns; x from end A to B")
+    ]
+    offset: Annotated[FloatArray, Column("m", "beam × node × 3", "offset of the beam axis from its nodes")]
     released: Annotated[
         NDArray[np.bool_],
-        Column("1", "beam × 2 × 6", "1 where an end releases a motion along those axes (pin flags)"),
+        Column("1", "beam × 2 × 6", "1 if the end releases this motion in the beam axes (pin flags)"),
     ]
     on_sides: Annotated[
         IntArray,
         Column(
-            "1", "beam with sides × side × node of it", "indices of the nodes on its four sides, −1 for none, see /arms"
+            "1",
+            "beam with sides × side × node of it",
+            "indices of the nodes on the four sides of the beam, −1: none, see /arms",
         ),
     ] = field(default_factory=lambda: np.zeros((0, 4, 4), dtype=np.int64))
 

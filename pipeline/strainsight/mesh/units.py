@@ -224,13 +224,13 @@ def likely_units(E: float, rho: float, length_unit: str, mass_unit: str) -> str:
     if units := usual_units(e, r):
         l, m = length_factor(units[0]), mass_factor(units[1])
         in_words = f"With mesh.length_unit {units[0]} and mesh.mass_unit {units[1]}"
-        return f"{in_words} it would be {e * m / l:.4g} Pa and {r * m / l**3:.4g} kg/m³."
+        return f"{in_words} the material would have {e * m / l:.4g} Pa and {r * m / l**3:.4g} kg/m³."
     for (name, modulus, density, _), (p, pascals), (d, densities) in product(
         SOLIDS, PRESSURES.items(), DENSITIES.items()
     ):
         if _within(e * pascals, modulus) and _within(r * densities, density):
             both = f"{e:.4g} appears to be in {p} and {r:.4g} in {d} ({name})"
-            return f"{both}. Use mesh.length_unit, mesh.mass_unit and s for both."
+            return f"{both}. Specify both in units of mesh.length_unit, mesh.mass_unit and s."
     return "Check mesh.mass_unit and mesh.length_unit."
 
 
@@ -244,7 +244,7 @@ def mixed_units(E: float, rho: float, length_unit: str, mass_unit: str, ply: boo
     if any(_within(E, modulus) and _within(rho, density) for _, modulus, density, _ in solids):
         return ""
     odd = STIFFEST * rho < E or rho > LIKELY_DENSITY[1]
-    here = f"In {length_unit}, {mass_unit} and s it is"
+    here = f"In {length_unit}, {mass_unit} and s the value is"
     for name, modulus, density, least in solids:
         for unit, factor in PRESSURES.items() if _within(rho, density) and least * rho > E else ():
             if not _within(meant := e * factor, modulus):

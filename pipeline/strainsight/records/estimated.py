@@ -14,16 +14,16 @@ from strainsight.records.record import dataset, group, read, record
 class DamageAt:
     """Fatigue damage at some points."""
 
-    position: np.ndarray = dataset("m", "place × 3", "where")
-    element: np.ndarray = dataset("1", "place", "element with this surface")
-    of_mean: np.ndarray = dataset("1", "place", "damage of the smoothed history, without its uncertainty")
-    damage: np.ndarray = dataset("1", "place", "median damage of the sampled histories; NaN if not sampled")
+    position: np.ndarray = dataset("m", "place × 3", "position of every evaluated point")
+    element: np.ndarray = dataset("1", "place", "element id of every evaluated point")
+    of_mean: np.ndarray = dataset("1", "place", "damage of the smoothed stress history, without uncertainty")
+    damage: np.ndarray = dataset("1", "place", "median damage of the sampled stress histories; NaN: not sampled")
     low: np.ndarray = dataset("1", "place", "2.5 % quantile of the damage")
     high: np.ndarray = dataset("1", "place", "97.5 % quantile of the damage")
-    range_of_mean: np.ndarray = dataset("Pa", "place", "equivalent range of the smoothed history")
-    range: np.ndarray = dataset("Pa", "place", "median equivalent range of the sampled histories")
-    range_low: np.ndarray = dataset("Pa", "place", "2.5 % quantile of the equivalent range")
-    range_high: np.ndarray = dataset("Pa", "place", "97.5 % quantile of the equivalent range")
+    range_of_mean: np.ndarray = dataset("Pa", "place", "equivalent stress range of the smoothed history")
+    range: np.ndarray = dataset("Pa", "place", "median equivalent stress range of the sampled histories")
+    range_low: np.ndarray = dataset("Pa", "place", "2.5 % quantile of the equivalent stress range")
+    range_high: np.ndarray = dataset("Pa", "place", "97.5 % quantile of the equivalent stress range")
 
 
 @record
@@ -35,23 +35,23 @@ class Damaged:
     hot_spot: np.ndarray | None = dataset(
         "1",
         "hot spot",
-        "points of /surface with the largest damage, in descending order, with a minimum distance",
+        "indices of the points of /surface with the largest damage, largest first, at a minimum distance",
         default=None,
     )
-    hours: float = dataset("h", "", "duration of the record, with all repetitions")
+    hours: float = dataset("h", "", "duration of the record, times the number of repetitions")
 
 
 @record
 class TestChannels:
     """Channels of the file."""
 
-    time: np.ndarray = dataset("s", "/time", "sampling times of the channels; the first is the start of the filter")
+    time: np.ndarray = dataset("s", "/time", "sampling times of the channels; the filter starts at the first")
     label: tuple[str, ...] = dataset("1", "/label", "gauge and grid of every channel")
     channel: np.ndarray = dataset("1", "/label", "row of every channel in train.h5")
     measured: np.ndarray = dataset(
-        "unit of the channel", "/time × /label", "calibrated samples; NaN for a missing sample"
+        "unit of the channel", "/time × /label", "calibrated samples of every channel; NaN: missing sample"
     )
-    estimated: np.ndarray = dataset("unit of the channel", "/time × /label", "estimated reading")
+    estimated: np.ndarray = dataset("unit of the channel", "/time × /label", "estimated reading of every channel")
     std: np.ndarray = dataset("unit of the channel", "/time × /label", "standard deviation of the estimated reading")
     noise_std: np.ndarray = dataset(
         "unit of the channel", "/label", "noise standard deviation of one sample, as used by the filter"
@@ -65,33 +65,35 @@ class HoldOut:
     predicted: np.ndarray = dataset(
         "unit of the channel",
         "/gauge/time × /gauge/label",
-        "readings predicted from the other gauges; NaN: not left out",
+        "readings predicted from the other gauges; NaN: not predicted",
     )
     std: np.ndarray = dataset(
-        "unit of the channel", "/gauge/time × /gauge/label", "standard deviation of measured − predicted"
+        "unit of the channel", "/gauge/time × /gauge/label", "standard deviation of measured minus predicted reading"
     )
-    left_in: tuple[str, ...] = dataset("1", "/gauge/label", "reason why a gauge was not left out; empty if it was")
+    left_in: tuple[str, ...] = dataset("1", "/gauge/label", "reason why a channel was not predicted; empty: predicted")
 
 
 @record
 class ChannelsChecked:
     """Comparison of every channel with its prediction from the others."""
 
-    by_others: bool = dataset("1", "", "1 if a channel is predicted from all others (fault search)")
-    begin: float = dataset("s", "", "time of the first sample of the statistics")
-    end: float = dataset("s", "", "time of the last sample of the statistics")
-    measured: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of every channel")
-    predicted: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of its prediction")
-    residual: np.ndarray = dataset("1", "/gauge/label", "RMS of the difference divided by its σ")
-    correlation: np.ndarray = dataset("1", "/gauge/label", "correlation of the channel with its prediction")
+    by_others: bool = dataset("1", "", "1 if every channel is predicted from all other channels (fault search)")
+    begin: float = dataset("s", "", "time of the first sample of the channel check")
+    end: float = dataset("s", "", "time of the last sample of the channel check")
+    measured: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of the measured reading")
+    predicted: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of the predicted reading")
+    residual: np.ndarray = dataset("1", "/gauge/label", "RMS of (measured − predicted) / σ of the difference")
+    correlation: np.ndarray = dataset("1", "/gauge/label", "correlation of measured and predicted reading")
     fault: tuple[str, ...] = dataset(
-        "1", "/gauge/label", "fault of the channel that best explains the record; empty: none improves it"
+        "1", "/gauge/label", "most likely fault of every channel; empty: no fault improves the fit"
     )
-    gain: np.ndarray = dataset("1", "/gauge/label", "logarithm of the likelihood ratio of this fault; 0 without fault")
+    gain: np.ndarray = dataset(
+        "1", "/gauge/label", "logarithm of the likelihood ratio with and without the fault; 0: no fault"
+    )
     candidate: tuple[str, ...] = dataset(
         "1",
         "candidate",
-        "faults that restore consistency, best first; a fault is identified only if it is the only one",
+        "faults that restore consistency, most likely first; the fault is identified if only one is listed",
     )
 
 
@@ -99,29 +101,29 @@ class ChannelsChecked:
 class ChannelOffsets:
     """Channels with an unknown offset."""
 
-    channel: np.ndarray = dataset("1", "channel", "channels with an unknown offset")
-    mean: np.ndarray = dataset("unit of the biased channel", "channel", "estimated offsets")
-    std: np.ndarray = dataset("unit of the biased channel", "channel", "standard deviation of the offsets")
+    channel: np.ndarray = dataset("1", "channel", "indices of the channels with unknown offset")
+    mean: np.ndarray = dataset("unit of the channel", "channel", "estimated offsets")
+    std: np.ndarray = dataset("unit of the channel", "channel", "standard deviation of the estimated offsets")
 
 
 @record
 class Resultant:
     """Vector sum of the unknown loads at one location."""
 
-    place: str = dataset("1", "", "node or set of the loads")
+    place: str = dataset("1", "", "node or set on which the loads act")
     force: np.ndarray = dataset("N", "/time × 3", "vector sum of the loads")
-    magnitude: np.ndarray = dataset("N", "/time", "magnitude of the sum")
-    std: np.ndarray = dataset("N", "/time", "standard deviation of the magnitude")
+    magnitude: np.ndarray = dataset("N", "/time", "magnitude of the vector sum of the loads")
+    std: np.ndarray = dataset("N", "/time", "standard deviation of the magnitude of the vector sum")
 
 
 @record
 class VirtualStrain:
     """Virtual gauges: estimated strain at locations without a gauge."""
 
-    strain: np.ndarray = dataset("strain", "/time × grid", "smoothed strain at the virtual gauge")
-    std: np.ndarray = dataset("strain", "/time × grid", "standard deviation of the strain")
-    position: np.ndarray = dataset("m", "grid × 3", "where")
-    direction: np.ndarray = dataset("1", "grid × 3", "measuring direction")
+    strain: np.ndarray = dataset("strain", "/time × grid", "smoothed strain at every virtual gauge")
+    std: np.ndarray = dataset("strain", "/time × grid", "standard deviation of the smoothed strain")
+    position: np.ndarray = dataset("m", "grid × 3", "position of every virtual gauge")
+    direction: np.ndarray = dataset("1", "grid × 3", "measuring direction of every virtual gauge")
 
 
 GRID_FILTER, SIGMA_POINT, EXTENDED = "grid", "sigma-point", "extended"
@@ -133,14 +135,16 @@ class Compared:
     """Results of the filters of a structure or a bench on the same samples, without tolerances."""
 
     filter: tuple[str, ...] = dataset(
-        "1", "/filter", "name of the filter: grid (grid filter), sigma-point (structures only), extended"
+        "1", "/filter", "name of every filter: grid (parameter grid filter), sigma-point (structures only), extended"
     )
     estimate: dict[str, np.ndarray] = dataset(
-        "unit of <name>", "/filter", "final estimate of <name> by every filter; NaN for a diverged filter"
+        "unit of <name>", "/filter", "final estimate of <name> by every filter; NaN: diverged"
     )
-    std: dict[str, np.ndarray] = dataset("unit of <name>", "/filter", "standard deviation of this estimate")
+    std: dict[str, np.ndarray] = dataset(
+        "unit of <name>", "/filter", "standard deviation of the final estimate of <name>"
+    )
     ratio: dict[str, np.ndarray] = dataset(
-        "1", "/filter", "RMS error of the estimate expected by the posterior of the grid filter, divided by that σ"
+        "1", "/filter", "expected RMS error of the estimate (under the posterior of the grid filter), divided by its σ"
     )
 
 
@@ -148,16 +152,16 @@ class Compared:
 class SurfaceMoment:
     """Surface at the instant of the largest reading; facets as in `exterior_facets` of the mesh of import.h5."""
 
-    time: float = dataset("s", "", "instant of the largest reading, in the time of the file")
+    time: float = dataset("s", "", "time of the largest reading, in the time of the file")
     label: str = dataset("1", "", "channel with the largest reading")
     displacement: np.ndarray = dataset("m", "node × 3", "smoothed displacement at the nodes of import.h5")
-    strain: np.ndarray = dataset("strain", "exterior facet × 6", "smoothed strain at the facet centre, γ for shear")
+    strain: np.ndarray = dataset("strain", "exterior facet × 6", "smoothed strain at the facet centres, γ for shear")
     principal_strain: np.ndarray = dataset(
-        "strain", "exterior facet", "principal strain of largest magnitude, with sign"
+        "strain", "exterior facet", "principal strain of largest magnitude at the facet centres, with sign"
     )
-    von_mises: np.ndarray = dataset("Pa", "exterior facet", "von Mises stress")
+    von_mises: np.ndarray = dataset("Pa", "exterior facet", "von Mises stress at the facet centres")
     von_mises_std: np.ndarray | None = dataset(
-        "Pa", "exterior facet", "standard deviation, unless σ is omitted", default=None
+        "Pa", "exterior facet", "standard deviation of the von Mises stress; missing if not computed", default=None
     )
 
 
@@ -165,27 +169,29 @@ class SurfaceMoment:
 class TestSource:
     """The file of the test, and the corrections of its channels."""
 
-    file: str = dataset("1", "", "name of the file")
-    sha256: str = dataset("1", "", "SHA-256 checksum of the file")
-    bytes: int = dataset("1", "", "size of the file")
+    file: str = dataset("1", "", "name of the test file")
+    sha256: str = dataset("1", "", "SHA-256 checksum of the test file")
+    bytes: int = dataset("1", "", "size of the test file in bytes")
     format: str = dataset("1", "", "file format: csv, hdf5, uff58, mdf, tdms or mat")
-    date: str = dataset("1", "", "date of the test in the config; empty if not set")
+    date: str = dataset("1", "", "date of the test from the config; empty: not set")
     channel: tuple[str, ...] = dataset("1", "/channel", "name of every channel in the file")
     measures: tuple[str, ...] = dataset("1", "/channel", "gauge and grid, or known load, of the channel")
-    unit: tuple[str, ...] = dataset("1", "/channel", "unit of the readings")
-    bridge: tuple[str, ...] = dataset("1", "/channel", "bridge arrangement; empty without bridge")
-    gauge_factor: np.ndarray = dataset("1", "/channel", "gauge factor; NaN without bridge")
+    unit: tuple[str, ...] = dataset("1", "/channel", "unit of the readings of every channel")
+    bridge: tuple[str, ...] = dataset("1", "/channel", "bridge arrangement of every channel; empty: no bridge")
+    gauge_factor: np.ndarray = dataset("1", "/channel", "gauge factor of every channel; NaN: no bridge")
     poisson_ratio: np.ndarray = dataset("1", "/channel", "Poisson's ratio for the bridge equation; NaN if not needed")
-    sign: np.ndarray = dataset("1", "/channel", "polarity; −1: reversed wiring")
-    scale: np.ndarray = dataset("1", "/channel", "factor on the calibrated signal")
-    offset: np.ndarray = dataset("see /source/unit", "/channel", "offset, subtracted from the readings")
+    sign: np.ndarray = dataset("1", "/channel", "polarity of every channel; −1: reversed wiring")
+    scale: np.ndarray = dataset("1", "/channel", "factor on the calibrated signal of every channel")
+    offset: np.ndarray = dataset("unit in /source/unit", "/channel", "offset, which is subtracted from the readings")
     drift: np.ndarray = dataset(
-        "see /source/unit, per second",
+        "unit in /source/unit, per second",
         "/channel",
-        "drift rate; subtracted from the readings, times the time since the start",
+        "drift rate; drift rate × time since the start is subtracted from the readings",
     )
-    zero: np.ndarray = dataset("s", "/channel × 2", "zero interval [from, to]; its mean is subtracted. NaN: none")
-    delay: np.ndarray = dataset("s", "/channel", "corrected delay of the channel; negative: advance")
+    zero: np.ndarray = dataset(
+        "s", "/channel × 2", "zero interval [from, to]; its mean reading is subtracted; NaN: none"
+    )
+    delay: np.ndarray = dataset("s", "/channel", "delay that was corrected in every channel; negative: advance")
 
 
 @record
@@ -225,7 +231,7 @@ class Estimated(UnknownHistories):
     moment: SurfaceMoment | None = group(default=None)
     source: TestSource = group()
     damage: Damaged | None = group(default=None)
-    notes: tuple[str, ...] = dataset("1", "sentence", "corrections of the measurements, and warnings")
+    notes: tuple[str, ...] = dataset("1", "sentence", "notes: corrections of the measurements, and warnings")
 
 
 @record
@@ -237,7 +243,7 @@ class CampaignRecord:
     gain: float = dataset(
         "1",
         "",
-        "logarithm of the likelihood ratio of common parameters and gauge errors to separate ones for each record",
+        "logarithm of the likelihood ratio: common against separate parameters and gauge errors of the records",
     )
     posterior: dict[str, Posterior] = group(unit="unit of <name>", what="<name>")
     damage: Damaged | None = group(default=None)

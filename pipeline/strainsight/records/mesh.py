@@ -36,33 +36,38 @@ from strainsight.sensors.faces import Faces
 
 @dataclass(frozen=True)
 class Members:
-    members: Annotated[IntArray, Column("1", "member", "ids in the deck")]
+    members: Annotated[IntArray, Column("1", "member", "ids of the <what> in every set")]
 
 
 @dataclass(frozen=True)
 class NamedFacets:
-    facets: Annotated[IntArray, Column("1", "named facet × 2", "element id and local facet number")]
+    facets: Annotated[IntArray, Column("1", "named facet × 2", "element id and facet number in the element")]
 
 
 @dataclass(frozen=True)
 class Axes:
-    direction: Annotated[FloatArray, Column("1", "3 × 3", "axes as columns (node × xyz × axis)")]
+    direction: Annotated[
+        FloatArray, Column("1", "3 × 3", "axes of the local displacement system, as columns (node × xyz × axis)")
+    ]
 
 
 @dataclass(frozen=True)
 class Ignored:
-    count: Annotated[int, Column("1", "", "number of occurrences")]
+    count: Annotated[int, Column("1", "", "number of occurrences of the card in the deck")]
     effect: Annotated[
         str,
-        Column("1", "", "structure: it may affect stiffness, mass or ties; none: it does not; empty: unknown"),
+        Column("1", "", "effect of the card: structure (may affect stiffness, mass or ties), none, or empty (unknown)"),
     ]
 
 
 SECTION, SET = Key("region", int, "region id of every section"), Key("name", str, "name of every set of <what>")
 LAMINATE = Key("region", int, "region id of every laminate")
-BEAM_END = Key("region", int, "region id; two rows, for end A and end B", several=True)
-REGION, NAMED_FACE = Key("region", int, "region id"), Key("name", str, "name, also that of a node set")
-LOAD, CARD = Key("name", str, "name of every load of the deck"), Key("card", str, "unsupported card")
+BEAM_END = Key("region", int, "region id of every beam section; two rows if the ends A and B differ", several=True)
+REGION, NAMED_FACE = (
+    Key("region", int, "region id"),
+    Key("name", str, "name of every face, and of the node set of the face"),
+)
+LOAD, CARD = Key("name", str, "name of every load of the deck"), Key("card", str, "name of every unsupported card")
 TURNED = Key("node", int, "index of nodes with a local displacement system")
 
 
@@ -76,7 +81,9 @@ class MeshColumns:
     shells: tuple[ShellBlock, ...] = group(by="kind")
     beams: tuple[BeamBlock, ...] = group(by="kind")
     arms: np.ndarray = dataset(
-        "1", "arm × 2", "node on a face of a shell or a side of a beam, and the node with its rigid arm"
+        "1",
+        "arm × 2",
+        "node on a shell face or a beam side, and the shell or beam node to which a rigid arm connects it",
     )
     regions: Mapping[int, Region] = group(table(Region, "region", "id"))
     shell_sections: Mapping[int, ShellSection] | None = group(
@@ -96,8 +103,8 @@ class MeshColumns:
             CompositeSolid,
             "composite",
             REGION,
-            kind="kind of the axis system, see /orientations",
-            turn="axes 1, 2, 3 in the directions of the system, as columns",
+            kind="type of the coordinate system of the axes: rectangular, cylindrical, spherical",
+            turn="axes 1, 2, 3 of the layer in the coordinate system, as columns",
         )
     )
     fixed: np.ndarray = dataset(
@@ -123,12 +130,12 @@ class MeshColumns:
     )
     faces: Mapping[str, IntArray] = group(table(NamedFacets, "name", NAMED_FACE, bare=True), path="/faces/named")
     cards: Mapping[str, Ignored] = group(table(Ignored, "card", CARD), path="/ignored")
-    notes: tuple[str, ...] = dataset("1", "note", "assumptions in reading the deck")
+    notes: tuple[str, ...] = dataset("1", "note", "assumptions made in reading the deck")
     doubts: tuple[str, ...] = dataset("1", "doubt", "probable mistakes in the deck")
     contacts: tuple[str, ...] | None = dataset(
         "1", "pair", "treatment of each contact pair; missing without contact", default=None
     )
-    lumped: int | None = dataset("1", "", "1 for lumped mass of solids; missing for consistent mass", default=None)
+    lumped: int | None = dataset("1", "", "1: lumped mass of solids; missing: consistent mass", default=None)
 
     @classmethod
     def of(cls, mesh: Mesh) -> MeshColumns:

@@ -22,11 +22,13 @@ class Augmented:
     )
     F: np.ndarray = dataset("1/s", "scenario × /state × /state", "augmented state matrix F*")
     H: np.ndarray = dataset("unit of the channel", "scenario × channel × /state", "strain operator H* of every channel")
-    Q: np.ndarray = dataset("1/s", "scenario × /state × /state", "process intensity")
-    R: np.ndarray = dataset("unit of the intensity", "scenario × channel", "noise intensity of every channel")
+    Q: np.ndarray = dataset("1/s", "scenario × /state × /state", "process noise intensity")
+    R: np.ndarray = dataset("(unit of the channel)^2 s", "scenario × channel", "noise intensity of every channel")
     weight: np.ndarray = dataset("1", "scenario × /state", "diagonal of the weight matrix W")
     scale: np.ndarray = dataset(
-        "x*", "scenario × /state", "scale factors of x*: x* = scale · scaled state, with diag P = 1 for the whole pool"
+        "x*",
+        "scenario × /state",
+        "scale of every entry of x*: x* = scale · scaled state; P of the scaled state of the whole pool has diagonal 1",
     )
 
 
@@ -34,11 +36,11 @@ class Augmented:
 class PoolTable:
     """A unit of the elimination: a gauge, or a mirrored pair."""
 
-    candidate: np.ndarray = dataset("1", "pool row", "candidate number of every pool row (its first channel)")
+    candidate: np.ndarray = dataset("1", "pool row", "candidate number of the first channel of every pool row")
     channel: np.ndarray = dataset("1", "channel", "candidate number of every row of /augmented/H")
     row: np.ndarray = dataset("1", "channel", "pool row of every row of /augmented/H")
     gauges: np.ndarray = dataset(
-        "1", "pool row × 1 or 2", "gauges of every pool row; −1 in the second column of a single gauge"
+        "1", "pool row × 1 or 2", "gauge numbers of every pool row; second column −1: single gauge"
     )
 
 
@@ -48,18 +50,21 @@ class Removals:
 
     removed: np.ndarray = dataset("1", "removal", "removed pool rows, in order of removal")
     trace: np.ndarray | None = dataset(
-        "1", "removal + 1", "<what> of each step, starting with the whole pool; for the trace criterion", default=None
+        "1",
+        "removal + 1",
+        "<what> of the whole pool and after every removal; only for the trace criterion",
+        default=None,
     )
     metric: np.ndarray | None = dataset(
-        "1", "removal + 1", "<what> of each step, starting with the whole pool; for other criteria", default=None
+        "1", "removal + 1", "<what> of the whole pool and after every removal; only for other criteria", default=None
     )
     rise: np.ndarray = dataset("1", "removal", "increase of <what> with every removal, in full precision")
     unknowns: tuple[str, ...] = dataset("1", "/unknowns", "names of the unknowns of the criterion, inputs first")
     blocks: np.ndarray = dataset(
-        "1", "removal + 1 × /unknowns", "variance of each of them times its weight; their sum is tr(W P)"
+        "1", "removal + 1 × /unknowns", "weighted variance of every unknown; the sum of a row is tr(W P)"
     )
     solves: np.ndarray = dataset("1", "removal", "number of exact Riccati solutions for every removal")
-    ties: np.ndarray = dataset("1", "removal", "number of other pool rows equally good to remove, for every removal")
+    ties: np.ndarray = dataset("1", "removal", "number of equally good alternatives for every removal")
 
 
 @record
@@ -68,15 +73,15 @@ class Selection:
 
     gauge: np.ndarray = dataset("1", "gauge", "pool row of every gauge, <what>")
     number: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
-    channel: np.ndarray = dataset("1", "gauge × most channels", "channels of the gauge; −1 for none")
-    rank: np.ndarray = dataset("1", "gauge", "rank from 1: pool rows <what>")
-    element: np.ndarray = dataset("1", "gauge", "element id in the deck")
-    facet: np.ndarray = dataset("1", "gauge", "facet number in the element, from 1")
-    nodes: np.ndarray = dataset("1", "gauge × 8", "node indices of the facet; −1 for none")
-    position: np.ndarray = dataset("m", "gauge × 3", "position")
-    direction: np.ndarray = dataset("1", "gauge × 3", "direction of the first channel")
+    channel: np.ndarray = dataset("1", "gauge × most channels", "channels of every gauge; −1: no channel")
+    rank: np.ndarray = dataset("1", "gauge", "rank of every gauge from 1, pool rows <what>")
+    element: np.ndarray = dataset("1", "gauge", "element id of every gauge in the deck")
+    facet: np.ndarray = dataset("1", "gauge", "facet number of every gauge in its element, from 1")
+    nodes: np.ndarray = dataset("1", "gauge × 8", "node indices of the facet of every gauge; −1: no node")
+    position: np.ndarray = dataset("m", "gauge × 3", "position of every gauge")
+    direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction of the first channel of every gauge")
     load: np.ndarray | None = dataset(
-        "1", "gauge", "largest training reading divided by the range; NaN: no range", default=None
+        "1", "gauge", "largest training reading of every gauge, divided by its range; NaN: no range", default=None
     )
 
 
@@ -86,7 +91,7 @@ class LayoutBound:
 
     lower_bound: float = dataset("1", "", "lower bound on <what> of all permitted layouts")
     gap: float = dataset("1", "", "optimality gap: (<what> of the final set − bound) / <what>")
-    weights: np.ndarray = dataset("1", "pool row", "gauge weights of the relaxed problem")
+    weights: np.ndarray = dataset("1", "pool row", "weight of every pool row in the relaxed problem")
 
 
 @record
@@ -94,10 +99,10 @@ class Rules:
     """The layout and layouts by other criteria, evaluated with the same covariances."""
 
     rule: tuple[str, ...] = dataset("1", "/rule", "selection rule of every set")
-    gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every set; −1 for none")
-    name: tuple[str, ...] = dataset("1", "/name", "name of every criterion; first that of the layout")
+    gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every set; −1: no gauge")
+    name: tuple[str, ...] = dataset("1", "/name", "name of every criterion; the first is the criterion of the layout")
     value: np.ndarray = dataset("1", "/rule × /name", "criterion value of every set, a variance")
-    std: dict[str, np.ndarray] = dataset("SI", "/rule", "steady-state σ of <name>; for ranking only")
+    std: dict[str, np.ndarray] = dataset("SI", "/rule", "steady-state σ of <name> with every set; for ranking only")
 
 
 @record
@@ -109,16 +114,16 @@ class PlacedLayout:
     elimination: Removals = group(what="<what>")
     residual: float = dataset("1", "", "largest relative residual of the Riccati solutions", path="/riccati/residual")
     greedy: Selection = group(path="/selected/greedy", what="in ascending order")
-    final: Selection = group(path="/selected/final", what="by the effect of their removal, largest first")
+    final: Selection = group(path="/selected/final", what="by effect of removal, largest first")
     loss: np.ndarray = dataset(
         "1",
         "gauge",
-        "<what> after the failure of each gauge of the final set; inf if an unknown becomes unobservable, NaN if "
-        "not solved",
+        "<what> after the failure of each gauge of the final set; inf: an unknown becomes unobservable; NaN: "
+        "not solved accurately",
         path="/failure/loss",
     )
     certificate: LayoutBound | None = group(what="<what>", default=None)
-    baseline: dict[str, float] = dataset("1", "", "<what> of the set by <name>")
+    baseline: dict[str, float] = dataset("1", "", "<what> of the set selected by <name>")
     criteria: Rules = group()
     advice: tuple[str, ...] = dataset("1", "sentence", "recommendations for the layout")
 
@@ -132,7 +137,7 @@ def metric_key(criterion: str) -> str:
 class Budget:
     """Contributions to the variance of every unknown."""
 
-    source: tuple[str, ...] = dataset("1", "/source", "source of a contribution to the variance")
+    source: tuple[str, ...] = dataset("1", "/source", "name of every source of variance")
     share: dict[str, np.ndarray] = dataset("1", "/source", "share of every source in the filtered variance of <name>")
 
     @property
@@ -159,9 +164,11 @@ class Observed:
         "1", "/excitation × /case", "condition number of the scaled PBH matrix at λ = 0, median over instants"
     )
     condition_raw: np.ndarray = dataset(
-        "1", "/excitation × /case", "the value as defined in the thesis, which depends on units"
+        "1",
+        "/excitation × /case",
+        "condition number of the unscaled PBH matrix, as defined in the thesis; depends on units",
     )
-    sigma_min: np.ndarray = dataset("1", "/excitation × /case", "smallest singular value of that scaled matrix")
+    sigma_min: np.ndarray = dataset("1", "/excitation × /case", "smallest singular value of the scaled PBH matrix")
     lost: np.ndarray = dataset("1", "/excitation × /case", "unobservable or weakly observable unknowns; empty: none")
 
 
@@ -170,10 +177,14 @@ class HotSpots:
     """Mesh sensitivity of the gauge strains, for the final set or any set; changes relative to the RMS reading in training."""
 
     refined: np.ndarray = dataset(
-        "1", "gauge", "largest change of its strain with a refined local mesh; NaN: not tested"
+        "1", "gauge", "largest strain change with a refined local mesh, relative to the training RMS; NaN: not tested"
     )
-    spread: np.ndarray = dataset("1", "gauge", "change with nodal forces distributed over facets; NaN: not tested")
-    share: float = dataset("1", "", "relative change above which a location is a hot spot")
+    spread: np.ndarray = dataset(
+        "1",
+        "gauge",
+        "strain change with nodal forces distributed over facets, relative to the training RMS; NaN: not tested",
+    )
+    share: float = dataset("1", "", "relative strain change above which a location is a hot spot")
 
     @property
     def hot(self) -> np.ndarray:
@@ -192,11 +203,11 @@ class AtGauges:
     over_grid: np.ndarray = dataset(
         "1", "gauge", "RMS strain change along the grid, relative to the training RMS; NaN: no strain gauge"
     )
-    room: np.ndarray = dataset("m", "gauge", "free height above the gauge; inf: more than the limit")
-    lies_on: tuple[str, ...] = dataset("1", "gauge", "position and support of the face, for a probable contact face")
-    in_place_limit: float = dataset("1", "", "limit of the strain change over one σ of position, for a steep gradient")
-    over_grid_limit: float = dataset("1", "", "limit of the strain change along the grid, for a steep gradient")
-    room_limit: float = dataset("m", "", "free height needed for bonding")
+    room: np.ndarray = dataset("m", "gauge", "free height above the gauge; inf: above the search limit")
+    lies_on: tuple[str, ...] = dataset("1", "gauge", "position and support of a probable contact face; empty: none")
+    in_place_limit: float = dataset("1", "", "limit of the strain change over one σ of position; above: steep gradient")
+    over_grid_limit: float = dataset("1", "", "limit of the strain change along the grid; above: steep gradient")
+    room_limit: float = dataset("m", "", "free height required for bonding")
 
     def steep_in_words(self, i: int) -> str:
         """Warning of a steep gradient at gauge i, with value and limit; empty below the limits."""
@@ -204,7 +215,7 @@ class AtGauges:
             f"by {100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
             for value, limit, what in (
                 (self.in_place[i], self.in_place_limit, "over one σ of position"),
-                (self.over_grid[i], self.over_grid_limit, "along its grid"),
+                (self.over_grid[i], self.over_grid_limit, "along the grid"),
             )
             if value > limit
         ]
@@ -225,17 +236,23 @@ class AtGauges:
 class ByCase:
     """Load cases of the placement."""
 
-    name: tuple[str, ...] = dataset("1", "/name", "load case names")
-    weight: np.ndarray = dataset("1", "/name", "weight")
+    name: tuple[str, ...] = dataset("1", "/name", "name of every load case")
+    weight: np.ndarray = dataset("1", "/name", "weight of every load case")
     scenario: np.ndarray = dataset("1", "scenario", "load case number of every scenario of /augmented")
-    metric: np.ndarray = dataset("1", "/name", "<what> of the final set in this case, without its weight")
+    metric: np.ndarray = dataset(
+        "1", "/name", "<what> of the final set in every load case, without the weight of the case"
+    )
     std: dict[str, np.ndarray] = dataset(
-        "1", "/name", "predicted σ of <name> along the training run, relative to the amplitude or guess"
+        "1",
+        "/name",
+        "predicted σ of <name> along the training run, relative to the amplitude (load) or guess (parameter)",
     )
     acts: dict[str, np.ndarray] = dataset(
-        "1", "/name", "1 if <name> acts in the case; a silent load is not part of the criterion"
+        "1", "/name", "1 if <name> acts in the load case; 0: not part of the criterion of this case"
     )
-    scale: dict[str, np.ndarray] = dataset("SI", "/name", "reference amplitude or guess")
+    scale: dict[str, np.ndarray] = dataset(
+        "SI", "/name", "amplitude (load) or guess (parameter) of <name>, the reference of σ"
+    )
     worst: dict[str, str] = dataset("1", "", "load case with the largest σ of <name>")
 
 
@@ -244,13 +261,13 @@ class Placed(PlacedLayout):
     """place.h5."""
 
     expected_std: dict[str, float] = dataset(
-        "SI", "", "predicted σ of <name> along the training run, with tolerances; in its worst load case"
+        "SI", "", "predicted σ of <name> along the training run, with tolerances, in the load case with the largest σ"
     )
     without: dict[str, np.ndarray] = dataset(
         "1",
         "gauge",
-        "predicted relative σ of <name> without each gauge of the final set; the largest of all load cases, "
-        "relative to the amplitude of each",
+        "predicted relative σ of <name> without each gauge of the final set: largest value of all load cases, "
+        "relative to the amplitude in the load case",
     )
     budget: Budget | None = group(default=None)
     observability: Observability = group()

@@ -38,7 +38,7 @@ class ChangeTerms:
     roots: dict[str, np.ndarray] = dataset(
         "SI",
         "root of <name> × 6",
-        "<what>: root, scale, lowest and highest value; saturation distance beyond them, as a fraction of the "
+        "<what>: root, scale, lowest and highest value; saturation distance beyond these limits, as a fraction of the "
         "value (0: none); 1 for x = ln θ, otherwise x = θ",
     )
     weights: dict[str, np.ndarray] = dataset(
@@ -77,7 +77,7 @@ class AffineTerms(ChangeTerms):
     terms: dict[str, np.ndarray] = dataset(
         "<unit> per SI unit",
         "coordinate × coordinate",
-        "<what>: derivative by <name>, or by its coefficient",
+        "<what>: derivative with respect to <name>, or matrix of the coefficient <name>",
         path="/<name>",
     )
 
@@ -109,10 +109,10 @@ class ModelTerms:
     law: Damping = group()
     input_shape: np.ndarray = dataset("kg^-1/2", "coordinate × /inputs", "input shape S at the reference")
     input_slope: dict[str, np.ndarray] = dataset(
-        "SI", "coordinate × /inputs", "∂S/∂<name> for a density, if a load acts on its mass"
+        "SI", "coordinate × /inputs", "derivative ∂S/∂<name> of the input shape, for a density with a body force"
     )
-    inputs: tuple[str, ...] = dataset("1", "/inputs", "input names")
-    parameters: tuple[str, ...] = dataset("1", "/parameters", "parameter names")
+    inputs: tuple[str, ...] = dataset("1", "/inputs", "names of the loads")
+    parameters: tuple[str, ...] = dataset("1", "/parameters", "names of the parameters")
     reference: np.ndarray = dataset(
         "SI", "/parameters", "reference parameter values, at which the coordinates are modal"
     )
@@ -141,8 +141,12 @@ class ReductionErrors:
     """Parameter values that the basis was not built from, with the errors there."""
 
     parameters: np.ndarray = dataset("SI", "point × parameter", "test parameter values, not used for the basis")
-    frequency: np.ndarray = dataset("1", "point × mode", "relative error of the natural frequencies")
-    static: np.ndarray = dataset("1", "point × input", "relative energy-norm error of the static responses")
+    frequency: np.ndarray = dataset(
+        "1", "point × mode", "relative error of the natural frequencies at the test parameter values"
+    )
+    static: np.ndarray = dataset(
+        "1", "point × input", "relative energy-norm error of the static responses at the test parameter values"
+    )
 
 
 @record
@@ -151,17 +155,19 @@ class ReadyBasis:
 
     basis: np.ndarray = dataset("kg^-1/2", "row × coordinate", "reduction basis Ψ on the matrix rows")
     missed: np.ndarray = dataset(
-        "m/N/rad or m/N/m", "row × input × misalignment", "static responses outside the span of Ψ, on the matrix rows"
+        "m/N/rad or m/N/m",
+        "row × input × misalignment",
+        "change of the static response per misalignment outside the span of Ψ, on the matrix rows",
     )
-    notes: tuple[str, ...] = dataset("1", "note", "assumptions in reading the matrices")
+    notes: tuple[str, ...] = dataset("1", "note", "assumptions made in reading the matrices")
 
 
 @record
 class FromResults:
     """Data of a model from imported modes and static responses; its free unknowns are the modes and static residuals."""
 
-    modes: int = dataset("1", "", "number of modes in the results")
-    notes: tuple[str, ...] = dataset("1", "note", "checks of the results")
+    modes: int = dataset("1", "", "number of modes in the imported results")
+    notes: tuple[str, ...] = dataset("1", "note", "checks of the imported results")
 
 
 @record
@@ -175,7 +181,9 @@ class Misaligned:
         "m/N/rad or m/N/m", "free unknown × input × misalignment", "change of the static response per misalignment"
     )
     missed: np.ndarray = dataset(
-        "m/N/rad or m/N/m", "3 nodes × input × misalignment", "part of it outside the span of Ψ, on the nodes"
+        "m/N/rad or m/N/m",
+        "3 nodes × input × misalignment",
+        "change of the static response per misalignment outside the span of Ψ, on the nodes",
     )
 
 

@@ -21,7 +21,7 @@ from strainsight.columns import Column, columns_of
 from strainsight.records.record import FieldPlace, placed
 
 ALL = ", all lists concatenated"
-OFFSET = "list i is [offset[i], offset[i + 1])"
+OFFSET = "entries of list i: offset[i] to offset[i + 1] − 1"
 
 
 @dataclass(frozen=True)

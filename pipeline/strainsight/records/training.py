@@ -18,20 +18,22 @@ class GridColumns:
     """Data of every grid of a gauge, and of every channel of another sensor."""
 
     element: np.ndarray = dataset("1", "<what>", "element id of every <what>")
-    facet: np.ndarray = dataset("1", "<what>", "facet number in the element, from 1, in the order of this page")
+    facet: np.ndarray = dataset("1", "<what>", "facet number in the element, from 1, in the order of docs/artefacts.md")
     kind: np.ndarray = dataset(
-        "1", "<what>", "kind of facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8; 4 and 5 tri6 and quad8 of shells"
+        "1", "<what>", "kind of facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 tri6 of a shell, 5 quad8 of a shell"
     )
-    nodes: np.ndarray = dataset("1", "<what> × 8", "node indices of the facet; −1 for none")
+    nodes: np.ndarray = dataset("1", "<what> × 8", "node indices of the facet; −1: no node")
     position: np.ndarray = dataset("m", "<what> × 3", "position; for a candidate, the centre of the facet")
     normal: np.ndarray = dataset("1", "<what> × 3", "outward normal")
     direction: np.ndarray = dataset("1", "<what> × 3", "measuring direction; for strain, in the plane of the facet")
     angle: np.ndarray = dataset(
-        "deg", "<what>", "angle from the projected axis, counter-clockwise about the outward normal"
+        "deg", "<what>", "angle of the direction from the projected axis, counter-clockwise about the outward normal"
     )
-    local: np.ndarray = dataset("1", "<what> × 2", "local coordinates on the facet")
+    local: np.ndarray = dataset("1", "<what> × 2", "local coordinates of the position on the facet")
     length: np.ndarray = dataset("m", "<what>", "grid length for the mean strain; 0: strain at the point")
-    array: np.ndarray = dataset("1", "<what>", "0 for gauges, then the index of the motion_sensors of the config")
+    array: np.ndarray = dataset(
+        "1", "<what>", "0 for gauges, otherwise the number of the entry of motion_sensors, from 1"
+    )
     bonded: np.ndarray = dataset("1", "<what>", "1 if the gauge or bridge is already bonded", path="/glued")
 
 
@@ -39,8 +41,8 @@ class GridColumns:
 class ArmColumns(GridColumns):
     """`Arms`, one row for each additional arm of a bridge; each arm is a strain gauge."""
 
-    channel: np.ndarray = dataset("1", "<what>", "channel of the arm")
-    sign: np.ndarray = dataset("1", "<what>", "sign of its strain in the bridge reading; the first arm has 1")
+    channel: np.ndarray = dataset("1", "<what>", "channel of every arm")
+    sign: np.ndarray = dataset("1", "<what>", "sign of the arm strain in the bridge reading; the first arm has +1")
 
     @classmethod
     def of(cls, arms: Arms) -> ArmColumns:
@@ -55,8 +57,8 @@ class ArmColumns(GridColumns):
 class CandidateColumns(GridColumns):
     """`Candidates`, one row per channel; a bridge is one channel, at the position of its first arm."""
 
-    quantity: np.ndarray = dataset("1", "<what>", "0 strain, 1 acceleration, 2 displacement")
-    gauge: np.ndarray = dataset("1", "<what>", "gauge number of the channel")
+    quantity: np.ndarray = dataset("1", "<what>", "quantity: 0 strain, 1 acceleration, 2 displacement")
+    gauge: np.ndarray = dataset("1", "<what>", "gauge number of every channel")
     arms: Arms | None = group(ArmColumns, what="arm", default=None)
 
     @classmethod
@@ -72,9 +74,9 @@ class StrainOperatorRows:
     """Imported strain operator (channel × matrix row), as the three arrays of a CSR matrix."""
 
     value: np.ndarray = dataset("1/m or 1/rad", "value", "imported strain per unit motion of a matrix row")
-    size: int = dataset("1", "", "number of matrix rows")
-    column: np.ndarray = dataset("1", "value", "matrix row of every value")
-    offset: np.ndarray = dataset("1", "channel + 1", "values of candidate i are [offset[i], offset[i + 1])")
+    size: int = dataset("1", "", "number of rows of the imported matrices")
+    column: np.ndarray = dataset("1", "value", "row of the imported matrices of every value")
+    offset: np.ndarray = dataset("1", "channel + 1", "values of channel i: offset[i] to offset[i + 1] − 1")
 
     @classmethod
     def of(cls, rows: sparse.csr_array) -> StrainOperatorRows:
@@ -94,7 +96,7 @@ class CaseMotion:
     """Training run of a load case."""
 
     time: np.ndarray = dataset("s", "instant", "time of the training run")
-    load: np.ndarray = dataset("unit of the loads", "instant × input", "loads", path="/input")
+    load: np.ndarray = dataset("unit of the loads", "instant × input", "loads of the training run", path="/input")
     coordinate: np.ndarray = dataset("kg^1/2 m", "instant × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("kg^1/2 m/s", "instant × coordinate", "reduced velocities")
     rms: np.ndarray = dataset("unit of the channel", "channel", "RMS reading of every channel")
@@ -109,7 +111,7 @@ class Training:
     name: tuple[str, ...] = dataset(
         "1",
         "gauge",
-        "name of every gauge in the config; empty: named by the layout",
+        "name of every gauge from the config; empty: the layout names the gauge",
         path="/gauges/name",
     )
     rows: np.ndarray = dataset(
@@ -121,7 +123,7 @@ class Training:
     row_change: AffineOperator | None = group(
         ChangeTerms,
         "unit of the row",
-        "change of the strain operator with a free shell thickness",
+        "change of the strain operator with an estimated shell thickness",
         path="/gauges/row_change",
         default=None,
     )
@@ -135,12 +137,12 @@ class Training:
     moved: np.ndarray | None = dataset(
         "m",
         "bonded gauge",
-        "distance that every bonded gauge was moved to the surface",
+        "distance by which every bonded gauge was moved to the surface",
         path="/glued/distance",
         default=None,
     )
     time: np.ndarray = dataset("s", "/time", "time of the training run")
-    load: np.ndarray = dataset("unit of the loads", "/time × input", "training loads", path="/input")
+    load: np.ndarray = dataset("unit of the loads", "/time × input", "loads of the training run", path="/input")
     coordinate: np.ndarray = dataset("kg^1/2 m", "/time × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("kg^1/2 m/s", "/time × coordinate", "reduced velocities")
     acceleration: np.ndarray = dataset("kg^1/2 m/s^2", "/time × coordinate", "reduced accelerations")
@@ -223,9 +225,9 @@ STATED, CARRIER = "stated", "carrier"
 class Clearance:
     """Clearance of gauges from edges, supports and loads."""
 
-    distance: float = dataset("m", "", "applied clearance of the gauge centres; 0: none")
-    wanted: float = dataset("m", "", "required clearance, reduced if the part is too small for it")
-    rule: str = dataset("1", "", "origin: stated (config) or carrier (default)")
+    distance: float = dataset("m", "", "applied clearance of gauge centres from edges, supports and loads; 0: none")
+    wanted: float = dataset("m", "", "required clearance; if the part is too small, the applied clearance is smaller")
+    rule: str = dataset("1", "", "origin of the clearance: stated (config) or carrier (default of the gauge carrier)")
     near: dict[str, int] = dataset(
         "1",
         "",
@@ -238,27 +240,31 @@ class Clearance:
 class Screened:
     """screen.h5."""
 
-    kept: np.ndarray = dataset("1", "kept", "number of every kept gauge, in ascending order")
+    kept: np.ndarray = dataset("1", "kept", "number of every gauge in the pool, in ascending order")
     snr: np.ndarray = dataset(
         "1",
         "gauge",
-        "largest ratio of RMS reading to noise, over unknowns (each alone) and load cases; with rank_by: "
-        "strength, of the training reading",
+        "largest ratio of RMS reading to noise, over the load cases and unknowns (each alone); with rank_by: "
+        "strength, ratio of the training reading",
     )
-    reason: np.ndarray = dataset("1", "gauge", "reason why a gauge was removed; empty for kept gauges")
+    reason: np.ndarray = dataset("1", "gauge", "reason why a gauge was removed; empty: gauge in the pool")
     clearance: Clearance | None = group(default=None)
     noise_std: np.ndarray = dataset(
         "unit of the channel", "channel", "noise standard deviation of one sample at the training time step"
     )
     installation: np.ndarray | None = dataset(
-        "unit of the variance",
+        "(unit of the channel)^2",
         "case × channel",
-        "mean square reading error from installation errors, in every load case by name, or under the configured "
-        "loads; zero for candidates without clearance. Only with installation: avoid",
+        "mean square reading error from installation errors, in every load case by name or under the configured "
+        "loads; zero for candidates without clearance; only with installation: avoid",
         default=None,
     )
-    range: np.ndarray = dataset("unit of the channel", "channel", "range of every channel; inf: not specified")
-    family: tuple[str, ...] = dataset("1", "kind", "name of every kind of sensor, indexed by /gauges/array of train.h5")
+    range: np.ndarray = dataset(
+        "unit of the channel", "channel", "measuring range of every channel; inf: not specified"
+    )
+    family: tuple[str, ...] = dataset(
+        "1", "kind", "name of every kind of sensor; /gauges/array of train.h5 is the index"
+    )
 
 
 def with_missed(basis: np.ndarray, missed: np.ndarray) -> np.ndarray:

@@ -14,23 +14,25 @@ class SimulatedChannels:
 
     time: np.ndarray = dataset("s", "/time", "sampling times of the gauges")
     measured: np.ndarray = dataset(
-        "unit of the channel", "/time × channel", "measured reading of every channel, with noise"
+        "unit of the channel", "/time × channel", "simulated measurement of every channel, with noise"
     )
     true: np.ndarray = dataset("unit of the channel", "/time × channel", "true reading of every channel")
-    estimated: np.ndarray = dataset("unit of the channel", "/time × channel", "estimated reading")
+    estimated: np.ndarray = dataset("unit of the channel", "/time × channel", "estimated reading of every channel")
     std: np.ndarray = dataset("unit of the channel", "/time × channel", "standard deviation of the estimated reading")
 
 
 @record
 class Consistency:
     nees: np.ndarray = dataset(
-        "1", "/gauge/time", "normalised estimation error squared (NEES) of the unknowns, divided by their number"
+        "1", "/gauge/time", "normalised estimation error squared (NEES), divided by the number of unknowns"
     )
     nis: np.ndarray = dataset(
         "1", "/gauge/time", "normalised innovation squared (NIS), divided by the number of gauges"
     )
     band: np.ndarray = dataset(
-        "1", "2 × 2", "99.73 % limits, at least 1 / 1.21 to 1.21 (NEES at one instant, mean NIS of the run × low, high)"
+        "1",
+        "2 × 2",
+        "99.73 % limits (low, high) of the NEES at one instant and the mean NIS; at least 1 / 1.21 to 1.21",
     )
 
 
@@ -38,12 +40,16 @@ class Consistency:
 class Field:
     """Every candidate at the instant of the largest true strain."""
 
-    instant: float = dataset("s", "", "instant of the largest true strain")
+    instant: float = dataset("s", "", "time of the largest true strain")
     true: np.ndarray = dataset(
-        "unit of the candidate", "candidate", "true strain, or displacement, at that instant; NaN for accelerometers"
+        "unit of the candidate",
+        "candidate",
+        "true strain (or displacement) of every candidate at /field/instant; NaN: accelerometer",
     )
-    strain: np.ndarray = dataset("unit of the candidate", "candidate", "estimated strain, or displacement")
-    std: np.ndarray = dataset("unit of the candidate", "candidate", "standard deviation of the estimate")
+    strain: np.ndarray = dataset(
+        "unit of the candidate", "candidate", "estimated strain (or displacement) of every candidate at /field/instant"
+    )
+    std: np.ndarray = dataset("unit of the candidate", "candidate", "standard deviation of the estimated strain")
 
 
 @record
@@ -56,7 +62,7 @@ class Errors:
 
 @record
 class NoiseStudy(Errors):
-    factor: np.ndarray = dataset("1", "run", "ratio of noise to the configured noise")
+    factor: np.ndarray = dataset("1", "run", "gauge noise of every run, relative to the configured noise")
 
 
 @record
@@ -68,14 +74,16 @@ class Starts(Errors):
 
 @record
 class RandomSetErrors(Errors):
-    candidate: np.ndarray = dataset("1", "run × channel", "rows of train.h5 of every <what>; −1 for none")
+    candidate: np.ndarray = dataset("1", "run × channel", "rows of train.h5 of every <what>; −1: none")
     estimate: dict[str, np.ndarray] = dataset("unit of <name>", "/time × run", "estimate of <name> with every <what>")
 
 
 @record
 class SweepTable:
-    key: tuple[str, ...] = dataset("1", "/key", "time_step, process_noise, or the name of a wrong parameter")
-    value: np.ndarray = dataset("1", "/key", "time step [s], or factor")
+    key: tuple[str, ...] = dataset(
+        "1", "/key", "changed quantity: time_step, process_noise, or the name of a parameter with a wrong value"
+    )
+    value: np.ndarray = dataset("1", "/key", "time step [s], or factor on the process noise or the parameter")
     error: dict[str, np.ndarray] = dataset("1", "/key", "actual error of <name>")
     std: dict[str, np.ndarray] = dataset("1", "/key", "estimated standard deviation of <name>")
 

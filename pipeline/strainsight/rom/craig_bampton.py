@@ -86,18 +86,19 @@ def craig_bampton(
     if (modes is None) == (cutoff is None):
         raise UserError(
             "a reduction requires either a number of modes or a cut-off frequency",
-            remedy="Specify exactly one of them.",
+            remedy="Specify exactly one of the two.",
         )
     if model.mass.parameters:
         raise UserError(
-            f"the density {model.mass.parameters[0]} is a parameter of a moving body, whose inertia must be constant",
-            remedy="Remove it from the parameters, or specify the density of the material.",
+            f"the density {model.mass.parameters[0]} is a parameter of a moving body, but its inertia must be constant",
+            remedy="Remove the density from the parameters; specify a fixed density of the material.",
         )
     b, unit = interface_motions(model, interface)
     i = np.setdiff1d(np.arange(model.size), b)
     if missing := [name for name in model.stiffness.parameters if name not in (reference or {})]:
         raise UserError(
-            f"parameter {missing[0]} has no reference value", remedy="Specify the value at which the body is reduced."
+            f"parameter {missing[0]} has no reference value",
+            remedy="Specify the parameter value at which the body is reduced.",
         )
     K, M = sparse.csr_array(model.stiffness.at(reference or {})), model.mass.constant
     K_i = sparse.csr_array(K[i])
@@ -132,7 +133,9 @@ def floating_basis(body: CraigBampton, node: int) -> CraigBampton:
     is_fixed = rows_of(body, node).any(axis=0)
     fixed = [other for other, rows in body.interface.items() if not rows.any()]
     if fixed:
-        raise UserError(f"the frame of the body is already fixed to node {fixed[0]}", remedy="Fix it to one node only.")
+        raise UserError(
+            f"the frame of the body is already fixed to node {fixed[0]}", remedy="Fix the frame to only one node."
+        )
     remaining = np.flatnonzero(~is_fixed)
     square = np.ix_(remaining, remaining)
     return replace(
@@ -150,7 +153,7 @@ def rows_of(body: CraigBampton, node: int) -> np.ndarray:
         known = ", ".join(map(str, body.interface))
         raise UserError(
             f"node {node} is not an interface of the reduced body",
-            remedy=did_you_mean(str(node), map(str, body.interface), f"Its interface nodes are {known}."),
+            remedy=did_you_mean(str(node), map(str, body.interface), f"Use one of the interface nodes {known}."),
         )
     return body.interface[node]
 
@@ -181,24 +184,26 @@ def own_inertia(model: FiniteElementModel, loose: int) -> np.ndarray:
 def interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Columns b (6k,) of T of the interface motions z_b, and their values (6k, 6k) for unit z_b."""
     if len(interface) == 0:
-        raise UserError("the reduction has no interface node", remedy="Name the nodes of joints and forces.")
+        raise UserError(
+            "the reduction has no interface node", remedy="Specify the nodes of joints and forces as interface nodes."
+        )
     columns: list[np.ndarray] = []
     blocks = []
     for k, node in enumerate(interface):
         if node in interface[:k]:
-            raise UserError(f"interface node {node} is named twice", remedy="Name it once.")
+            raise UserError(f"interface node {node} is named twice", remedy="List the node only once.")
         part = model.constraint.transform[motion_rows(model, node)]
         columns_of_node = np.unique(part.tocoo().col)
         is_fixed = np.diff(part.indptr) == 0
         if is_fixed.any():
             raise UserError(
                 f"interface node {node} is clamped in {MOTIONS[int(np.argmax(is_fixed))]}",
-                remedy="Remove it from the supports, or from the interface.",
+                remedy="Remove the node from the supports or from the interface.",
             )
         if len(columns_of_node) != 6 or np.isin(columns_of_node, np.concatenate([columns_of_node[:0], *columns])).any():
             raise UserError(
-                f"the six motions of interface node {node} are not independent: it follows other nodes or is clamped",
-                remedy="Name the node that it follows, or tie the flange to it by an RBE2.",
+                f"the six motions of interface node {node} are not independent: the node depends on other nodes or is clamped",
+                remedy="Use the reference node as interface, or tie the flange to this node by an RBE2.",
             )
         columns.append(columns_of_node)
         blocks.append(np.linalg.inv(part[:, columns_of_node].toarray()))
@@ -211,8 +216,8 @@ def motion_rows(model: FiniteElementModel, node: int) -> np.ndarray:
     turning = model.constraint.reference_rows.get(index)
     if turning is None:
         raise UserError(
-            f"interface node {node} has no rotations: it is not the reference of a rigid element",
-            remedy="Tie the flange to it by an RBE2, in the deck or under mesh.ties.",
+            f"interface node {node} has no rotations, because it is not the reference of a rigid element",
+            remedy="Tie the flange to this node by an RBE2, in the deck or under mesh.ties.",
         )
     return np.concatenate([translation_rows([index]), turning + np.arange(3)])
 
@@ -229,7 +234,7 @@ def _interior(
     most = int(np.count_nonzero(M.diagonal() > 0))
     if modes is not None and not 0 <= modes <= most:
         raise InfeasibleError(
-            f"{modes} modes requested of a body with {most} unknowns between its interfaces",
+            f"{modes} modes were requested of a body with {most} unknowns between its interfaces",
             remedy=f"Request 0 to {most} modes.",
         )
     if cutoff is not None and not cutoff > 0:

@@ -22,15 +22,25 @@ class InertiaInvariants:
     """Integrals over the undeformed body, of the position x of a point and of its shapes Φ(x) (3, n), column k φ_k, in the
     floating frame: p = x + Φη."""
 
-    mass: Annotated[float, Column("kg", "", "∫ρ")]
-    first: Annotated[np.ndarray, Column("kg m", "3", "∫ρ x")]
-    first_modal: Annotated[np.ndarray, Column("kg per unit", "3 × coordinate", "∫ρ Φ")]
-    second: Annotated[np.ndarray, Column("kg m^2", "3 × 3", "∫ρ x xᵀ")]
-    second_modal: Annotated[np.ndarray, Column("kg m per unit", "coordinate × 3 × 3", "∫ρ (x φᵀ + φ xᵀ)")]
-    second_modal2: Annotated[np.ndarray, Column("kg per unit^2", "coordinate × coordinate × 3 × 3", "∫ρ φ_k φ_lᵀ")]
-    coupling: Annotated[np.ndarray, Column("kg m per unit", "3 × 3 × coordinate", "∫ρ x_j Φ")]
-    coupling_modal: Annotated[np.ndarray, Column("kg per unit^2", "coordinate × 3 × 3 × coordinate", "∫ρ φ_kj Φ")]
-    modal: Annotated[np.ndarray, Column("kg per unit^2", "coordinate × coordinate", "∫ρ ΦᵀΦ")]
+    mass: Annotated[float, Column("kg", "", "mass of the body ∫ρ")]
+    first: Annotated[np.ndarray, Column("kg m", "3", "first moment of mass ∫ρ x")]
+    first_modal: Annotated[np.ndarray, Column("kg per unit", "3 × coordinate", "modal first moment ∫ρ Φ")]
+    second: Annotated[np.ndarray, Column("kg m^2", "3 × 3", "second moment of mass ∫ρ x xᵀ")]
+    second_modal: Annotated[
+        np.ndarray, Column("kg m per unit", "coordinate × 3 × 3", "modal second moment ∫ρ (x φᵀ + φ xᵀ)")
+    ]
+    second_modal2: Annotated[
+        np.ndarray,
+        Column("kg per unit^2", "coordinate × coordinate × 3 × 3", "quadratic modal second moment ∫ρ φ_k φ_lᵀ"),
+    ]
+    coupling: Annotated[
+        np.ndarray, Column("kg m per unit", "3 × 3 × coordinate", "coupling of rotation and modes ∫ρ x_j Φ")
+    ]
+    coupling_modal: Annotated[
+        np.ndarray,
+        Column("kg per unit^2", "coordinate × 3 × 3 × coordinate", "modal coupling of rotation and modes ∫ρ φ_kj Φ"),
+    ]
+    modal: Annotated[np.ndarray, Column("kg per unit^2", "coordinate × coordinate", "modal mass matrix ∫ρ ΦᵀΦ")]
 
 
 def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaInvariants:
@@ -55,15 +65,17 @@ def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaI
     for point in mesh.point_masses:
         if point.matrix is not None:
             raise DeckError(
-                f"point mass {point.id} on node {mesh.node_ids[point.node]} has different masses along different axes, "
-                "which a freely moving body cannot have",
-                remedy="Define it as a mass with offset and inertia (CONM2).",
+                f"point mass {point.id} on node {mesh.node_ids[point.node]} has different masses along its axes, "
+                "which is not supported in a moving body",
+                remedy="Define the point mass with offset and inertia (CONM2).",
                 entity=("node", int(mesh.node_ids[point.node])),
             )
         row = model.constraint.reference_rows.get(point.node)
         G += _point_mass_terms(point, F[point.node], None if row is None else z[row : row + 3])
     if not G[0, 0] > 0:
-        raise DeckError(f"the total mass is {G[0, 0]:g} kg", remedy="Specify a density of the materials (RHO on MAT1).")
+        raise DeckError(
+            f"the total mass is {G[0, 0]:g} kg", remedy="Specify the density of the materials (RHO on MAT1)."
+        )
     G = 0.5 * (G + G.T)
     with_place = G[1:4, 4:].reshape(3, 3, n)
     modal2 = G[4:, 4:].reshape(3, n, 3, n)

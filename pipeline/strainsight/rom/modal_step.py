@@ -38,7 +38,9 @@ def oscillator_step(
     c, lam_slope, c_slope = slopes_along(lam, damping, along)
     half_gap = np.sqrt((0.25 * c * c - lam).astype(complex))
     if np.any(np.abs(half_gap) < 1e-6 * np.sqrt(lam)):
-        raise NumericalError("a mode is critically damped", remedy="Change the damping slightly.")
+        raise NumericalError(
+            "the damping ratio of a mode is 1 (critical damping)", remedy="Change the damping ratio slightly from 1."
+        )
     roots = np.stack([-0.5 * c + half_gap, -0.5 * c - half_gap])
     gap = 2 * half_gap
     sign = np.array([1.0, -1.0]).reshape(2, *([1] * lam.ndim))

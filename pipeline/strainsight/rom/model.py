@@ -25,13 +25,13 @@ class Damping:
 
     kind: Annotated[
         Literal["modal", "rayleigh"],
-        Column("1", "", "modal: the same ratio in every mode; rayleigh: αM + βK"),
+        Column("1", "", "damping model: modal (the same ratio in every mode) or rayleigh (αM + βK)"),
     ] = "modal"
-    ratio: Annotated[float, Column("1", "", "damping ratio ζ")] = 0.0
-    alpha: Annotated[float, Column("1/s", "", "α")] = 0.0
-    beta: Annotated[float, Column("s", "", "β")] = 0.0
+    ratio: Annotated[float, Column("1", "", "modal damping ratio ζ")] = 0.0
+    alpha: Annotated[float, Column("1/s", "", "Rayleigh coefficient α of the mass matrix")] = 0.0
+    beta: Annotated[float, Column("s", "", "Rayleigh coefficient β of the stiffness matrix")] = 0.0
     factors: tuple[float, ...] = ()
-    parameter: Annotated[str, Column("1", "", "name of the parameter that multiplies the damping, or empty")] = ""
+    parameter: Annotated[str, Column("1", "", "name of the parameter that multiplies the damping; empty: none")] = ""
     value: float | np.ndarray = 1.0
 
     def at(self, theta: Mapping[str, Any]) -> Damping:

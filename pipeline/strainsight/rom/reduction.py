@@ -56,7 +56,7 @@ def _latin(
     columns = {}
     for i, name in enumerate(reference):
         if name not in ranges:
-            raise InfeasibleError(f"parameter {name} has no range", remedy="Specify its range.")
+            raise InfeasibleError(f"parameter {name} has no range", remedy="Specify the range of the parameter.")
         low, high = ranges[name]
         if not 0 < low <= high < np.inf:
             raise InfeasibleError(
@@ -221,7 +221,9 @@ def reduce_model(
     Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses.
     """
     if samples < 1:
-        raise InfeasibleError(f"{samples} parameter samples", remedy="Use at least 1, the reference.")
+        raise InfeasibleError(
+            f"the number of parameter samples is {samples}", remedy="Use at least 1 sample (the reference)."
+        )
     points = parameter_samples(reference, ranges, 1 if only_scales(full) else samples)
     n_u, slopes = S.shape[1], slopes or {}
     if not only_scales(full):  # S of loads on mass scales with the mass
@@ -333,8 +335,8 @@ def _modal_coordinates(
             inverse, Y = eigh(M, K)
             if inverse[0] <= 0:
                 raise InfeasibleError(
-                    f"a static response has no mass (m/k = {inverse[0]:.1e} s²)",
-                    remedy="Specify a density of every region.",
+                    f"a static response moves no mass (m/k = {inverse[0]:.1e} s²)",
+                    remedy="Specify the density of every region.",
                 )
             Y = Y[:, ::-1] / np.sqrt(inverse[::-1])
         else:

@@ -128,7 +128,7 @@ class Artefact:
             if known not in _VERIFIED:
                 digest = content_digest(file, self._contents, self.message)
                 if digest != self.digest:
-                    raise damaged(self.path, f"its content digest is {digest[:12]} instead of {self.digest[:12]}")
+                    raise damaged(self.path, f"the content digest is {digest[:12]} instead of {self.digest[:12]}")
             self.summary: dict[str, Scalar] = self.attributes("/summary")
             self.tables = tuple(
                 Table(t["title"], tuple(t["columns"]), tuple(tuple(row) for row in t["rows"]))
@@ -252,12 +252,12 @@ def _checked(path: Path) -> Iterator[h5py.File]:
     except ArtefactError:
         raise
     except Exception as error:  # whatever HDF5 or the decoding makes of altered bytes
-        raise damaged(path, f"it cannot be read to the end ({type(error).__name__})") from error
+        raise damaged(path, f"the file cannot be read to the end ({type(error).__name__})") from error
 
 
 def _refuse_damaged(path: Path) -> None:
     if not path.is_file():
-        raise ArtefactError("results file not found", where=str(path), remedy="run the stage that writes it")
+        raise ArtefactError("results file not found", where=str(path), remedy="run the stage that writes this file")
     if path.stat().st_size < BLOCK:
         raise damaged(path, f"the file ends after {path.stat().st_size} bytes")
     if not is_sealed(path):
@@ -265,7 +265,7 @@ def _refuse_damaged(path: Path) -> None:
             "the file is not a strainsight results file", where=str(path), remedy="use a file from results/"
         )
     if not is_intact(path):
-        raise damaged(path, "its checksum is wrong")
+        raise damaged(path, "the checksum is wrong")
 
 
 def _opened(path: Path) -> h5py.File:
@@ -300,7 +300,7 @@ def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
         **{name: json.loads(attributes.get(name, "{}")) for name in MAPPINGS},
     )
     if foreign := [name for name in header.beside or {} if not is_plain_name(name)]:
-        raise damaged(path, f"it refers to the additional file {foreign[0]!r}")
+        raise damaged(path, f"the header refers to an invalid additional file {foreign[0]!r}")
     return header, str(attributes["digest"]), str(attributes["message"])
 
 

@@ -167,7 +167,7 @@ def content_digest(file: h5py.File, contents: Mapping[str, Entry], message: str)
 def damaged(path: Path | str, why: str) -> ArtefactError:
     """Error for a file that differs from what was written."""
     return ArtefactError(
-        f"the results file is damaged: {why}", where=str(path), remedy="run the stage again; it replaces the file"
+        f"the results file is damaged: {why}", where=str(path), remedy="run the stage again to replace the file"
     )
 
 
@@ -201,9 +201,9 @@ class _Reading:
             item = h5o.open(group, encoded)
             if (address := _address(item)) in self.seen or len(self.seen) > MAX_OBJECTS:
                 what = (
-                    "is a second name of an object above"
+                    "is a second name of an earlier object"
                     if address in self.seen
-                    else f"follows {MAX_OBJECTS} other objects"
+                    else f"exceeds the limit of {MAX_OBJECTS} objects"
                 )
                 raise damaged(self.name, f"{name} {what}")
             self.seen.add(address)
@@ -249,11 +249,11 @@ class _Reading:
             raise damaged(self.name, f"{name} has its data in another file, which is not supported")
         if dtype.hasobject or stored != claimed or stored > self.size:
             raise damaged(
-                self.name, f"{name} has a size of {claimed} bytes, but the file only {min(stored, self.size)} bytes"
+                self.name, f"{name} requires {claimed} bytes, but the file contains only {min(stored, self.size)} bytes"
             )
         if layout == h5d.CHUNKED:  # can unpack to a piece of any size
             raise damaged(self.name, f"{name} has an unexpected storage layout")
-        self._claim(stored, f"{name} and the objects above")
+        self._claim(stored, f"{name} and the earlier objects")
         if self.size > IN_MEMORY:
             return None
         array = np.empty(shape, dtype)

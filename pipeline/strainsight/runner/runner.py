@@ -87,7 +87,7 @@ def _acquire(path: Path) -> int:
             raise UserError(
                 f"another run{f' (process {pid})' if pid else ''} is writing to this folder",
                 where=str(path.parent),
-                remedy="wait until it has finished, or use another folder with --results DIR",
+                remedy="wait until the other run has finished, or use another folder with --results DIR",
             ) from None
         # The holder before us may have removed the file between our open and our lock: then we hold a lock on nothing.
         try:
@@ -147,7 +147,7 @@ def _copied(source: Path, folder: Path, header: ArtefactHeader, records: tuple[s
         parts.append((_shared(source, folder), folder / source.name))
         artefact = Artefact(parts[0][0])
         if artefact.header != header:
-            raise ArtefactError("the file was replaced during the copy", where=str(source))
+            raise ArtefactError("the results file was replaced during the copy", where=str(source))
         for name, digest in (artefact.header.beside or {}).items():
             size = (artefact.header.sizes or {}).get(name, -1)
             parts.append(

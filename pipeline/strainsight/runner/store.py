@@ -201,7 +201,7 @@ def kept_on_disk(path: Path) -> Iterator[None]:
         if error.errno is None or error.errno in (errno.EMFILE, errno.ENFILE):  # no matter of room
             raise
         raise UserError(
-            f"cannot be written: {os.strerror(error.errno)}",
+            f"the file cannot be written: {os.strerror(error.errno)}",
             where=str(path),
             remedy="free some disk space, or use a writable folder with --results DIR; existing files are unchanged",
         ) from error
@@ -231,7 +231,7 @@ def _check(output: Output) -> None:
             raise ValueError(f"{path} has no unit or no description")
         missing = [scale for scale in dataset.scales if scale and scale not in output.datasets]
         if missing:
-            raise ValueError(f"{path}: its scale {missing[0]} is not among the datasets")
+            raise ValueError(f"{path}: the scale {missing[0]} is not a dataset of the output")
         if len(dataset.scales) > np.ndim(dataset.array):
             raise ValueError(f"{path}: {len(dataset.scales)} scales for {np.ndim(dataset.array)} axes")
     for name in output.files:

@@ -82,7 +82,7 @@ def _grids(
     positions = np.array([entry.position for entry in entries], dtype=float).reshape(-1, 3)
     if not np.isfinite(positions).all():
         i = int(np.argmin(np.isfinite(positions).all(axis=1)))
-        raise refuse(i, f"has the position {tuple(entries[i].position)}", "Specify three numbers.")
+        raise refuse(i, f"has the position {tuple(entries[i].position)}", "Specify three finite coordinates.")
     if not len(entries):
         return _channels(skin, entries, np.zeros(0, int), np.zeros((0, 2)), positions, positions, positions), np.zeros(
             0
@@ -95,7 +95,7 @@ def _grids(
             i,
             f"is {located.distance[i]:.4g} m from the surface (nearest point: {_xyz(located.point[i])}), "
             f"more than {tolerance:g} m",
-            "Correct its position (in metres), or increase its snap_tolerance.",
+            "Correct the position (in metres), or increase snap_tolerance of the gauge.",
         )
     _, normal = skin.frames(located.facet, located.local)
     _check_side(mesh, skin, positions, located, refuse)
@@ -108,7 +108,7 @@ def _grids(
         raise refuse(
             i,
             f"has a grid of {entries[i].length:.3g} m that crosses a sharp edge",
-            "Correct its position, direction or length.",
+            "Correct the position, direction or length of the gauge.",
         )
     return pool, located.distance
 
@@ -127,8 +127,8 @@ def _check_side(mesh: Mesh, skin: Skin, positions: np.ndarray, located: Located,
         if distance < size and facet != located.facet[i] and element[facet] == element[located.facet[i]]:
             raise refuse(
                 i,
-                f"is equally near to the upper and the lower face of shell {element[facet]}",
-                f"Specify a position on the face that it is bonded on, for example {_xyz(located.point[i])}.",
+                f"is equally near to the upper and lower face of shell {element[facet]}",
+                f"Specify a position on the bonded face, for example {_xyz(located.point[i])}.",
             )
 
 
@@ -167,8 +167,8 @@ def _tangent(direction: Sequence[float], n: np.ndarray, refuse: Callable[[str, s
     angle = np.rad2deg(np.arctan2(np.linalg.norm(t), abs(a @ n)))
     if angle < STEEPEST:
         raise refuse(
-            f"has a direction at {angle:.3g}° to the surface normal {_xyz(n)}, which has no defined projection",
-            f"Specify a direction along the surface, at more than {STEEPEST:g}° to its normal.",
+            f"has a direction at {angle:.3g}° to the surface normal {_xyz(n)}, so that its projection is undefined",
+            f"Specify a direction along the surface, at more than {STEEPEST:g}° to the normal.",
         )
     return t / np.linalg.norm(t)
 
@@ -185,7 +185,7 @@ def _check_coincidence(
             continue
         if abs(d[i] @ d[j]) > np.cos(np.deg2rad(0.1)):
             other = entries[i].name or f"gauge {i + 1}"
-            raise refuse(j, f"has the position and direction of {other}", "Remove one of them.")
+            raise refuse(j, f"has the same position and direction as {other}", "Remove one of the two gauges.")
 
 
 def _error_at(key: str, entries: Sequence[BondedEntry], i: int, what: str, remedy: str) -> UserError:
@@ -213,8 +213,8 @@ def without(gauges: ImportedGauges, mesh: Mesh, facets: Facets | None, zones: Se
         selected &= ~inside(zone, mesh, facets, gauges.pool.position, gauges.pool.normal)
     if not selected.any():
         raise InfeasibleError(
-            f"none of the {len(selected)} imported gauges remains outside the excluded zones",
-            remedy="Reduce the zones to exclude.",
+            f"all {len(selected)} imported gauges lie in excluded zones",
+            remedy="Reduce the excluded zones.",
         )
     index = np.flatnonzero(selected)
     return ImportedGauges(gauges.pool.take(index), gauges.rows[index])

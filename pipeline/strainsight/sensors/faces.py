@@ -56,13 +56,13 @@ class Faces:
     the face of each facet, which is not written to files.
     """
 
-    area: Annotated[np.ndarray, Column("m^2", "face", "area, the largest first")]
-    centre: Annotated[np.ndarray, Column("m", "face × 3", "centre, weighted by area")]
-    normal: Annotated[np.ndarray, Column("1", "face × 3", "outward normal of a flat face, zero if curved")]
-    radius: Annotated[np.ndarray, Column("m", "face", "radius of a cylinder, zero for other faces")]
-    axis: Annotated[np.ndarray, Column("1", "face × 3", "axis of a cylinder, zero for other faces")]
-    hollow: Annotated[np.ndarray, Column("1", "face", "whether a cylinder is a bore")]
-    point: Annotated[np.ndarray, Column("m", "face × 3", "a point of each face")]
+    area: Annotated[np.ndarray, Column("m^2", "face", "area of every face, largest first")]
+    centre: Annotated[np.ndarray, Column("m", "face × 3", "centroid of every face")]
+    normal: Annotated[np.ndarray, Column("1", "face × 3", "outward normal of every flat face; zero: curved face")]
+    radius: Annotated[np.ndarray, Column("m", "face", "radius of every cylindrical face; zero: other face")]
+    axis: Annotated[np.ndarray, Column("1", "face × 3", "axis of every cylindrical face; zero: other face")]
+    hollow: Annotated[np.ndarray, Column("1", "face", "1 if the face is a bore")]
+    point: Annotated[np.ndarray, Column("m", "face × 3", "a point on every face")]
     of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def near(self, face: int) -> str:
@@ -118,7 +118,11 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
         selected &= has_radius[faces.of]
         if not has_radius.any():
             radii = sorted({f"{r:.4g}" for r in faces.radius[faces.radius > 0]}, key=float)
-            known = f"Available radii: {', '.join(radii[:8])} m." if radii else "This surface has no cylinders."
+            known = (
+                f"Use one of the radii {', '.join(radii[:8])} m."
+                if radii
+                else "Remove `radius`: this surface has no cylindrical faces."
+            )
             raise UserError(f"no face has a radius of {pick.radius:g} m", remedy=known)
     if pick.near:
         skin, likely = skin_of(position, facets), faces.of[selected]
@@ -126,7 +130,9 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
     if not selected.any():
         picks = [name for name in ("near", "normal", "box", "radius") if getattr(pick, name)]
         where = (
-            f"No facet meets all of {' and '.join(picks)}" if len(picks) > 1 else "Check the lengths, which are in m"
+            f"Relax {' or '.join(picks)}: no facet meets all of them"
+            if len(picks) > 1
+            else "Check that lengths are in m"
         )
         raise UserError(
             "no facet of the surface is selected", remedy=f"{where}. `strainsight init` lists the faces of a deck."
@@ -153,7 +159,7 @@ def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) ->
     if distance > long:
         raise UserError(
             f"the point {where} is {distance:.4g} m away from a part that is only {long:.4g} m long",
-            remedy="Coordinates are in m, whatever the unit of the deck.",
+            remedy="Specify coordinates in m, whatever the unit of the deck.",
         )
     others = faces.of != face
     if others.any():
@@ -164,7 +170,7 @@ def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) ->
                 return other if other in likely else face
             raise UserError(
                 f"the point {where} is equally near to two faces: {faces.in_words(face)} and {faces.in_words(other)}",
-                remedy="Specify a point inside the intended face, or also its normal.",
+                remedy="Specify a point inside the intended face, or add its normal.",
             )
     return face
 

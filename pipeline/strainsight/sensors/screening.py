@@ -76,9 +76,9 @@ def screen(
     bonded_ones = int(np.count_nonzero(fixed))
     if wanted < max(1, bonded_ones):
         raise InfeasibleError(
-            f"only {wanted} of {count} candidates may be selected"
+            f"screen.keep selects only {wanted} of {count} candidates"
             + (f", but {bonded_ones} are already bonded" if bonded_ones else ""),
-            remedy=f"Keep at least {max(1, bonded_ones)}.",
+            remedy=f"Set screen.keep to at least {max(1, bonded_ones)}.",
         )
     owner = np.arange(count)
     if also_at is not None:
@@ -105,7 +105,7 @@ def screen(
         raise InfeasibleError(
             f"the readings of all {count} candidates exceed their measuring range",
             key="gauges.range",
-            remedy="Use gauges of a larger range (gauges.range, or that of gauges.type), or check the amplitude of the loads.",
+            remedy="Increase the measuring range (gauges.range or gauges.type), or check the amplitude of the loads.",
         )
     return Screening(np.sort(np.array(selected, dtype=np.int64)), snr, reason)
 
@@ -130,11 +130,13 @@ def strongest_first(snr: np.ndarray) -> np.ndarray:
 def _check(rms: np.ndarray, std: np.ndarray) -> None:
     bad = ~(np.isfinite(std) & (std > 0))
     if bad.any():
-        raise InfeasibleError(f"the gauge noise is {std[bad][0]:g}", remedy="Specify a positive standard deviation.")
+        raise InfeasibleError(
+            f"the gauge noise is {std[bad][0]:g}", remedy="Specify a positive noise standard deviation."
+        )
     if not np.isfinite(rms).all():
         raise InfeasibleError(
-            f"{np.count_nonzero(~np.isfinite(rms).all(axis=0))} candidates have no finite response",
-            remedy="Check the training signal.",
+            f"{np.count_nonzero(~np.isfinite(rms).all(axis=0))} candidates have a training reading that is not finite",
+            remedy="Check the loads of the training.",
         )
 
 

@@ -262,8 +262,8 @@ def points_within(position: np.ndarray, candidates: Candidates, facets: Facets |
         if not complete.all():
             first = int(which[np.argmin(complete)])
             raise InfeasibleError(
-                f"the grid of {np.count_nonzero(~complete)} of {len(grids)} channels crosses a sharp edge "
-                f"(element {grids.element[first]}, facet {grids.facet[first]}, "
+                f"{np.count_nonzero(~complete)} of {len(grids)} channels have a grid that crosses a sharp edge "
+                f"(first: element {grids.element[first]}, facet {grids.facet[first]}, "
                 f"grid {grids.length[first]:.3g} m long)",
                 remedy="Use a shorter grid, or exclude positions near edges: "
                 f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}].",

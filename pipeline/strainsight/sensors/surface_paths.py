@@ -48,7 +48,7 @@ class Skin:
             first = int(np.argmax(known[index] != wanted))
             raise UserError(
                 f"element {element[first]} has no facet {facet[first]} on this surface",
-                remedy="Use the exterior facets of the mesh that the gauges lie on.",
+                remedy="Use exterior facets of the mesh that carries the gauges.",
             )
         return index
 

@@ -93,8 +93,8 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
     if isinstance(zone, On | ShellFace | OnElements):
         if facets is None:
             raise UserError(
-                "the mesh has no solids, shells or beams, and so no surface for this zone",
-                remedy="Use near_set or a box instead.",
+                "the mesh has no solids, shells or beams, so that this zone has no surface",
+                remedy="Use near_set or a box zone instead.",
             )
         match zone:
             case On():
@@ -140,7 +140,7 @@ def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
     elements, nodes = name in mesh.element_sets, name in mesh.node_sets
     if elements and nodes:
         raise UserError(
-            f"{name!r} is both an element set and a node set", remedy="Rename one of them in the mesh file."
+            f"{name!r} is both an element set and a node set", remedy="Rename one of the two sets in the mesh file."
         )
     if elements:
         return np.isin(facets.element_id, mesh.element_sets[name])
@@ -148,7 +148,9 @@ def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
         chosen = np.isin(mesh.node_ids, mesh.node_sets[name])
         return np.all(chosen[facets.nodes] | (facets.nodes < 0), axis=1)
     known = sorted({*mesh.element_sets, *mesh.node_sets})
-    remedy = did_you_mean(name, known, f"Its faces and sets: {', '.join(known) or 'none'}. Define faces in mesh.faces.")
+    remedy = did_you_mean(
+        name, known, f"Use one of the sets {', '.join(known) or '(none)'}, or define a face in mesh.faces."
+    )
     raise UserError(f"the set {name!r} does not exist in the mesh", remedy=remedy)
 
 
@@ -203,7 +205,7 @@ def admissible(
         if include:
             with blame(f"{key}.include"):
                 zones = [inside(zone, mesh, facets, centre, normal) for zone in include]
-            yield f"{key}.include", "in zones to include", np.any(zones, axis=0)
+            yield f"{key}.include", "in included zones", np.any(zones, axis=0)
         for i, zone in enumerate(exclude):
             with blame(f"{key}.exclude.{i}"):
                 in_zone = inside(zone, mesh, facets, centre, normal)
@@ -217,6 +219,6 @@ def admissible(
                 f"no admissible facet remains for a gauge; {where} excludes the last {np.count_nonzero(before)}: "
                 f"{', '.join(trail)}",
                 key=where,
-                remedy="Choose another surface, larger zones to include or smaller zones to exclude.",
+                remedy="Choose another surface, larger included zones or smaller excluded zones.",
             )
     return np.flatnonzero(remaining), centre, normal

@@ -45,7 +45,7 @@ def figures_of(
     ready = [page for page in pages if not missing_stages(folder, page.upstream)]
     if not ready:
         raise UserError(
-            f"no figures yet: {folder / missing_stages(folder, pages[-1].upstream)[0]}.h5 is missing",
+            f"no figures available: {folder / missing_stages(folder, pages[-1].upstream)[0]}.h5 is missing",
             where=config_file,
             remedy=f"first run: strainsight run {config_file}",
         )

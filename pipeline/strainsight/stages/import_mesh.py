@@ -43,7 +43,11 @@ def run(context: Context[PlacementConfig]) -> Output:
     kinds = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.elements)
     ignored = sum(mesh.ignored.values())
     felt = () if config.matrices or config.results else tuple(ignored_structure(mesh))
-    which = f" ({', '.join(felt[:3])}{', …' * (len(felt) > 3)} may change the structure: see import)" if felt else ""
+    which = (
+        f" ({', '.join(felt[:3])}{', …' * (len(felt) > 3)} may change the stiffness or mass; see the tables of import)"
+        if felt
+        else ""
+    )
     parts = [f"{mesh.own_nodes} nodes", kinds, f"{ignored} card{'s' * (ignored != 1)} ignored{which}"]
     summary: dict[str, Any] = {"nodes": mesh.own_nodes, "elements": count, "ignored": ignored, "extent": size_of(mesh)}
     if weight is not None:

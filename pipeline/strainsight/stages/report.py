@@ -55,7 +55,7 @@ def exported(context: Context[PlacementConfig], shop: workshop.Workshop) -> dict
     elements = workshop.elements_of(shop)
     if not elements and (sets := [name for name in wanted if name in ("nastran", "abaqus")]):
         raise ConfigError(
-            "the gauges of this layout are not on elements: the candidates are rows of the strain operator",
+            "the gauges of this layout are imported rows of the strain operator, not positions on elements",
             key="report.exports",
             remedy=f"remove {' and '.join(sets)}",
         )
@@ -154,15 +154,15 @@ def run(context: Context[PlacementConfig]) -> Output:
     trend, noise = report.trend, report.noise
     assert noise is not None
     datasets = {
-        "/trend/count": Dataset(trend.count, "1", "gauges left"),
+        "/trend/count": Dataset(trend.count, "1", "number of remaining gauges"),
         "/trend/metric": Dataset(
-            trend.value, "1", f"{trend.metric.symbol} with that number of gauges", ("/trend/count",)
+            trend.value, "1", f"{trend.metric.symbol} with /trend/count gauges", ("/trend/count",)
         ),
         "/noise/level": Dataset(noise.level, "1", "ratio of gauge noise to the RMS of the strongest candidate"),
     }
     for key, by_name in (("error", noise.error), ("std", noise.std)):
         for name, values in by_name.items():
-            what, axis = f"{key} of {name} with that noise", ("/noise/level",)
+            what, axis = f"{key} of {name} at the noise /noise/level", ("/noise/level",)
             datasets[f"/noise/{key}/{name}"] = Dataset(values, "1", what, axis)
     return Output(
         datasets=datasets,

@@ -41,7 +41,7 @@ def run_rom(context: Context[PlacementConfig]) -> Output:
             "basis_size": reduced.model.size,
             "projection_error": worst,
         },
-        message=f"{size} unknowns → {reduced.model.size}, first mode {hertz(first, 2)} Hz, held-out error {worst:.1e}",
+        message=f"{size} unknowns reduced to {reduced.model.size}, first mode {hertz(first, 2)} Hz, held-out error {worst:.1e}",
         tables=warnings_table([f"{source}: {text}" for text in other.notes] if other else ()),
     )
 

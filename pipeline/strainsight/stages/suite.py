@@ -151,7 +151,7 @@ def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[SuiteS
                 raise ConfigError(
                     f"no run of the study '{name}' has a result '{number}'",
                     key=f"studies.{i}.numbers",
-                    remedy=did_you_mean(number, known, f"they have {', '.join(known) or 'no results'}"),
+                    remedy=did_you_mean(number, known, f"the runs have the results {', '.join(known) or '(none)'}"),
                 )
         studies.append(SuiteStudy(name, study.note, study.over, tuple(study.numbers), places))
     return tuple(studies)
@@ -200,7 +200,7 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
     if isinstance(value, bool | int | float):
         if isinstance(value, bool) != (measure.equals is not None):
             what = f"'{name}' is {'true or false' if isinstance(value, bool) else 'a number'} in '{run.name}'"
-            remedy = "set equals: true or false" if isinstance(value, bool) else "set above or below"
+            remedy = "use equals: true or false" if isinstance(value, bool) else "set above or below"
             raise ConfigError(what, key=measure.key, remedy=remedy)
         return float(value)
     if value is None and numbers.get("lost"):
@@ -208,7 +208,7 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
     known = [key for key in numbers if not isinstance(numbers[key], str)]
     what = f"result '{name}' not found in the stage '{measure.stage}' of '{run.name}'"
     raise ConfigError(
-        what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"the stage has {', '.join(known)}")
+        what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"use one of {', '.join(known)}")
     )
 
 
@@ -291,10 +291,16 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
     tables = []
     if suite.comparisons:
         compared = tuple(tuple(_comparison_cells(row)[key] for key in SAID) for row in suite.comparisons)
-        tables.append(Table("published and measured", ("source", "printed", "as printed, here", "ours", ""), compared))
+        tables.append(
+            Table(
+                "published and computed numbers",
+                ("source", "published", "with published settings", "with other settings", "result"),
+                compared,
+            )
+        )
     if suite.statements:
         lines = tuple((one.text, target(one), measured(one), one.result) for one in suite.statements)
-        tables.append(Table("statements", ("statement", "target", "measured", ""), lines))
+        tables.append(Table("claims", ("claim", "target", "measured", "result"), lines))
     metrics = metrics_of(run for _, run in suite.placements)
     placement = ("run", "unknown", "gauges", metric_name(metrics), "gap", *OF_PLACEMENTS)
     for kind, head in ((PlacementRun, placement), (BenchPageRun, ("run", "unknown", *OF_BENCHES))):
@@ -348,13 +354,13 @@ def run(context: Context[SimpleNamespace]) -> Output:
         drawings = suite_figures(suite)
         scenes, problem = waiting.result()
     page = suite_page(suite, drawings, scenes).encode()
-    verdicts = [statement.result for statement in suite.statements]
-    many, estimated, confirmed = len(suite.runs), sum(run.is_estimated for run in suite.runs), verdicts.count(CONFIRMED)
+    results = [statement.result for statement in suite.statements]
+    many, estimated, confirmed = len(suite.runs), sum(run.is_estimated for run in suite.runs), results.count(CONFIRMED)
     wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in FAULTS)
     none = without_benefit(suite)
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
-    message += f"; placement has no benefit in {len(none)}" * bool(none)
-    message += f"; {confirmed} of {len(verdicts)} claims confirmed" if verdicts else ""
+    message += f"; placement has no benefit in {len(none)} runs" * bool(none)
+    message += f"; {confirmed} of {len(results)} claims confirmed" if results else ""
     agreeing = sum(row.result == HOLDS for row in suite.comparisons)
     message += f"; {agreeing} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""
     message += f"; report.html, {len(page) / 1024:.0f} KiB"
@@ -365,9 +371,9 @@ def run(context: Context[SimpleNamespace]) -> Output:
             "figures": len(drawings),
             "runs": many,
             "estimated": estimated,
-            "claims": len(verdicts),
+            "claims": len(results),
             "confirmed": confirmed,
-            "contradicted": verdicts.count(CONTRADICTED),
+            "contradicted": results.count(CONTRADICTED),
             "comparisons": len(suite.comparisons),
             "hold": agreeing,
         },

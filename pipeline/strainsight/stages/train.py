@@ -72,17 +72,20 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     counts = ", ".join(f"{kind.sum()} {word}" for kind, word in zip(kinds, words, strict=True) if kind.any())
     parts = [counts, f"{steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m"]
     if cases:
-        parts[1] += f" of {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
+        parts[1] += f" in {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
     if strongest > LARGE_STRAIN:
-        parts.append("unusually large: are load and modulus in the right unit?")
+        parts.append("the strain is unusually large: check the units of load and modulus")
     if surface is not None:
         moved = float(surface.moved.max(initial=0.0))
         notes = (
             (len(surface.moved), f"bonded gauges moved by up to {1e3 * moved:.2g} mm"),
             (surface.left_out, f"{surface.left_out} locations omitted: the grid would cross a sharp edge"),
             (surface.alone, f"{surface.alone} locations omitted: no opposite facet for the arms of a bridge"),
-            (surface.twice, f"{surface.twice} duplicate bridges omitted, the same from opposite sides"),
-            (len(surface.empty), f"zone {', '.join(surface.empty)} contains no facet: is it in metres?"),
+            (surface.twice, f"{surface.twice} duplicate bridges omitted (same bridge from the opposite side)"),
+            (
+                len(surface.empty),
+                f"zone {', '.join(surface.empty)} contains no facet: check that the zone is in metres",
+            ),
         )
         parts += [text for count, text in notes if count]
     return ", ".join(parts)
@@ -165,10 +168,10 @@ def run_screen(context: Context[PlacementConfig]) -> Output:
         numbers = {"clearance": clearance.distance}
         _warn(clearance_warning(clearance))
     if dropped[BEND]:
-        parts.append(f"{dropped[BEND]} on surfaces below the bend radius")
+        parts.append(f"{dropped[BEND]} removed on surfaces below the bend radius")
     bent = bent_gauges(structure)
     if count := int((bent & pool.bonded[pool.first]).sum()):
-        parts.append(f"{count} bonded on surfaces below the bend radius")
+        parts.append(f"{count} bonded gauges on surfaces below the bend radius")
     _warn(bent_warning(structure, bent), quiet_noise(training, screened), loud_noise(training, screened))
     if kind := type_in_words(config):
         parts.append(kind)
@@ -248,7 +251,7 @@ def run_observe(context: Context[PlacementConfig]) -> Output:
     return Output(
         datasets=written(observed),
         summary={f"condition.{case}": float(value) for case, value in zip(observed.case, condition, strict=True)},
-        message=f"{len(condition)} cases, the worst {_unknowns(observed, worst)}{where}: {condition[worst]:.2g}",
+        message=f"{len(condition)} cases, worst condition {condition[worst]:.2g} for {_unknowns(observed, worst)}{where}",
         tables=(_table(observed),),
     )
 
@@ -267,8 +270,11 @@ def _table(observed: Observed) -> Table:
         )
         for j in range(len(observed.case))
     )
-    columns = (*(f"condition, {e}" for e in observed.excitation), *(f"raw, {e}" for e in observed.excitation))
-    title = "observability: condition number of the scaled PBH matrix, and unscaled value of the thesis"
+    columns = (
+        *(f"condition, {e}" for e in observed.excitation),
+        *(f"unscaled condition, {e}" for e in observed.excitation),
+    )
+    title = "observability: condition number of the PBH matrix, scaled, and unscaled as in the thesis"
     return Table(title, ("unknown", *columns, "weakly observable"), rows)
 
 

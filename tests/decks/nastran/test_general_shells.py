@@ -122,7 +122,7 @@ def test_shell_of_several_materials_has_no_face_stress(read):
     mesh = with_faces(read(SKEW + "PSHELL,1,1,.1,2,,1\nMAT1,1,2.+11,,.3,1.\nMAT1,2,1.+11,,.3\n"))
     rows = facet_strain(mesh, exterior_facets(mesh))
     assert np.isfinite(rows.matrix.data).all()
-    with expect_refusal(DeckError, r"region 1 \(PSHELL 1\) has different materials in its membrane", remedy="MID1 = MID2"):
+    with expect_refusal(DeckError, r"region 1 \(PSHELL 1\) has different materials for membrane", remedy="MID1 = MID2"):
         surface_model(mesh, rows, np.ones((3 * len(mesh.position), 1)))
 
 
@@ -152,7 +152,7 @@ def test_general_shell_survives_units_and_records(read):
 
 test_errors_have_remedy = refusal_table(lambda cards: SKEW + cards, [
     ("PSHELL,1,1,.1,,,2\n" + mat2(1, Q) + mat2(2, np.eye(2)), "MID3 requires MID2"),
-    ("PSHELL,1,1,.1,1,,2\n,,,3\n" + mat2(1, Q) + mat2(2, np.eye(2)) + mat2(3, Q), "together: its stiffness is not positive"),
-    ("PSHELL,1,1,.1\n" + mat2(1, np.diag([1.0, 1, 0])), "membrane: it does not resist a strain: diagonal entry 3"),
-    ("PSHELL,1,1,.1,1,,2\n" + mat2(1, Q) + mat2(2, [[1.0, 2.0], [2.0, 1.0]]), "shear across: .* eigenvalue is -1"),
+    ("PSHELL,1,1,.1,1,,2\n,,,3\n" + mat2(1, Q) + mat2(2, np.eye(2)) + mat2(3, Q), "with bending: .* is not positive"),
+    ("PSHELL,1,1,.1\n" + mat2(1, np.diag([1.0, 1, 0])), "membrane: the stiffness is not positive definite: diagonal entry 3"),
+    ("PSHELL,1,1,.1,1,,2\n" + mat2(1, Q) + mat2(2, [[1.0, 2.0], [2.0, 1.0]]), "transverse shear: .* eigenvalue is -1"),
 ], placed=False)

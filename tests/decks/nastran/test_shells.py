@@ -104,7 +104,7 @@ def test_warped_quadrilateral_is_noted_or_refused(read):
     assert note.startswith("1 CQUAD4 are warped")
     assert f"(CQUAD4 10 {off / np.mean(diagonals):.2g})" in note
     assert read(changed("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,.4")).notes[1:] == ()
-    with pytest.raises(DeckError, match=r"0\.67 of its mean diagonal off their plane, 0\.3 at most"):
+    with pytest.raises(DeckError, match=r"0\.67 of the mean diagonal off the mean plane \(limit 0\.3\)"):
         read(FLAT.replace("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,3.").replace("GRID,1,,0.,0.,0.", "GRID,1,,0.,0.,3."))
 
 

@@ -379,6 +379,6 @@ def _refuse_folded(good: np.ndarray, kind: Kind, ids: np.ndarray) -> None:
         raise DeckError(
             f"{len(bad)} shells of {len(kind.nodes)} nodes are folded: {', '.join(map(str, bad[:5]))}"
             + (", …" if len(bad) > 5 else ""),
-            remedy="Move their mid-side nodes to the middle of the sides, or split these elements.",
+            remedy="Move the mid-side nodes to the middle of the sides, or split these elements.",
             entity=("element", int(bad[0])),
         )

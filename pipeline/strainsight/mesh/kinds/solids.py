@@ -110,8 +110,8 @@ TET10 = second_order(
         "C3D10T": "as C3D10",
         "C3D10H": HYBRID,
         "C3D10HS": HYBRID,
-        "C3D10M": "as C3D10, without its modified formulation",
-        "C3D10MH": f"as C3D10, without its modified formulation, {HYBRID}",
+        "C3D10M": "as C3D10, without the modified formulation",
+        "C3D10MH": f"as C3D10, without the modified formulation, {HYBRID}",
     },
     meshio={"tetra10": ()},
 )

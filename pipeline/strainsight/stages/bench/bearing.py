@@ -45,7 +45,7 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
     text = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
     if cases:
         worst = max(cases, key=lambda case: case.pressure)
-        text += f"; at most {worst.pressure / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
+        text += f"; highest contact pressure {worst.pressure / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
     warnings = [
         words for case in cases for words in beyond_limit(case.title, case.pressure, config.bearings[case.bearing])
     ]
@@ -56,8 +56,8 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
 def _facts(bearing: Bearing) -> str:
     radii = ", ".join(f"{1e3 * r:.5g}" for r in bearing.radii)
     return (
-        f"{bearing.balls} balls of {1e3 * bearing.ball_diameter:.5g} mm on {1e3 * bearing.pitch_diameter:.6g} mm, contact angle "
-        f"{np.rad2deg(bearing.contact_angle):.4g}°, groove radii {radii} mm, preload {1e6 * bearing.preload:.4g} µm"
+        f"{bearing.balls} balls of {1e3 * bearing.ball_diameter:.5g} mm, pitch diameter {1e3 * bearing.pitch_diameter:.6g} mm, "
+        f"contact angle {np.rad2deg(bearing.contact_angle):.4g}°, groove radii {radii} mm, preload {1e6 * bearing.preload:.4g} µm"
     )
 
 
@@ -79,9 +79,13 @@ def _tables(cases: list[LoadedBearing]) -> tuple[Table, ...]:
             )
             for i, contact in enumerate(CONTACTS)
         ]
-        title = f"ball loads of {case.title}: {case.loaded} of {len(case.state.station)} loaded"
+        title = f"ball loads of {case.title}: {case.loaded} of {len(case.state.station)} balls loaded"
         tables.append(
-            Table(title, ("contact", "largest force", "pressure", "contact angle there"), tuple(rows_of_balls))
+            Table(
+                title,
+                ("contact", "largest force", "largest pressure", "contact angle at largest force"),
+                tuple(rows_of_balls),
+            )
         )
     return tuple(tables)
 

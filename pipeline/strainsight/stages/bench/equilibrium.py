@@ -31,7 +31,7 @@ def statics(context: Context[BenchConfig]) -> Output:
     config, rest = context.config, rest_of(inputs.bench(context), context, balanced=True)
     unstable = [unstable_in_words(rest.growth, rest.body)] if rest.growth > 0 else []
     if unstable and not config.simulate.allow_unstable:
-        remedy = "use an initial pose closer to a stable one, or set simulate.allow_unstable: true"
+        remedy = "use an initial pose closer to a stable equilibrium, or set simulate.allow_unstable: true"
         raise InfeasibleError(unstable[0], key="simulate", remedy=remedy)
     record = at_rest(rest)
     carried = max((float(np.abs(six).max()) for six in record.reactions.values()), default=0.0)
@@ -47,7 +47,7 @@ def statics(context: Context[BenchConfig]) -> Output:
     rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
     tables = (
         Table("frame positions in equilibrium [m]", ("frame", "x", "y", "z"), tuple(where)),
-        Table("joint loads on the second frames", ("joint", "x", "y", "z", ""), tuple(loads)),
+        Table("joint loads on the second frames", ("joint", "x", "y", "z", "unit"), tuple(loads)),
         Table("drives [N or N m]", ("drive", "force"), tuple(drives)),
         Table("bearings", ("bearing", "highest pressure"), tuple(rings)),
         *warnings_table([*overloaded(config, pressed), *unstable]),
@@ -60,7 +60,7 @@ def statics(context: Context[BenchConfig]) -> Output:
         summary={"coordinates": len(record.q), "growth": rest.growth, "first_frequency": first}
         | {f"pressure.{name}": pressure for name, pressure in pressed.items()}
         | {f"force.{name}": force for name, force in record.drives.items()},
-        message=f"{len(record.q)} coordinates at rest, {state}{lowest}",
+        message=f"equilibrium of {len(record.q)} coordinates, {state}{lowest}",
         tables=tuple(table for table in tables if table.rows),
     )
 

@@ -32,7 +32,7 @@ def _other_bench(context: Context[object]) -> Simulated | None:
     artefact = Artefact(context.files[key])
     if artefact.header.stage != "simulate":
         raise ArtefactError(
-            f"{artefact.path.name} is an artefact of stage '{artefact.header.stage}', not of a simulation", key=key
+            f"{artefact.path.name} is an artefact of stage '{artefact.header.stage}', not of 'simulate'", key=key
         )
     return read(Simulated, artefact)
 

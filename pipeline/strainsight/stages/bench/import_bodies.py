@@ -36,7 +36,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
             raise ConfigError(
                 f"{deck.springs[0]}: a flexible body cannot have springs",
                 key=key,
-                remedy="define them as forces of the bench, and ignore those of the deck (mesh.ignore)",
+                remedy="define the springs as forces of the bench, and ignore the springs of the deck (mesh.ignore)",
             )
         if deck.thin:
             raise ConfigError(

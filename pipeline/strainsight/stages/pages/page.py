@@ -94,7 +94,7 @@ def warnings_of(
     notes += [f"{text}." for text in on_one_node(loads, mesh)]
     cards = [card for card in mesh.ignored if mesh.effect.get(card) != "none"]
     if cards:
-        but = " (their effect has to be part of the imported matrices)" * (ready is not None)
+        but = " (the imported matrices must include the effect of these cards)" * (ready is not None)
         notes.append(f"Ignored cards of the deck: {', '.join(cards)}{but}.")
     if "train" in up and "screen" in up:
         training, screened = read(Training, up["train"]), read(Screened, up["screen"])
@@ -121,11 +121,11 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(
                 f"Random sets from all candidates have a median σ of {100 * np.nanmedian(random):.2g} % for "
-                f"{name}, the selected set {100 * std:.2g} %: the screening removed better locations. Try screen.keep: all"
+                f"{name}, but the layout has {100 * std:.2g} %: the screening removed better locations. Try screen.keep: all"
             )
     notes += map(capital, disagreements_in_words(validated.compared))
     if lost := int(summary["lost_runs"]):
-        notes.append(f"{lost} runs of the studies diverged, and are not part of the medians")
+        notes.append(f"{lost} runs of the studies diverged and are excluded from the medians")
     return [f"{note}." for note in notes]
 
 
@@ -137,7 +137,7 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
         notes.append("The simulated test uses the model of the filter, so no model error was tested.")
     elif config.validation.truth.model == "modes":
         notes.append(
-            "Damping, gauges and loads are exact in the simulated test; use truth model perturbed to test their errors."
+            "Damping, gauges and loads are exact in the simulated test; set validate.truth.model: perturbed to test such errors."
         )
     elif read(Training, train).given is not None:
         notes.append("Gauge positions are exact: imported rows of the strain operator cannot be moved or rotated.")
@@ -246,7 +246,7 @@ def criteria_of(names: list[str], place: Artefact) -> tuple[data.Criteria, ...]:
     random = sorted((i for i, rule in enumerate(rules.rule) if rule not in RULES), key=lambda i: rules.value[i, 0])
     shown = {i: RULES[rule] for i, rule in enumerate(rules.rule) if rule in RULES}
     if random:
-        shown[random[(len(random) - 1) // 2]] = f"random, median of {len(random)}"
+        shown[random[(len(random) - 1) // 2]] = f"random (median of {len(random)} sets)"
     return tuple(
         data.Criteria(words, tuple(rules.value[i].tolist()), {name: float(rules.std[name][i]) for name in names})
         for i, words in shown.items()
@@ -280,7 +280,7 @@ def noise_of(names: list[str], up: Mapping[str, Artefact]) -> data.Noise:
 
 def checks_of(validate: Artefact) -> tuple[data.Check, ...]:
     """NEES and NIS of the filter."""
-    names = {"NEES of the run; band of one instant": "nees", "NIS of the gauges": "nis"}
+    names = {"NEES, mean of the run (band of one instant)": "nees", "NIS of the gauges, mean of the run": "nis"}
     values = [float(validate.summary[key]) for key in names.values()]
     bands = read(Validated, validate).consistency.band.tolist()
     return tuple(data.Check(*row, word_of(*row[1:])) for row in zip(names, values, map(tuple, bands), strict=True))

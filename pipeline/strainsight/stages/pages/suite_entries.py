@@ -102,7 +102,7 @@ def _measure(
                 f"{key}.{'run' if measure.stage is None else 'stage'}",
                 f"runs[{place}], '{runs[place].config.data['name']}', does not have the stage '{stage}'; its "
                 f"stages are {', '.join(stages[place])}",
-                "use one of its stages, or remove `until`",
+                "use an available stage, or remove `until`",
             )
     return measure.model_dump(mode="json", include=set(Measure.model_fields) - {"run", "against"}) | {
         "key": key, "runs": named, "against": other, "number": list(as_texts(measure.number)), "stage": stage,

@@ -33,7 +33,7 @@ def strain_view(title: str, layout: PictureLayout, strains: Sequence[SurfaceStra
             remedy="use --what layout, or set mesh.materials",
         )
     panels = tuple(Panel(caption(strain), strain.strain * MICRO) for strain in strains)
-    return View(f"{title}: surface strain at the guess", layout, panels, QUANTITY, UNIT, FACETS)
+    return View(f"{title}: surface strain at the guess of the parameters", layout, panels, QUANTITY, UNIT, FACETS)
 
 
 def strain_shapes(layout: PictureLayout, strains: Sequence[SurfaceStrain]) -> tuple[ShownState, ...]:
@@ -123,7 +123,7 @@ def nearest(time: np.ndarray, at: float) -> int:
     slack = 0.5 * float(np.diff(time).max(initial=0.0))
     if not time[0] - slack <= at <= time[-1] + slack:
         raise UserError(
-            f"--at {at:g} is outside the time range of the field, {time[0]:g} to {time[-1]:g} s",
+            f"--at {at:g} s is outside the time range of the field, {time[0]:g} to {time[-1]:g} s",
             remedy="use a time in that range, or omit --at for the instant of the largest stress",
         )
     return int(np.argmin(np.abs(time - at)))

@@ -43,12 +43,14 @@ def body_of(config: BenchConfig, body_name: str | None) -> str:
     Raises UserError if the bench has no such body."""
     bodies = list(config.flexible)
     if not bodies:
-        raise UserError("this bench has no flexible body", remedy="there is no mesh to show; see report.html")
+        raise UserError(
+            "this bench has no flexible body", remedy="open report.html instead: this bench has no mesh to show"
+        )
     if body_name is not None and body_name not in bodies:
         names = ", ".join(bodies)
         raise UserError(
             f"--body {body_name}: unknown flexible body",
-            remedy=did_you_mean(body_name, bodies, f"flexible bodies are {names}"),
+            remedy=did_you_mean(body_name, bodies, f"use one of the flexible bodies {names}"),
         )
     wanted = [body_name, *(section.body for section in (config.field, config.place) if section is not None), bodies[0]]
     return next(name for name in wanted if name is not None)
@@ -88,7 +90,7 @@ def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
     step[removed] = np.arange(1, len(removed) + 1)
     outside = replace(layout, pool=np.delete(position, pool, axis=0))
     title = f"{title}, {len(position)} candidates, {len(pool)} in the pool"
-    return _dotted(title, outside, position[pool], step, "removed in step", "–")
+    return _dotted(title, outside, position[pool], step, "step of removal", "–")
 
 
 def _dotted(
@@ -148,7 +150,7 @@ def placement_view(
     if what == "modes":
         frequency = read(Reduced, up["rom"]).frequency
         shapes = up["rom"]["/VTKHDF/PointData/mode"].reshape(-1, len(mesh.position), 3)[: len(frequency)]
-        return modes_view(f"{name}: mode shapes at the guess", bare(mesh, {}), shapes, frequency)
+        return modes_view(f"{name}: mode shapes at the guess of the parameters", bare(mesh, {}), shapes, frequency)
     if what == "candidates":
         return _placement_candidates(name, bare(mesh, config.loads), up["train"])
     if what == "strain":
@@ -175,7 +177,9 @@ def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | No
         raise UserError(
             f"--record {record}: the test has {'no record with that name' if names else 'one record'}",
             where=str(estimate.path),
-            remedy=did_you_mean(record, names, f"known records: {', '.join(names)}") if names else "omit the option",
+            remedy=did_you_mean(record, names, f"use one of the records {', '.join(names)}")
+            if names
+            else "omit the option",
         )
     estimated, of = records[shown], f", record {shown} of {', '.join(names)}" * bool(shown)
     title = f"{name}: estimate of the test {estimated.source.file}{of}"
@@ -246,9 +250,9 @@ def offers_of(
     placed = ("place",) * (placed_here or any(sensor.layout for sensor in strains))
     stages["modes"] = ("import", "reduce")
     absent = {
-        "candidates": f"the config has no placement on '{body}'; add a section `place`",
-        "layout": f"'{body}' has no gauges; add a strain sensor, or a section `place`",
-        "field": (no_field := f"the config has no field of '{body}'; add a section `field`"),
+        "candidates": f"add a section `place` for body '{body}'",
+        "layout": f"add a strain sensor or a section `place` for body '{body}'",
+        "field": (no_field := f"add a section `field` for body '{body}'"),
         "strain": no_field,
     }
     if placed_here:
