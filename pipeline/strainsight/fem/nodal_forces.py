@@ -154,10 +154,7 @@ def traction_forces(mesh: Mesh, face: str, traction: Traction) -> NodalForces:
         kind = FACETS[number]
         nodes = facets.nodes[chosen & (facets.kind == number), : len(kind.nodes)]
         facet_forces = consistent_forces(
-            mesh.position,
-            kind,
-            nodes,
-            lambda x, n, _: traction(x.reshape(-1, 3), n.reshape(-1, 3)).reshape(x.shape),
+            mesh.position, kind, nodes, lambda x, n, _: traction(x.reshape(-1, 3), n.reshape(-1, 3)).reshape(x.shape)
         )
         np.add.at(force, nodes, facet_forces)
         on_face[nodes] = True

@@ -35,11 +35,7 @@ class Signals:
     notes: tuple[str, ...]
 
 
-def assemble(
-    recording: Recording,
-    settings: Mapping[str, ChannelSettings],
-    step: float | None = None,
-) -> Signals:
+def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step: float | None = None) -> Signals:
     """Channels in the order of `settings`, calibrated and on a uniform clock: that of the file, or one with `step` [s].
 
     Raises UserError for a missing channel, a wrong unit, and a clock that is not uniform; `key` is the channel name

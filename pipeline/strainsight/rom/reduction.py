@@ -125,9 +125,7 @@ def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int, near: np.
 
 
 def snapshots_at(
-    shared: Shared,
-    theta: Mapping[str, float],
-    known: tuple[np.ndarray, np.ndarray] | None = None,
+    shared: Shared, theta: Mapping[str, float], known: tuple[np.ndarray, np.ndarray] | None = None
 ) -> Snapshots:
     """The snapshots as a task of a sweep: shared are stiffness, mass, rigid-body modes, S, the number of modes, the
     factorisation, and vectors near the modes."""

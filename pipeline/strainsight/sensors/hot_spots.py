@@ -141,12 +141,7 @@ class HotSpots:
 
 
 def hot_spots(
-    mesh: Mesh,
-    gauges: Candidates,
-    field: np.ndarray,
-    moment: np.ndarray,
-    loaded: np.ndarray,
-    pressed: np.ndarray,
+    mesh: Mesh, gauges: Candidates, field: np.ndarray, moment: np.ndarray, loaded: np.ndarray, pressed: np.ndarray
 ) -> HotSpots:
     """Change of the reading of every strain gauge on its submodel, if refined, and if forces are spread:
 

@@ -13,14 +13,7 @@ from strainsight.errors import ConfigError, NumericalError, blame
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.bench import Bench, explained, start_of
 from strainsight.experiment.bench.loads import doubtful_drives, drives_of, loads_of
-from strainsight.experiment.bench.sensors import (
-    Sensors,
-    dataset_units,
-    frame_at,
-    instants_of,
-    read_in_time,
-    sensors_of,
-)
+from strainsight.experiment.bench.sensors import Sensors, dataset_units, frame_at, instants_of, read_in_time, sensors_of
 from strainsight.experiment.system import Resources, of_steps
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock

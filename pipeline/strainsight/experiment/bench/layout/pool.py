@@ -8,13 +8,7 @@ from itertools import zip_longest
 
 import numpy as np
 
-from strainsight.config.bench.bench import (
-    AccelerationSensor,
-    BenchConfig,
-    BenchPlace,
-    MotionSensor,
-    RelativeSensor,
-)
+from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, BenchPlace, MotionSensor, RelativeSensor
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.layout.expectation import PlacedBody, Pose
