@@ -325,8 +325,7 @@ def _constants(
     """Joint draws of p (N, k) and ν − ν̂ (N, d)."""
     k, d = len(smoother.centre), len(smoother.nu)
     joint = np.hstack([grid_run.point, grid_run.nu])
-    centre = np.concatenate([smoother.centre, grid_run.weight @ grid_run.nu])
-    off = joint - centre
+    off = joint - np.concatenate([smoother.centre, grid_run.weight @ grid_run.nu])
     covariance = (off * grid_run.weight[:, None]).T @ off
     std = np.sqrt(np.diag(covariance)[:k])
     # one share of the covariance is the kernels', the rest that of their centres drawn together

@@ -227,8 +227,7 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
     path = Path(path)
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
-        functions = list(_functions(file, path, size))
-        known = known_names(functions)
+        known = known_names(list(_functions(file, path, size)))
         chosen = [_chosen(name, known, path) for name in channels]
         read = {name: _read(file, path, each, name, time_unit) for name, each in zip(channels, chosen, strict=True)}
     if not read:

@@ -99,8 +99,7 @@ class Copies:
         return np.concatenate([ids + j * self.shift for j in range(len(self.turns))])
 
     def _node_set(self, node_ids: IntArray, ids: IntArray) -> IntArray:
-        rows = np.flatnonzero(np.isin(self.mesh.node_ids, node_ids))
-        return np.unique(ids[self.at[:, rows]])
+        return np.unique(ids[self.at[:, np.flatnonzero(np.isin(self.mesh.node_ids, node_ids))]])
 
     def _regions_to_rotate(self) -> list[int]:
         """Regions whose material axes differ between the copies."""
@@ -314,8 +313,7 @@ def _along(directions: FloatArray, rank: int, systems: Sequence[FloatArray]) -> 
     """A system of the list with axes that span the column space of `directions` (3, k) of that rank, and these axes."""
     u = np.linalg.svd(directions)[0][:, :rank]
     for A in systems:
-        within = np.linalg.norm(u.T @ A, axis=0)
-        chosen = np.flatnonzero(within > 1 - 1e-9).tolist()
+        chosen = np.flatnonzero(np.linalg.norm(u.T @ A, axis=0) > 1 - 1e-9).tolist()
         if len(chosen) == rank:
             return A, chosen
     return None
@@ -415,8 +413,7 @@ def _match_faces(
             remedy="Check the number of sectors, the axis, and the two surfaces.",
         )
     near = off <= CLOSE * spacing.min()
-    pair = np.column_stack([first[near], second[which[near]]])
-    return pair, step, first[~near]
+    return np.column_stack([first[near], second[which[near]]]), step, first[~near]
 
 
 def _representatives(pairs: IntArray, follows: NDArray[np.bool_]) -> IntArray:

@@ -387,8 +387,7 @@ def modes_in_space(rest: BenchAtRest) -> VtkHdf:
             basis = bench.reduced[body.name].basis.reshape(len(mesh.position), 3, -1)[used]
             eta = bench.system.modal(body.name)
             x = x + basis @ rest.q[eta]
-            phi = rest.modes.shapes[eta, :count]
-            moved = basis @ phi
+            moved = basis @ rest.modes.shapes[eta, :count]
             if part.stop - part.start > eta.stop - eta.start:
                 R = rest.q[part][3:12].reshape(3, 3).T
                 turned = rest.modes.shapes[part][3:12, :count].reshape(3, 3, count)  # columns of δR

@@ -45,8 +45,7 @@ class LoadCases:
         weight = self.weight[of]
         if aggregate == "worst":
             return np.asarray(weight / self.weight.max())
-        present = np.unique(of)
-        share = self.weight[of] / self.weight[present].sum()
+        share = self.weight[of] / self.weight[np.unique(of)].sum()
         return np.asarray(len(of) * share / np.bincount(of)[of])
 
     def shares(self) -> np.ndarray:

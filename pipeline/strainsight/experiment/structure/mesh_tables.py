@@ -310,8 +310,7 @@ def _masses(mesh: Mesh) -> Iterator[Row]:
         mass = values @ np.where(a == b, 1.0, 2.0)
         for number in np.unique(part.region):
             of[int(number)] += float(mass[part.region == number].sum())
-    listed = list(of)[:MOST]
-    for number in listed:
+    for number in list(of)[:MOST]:
         ids = [block.ids[block.region == number] for block in mesh.thin]
         if any(len(those) for those in ids):
             M, _ = thin_mass(mesh, np.concatenate(ids))

@@ -240,8 +240,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     thickness = thickness_at(mesh, [parameter for parameter in parameters if parameter.property == THICKNESS], theta)
     built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
     modes = built.at_most(stated.modes)
-    factor = theta.get(problem.model.damping.parameter, 1.0)
-    damping = damping_of(config.damping).scaled(factor)
+    damping = damping_of(config.damping).scaled(theta.get(problem.model.damping.parameter, 1.0))
     with blame("validate.truth"):
         S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":

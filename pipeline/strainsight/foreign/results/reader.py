@@ -302,8 +302,7 @@ def vtu_responses(path: Path) -> Iterator[Response]:
     with path.open("rb"):
         pass
     raw = load_sandboxed(path).mesh
-    points = len(np.asarray(raw.points))
-    ids, _ = numbers_of(raw.point_data, NODE_IDS, points, "node", [])
+    ids, _ = numbers_of(raw.point_data, NODE_IDS, len(np.asarray(raw.points)), "node", [])
     for name, values in raw.point_data.items():
         mode = _MODE.fullmatch(name)
         match = mode or _STATIC.fullmatch(name)
@@ -338,8 +337,7 @@ def _frequency(mode: re.Match[str], number: int, field_data: dict[str, Any], whe
             f"mode {number} has no frequency",
             f'name the data "mode_{number} 12.5 Hz", or write all frequencies [Hz] as field data "frequencies"',
         )
-    frequency = float(known[0][number - 1])
-    return frequency
+    return float(known[0][number - 1])
 
 
 Reader = Callable[[Path], Iterator[Response]]

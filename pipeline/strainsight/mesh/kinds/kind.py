@@ -186,8 +186,7 @@ def gauss(points: int, d: int) -> Rule:
     """Gauss-Legendre product rule on [−1, 1]ᵈ, exact for degree 2·points − 1 in each direction."""
     x, w = np.polynomial.legendre.leggauss(points)
     grid = np.stack(np.meshgrid(*[x] * d, indexing="ij"), axis=-1).reshape(-1, d)
-    weights = np.prod(np.stack(np.meshgrid(*[w] * d, indexing="ij"), axis=-1), axis=-1).ravel()
-    return grid, weights
+    return grid, np.prod(np.stack(np.meshgrid(*[w] * d, indexing="ij"), axis=-1), axis=-1).ravel()
 
 
 def orbits(size: int, orbits: list[tuple[tuple[float, ...], float]]) -> Rule:
