@@ -288,14 +288,12 @@ class Copies:
     def _springs(self) -> Iterator[Springs]:
         for springs in self.mesh.springs:
             for j, R in enumerate(self.turns):
-                value = springs.value[:, None] * R[:, springs.component % 3].T
-                component = 3 * (springs.component // 3)[:, None] + np.arange(3)
                 yield replace(
                     springs,
                     spring=np.repeat(springs.spring, 3),
                     node=np.repeat(self.at[j][springs.node], 3),
-                    component=component.ravel(),
-                    value=value.ravel(),
+                    component=(3 * (springs.component // 3)[:, None] + np.arange(3)).ravel(),
+                    value=(springs.value[:, None] * R[:, springs.component % 3].T).ravel(),
                 )
 
     def _load(self, load: NodalForces) -> NodalForces:

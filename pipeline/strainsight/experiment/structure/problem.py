@@ -198,7 +198,6 @@ def filter_model(
     )
     r = channel_intensity(std, problem.h, rows, quantity, problem.Q)
     fixed = {name: value for name, value in problem.model.reference.items() if name not in problem.unknowns.parameters}
-    change = every.change.of_terms(lambda X: of_channels(X, channels))
     return FilterModel(
         problem.model,
         problem.unknowns,
@@ -210,7 +209,7 @@ def filter_model(
         h,
         quantity,
         problem.scheme,
-        change=change,
+        change=every.change.of_terms(lambda X: of_channels(X, channels)),
         free_loads=bool(problem.known) and problem.model.damping.parameter not in problem.unknowns.parameters,
     )
 

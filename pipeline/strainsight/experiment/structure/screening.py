@@ -140,7 +140,6 @@ def _screened(
         gauges = np.flatnonzero((kinds == kind) & ~near)
         channels = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
         part = pool.take(channels)
-        further = None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel])
         screening = screen(
             ratio[:, channels],
             1.0,
@@ -151,7 +150,7 @@ def _screened(
             bonded=pool.bonded[channels],
             largest=strained[channels],
             limit=limit[channels],
-            also_at=further,
+            also_at=None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel]),
         )
         kept.append(gauges[screening.kept])
         snr[gauges], reason[gauges] = screening.snr, screening.reason

@@ -377,7 +377,6 @@ def _full(
     def motion(loading: Loading) -> SimulatedMotion:
         tones, lead = loading.tones, len(loading.lead)
         with blame("validate.truth"):
-            start = None if tones is None else steady_state(K, M, S, viscous, tones.frequency, tones.amplitude)
             run = transient(
                 built.model,
                 S,
@@ -387,7 +386,7 @@ def _full(
                 loading.h,
                 rows[np.flatnonzero(~moving)],
                 rows[np.flatnonzero(moving)] if moving.any() else None,
-                start=start,
+                start=None if tones is None else steady_state(K, M, S, viscous, tones.frequency, tones.amplitude),
                 progress=lambda share: using.progress("truth", 0.2 * share),
             )
         readings = np.empty((len(loading.held) + 1, len(moving)))

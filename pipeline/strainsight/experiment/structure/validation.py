@@ -96,11 +96,10 @@ class Validation:
     def units(self) -> dict[str, str]:
         """Units of `validated`."""
         kinds, chosen = self.trial.problem.channels.quantity, self.trial.chosen
-        still = np.where(kinds == ACCELERATION, STRAIN, kinds)
         return {
             **self.trial.units,
             "the channel": units_in_words(kinds[chosen]),
-            "the candidate": units_in_words(still),
+            "the candidate": units_in_words(np.where(kinds == ACCELERATION, STRAIN, kinds)),
         }
 
 

@@ -311,14 +311,13 @@ def vtu_responses(path: Path) -> Iterator[Response]:
             continue
         where = f"{path}, {name}"
         number = int(match["number"] or 1)
-        frequency = _frequency(mode, number, raw.field_data, where) if mode else 0.0
         yield Response(
             "mode" if mode else "static",
             1 if mode else number,
             number if mode else 1,
             ids,
             motion.astype(float),
-            frequency,
+            _frequency(mode, number, raw.field_data, where) if mode else 0.0,
             name,
             rounding=_ROUNDING.get(motion.dtype.itemsize, 1e-3),
             where=where,

@@ -293,7 +293,6 @@ def second_order(
 ) -> ElementKind:
     """The same element with a node in the middle of each edge; entries: rules, numbers and orders in other programs."""
     facets = [(SECOND_ORDER[facet.name], corners) for facet, corners in linear.facets]
-    programs = {"nastran_order": (), "gmsh_order": (), "orders": {}, "bubble_gradient": None} | entries
     return replace(
         linear,
         name=name,
@@ -303,5 +302,5 @@ def second_order(
         facets=tuple((facet, with_edge_nodes(corners, edges, facet.edges)) for facet, corners in facets),
         mirrored=with_edge_nodes(linear.mirrored, edges, edges),
         split=of_same_kind(name, (part for _, part in linear.split)),
-        **programs,
+        **{"nastran_order": (), "gmsh_order": (), "orders": {}, "bubble_gradient": None} | entries,
     )
