@@ -360,7 +360,8 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     missing, damaged or not a plain file, and errors of the reader.
     """
     path = Path(path)
-    reader = readers.get(ending_of(path))
+    endings = (ending.lower() for ending in reversed(path.suffixes))
+    reader = readers.get(next((ending for ending in endings if ending != ".gz"), ""))
     if reader is None:
         raise error_at(path, f"{path.name} is not a known result file", f"known endings: {', '.join(readers)}")
     try:
@@ -372,8 +373,3 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
         raise error_at(path, f"cannot be unpacked: {error}", "compress the file again") from None
     except OSError as error:
         raise error_at(path, f"cannot be read: {error.strerror}", "check that the file is readable") from None
-
-
-def ending_of(path: Path) -> str:
-    """The last ending of a name except .gz, in lower case; "" if there is no ending."""
-    return next((ending.lower() for ending in reversed(path.suffixes) if ending.lower() != ".gz"), "")
