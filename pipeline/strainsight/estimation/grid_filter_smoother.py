@@ -152,7 +152,6 @@ def build_smoother(record: GridRecord, grid_run: GridRun) -> AtPoints:
 def _pieces(smoother: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
     """Instants of a piece of the record, with x (b, L, n) and P (b, L, n, n) at the points, and V (L, d, n), the error per unit
     ν.
-
     P excludes the considered parameters. If ν is learned the record is one piece.
     """
     if not smoother.considers_nu:

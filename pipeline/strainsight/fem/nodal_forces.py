@@ -79,7 +79,6 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
 
 def _on_matrix(M: FloatArray, body: BodyForce, x: np.ndarray, *, turns: bool) -> tuple[np.ndarray, np.ndarray]:
     """Force and moment (3,) on the node at x of a mass matrix; only of its translations if the node has no rotations.
-
     Source: Lamb, Hydrodynamics, §124: a solid with a different mass along each axis.
     """
     if not turns:

@@ -306,7 +306,6 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
 
 def _end_of_binary(file: BinaryIO, path: Path, function: Function, size: int) -> tuple[tuple[int, ...], int]:
     """Bytes of the numbers of one value, and start of the line after the closing -1.
-
     The length in the identifier line is wrong in files of several programs, so the end mark is used, which follows
     directly after the values, or in some files on a new line.
     """

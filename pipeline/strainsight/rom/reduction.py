@@ -68,7 +68,6 @@ def _latin(
 
 def _halton(dimensions: int, count: int) -> np.ndarray:
     """Points 1 … count of the Halton sequence (count, dimensions): digits of k in base 2, 3, 5, …, reversed after the point.
-
     Also in scipy.stats, which takes half a second to import.
     """
     points = np.zeros((count, dimensions))

@@ -126,7 +126,6 @@ def _near(
     position: np.ndarray, owner: np.ndarray, which: np.ndarray, spacing: float, spaced: np.ndarray
 ) -> np.ndarray | None:
     """Pairs of pool rows (q, 2) with gauges nearer than the spacing [m].
-
     position (g, 3): of grids; owner (g,): gauge of each; which: pool row of every gauge; spaced: whether the spacing applies to a
     gauge, as it does not for sensors off the surface.
     """

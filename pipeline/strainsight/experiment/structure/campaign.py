@@ -325,7 +325,6 @@ def _filtered(
 
 def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, result: FilteredRecord) -> tuple[str, str]:
     """Return why the filter comparison withholds σ, and a note; each may be empty.
-
     The compared parameter grid filter has no tolerances and an unknown start. With tolerances its result withholds σ only if the
     start is settled and a grid filter with the same tolerances and an unknown start excludes the estimate, too.
     """

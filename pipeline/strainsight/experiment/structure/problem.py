@@ -155,7 +155,6 @@ MODEL_ERROR = 0.01
 
 def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, float]:
     """Share of the training acceleration that is noise in the placement, and in the filter.
-
     The parameter grid filter with a damping tolerance needs none; this noise would bias its parameters.
     """
     stated = config.process_noise.model_error

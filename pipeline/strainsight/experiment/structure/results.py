@@ -230,7 +230,6 @@ def _modal_mass(stated: ResultsSection, modes: list[Response], unit: float) -> n
 
 def _proportional(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
     """Map "stiffness" or "mass" to the parameter that scales it, and the value at which the results were computed.
-
     Raises UserError for a property of only a part of the model, and if that value is unknown.
     """
     scaled = {}

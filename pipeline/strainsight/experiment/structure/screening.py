@@ -128,7 +128,6 @@ def _screened(
     settings: Screen, pool: Candidates, near: np.ndarray, ratio: np.ndarray, strained: np.ndarray, limit: np.ndarray
 ) -> Screening:
     """Screen every kind of sensor separately.
-
     ratio (k, m) [-]: signal-to-noise ratios, used in turn; near (gauges,): violates the clearance; strained (m,): largest reading
     of any grid of a channel.
     """

@@ -297,7 +297,6 @@ Installed = Callable[[np.ndarray, Installation | None], tuple[np.ndarray, np.nda
 
 def _installed(structure: Structure, built: FullModel, basis: np.ndarray, thickness: Thickness | None) -> Installed:
     """Return a function: gauges (k,) and installation (None: nominal) → strain operator (m, r), and whether an edge limits each.
-
     An imported strain operator has gain errors only.
     """
     training, pool, position = structure.training, structure.pool, structure.mesh.position

@@ -312,7 +312,6 @@ def _draws(error: np.ndarray, std: np.ndarray) -> int:
 
 def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
     """CSV of time, channels ("G2.3 [m/m]" is the third grid of G2) and known loads; the first row has loads only.
-
     labels (k,): of the gauges; measured (T, m): of their channels; units: of the loads.
     """
     channels = trial.problem.channels.of(trial.gauges)

@@ -156,7 +156,6 @@ PERIODS = (1e-6, 1e6)
 
 def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -> None:
     """Raises InfeasibleError if increments, noise or time step differ by too many orders of magnitude.
-
     response (m, nu): strain per unit of every unknown load, at rest.
     """
     noise = float(body.place.noise)
