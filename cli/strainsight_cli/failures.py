@@ -149,7 +149,6 @@ def same_text(text: str) -> str:
 @contextmanager
 def _interruptible() -> Iterator[None]:
     """End the process and its children at once on Ctrl-C and similar signals, also during a C library call.
-
     Python raises KeyboardInterrupt in the main thread only after the current C call, and loses it in C callbacks. Here, another
     thread waits for the signal. A hard exit loses nothing: artefacts are complete or absent, the kernel releases the lock, and
     the next run cleans up.

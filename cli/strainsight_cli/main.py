@@ -222,8 +222,7 @@ def estimate(
             "(docs/estimation.md), and use --measurements FILE",
         )
     names = [stage.name for stage in work.stages]
-    then = "test" if page and "test" in names else ""
-    _one_stage(work, "estimate", options, then)
+    _one_stage(work, "estimate", options, "test" if page and "test" in names else "")
 
 
 def _one_stage(work: Work, name: str, options: RunOptions, then: str = "") -> None:

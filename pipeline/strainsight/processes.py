@@ -92,7 +92,6 @@ _WRITE_FILE, _READ_FILE, _READ_DIR, _REFER, _TRUNCATE, _IOCTL_DEV = (1 << bit fo
 
 def _confine_files(library: Any, folder: str | None) -> None:
     """Landlock: no file is made, removed or executed, none opened for writing but the null device and those of the folder.
-
     Source: linux/landlock.h, versions 1 to 7.
     """
     version = library.syscall(_LANDLOCK_CREATE_RULESET, None, ctypes.c_size_t(0), _LANDLOCK_VERSION)

@@ -79,8 +79,7 @@ class Columns:
 
     @property
     def _pairs(self) -> list[tuple[int, int]]:
-        c = self.across.shape[1]
-        return [(i, j) for i in range(c) for j in range(i)]
+        return [(i, j) for i in range(self.across.shape[1]) for j in range(i)]
 
     @property
     def point(self) -> np.ndarray:

@@ -152,7 +152,6 @@ def build_smoother(record: GridRecord, grid_run: GridRun) -> AtPoints:
 def _pieces(smoother: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
     """Instants of a piece of the record, with x (b, L, n) and P (b, L, n, n) at the points, and V (L, d, n), the error per unit
     ν.
-
     P excludes the considered parameters. If ν is learned the record is one piece.
     """
     if not smoother.considers_nu:
@@ -325,8 +324,7 @@ def _constants(
     """Joint draws of p (N, k) and ν − ν̂ (N, d)."""
     k, d = len(smoother.centre), len(smoother.nu)
     joint = np.hstack([grid_run.point, grid_run.nu])
-    centre = np.concatenate([smoother.centre, grid_run.weight @ grid_run.nu])
-    off = joint - centre
+    off = joint - np.concatenate([smoother.centre, grid_run.weight @ grid_run.nu])
     covariance = (off * grid_run.weight[:, None]).T @ off
     std = np.sqrt(np.diag(covariance)[:k])
     # one share of the covariance is the kernels', the rest that of their centres drawn together

@@ -73,8 +73,7 @@ class Innovations:
 
     def under(self, fault: Fault | None) -> np.ndarray:
         """Innovations (B, T, m) under a load fault, or none."""
-        loads = range(len(self.by_load))
-        acting = [self.by_load[i][i] for i in loads]
+        acting = [self.by_load[i][i] for i in range(len(self.by_load))]
         if fault is not None:
             i = fault.channel
             if fault.kind == "swapped":

@@ -162,7 +162,6 @@ class Mixture:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Store the mean at L instants; return x (B, L, n), P (b, L, n, n) of the points (b,) with positive weights, and the
         covariance.
-
         The covariance (L, n + k, n + k) is that of states and parameters.
         """
         # the estimate of ν corrects all estimates, and its remaining covariance is part of P

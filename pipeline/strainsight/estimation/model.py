@@ -204,8 +204,7 @@ def inputs_of(model: FilterModel, x: np.ndarray, known: np.ndarray) -> np.ndarra
     u = np.zeros((*x.shape[:-1], HOLD, len(model.model.inputs)))
     at_unknown, at_known = model.columns
     u[..., at_known] = known
-    zeta = x[..., model.input_states]
-    u[..., at_unknown] = np.einsum("jik,...k->...ji", model.hold, zeta)
+    u[..., at_unknown] = np.einsum("jik,...k->...ji", model.hold, x[..., model.input_states])
     return u
 
 
@@ -249,8 +248,7 @@ def input_hold(unknowns: Unknowns, h: float) -> np.ndarray:
     left = np.zeros((inputs, sum(unknowns.lengths)))
     left[range(inputs), first] = unknowns.scale[:inputs]
     middle = left @ input_transition(unknowns, 0.5 * h)
-    right = left @ input_transition(unknowns, h)
-    return quadratic_hold(np.stack([left, middle, right]))[0]
+    return quadratic_hold(np.stack([left, middle, left @ input_transition(unknowns, h)]))[0]
 
 
 def process_covariance(F: np.ndarray, Q: np.ndarray, h: float) -> np.ndarray:

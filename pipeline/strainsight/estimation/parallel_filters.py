@@ -166,12 +166,11 @@ class LinearModels:
     def compiled(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Arguments of `take_steps`: motion, readings, and truncated displacements."""
         modal, acts = self.motion, (self.D != 0).any(axis=2) | (self.E != 0).any(axis=2)
-        Q = modal.inverse @ self.Q @ np.swapaxes(modal.inverse, 1, 2)
         motion = (
             modal.pairs,
             modal.augmented,
             modal.fed,
-            Q,
+            modal.inverse @ self.Q @ np.swapaxes(modal.inverse, 1, 2),
             modal.pairs_nu,
             modal.augmented_nu,
             modal.fed_nu,

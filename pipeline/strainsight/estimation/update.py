@@ -187,8 +187,7 @@ def symmetric(X: np.ndarray) -> np.ndarray:
 
 
 def _lower(X: np.ndarray) -> np.ndarray:
-    R = np.asarray(np.linalg.qr(transpose(X), mode="r"))
-    return transpose(R)
+    return transpose(np.asarray(np.linalg.qr(transpose(X), mode="r")))
 
 
 def _indefinite(instant: float) -> NumericalError:

@@ -164,8 +164,7 @@ def _flexibility(length: np.ndarray, properties: BeamProperties) -> tuple[np.nda
     F[:, 1:3, 4:] = F[:, 4:, 1:3] = -(L**2) * bending[1]
     if properties.neutral is not None and properties.neutral.any():
         F += _neutral_axis_terms(F, L, Q, properties.neutral, F[:, 1:3, 1:3] - L**3 * bending[2])
-    ones = np.ones(len(length), bool)
-    return F, np.stack([ones, *present.T, twists, *present.T], axis=1), Q
+    return F, np.stack([np.ones(len(length), bool), *present.T, twists, *present.T], axis=1), Q
 
 
 def _neutral_axis_terms(

@@ -139,7 +139,6 @@ def _of_degree(dimensions: int, degree: int) -> Iterator[tuple[int, ...]]:
 
 class _Axis:
     """A parameter for interpolation in x = ln θ of a modulus, otherwise x = θ.
-
     range includes the reference; ends of x include BEYOND; scale is a quarter of their distance, so that N_k neither grows nor
     vanishes with k. points are Leja points: the reference, then each time the maximum of the product of distances."""
 

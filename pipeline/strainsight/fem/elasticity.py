@@ -43,8 +43,7 @@ def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray,
     if kind.bubble_gradient:
         g = np.concatenate([g, bubble_gradients(kind, position, xi, det)], axis=2)
     size = g.shape[2]
-    root = g * np.sqrt(w * det)[:, :, None, None]
-    flat = root.reshape(len(position), len(w), 3 * size)
+    flat = (g * np.sqrt(w * det)[:, :, None, None]).reshape(len(position), len(w), 3 * size)
     outer = np.matmul(flat.swapaxes(1, 2), flat).reshape(-1, size, 3, size, 3)
     lam, mu = (constant[:, None, None, None] for constant in lame(nu))
     if kind.bubble_gradient:
@@ -291,8 +290,7 @@ def lumped(m: np.ndarray, k: int) -> np.ndarray:
     a, b = np.triu_indices(k)
     on = a == b
     diagonal = np.where(on, m, 0.0)
-    total = m @ np.where(on, 1.0, 2.0)
-    return np.asarray(diagonal * (total / diagonal.sum(axis=1))[:, None])
+    return np.asarray(diagonal * (m @ np.where(on, 1.0, 2.0) / diagonal.sum(axis=1))[:, None])
 
 
 def _consistent(mesh: Mesh, part: CellBlock, kind: ElementKind) -> np.ndarray:

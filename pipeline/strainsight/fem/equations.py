@@ -352,8 +352,7 @@ def _mean_motion(
         weight = np.concatenate(
             [weight, (mean_arm**2 * w[with_rotation] / w.sum())[:, None] * e.rotations[with_rotation]]
         )
-    A = np.einsum("kc,kci,kcj->ij", weight, R, R)
-    strength, V = np.linalg.eigh(A)
+    strength, V = np.linalg.eigh(np.einsum("kc,kci,kcj->ij", weight, R, R))
     determined = strength > LEAST_STRENGTH * strength[-1]
     local = _six_axes(rows.axes_of(np.array([e.reference])))[0].T
     loose = np.abs((local @ V[:, ~determined])[list(wanted)]) > 1e-6

@@ -137,9 +137,8 @@ def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray
     e = couple(mesh, constraint, nodes, np.ones(len(nodes)), moment)
     if not whole:
         return e
-    rotation_moments = [e[row : row + 3] for row in constraint.reference_rows.values()]
     exerted = np.cross(mesh.position, e[: 3 * len(mesh.position)].reshape(-1, 3)).sum(axis=0) + sum(
-        rotation_moments, np.zeros(3)
+        [e[row : row + 3] for row in constraint.reference_rows.values()], np.zeros(3)
     )
     shortfall = np.linalg.norm(exerted - moment) / np.linalg.norm(moment)
     if shortfall > 1e-6 or not np.any(constraint.transform.T @ e):

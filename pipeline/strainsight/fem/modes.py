@@ -369,8 +369,7 @@ def _check(A: sparse.csr_array, M: sparse.csr_array, lam: np.ndarray, shapes: np
             "rounding errors",
             remedy="Check for parts that are joined at one node or one edge only, and for missing supports.",
         )
-    elastic = A @ shapes
-    residual = np.linalg.norm(elastic - (M @ shapes) * lam, axis=0)
+    residual = np.linalg.norm(A @ shapes - (M @ shapes) * lam, axis=0)
     scale = np.linalg.norm(np.sqrt(k)) * np.sqrt(lam)
     worst = int(np.argmax(residual / scale))
     if not residual[worst] <= 1e-6 * scale[worst]:

@@ -79,7 +79,6 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
 
 def _on_matrix(M: FloatArray, body: BodyForce, x: np.ndarray, *, turns: bool) -> tuple[np.ndarray, np.ndarray]:
     """Force and moment (3,) on the node at x of a mass matrix; only of its translations if the node has no rotations.
-
     Source: Lamb, Hydrodynamics, §124: a solid with a different mass along each axis.
     """
     if not turns:
@@ -154,10 +153,7 @@ def traction_forces(mesh: Mesh, face: str, traction: Traction) -> NodalForces:
         kind = FACETS[number]
         nodes = facets.nodes[chosen & (facets.kind == number), : len(kind.nodes)]
         facet_forces = consistent_forces(
-            mesh.position,
-            kind,
-            nodes,
-            lambda x, n, _: traction(x.reshape(-1, 3), n.reshape(-1, 3)).reshape(x.shape),
+            mesh.position, kind, nodes, lambda x, n, _: traction(x.reshape(-1, 3), n.reshape(-1, 3)).reshape(x.shape)
         )
         np.add.at(force, nodes, facet_forces)
         on_face[nodes] = True

@@ -41,8 +41,7 @@ class Pieces:
 
 def single_piece(mesh: Mesh) -> Pieces:
     """The structure as one piece."""
-    nodes = mesh.nodes_of_elements
-    return _disjoint_pieces(mesh, np.zeros(len(nodes), dtype=np.int64))
+    return _disjoint_pieces(mesh, np.zeros(len(mesh.nodes_of_elements), dtype=np.int64))
 
 
 def parts(mesh: Mesh) -> Pieces:

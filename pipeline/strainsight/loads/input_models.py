@@ -221,8 +221,7 @@ class Unknowns:
     @property
     def state_scale(self) -> np.ndarray:
         """`scale` for every name of `state_names`; rates of an input have its amplitude."""
-        lengths = [*self.lengths, *(1 for _ in self.parameters)]
-        return np.repeat(self.scale, lengths)
+        return np.repeat(self.scale, [*self.lengths, *(1 for _ in self.parameters)])
 
     @property
     def lengths(self) -> tuple[int, ...]:

@@ -208,8 +208,7 @@ def unseen_along(
         compensation.append(np.linalg.pinv(by_loads, rcond=RANK) @ y)
         remainder = y - by_loads @ compensation[-1]
         across += [remainder.real, remainder.imag]
-        parts = np.abs(H * scale) @ np.abs(answer[:, :k]) + np.abs(r[i])
-        whole += np.sum(parts**2, axis=0)
+        whole += np.sum((np.abs(H * scale) @ np.abs(answer[:, :k]) + np.abs(r[i])) ** 2, axis=0)
     per_length = np.divide(1.0, np.sqrt(whole), out=np.ones(k), where=whole > 0)
     _, sigma, Yt = np.linalg.svd(np.vstack(across) * per_length, full_matrices=False)
     parameters = per_length[:, None] * Yt[sigma <= UNDETECTABLE].T

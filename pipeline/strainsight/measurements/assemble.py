@@ -35,11 +35,7 @@ class Signals:
     notes: tuple[str, ...]
 
 
-def assemble(
-    recording: Recording,
-    settings: Mapping[str, ChannelSettings],
-    step: float | None = None,
-) -> Signals:
+def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step: float | None = None) -> Signals:
     """Channels in the order of `settings`, calibrated and on a uniform clock: that of the file, or one with `step` [s].
 
     Raises UserError for a missing channel, a wrong unit, and a clock that is not uniform; `key` is the channel name
@@ -124,8 +120,7 @@ def find_repeated_samples(values: np.ndarray) -> RepeatedSamples | None:
         return None
     runs, size = np.diff(at), np.abs(change[at - 1])
     interval = int(np.argmax(np.bincount(runs)))
-    coarse = np.mean(size > 1.5 * size.min()) < USUAL
-    if interval < 2 or coarse:
+    if interval < 2 or np.mean(size > 1.5 * size.min()) < USUAL:
         return None
     phase = int(np.argmax(np.bincount(at % interval)))
     fresh = np.zeros(len(values), dtype=bool)

@@ -24,8 +24,7 @@ def split_part(name: str) -> tuple[str, tuple[int, int] | None]:
     """ "a(:,2)" → "a", (1, 1): axis and index from 0 of the part; "a" → "a", None."""
     if not (match := _PART.fullmatch(name)):
         return name, None
-    axis = 1 if match[2] else 0
-    return match[1], (axis, int(match[2] or match[3]) - 1)
+    return match[1], (1 if match[2] else 0, int(match[2] or match[3]) - 1)
 
 
 def one_line(values: np.ndarray, part: tuple[int, int] | None, name: str, where: str) -> np.ndarray:

@@ -227,8 +227,7 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
     path = Path(path)
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
-        functions = list(_functions(file, path, size))
-        known = known_names(functions)
+        known = known_names(list(_functions(file, path, size)))
         chosen = [_chosen(name, known, path) for name in channels]
         read = {name: _read(file, path, each, name, time_unit) for name, each in zip(channels, chosen, strict=True)}
     if not read:
@@ -307,7 +306,6 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
 
 def _end_of_binary(file: BinaryIO, path: Path, function: Function, size: int) -> tuple[tuple[int, ...], int]:
     """Bytes of the numbers of one value, and start of the line after the closing -1.
-
     The length in the identifier line is wrong in files of several programs, so the end mark is used, which follows
     directly after the values, or in some files on a new line.
     """

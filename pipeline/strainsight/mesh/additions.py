@@ -201,10 +201,9 @@ def with_node(mesh: Mesh, node_id: int, position: Sequence[float]) -> Mesh:
             f"node {node_id} already exists in the mesh", remedy="Use another id, or remove the position of the node."
         )
     last = mesh.own_nodes
-    ids = np.insert(mesh.node_ids, last, node_id)
     return replace(
         mesh,
-        node_ids=ids,
+        node_ids=np.insert(mesh.node_ids, last, node_id),
         position=np.insert(mesh.position, last, position, axis=0),
         arms=mesh.arms + np.array([1, 0]),
         shells=tuple(replace(block, on_faces=block.on_faces + 1) for block in mesh.shells),

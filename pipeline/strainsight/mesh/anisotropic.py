@@ -180,6 +180,5 @@ class CompositeSolid:
 
     def between(self, low: float, high: float) -> CompositeSolid:
         """The part between two ξ, as layers of a separate element."""
-        cut = np.diff(np.clip(self.ends, low, high))
-        parts = zip(self.layers, cut.tolist(), strict=True)
+        parts = zip(self.layers, np.diff(np.clip(self.ends, low, high)).tolist(), strict=True)
         return replace(self, layers=tuple(replace(layer, thickness=share) for layer, share in parts if share > 1e-12))

@@ -99,8 +99,7 @@ class Copies:
         return np.concatenate([ids + j * self.shift for j in range(len(self.turns))])
 
     def _node_set(self, node_ids: IntArray, ids: IntArray) -> IntArray:
-        rows = np.flatnonzero(np.isin(self.mesh.node_ids, node_ids))
-        return np.unique(ids[self.at[:, rows]])
+        return np.unique(ids[self.at[:, np.flatnonzero(np.isin(self.mesh.node_ids, node_ids))]])
 
     def _regions_to_rotate(self) -> list[int]:
         """Regions whose material axes differ between the copies."""
@@ -289,14 +288,12 @@ class Copies:
     def _springs(self) -> Iterator[Springs]:
         for springs in self.mesh.springs:
             for j, R in enumerate(self.turns):
-                value = springs.value[:, None] * R[:, springs.component % 3].T
-                component = 3 * (springs.component // 3)[:, None] + np.arange(3)
                 yield replace(
                     springs,
                     spring=np.repeat(springs.spring, 3),
                     node=np.repeat(self.at[j][springs.node], 3),
-                    component=component.ravel(),
-                    value=value.ravel(),
+                    component=(3 * (springs.component // 3)[:, None] + np.arange(3)).ravel(),
+                    value=(springs.value[:, None] * R[:, springs.component % 3].T).ravel(),
                 )
 
     def _load(self, load: NodalForces) -> NodalForces:
@@ -314,8 +311,7 @@ def _along(directions: FloatArray, rank: int, systems: Sequence[FloatArray]) -> 
     """A system of the list with axes that span the column space of `directions` (3, k) of that rank, and these axes."""
     u = np.linalg.svd(directions)[0][:, :rank]
     for A in systems:
-        within = np.linalg.norm(u.T @ A, axis=0)
-        chosen = np.flatnonzero(within > 1 - 1e-9).tolist()
+        chosen = np.flatnonzero(np.linalg.norm(u.T @ A, axis=0) > 1 - 1e-9).tolist()
         if len(chosen) == rank:
             return A, chosen
     return None
@@ -415,8 +411,7 @@ def _match_faces(
             remedy="Check the number of sectors, the axis and the meshes of the two cut faces.",
         )
     near = off <= CLOSE * spacing.min()
-    pair = np.column_stack([first[near], second[which[near]]])
-    return pair, step, first[~near]
+    return np.column_stack([first[near], second[which[near]]]), step, first[~near]
 
 
 def _representatives(pairs: IntArray, follows: NDArray[np.bool_]) -> IntArray:

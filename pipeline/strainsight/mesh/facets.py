@@ -170,7 +170,6 @@ def exterior_facets(mesh: Mesh) -> Facets:
 
 def _covered(mesh: Mesh, facets: Facets, key: IntArray, outside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which facets (f,) are covered where shells and beams meet solids; key (f, 4) sorted corners.
-
     All facets of a shell or beam with a node that only interior facets of solids have, or with corners of such a facet. For
     corners of an exterior facet of a solid: that facet, and the face of the shell towards the solid.
     """

@@ -74,8 +74,7 @@ def _beam_warnings(mesh: Mesh, number: int, section: BeamSection) -> Iterator[st
     the length of the structure (a single stub may be shorter)."""
     name = str(mesh.regions[number])
     node_lists = [block.nodes[block.region == number].ravel() for block in mesh.beams if block.kind != "rod"]
-    nodes = concatenate(node_lists)
-    if not len(nodes):
+    if not len(concatenate(node_lists)):
         return
     long = _length(mesh, mesh.nodes_of_elements)
     for end, at_end in (("", section), (" at its end B", section.at_b)):

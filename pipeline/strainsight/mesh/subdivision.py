@@ -41,16 +41,14 @@ def refined(mesh: Mesh) -> Refined:
     A straight mesh, linear or quadratic, is nested in it; curved elements keep their shape. Nodes are merged if they are the
     same mean of the same coarse nodes, so that parts which only touch stay separate.
     """
-    random = np.random.default_rng(0)
-    code = random.integers(0, 2**63, len(mesh.position), dtype=np.uint64)
+    code = np.random.default_rng(0).integers(0, 2**63, len(mesh.position), dtype=np.uint64)
     raw: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]] = []
     entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     halves = _Halves(mesh)
     for block in mesh.blocks:
         kind = kind_of(block.kind)
         for name, corners in kind.split:
-            xi = with_midsides(corners, kind_of(name).edges)
-            N = kind.shape(xi)
+            N = kind.shape(with_midsides(corners, kind_of(name).edges))
             key = _keys(code, block.nodes, N)
             raw.append((name, key, block.ids, halves.regions(block.region, corners)))
             entries.append((key, block.nodes, N))

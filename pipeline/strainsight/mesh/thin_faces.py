@@ -191,8 +191,7 @@ def with_faces(mesh: Mesh) -> Mesh:
 def _faces_at_nodes(mesh: Mesh, block: ShellBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """For every node of the shells (e k,): its index, the normal of the shell there (, 3), the heights of both faces."""
     k = block.nodes.shape[1]
-    kind = facet_of(block.kind)
-    normal = normals_at_nodes(kind, mesh.position[block.nodes])
+    normal = normals_at_nodes(facet_of(block.kind), mesh.position[block.nodes])
     half = 0.5 * np.array([_thickness(mesh, int(region)) for region in block.region])
     low, high = block.offset - half, block.offset + half
     return block.nodes.ravel(), normal.reshape(-1, 3), np.repeat(low, k), np.repeat(high, k)

@@ -189,13 +189,7 @@ class InstantSlopes:
 
 
 def instant_slopes(
-    system: System,
-    q: np.ndarray,
-    v: np.ndarray,
-    u: np.ndarray,
-    theta: np.ndarray,
-    p_second: np.ndarray,
-    now: Instant,
+    system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, p_second: np.ndarray, now: Instant
 ) -> InstantSlopes:
     """Of the instant, by both rows of (1.3) as they are solved for (v̇, λ), off the constraints, too: [M  −Bᵀ] [∂v̇]     [∂(M
     v̇ + c + f − Bᵀλ)                      ] [B   0 ] [∂λ] = − [∂(B v̇ + B_rate v + …) = ∂φ̈,  ∂φ̈/∂v = 2 B_rate]"""

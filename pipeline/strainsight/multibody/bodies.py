@@ -242,8 +242,7 @@ def inertia_load(
     s = 12 + body.modal.shape[0]
     M, g, Gq, Gv = np.zeros((s, s)), np.zeros(s), np.zeros((s, s)), np.zeros((s, s))
     # no literal, for which numba would compile `add_inertia` a second time
-    tangents = s > 0
-    add_inertia(body, q, v, a, tangents, M, g, Gq, Gv)
+    add_inertia(body, q, v, a, s > 0, M, g, Gq, Gv)
     return M, g, Gq, Gv
 
 

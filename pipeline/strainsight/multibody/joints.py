@@ -88,8 +88,7 @@ def compile_drives(
                 extra.append(constraint.across)
             power = {"angle": 0, "displacement": 1, "length": 2}[constraint.kind]
             table.append((row, across, names.index(constraint.drive), power))
-    columns = np.array(table, dtype=int).reshape(-1, 4).T
-    return Drives(tuple(names), inputs, *columns), extra
+    return Drives(tuple(names), inputs, *np.array(table, dtype=int).reshape(-1, 4).T), extra
 
 
 def drive(drives: Drives, m: int, u: np.ndarray, rho: np.ndarray, G: np.ndarray) -> Driven | None:

@@ -53,8 +53,7 @@ def effective_independence(rows: np.ndarray, keep: int) -> np.ndarray:
     """
     _check(len(rows), keep)
     blocks = _blocks(rows)
-    channels = np.maximum(blocks.any(axis=2).sum(axis=1), 1)
-    modes = int(np.sort(channels)[:keep].sum())
+    modes = int(np.sort(np.maximum(blocks.any(axis=2).sum(axis=1), 1))[:keep].sum())
     left = np.arange(len(blocks))
     flat = _independent(blocks.reshape(-1, blocks.shape[2])[:, :modes])
     targets = flat.reshape(*blocks.shape[:2], -1)

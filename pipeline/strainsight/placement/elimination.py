@@ -14,13 +14,7 @@ from strainsight.placement.increment import Slopes, least_increments, removal, s
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import Limits, as_limits
 from strainsight.placement.riccati import Loop, close_loop, information, relative_residual
-from strainsight.placement.scenario import (
-    Aggregate,
-    Pool,
-    aggregated,
-    fewest_gauges,
-    refine,
-)
+from strainsight.placement.scenario import Aggregate, Pool, aggregated, fewest_gauges, refine
 from strainsight.placement.witness import Guard, Remaining
 
 NOTHING = 1e-12
@@ -193,11 +187,7 @@ class Elimination:
 
 
 def eliminate_from(
-    pools: Sequence[Pool],
-    keep: int | Limits,
-    aggregate: Aggregate = "mean",
-    *,
-    names: Sequence[str] = (),
+    pools: Sequence[Pool], keep: int | Limits, aggregate: Aggregate = "mean", *, names: Sequence[str] = ()
 ) -> Elimination:
     """Remove, again and again, the gauge that raises the aggregate of the metric least, until the limits are kept.
 

@@ -118,12 +118,7 @@ def sharper_bound(at: Slopes, block: np.ndarray) -> float:
 
 
 def removal(
-    F: np.ndarray,
-    Q: np.ndarray,
-    loop: Loop,
-    block: np.ndarray,
-    rest: Callable[[], np.ndarray],
-    modes: MarginalModes,
+    F: np.ndarray, Q: np.ndarray, loop: Loop, block: np.ndarray, rest: Callable[[], np.ndarray], modes: MarginalModes
 ) -> np.ndarray | None:
     """D = P' − P where the gauge `block` = h/√r leaves and `rest()` = H'/√r' remains; None where that cannot detect.
 

@@ -10,12 +10,7 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array, diags_array, vstack
 
 from strainsight.errors import InfeasibleError
-from strainsight.loads.observability import (
-    MarginalModes,
-    least_gauges,
-    undetectable_directions,
-    undetectable_in_words,
-)
+from strainsight.loads.observability import MarginalModes, least_gauges, undetectable_directions, undetectable_in_words
 from strainsight.placement.limits import BUDGET, KEEP, SPACING, Limits
 from strainsight.placement.scenario import Pool
 

@@ -137,7 +137,6 @@ def limits_of(
     matrix = csr_array(vstack(parts))
     matrix.sort_indices()
     loose = np.delete(sizes, list(fixed_rows))
-    least = 0 if budget is not None else max(bonded, keep + 1 - int(loose.max(initial=1)))
     return Limits(
         rows=matrix,
         most=np.concatenate([most, np.ones(len(groups) - len(alone)), np.zeros(len(alone))]),
@@ -145,7 +144,7 @@ def limits_of(
         fixed=fixed_rows,
         size=sizes,
         keep=keep,
-        least=least,
+        least=0 if budget is not None else max(bonded, keep + 1 - int(loose.max(initial=1))),
         key=key,
     )
 

@@ -338,7 +338,6 @@ def _double(F: np.ndarray, C: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np
 def _error(A: np.ndarray, H: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:
     """How far a covariance P, after = its factor, is from the solution, the largest |Xᵢⱼ|/σᵢσⱼ; infinite where its filter is
     not stable.
-
     X = Φ(X + P − P₋)Φᵀ, P₋ that of a step before, by Newton's step; Φ = (1 − KH)A. Source: Hewer, IEEE Trans. AC 16 (1971).
     """
     std = np.linalg.norm(after, axis=1)

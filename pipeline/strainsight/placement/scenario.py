@@ -58,8 +58,7 @@ class Scenario:
     def rows(self) -> np.ndarray:
         """H/√r (pool, c, n*): channels of each gauge at unit noise."""
         H = self.H[:, None, :] if self.H.ndim == 2 else self.H
-        r = self.r[:, None] if self.r.ndim == 1 else self.r
-        return H / np.sqrt(r)[:, :, None]
+        return H / np.sqrt(self.r[:, None] if self.r.ndim == 1 else self.r)[:, :, None]
 
     def scaled(self, d: np.ndarray) -> Scenario:
         """The same scenario for x*/d."""
@@ -180,8 +179,7 @@ def _check(scenario: Scenario) -> None:
 def subset_covariance(pool: Pool, gauges: Gauges) -> np.ndarray | None:
     """P (n*, n*) with these gauges only, in the pool's coordinates; None where they cannot detect every unknown."""
     rows = pool.stacked(np.asarray(gauges, dtype=int))
-    s = pool.scenario
-    if undetectable_directions(s.F, rows, pool.modes).shape[1]:
+    if undetectable_directions(pool.scenario.F, rows, pool.modes).shape[1]:
         return None
     return refine(pool, information(rows), None)
 
@@ -214,8 +212,7 @@ def fewest_gauges(pools: Sequence[Pool]) -> tuple[int, int]:
 
 def loop_of(pool: Pool, gauges: Gauges, P: np.ndarray) -> Loop:
     """Closed loop with these gauges and their covariance P (n*, n*)."""
-    rows = pool.stacked(np.asarray(gauges, dtype=int))
-    return close_loop(pool.scenario.F, information(rows), P)
+    return close_loop(pool.scenario.F, information(pool.stacked(np.asarray(gauges, dtype=int))), P)
 
 
 def covariances_of(pools: Sequence[Pool], gauges: Gauges) -> list[np.ndarray] | None:

@@ -93,7 +93,6 @@ class ColumnTable:
 @dataclass(frozen=True)
 class _Field:
     """A field of a row.
-
     hint: type without None; part: dataclass that provides the columns, or None; axis: axis name of lists of unequal length, or
     empty; tail: lengths of the trailing axes; partner: field with lists of equal length, empty for the first field along an axis.
     """

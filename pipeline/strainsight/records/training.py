@@ -81,10 +81,7 @@ class StrainOperatorRows:
     @classmethod
     def of(cls, rows: sparse.csr_array) -> StrainOperatorRows:
         return cls(
-            value=rows.data,
-            size=rows.shape[1],
-            column=rows.indices.astype("int64"),
-            offset=rows.indptr.astype("int64"),
+            value=rows.data, size=rows.shape[1], column=rows.indices.astype("int64"), offset=rows.indptr.astype("int64")
         )
 
     def restore(self) -> sparse.csr_array:

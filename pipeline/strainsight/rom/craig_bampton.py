@@ -223,12 +223,7 @@ def motion_rows(model: FiniteElementModel, node: int) -> np.ndarray:
 
 
 def _interior(
-    K: sparse.csr_array,
-    M: sparse.csr_array,
-    load: np.ndarray,
-    F: np.ndarray,
-    modes: int | None,
-    cutoff: float | None,
+    K: sparse.csr_array, M: sparse.csr_array, load: np.ndarray, F: np.ndarray, modes: int | None, cutoff: float | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """−K⁻¹ load, [U V], frequencies of U and the cut; K, M (n_i, n_i) and loads (n_i, ·) of the interior with fixed interface."""
     most = int(np.count_nonzero(M.diagonal() > 0))

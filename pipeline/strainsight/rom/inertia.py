@@ -59,8 +59,7 @@ def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaI
     mesh, n = model.mesh, basis.shape[1]
     z = model.constraint.transform @ basis
     x = mesh.position
-    Phi = z[: 3 * len(x)].reshape(len(x), 3 * n)
-    F = np.hstack([np.ones((len(x), 1)), x, Phi])
+    F = np.hstack([np.ones((len(x), 1)), x, z[: 3 * len(x)].reshape(len(x), 3 * n)])
     G = F.T @ (scalar_mass(mesh) @ F)
     for point in mesh.point_masses:
         if point.matrix is not None:

@@ -233,12 +233,7 @@ def modal_blocks(S: np.ndarray, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray
 
 
 def parameter_slopes(
-    model: ReducedModel,
-    step: ModalMap,
-    theta: Mapping[str, Any],
-    x: np.ndarray,
-    u: np.ndarray,
-    names: Sequence[str],
+    model: ReducedModel, step: ModalMap, theta: Mapping[str, Any], x: np.ndarray, u: np.ndarray, names: Sequence[str]
 ) -> np.ndarray:
     """∂y/∂θᵢ of a modal map at fixed x and u: every block of A is a function f(M⁻¹K), so that with the divided differences of f
 

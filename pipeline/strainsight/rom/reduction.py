@@ -68,7 +68,6 @@ def _latin(
 
 def _halton(dimensions: int, count: int) -> np.ndarray:
     """Points 1 … count of the Halton sequence (count, dimensions): digits of k in base 2, 3, 5, …, reversed after the point.
-
     Also in scipy.stats, which takes half a second to import.
     """
     points = np.zeros((count, dimensions))
@@ -125,9 +124,7 @@ def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int, near: np.
 
 
 def snapshots_at(
-    shared: Shared,
-    theta: Mapping[str, float],
-    known: tuple[np.ndarray, np.ndarray] | None = None,
+    shared: Shared, theta: Mapping[str, float], known: tuple[np.ndarray, np.ndarray] | None = None
 ) -> Snapshots:
     """The snapshots as a task of a sweep: shared are stiffness, mass, rigid-body modes, S, the number of modes, the
     factorisation, and vectors near the modes."""

@@ -42,11 +42,7 @@ class BondedEntry:
 
 
 def bonded(
-    mesh: Mesh,
-    facets: Facets | Skin,
-    entries: Sequence[BondedEntry],
-    tolerance: float,
-    key: str = "gauges.fixed",
+    mesh: Mesh, facets: Facets | Skin, entries: Sequence[BondedEntry], tolerance: float, key: str = "gauges.fixed"
 ) -> tuple[Candidates, np.ndarray]:
     """The gauges at the nearest points of the surface, and their distance (entries,) [m] from the specified positions, for a
     bridge the largest of its arms:

@@ -362,12 +362,11 @@ def motion_candidates(
     if every is not None:
         keep = keep[spaced(centre[keep], every)]
     each = np.repeat(keep, len(axes))
-    direction = np.stack([_direction(axis, normal[keep], key) for axis in axes], axis=1).reshape(-1, 3)
     return Candidates(
         **facets.columns(each),
         position=centre[each],
         normal=normal[each],
-        direction=direction,
+        direction=np.stack([_direction(axis, normal[keep], key) for axis in axes], axis=1).reshape(-1, 3),
         angle=np.zeros(len(each)),
         quantity=np.full(len(each), quantity),
         gauge=np.repeat(np.arange(len(keep)), len(axes)),

@@ -141,12 +141,7 @@ class HotSpots:
 
 
 def hot_spots(
-    mesh: Mesh,
-    gauges: Candidates,
-    field: np.ndarray,
-    moment: np.ndarray,
-    loaded: np.ndarray,
-    pressed: np.ndarray,
+    mesh: Mesh, gauges: Candidates, field: np.ndarray, moment: np.ndarray, loaded: np.ndarray, pressed: np.ndarray
 ) -> HotSpots:
     """Change of the reading of every strain gauge on its submodel, if refined, and if forces are spread:
 
@@ -249,8 +244,7 @@ def _root(moment: np.ndarray) -> np.ndarray:
 def _facets_of(patch: Patch, facets: Facets) -> Facets:
     """The exterior facets of the whole mesh that belong to elements of the patch, with its node numbers."""
     ids = np.concatenate([block.ids for block in patch.mesh.blocks])
-    in_patch = np.isin(facets.element_id, ids)
-    selected = facets.some(in_patch)
+    selected = facets.some(np.isin(facets.element_id, ids))
     return Facets(selected.element_id, selected.facet, selected.kind, patch.local(selected.nodes), selected.region)
 
 

@@ -310,8 +310,7 @@ def _entries(position: np.ndarray, points: ChannelPoints, kind: Kind) -> tuple[n
         gradient = _strain_from_reading_points(kind, position[nodes[strain]], points.local[strain], d[strain])
         value[strain] = points.weight[strain, None, None] * gradient
     row = np.broadcast_to(points.channel[:, None, None], value.shape)
-    column = 3 * nodes[..., None] + np.arange(3)
-    return value.ravel(), row.ravel(), column.ravel()
+    return value.ravel(), row.ravel(), (3 * nodes[..., None] + np.arange(3)).ravel()
 
 
 def _strain_from_reading_points(kind: Kind, corners: np.ndarray, xi: np.ndarray, d: np.ndarray) -> np.ndarray:

@@ -173,10 +173,9 @@ def _warnings(
 ) -> tuple[str, ...]:
     """Notes, most important first: reasons for omitted σ, inconsistencies of the measurements, unobservable unknowns."""
     # a record that is inconsistent with the model has its own warning, and the noise is not to blame
-    loud = noise.text if record.trusted and not noise.consistent else ""
     texts = (
         str(summary.get("withheld", "")),
-        loud,
+        noise.text if record.trusted and not noise.consistent else "",
         _hidden(summary),
         *doubts,
         *disagreements_in_words(record.compared),

@@ -24,12 +24,7 @@ from strainsight.config.bench.bench import (
     RelativeSensor,
     StrainSensorSection,
 )
-from strainsight.config.bench.bodies import (
-    BearingConfig,
-    BearingSection,
-    CurveSection,
-    RigidBodySection,
-)
+from strainsight.config.bench.bodies import BearingConfig, BearingSection, CurveSection, RigidBodySection
 from strainsight.config.bench.checks_estimate import disturbed, estimate_problems
 from strainsight.config.bench.connections import PointInput
 from strainsight.config.checks_model import RESERVED

@@ -186,10 +186,7 @@ class FromFile(RecordedFile):
     )
 
 
-Measured = Annotated[
-    Annotated[FromRun, Tag("from")] | Annotated[FromFile, Tag("file")],
-    key_of("from", "file"),
-]
+Measured = Annotated[Annotated[FromRun, Tag("from")] | Annotated[FromFile, Tag("file")], key_of("from", "file")]
 
 
 class Method(Section):

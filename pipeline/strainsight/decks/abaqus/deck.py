@@ -142,8 +142,6 @@ def read_abaqus(
     related = equations(assembly, deck_ties.rotations, still)
     origin["relation"] = Origin.at(np.arange(1, len(related.where) + 1), related.where)
     turning = turning_nodes(deck_ties.rigid, deck_ties.averaging, related.relations) | turned
-    loads = LoadReader(deck_surfaces, axes, deck_ties.rotations, sections, ignored).read(turning)
-    masses = point_masses(assembly, deck_ties.rotations)
     mesh = Mesh(
         **vars(sections.properties),
         node_ids=assembly.node_ids,
@@ -153,14 +151,14 @@ def read_abaqus(
         rigid=tuple(deck_ties.rigid),
         averaging=tuple(deck_ties.averaging),
         relations=tuple(related.relations),
-        point_masses=masses,
+        point_masses=point_masses(assembly, deck_ties.rotations),
         springs=springs(assembly, axes, deck_ties.rotations),
         shells=shells,
         beams=beams,
         axes=axes,
         node_sets=node_sets,
         element_sets=element_sets,
-        loads=loads,
+        loads=LoadReader(deck_surfaces, axes, deck_ties.rotations, sections, ignored).read(turning),
         source=str(path),
         included=included,
         origin=origin,

@@ -182,8 +182,7 @@ def _facet_forces(
 def _sum_forces(parts: list[tuple[IntArray, FloatArray]], body: list[BodyForce]) -> NodalForces | None:
     if not (parts or body):
         return None
-    rows = concatenate(nodes for nodes, _ in parts)
-    nodes, place = np.unique(rows, return_inverse=True)
+    nodes, place = np.unique(concatenate(nodes for nodes, _ in parts), return_inverse=True)
     force = np.zeros((len(nodes), 3))
     if parts:
         np.add.at(force, place, np.concatenate([forces for _, forces in parts]))

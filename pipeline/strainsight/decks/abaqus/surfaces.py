@@ -184,8 +184,7 @@ def facets_of(
                 f"use {letter}1 to {letter}{len(facets)}" + ", or leave the entry blank" * (letter == "S"),
             )
         kind, local = facets[number - 1]
-        rows_of_kind = rows[assembly.kind[rows] == i]
-        facets_by_kind.append((kind, assembly.connectivity(rows_of_kind, local)))
+        facets_by_kind.append((kind, assembly.connectivity(rows[assembly.kind[rows] == i], local)))
     return facets_by_kind
 
 

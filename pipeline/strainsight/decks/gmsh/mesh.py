@@ -41,8 +41,7 @@ class Doubled:
 def merge_doubled(solids: list[Chunk], version: str) -> tuple[list[Chunk], Doubled]:
     """Format 2 writes an element once for each of its physical groups, with a new number; keep only that of the lowest group."""
     nothing = np.zeros(0, dtype=np.int64)
-    tags = {chunk.groups for chunk in solids}
-    if not version.startswith("2") or len(tags) < 2:
+    if not version.startswith("2") or len({chunk.groups for chunk in solids}) < 2:
         return solids, Doubled(nothing, nothing)
     dropped, remaining, left = [nothing], [nothing], []
     for number in dict.fromkeys(chunk.type for chunk in solids):

@@ -53,8 +53,7 @@ KINDS = {kind.gmsh: kind for kind in ELEMENTS if kind.gmsh}
 
 def remedy(number: int) -> str:
     """Remedy for an unsupported solid."""
-    kind = TYPES[number]
-    if "pyramid" in kind.name:
+    if "pyramid" in TYPES[number].name:
         return (
             "set Mesh.ElementOrder = 1 (only linear pyramids are supported), or avoid pyramids: use only "
             "tetrahedra (Mesh.RecombineAll = 0), or hexahedra from transfinite volumes"

@@ -184,7 +184,6 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
 
 def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Generator[Line, None, bool]:
     """Lines of a file and, up to ENDDATA, of its included files; returns whether ENDDATA was found.
-
     A name without a folder is relative to the including file, other names to the folder of the deck, as in MSC and
     NX Nastran; in OptiStruct decks (.fem) all names are relative to the including file.
     """
@@ -288,7 +287,6 @@ def _join_lines(lines: list[Line]) -> Iterator[Line]:
 def _continuations(pieces: list[_Piece]) -> dict[int, int]:
     """Line → its continuation: the next line if its mark matches or is blank, else the line with the same mark.
     Column 1 of a mark is ignored, and all marks are ignored if no line ends in a mark.
-
     Raises DeckError for an unmatched mark, an ambiguous mark, and two continuations of one line.
     """
     ending: dict[str, list[int]] = {}

@@ -205,13 +205,7 @@ def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: 
     return Output(
         datasets=grid | written(SurfaceHistory(time=time[at], von_mises=mises.max(axis=1), moduli=theta)),
         attributes=attributes,
-        summary={
-            "pictures": len(at),
-            "facets": len(order),
-            "von_mises": largest,
-            "time": instant,
-            "element": element,
-        },
+        summary={"pictures": len(at), "facets": len(order), "von_mises": largest, "time": instant, "element": element},
         message=f"{settings.body}: {len(at)} frames of {len(order)} facets, largest von Mises stress {largest / 1e6:.4g} MPa at "
         f"t = {instant:.4g} s in element {element}",
     )

@@ -13,14 +13,7 @@ from strainsight.errors import ConfigError, NumericalError, blame
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.bench import Bench, explained, start_of
 from strainsight.experiment.bench.loads import doubtful_drives, drives_of, loads_of
-from strainsight.experiment.bench.sensors import (
-    Sensors,
-    dataset_units,
-    frame_at,
-    instants_of,
-    read_in_time,
-    sensors_of,
-)
+from strainsight.experiment.bench.sensors import Sensors, dataset_units, frame_at, instants_of, read_in_time, sensors_of
 from strainsight.experiment.system import Resources, of_steps
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock
@@ -394,8 +387,7 @@ def modes_in_space(rest: BenchAtRest) -> VtkHdf:
             basis = bench.reduced[body.name].basis.reshape(len(mesh.position), 3, -1)[used]
             eta = bench.system.modal(body.name)
             x = x + basis @ rest.q[eta]
-            phi = rest.modes.shapes[eta, :count]
-            moved = basis @ phi
+            moved = basis @ rest.modes.shapes[eta, :count]
             if part.stop - part.start > eta.stop - eta.start:
                 R = rest.q[part][3:12].reshape(3, 3).T
                 turned = rest.modes.shapes[part][3:12, :count].reshape(3, 3, count)  # columns of δR

@@ -122,7 +122,6 @@ def _extend_pool(
     task: Task, result: Elimination, layout: OptimisedLayout, progress: Callable[[str, float], None]
 ) -> tuple[Task, Elimination, OptimisedLayout]:
     """Extend the pool by candidates that could improve the layout, in rounds that at most double it, and return the best layout.
-
     Exchanges continue from the layout; a new elimination of the extended pool is a second start.
     """
     start, cost, before, rounds = layout.gauges, layout.cost, task, ROUNDS if layout.exchange else 1

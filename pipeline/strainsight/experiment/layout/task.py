@@ -45,8 +45,7 @@ class LoadCases:
         weight = self.weight[of]
         if aggregate == "worst":
             return np.asarray(weight / self.weight.max())
-        present = np.unique(of)
-        share = self.weight[of] / self.weight[present].sum()
+        share = self.weight[of] / self.weight[np.unique(of)].sum()
         return np.asarray(len(of) * share / np.bincount(of)[of])
 
     def shares(self) -> np.ndarray:
@@ -127,7 +126,6 @@ def _near(
     position: np.ndarray, owner: np.ndarray, which: np.ndarray, spacing: float, spaced: np.ndarray
 ) -> np.ndarray | None:
     """Pairs of pool rows (q, 2) with gauges nearer than the spacing [m].
-
     position (g, 3): of grids; owner (g,): gauge of each; which: pool row of every gauge; spaced: whether the spacing applies to a
     gauge, as it does not for sensors off the surface.
     """

@@ -257,9 +257,8 @@ def campaign_of(
         source = source_of(record.test, using.files[record.test.record.file], problem.known)
         if apart:
             judgement = replace(judgement, words=apart, apart=True)
-        of_record = damage if len(records) == 1 else None
         estimations[record.test.record.name] = estimation_of_record(
-            common, source, record, result, judgement, hold_out, of_record
+            common, source, record, result, judgement, hold_out, damage if len(records) == 1 else None
         )
     surface = estimations[records[0].name].surface if len(records) == 1 else None
     if len(records) > 1 and skin is not None and damage is not None and damage.surface is not None:
@@ -326,7 +325,6 @@ def _filtered(
 
 def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, result: FilteredRecord) -> tuple[str, str]:
     """Return why the filter comparison withholds σ, and a note; each may be empty.
-
     The compared parameter grid filter has no tolerances and an unknown start. With tolerances its result withholds σ only if the
     start is settled and a grid filter with the same tolerances and an unknown start excludes the estimate, too.
     """

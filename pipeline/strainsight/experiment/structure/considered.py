@@ -143,7 +143,6 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
 
 def _frequency(structure: Structure, rows: np.ndarray) -> np.ndarray:
     """σ (k, n) of ln ω of n modes: one common error, and one for every mode that channels with these rows (m, n) measure.
-
     Inertia of mode j adds −q̈ⱼ/λⱼ to its static response.
     """
     model, std = structure.reduced.model, structure.tolerances.frequency
@@ -376,7 +375,6 @@ def _motion(
 ) -> np.ndarray:
     """Motion [q, q̇] (T + 1, 2n) of the model under the loads: periodic if settled, else with the initial state that fits the
     smoothed motion best.
-
     Least squares of the free motion Aᵏx₀ on smoothed − forced motion, coordinates over their RMS, with the start of the filter as
     prior. The smoothed motion itself is not a solution of the model. u (T, HOLD, n_u); start (2n,): variance of [q, q̇] at t = 0.
     """

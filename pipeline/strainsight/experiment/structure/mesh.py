@@ -138,7 +138,7 @@ def mesh_of(
             ignore=config.ignore,
             spc=config.spc,
             step=config.step,
-            sections=given_sections(config, key),
+            sections={f"{key}.sections.{name}": _given(section) for name, section in config.sections.items()},
             include=include,
             contact=config.contact or ("open" if config.matrices or config.results else None),
         )
@@ -344,11 +344,6 @@ def _config_ties(mesh: Mesh, key: str) -> Iterator[None]:
 
 def _components(numbers: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(sorted({number - 1 for number in numbers}))
-
-
-def given_sections(config: MeshFile, key: str = "mesh") -> dict[str, GivenSection]:
-    """Sections of the config section at `key`, by key."""
-    return {f"{key}.sections.{name}": _given(section) for name, section in config.sections.items()}
 
 
 def _given(stated: ElementSection) -> GivenSection:

@@ -74,10 +74,8 @@ def _geometry(mesh: Mesh) -> list[Row]:
     low, high = mesh.position.min(axis=0), mesh.position.max(axis=0)
     span = f"ids {mesh.node_ids.min()} to {mesh.node_ids.max()}"
     box = ", ".join(f"{axis} {a:.4g} … {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True))
-    rows: list[Row] = [("nodes", str(mesh.own_nodes), span), ("extent", f"{np.linalg.norm(high - low):.4g} m", box)]
-    for block in mesh.elements:
-        rows.append((block.kind, str(len(block.ids)), f"ids {block.ids.min()} to {block.ids.max()}"))
-    return rows
+    rows = [("nodes", str(mesh.own_nodes), span), ("extent", f"{np.linalg.norm(high - low):.4g} m", box)]
+    return rows + [(b.kind, str(len(b.ids)), f"ids {b.ids.min()} to {b.ids.max()}") for b in mesh.elements]
 
 
 def _regions(mesh: Mesh) -> list[Row]:
@@ -310,8 +308,7 @@ def _masses(mesh: Mesh) -> Iterator[Row]:
         mass = values @ np.where(a == b, 1.0, 2.0)
         for number in np.unique(part.region):
             of[int(number)] += float(mass[part.region == number].sum())
-    listed = list(of)[:MOST]
-    for number in listed:
+    for number in list(of)[:MOST]:
         ids = [block.ids[block.region == number] for block in mesh.thin]
         if any(len(those) for those in ids):
             M, _ = thin_mass(mesh, np.concatenate(ids))

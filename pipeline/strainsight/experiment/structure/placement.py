@@ -191,8 +191,7 @@ class _OnStructure(Subject):
 
     def expectations(self, gauges: np.ndarray) -> list[Expectation]:
         """Expected σ in every load case."""
-        channels = self.problem.channels.of(gauges)
-        tolerances = tolerated(self.structure, channels)
+        tolerances = tolerated(self.structure, self.problem.channels.of(gauges))
         return [expectation(problem, gauges, tolerances) for problem in self.problems]
 
     def listed(self, gauges: np.ndarray) -> GaugeList:
@@ -349,8 +348,7 @@ def prices(config: PlacementConfig, pool: PoolRows, candidates: Candidates) -> n
 
 def _left_aligned(channels: np.ndarray) -> np.ndarray:
     """Move the channels of every row to the front, −1 behind, and drop unused columns."""
-    order = np.argsort(channels < 0, axis=1, kind="stable")
-    moved = np.take_along_axis(channels, order, axis=1)
+    moved = np.take_along_axis(channels, np.argsort(channels < 0, axis=1, kind="stable"), axis=1)
     return moved[:, (moved >= 0).any(axis=0)]
 
 

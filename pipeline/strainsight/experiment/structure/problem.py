@@ -155,7 +155,6 @@ MODEL_ERROR = 0.01
 
 def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, float]:
     """Share of the training acceleration that is noise in the placement, and in the filter.
-
     The parameter grid filter with a damping tolerance needs none; this noise would bias its parameters.
     """
     stated = config.process_noise.model_error
@@ -198,7 +197,6 @@ def filter_model(
     )
     r = channel_intensity(std, problem.h, rows, quantity, problem.Q)
     fixed = {name: value for name, value in problem.model.reference.items() if name not in problem.unknowns.parameters}
-    change = every.change.of_terms(lambda X: of_channels(X, channels))
     return FilterModel(
         problem.model,
         problem.unknowns,
@@ -210,7 +208,7 @@ def filter_model(
         h,
         quantity,
         problem.scheme,
-        change=change,
+        change=every.change.of_terms(lambda X: of_channels(X, channels)),
         free_loads=bool(problem.known) and problem.model.damping.parameter not in problem.unknowns.parameters,
     )
 

@@ -281,8 +281,7 @@ def characteristic(entry: LoadSection, signal: Signal, duration: float) -> tuple
             t = np.linspace(0, duration, 2001)
             typical = (float("nan"), float(np.abs(evaluate(signal, t)).max()))
     frequency = noise.frequency if noise.frequency is not None else typical[0]
-    amplitude = noise.amplitude if noise.amplitude is not None else typical[1]
-    return float(frequency), float(amplitude)
+    return float(frequency), float(noise.amplitude if noise.amplitude is not None else typical[1])
 
 
 def unknowns_of(

@@ -210,8 +210,7 @@ def _check_responses(wanted: WantedResult, path: Path, steps: list[str]) -> None
 
 def _stacked(motion: list[np.ndarray], size: list[float], length: float) -> np.ndarray:
     """Stack to (k, n, 3 or 6): translations in m per unit of the load, rotations in rad. Empties the list to save memory."""
-    width = max(each.shape[1] for each in motion)
-    stack = np.full((len(motion), len(motion[0]), width), np.nan)
+    stack = np.full((len(motion), len(motion[0]), max(each.shape[1] for each in motion)), np.nan)
     for i in range(len(size)):
         each = motion.pop(0)
         stack[i, :, : each.shape[1]] = each / size[i]
@@ -231,7 +230,6 @@ def _modal_mass(stated: ResultsSection, modes: list[Response], unit: float) -> n
 
 def _proportional(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
     """Map "stiffness" or "mass" to the parameter that scales it, and the value at which the results were computed.
-
     Raises UserError for a property of only a part of the model, and if that value is unknown.
     """
     scaled = {}

@@ -128,7 +128,6 @@ def _screened(
     settings: Screen, pool: Candidates, near: np.ndarray, ratio: np.ndarray, strained: np.ndarray, limit: np.ndarray
 ) -> Screening:
     """Screen every kind of sensor separately.
-
     ratio (k, m) [-]: signal-to-noise ratios, used in turn; near (gauges,): violates the clearance; strained (m,): largest reading
     of any grid of a channel.
     """
@@ -140,7 +139,6 @@ def _screened(
         gauges = np.flatnonzero((kinds == kind) & ~near)
         channels = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
         part = pool.take(channels)
-        further = None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel])
         screening = screen(
             ratio[:, channels],
             1.0,
@@ -151,7 +149,7 @@ def _screened(
             bonded=pool.bonded[channels],
             largest=strained[channels],
             limit=limit[channels],
-            also_at=further,
+            also_at=None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel]),
         )
         kept.append(gauges[screening.kept])
         snr[gauges], reason[gauges] = screening.snr, screening.reason

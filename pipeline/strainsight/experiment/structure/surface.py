@@ -239,8 +239,7 @@ def moment_of(skin: Skin, record: RecordFilter, run: FilterRun, smoothed: Smooth
 
 def largest_principal(strain: np.ndarray) -> np.ndarray:
     """Signed principal strain of largest magnitude (p,) from strain (p, 6) with engineering shears."""
-    tensors = np.concatenate([strain[:, :3], 0.5 * strain[:, 3:]], axis=1)
-    three = principal(tensors)
+    three = principal(np.concatenate([strain[:, :3], 0.5 * strain[:, 3:]], axis=1))
     return np.where(np.abs(three[:, 0]) >= np.abs(three[:, 2]), three[:, 0], three[:, 2])
 
 

@@ -240,8 +240,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     thickness = thickness_at(mesh, [parameter for parameter in parameters if parameter.property == THICKNESS], theta)
     built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
     modes = built.at_most(stated.modes)
-    factor = theta.get(problem.model.damping.parameter, 1.0)
-    damping = damping_of(config.damping).scaled(factor)
+    damping = damping_of(config.damping).scaled(theta.get(problem.model.damping.parameter, 1.0))
     with blame("validate.truth"):
         S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":
@@ -298,7 +297,6 @@ Installed = Callable[[np.ndarray, Installation | None], tuple[np.ndarray, np.nda
 
 def _installed(structure: Structure, built: FullModel, basis: np.ndarray, thickness: Thickness | None) -> Installed:
     """Return a function: gauges (k,) and installation (None: nominal) → strain operator (m, r), and whether an edge limits each.
-
     An imported strain operator has gain errors only.
     """
     training, pool, position = structure.training, structure.pool, structure.mesh.position
@@ -378,7 +376,6 @@ def _full(
     def motion(loading: Loading) -> SimulatedMotion:
         tones, lead = loading.tones, len(loading.lead)
         with blame("validate.truth"):
-            start = None if tones is None else steady_state(K, M, S, viscous, tones.frequency, tones.amplitude)
             run = transient(
                 built.model,
                 S,
@@ -388,7 +385,7 @@ def _full(
                 loading.h,
                 rows[np.flatnonzero(~moving)],
                 rows[np.flatnonzero(moving)] if moving.any() else None,
-                start=start,
+                start=None if tones is None else steady_state(K, M, S, viscous, tones.frequency, tones.amplitude),
                 progress=lambda share: using.progress("truth", 0.2 * share),
             )
         readings = np.empty((len(loading.held) + 1, len(moving)))

@@ -96,11 +96,10 @@ class Validation:
     def units(self) -> dict[str, str]:
         """Units of `validated`."""
         kinds, chosen = self.trial.problem.channels.quantity, self.trial.chosen
-        still = np.where(kinds == ACCELERATION, STRAIN, kinds)
         return {
             **self.trial.units,
             "the channel": units_in_words(kinds[chosen]),
-            "the candidate": units_in_words(still),
+            "the candidate": units_in_words(np.where(kinds == ACCELERATION, STRAIN, kinds)),
         }
 
 
@@ -313,7 +312,6 @@ def _draws(error: np.ndarray, std: np.ndarray) -> int:
 
 def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
     """CSV of time, channels ("G2.3 [m/m]" is the third grid of G2) and known loads; the first row has loads only.
-
     labels (k,): of the gauges; measured (T, m): of their channels; units: of the loads.
     """
     channels = trial.problem.channels.of(trial.gauges)

@@ -204,8 +204,7 @@ def surface_of(ties: TiedStrains, position: np.ndarray, offset: np.ndarray, ids:
     """position (e, k, 3) [m]; offset (e,) [m] of the middle surface along the normal that the element has at each node."""
     kind = ties.facet
     axes, normal = shell_axes(position, ids), normals_at_nodes(kind, position)
-    good = (np.einsum("ekc,ec->ek", normal, axes[:, :, 2]) > FLAT).all(axis=1)
-    _refuse_folded(good, kind, ids)
+    _refuse_folded((np.einsum("ekc,ec->ek", normal, axes[:, :, 2]) > FLAT).all(axis=1), kind, ids)
     arm = offset[:, None, None] * normal
     middle = position + arm
     share = _share_within(kind, middle, axes) if ties.completed else np.zeros(position.shape[:2])
@@ -348,8 +347,7 @@ def _tied_shear(
 ) -> tuple[np.ndarray, np.ndarray]:
     """γ (e, q, 2, m, 3) of functions of u and of ψ along `ShellPoints.along` at xi."""
     at = points_of(ties, surface, ties.shear_at)
-    n = np.matmul(at.N, surface.normal)
-    u = at.dN.swapaxes(2, 3)[..., None] * n[:, :, None, None]
+    u = at.dN.swapaxes(2, 3)[..., None] * np.matmul(at.N, surface.normal)[:, :, None, None]
     psi = _with_inner(at)[0][:, :, None, :, None] * at.x_a[:, :, :, None]
     W = ties.shear(xi)
     return _times(inverse, _from(W, u)), _times(inverse, _from(W, psi))

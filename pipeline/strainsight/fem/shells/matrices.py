@@ -10,15 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.fem.shells.curved import TIES, curved_strains, points_of, surface_of, to_nodes
-from strainsight.fem.shells.tria import (
-    POINTS,
-    WEIGHTS,
-    linear_turn,
-    place_curvature,
-    plane_of,
-    to_basic,
-    tria_strains,
-)
+from strainsight.fem.shells.tria import POINTS, WEIGHTS, linear_turn, place_curvature, plane_of, to_basic, tria_strains
 
 STIFF_IN_SHEAR = 1000.0
 """A shear stiffness of this many `in_shear` A₆₆ replaces a rigid one: the shear deflection of such a plate is at most a

@@ -63,7 +63,6 @@ def _membrane(
     of the nodes minus that of the triangle with linear u, v. ∫ εᵀAε has a rank of 9 − 3; a rectangle of two triangles bends in
     its plane as a beam of any slenderness if β₀ = (1 − 4ν²)/2. Sides of a node whose θ has no effect stay straight, so that
     constant stress passes next to other triangles, and its θ̃ is zero.
-
     Returns area (e,) [m²], ε̄ (e, 3, 9) and εᵢ (e, 3, 3, 9) with i second, columns u₁ v₁ θ₁ u₂ …. Source: C. A. Felippa,
     A study of optimal membrane triangles with drilling freedoms, Comput. Methods Appl. Mech. Engrg. 192 (2003) 2125-2168.
     """
@@ -116,7 +115,6 @@ def place_curvature(x: np.ndarray, y: np.ndarray, g: np.ndarray) -> None:
 
 def _shear(xy: np.ndarray, at: np.ndarray, inverse: np.ndarray, twist: np.ndarray) -> np.ndarray:
     """γ (e, q, 2, 11) of w₁ θx₁ θy₁ w₂ … and of inner rotations b: w linear, θ linear plus 27 r s (1 − r − s) b.
-
     Shear along r and s is tied to
 
         e_r = 2/3 (e_r − e_s/2)(B) + 1/3 (e_r + e_s)(C) + ĉ (3s − 1)/3,

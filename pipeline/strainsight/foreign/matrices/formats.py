@@ -201,8 +201,7 @@ def text_matrices(path: Path) -> Iterator[tuple[Header, Iterator[Column]]]:
             line = line.rstrip()
             if not line:
                 continue
-            wide = line.endswith(b"|I16")
-            widths = (16, 16, 8, 8) if wide else (8, 8, 8, 8)
+            widths = (16, 16, 8, 8) if line.endswith(b"|I16") else (8, 8, 8, 8)
             columns, rows, _, kind = lines.integers(line, *widths)
             at = sum(widths)
             header = header_of(line[at : at + 8], columns, rows, kind, 2, lines.where)

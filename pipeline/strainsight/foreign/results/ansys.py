@@ -117,15 +117,13 @@ def _response(result: Any, row: int, is_mode: bool, step: int, substep: int, pat
         raise error_at(where, f"the result lacks {', '.join(missing)}", "use results of a three-dimensional structure")
     rotations = _ROTATIONS if all(name in names for name in _ROTATIONS) else []
     ids, values = result.nodal_solution(row)
-    motion = np.asarray(values, dtype=float)[:, [names.index(name) for name in (*_TRANSLATIONS, *rotations)]]
-    frequency = float(result.time_values[row]) if is_mode else 0.0
     return Response(
         "mode" if is_mode else "static",
         step,
         substep,
         np.asarray(ids, dtype=np.int64),
-        motion,
-        frequency,
+        np.asarray(values, dtype=float)[:, [names.index(name) for name in (*_TRANSLATIONS, *rotations)]],
+        float(result.time_values[row]) if is_mode else 0.0,
         str(result._resultheader.get("title", "")).strip(),
         rounding=_DOUBLE,
         where=where,

@@ -247,16 +247,13 @@ def _response(
     row = np.dtype([("point", op2.integer), ("type", op2.integer), ("motion", op2.real, (6,))])
     rows = np.frombuffer(record.content, row)
     nodes = rows["type"] == _NODE
-    ids = (rows["point"][nodes] // 10).astype(np.int64)
-    motion = rows["motion"][nodes].astype(float)
-    frequency = natural_frequency(head.eigenvalue) if is_mode else 0.0
     return Response(
         "mode" if is_mode else "static",
         head.subcase,
         head.mode if is_mode else count,
-        ids,
-        motion,
-        frequency,
+        (rows["point"][nodes] // 10).astype(np.int64),
+        rows["motion"][nodes].astype(float),
+        natural_frequency(head.eigenvalue) if is_mode else 0.0,
         head.label,
         masses.get((head.mode, head.eigenvalue)) if is_mode else None,
         along_node_axes=not _is_basic(record.table),
@@ -376,9 +373,8 @@ def _rows(block: _Block, path: Path) -> tuple[np.ndarray, np.ndarray, int]:
     def place(row: int) -> str:
         return f"{path}:{block.number + int(first[row])}"
 
-    numbers = np.concatenate([text[first, _FIRST:], text[first + 1, _FIRST:]], axis=1)
     return (
         integers(text[first, :_ID], place),
-        reals(numbers, _NUMBER, place),
+        reals(np.concatenate([text[first, _FIRST:], text[first + 1, _FIRST:]], axis=1), _NUMBER, place),
         int(np.count_nonzero(~is_node & ~goes_on)),
     )

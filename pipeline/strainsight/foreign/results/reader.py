@@ -302,8 +302,7 @@ def vtu_responses(path: Path) -> Iterator[Response]:
     with path.open("rb"):
         pass
     raw = load_sandboxed(path).mesh
-    points = len(np.asarray(raw.points))
-    ids, _ = numbers_of(raw.point_data, NODE_IDS, points, "node", [])
+    ids, _ = numbers_of(raw.point_data, NODE_IDS, len(np.asarray(raw.points)), "node", [])
     for name, values in raw.point_data.items():
         mode = _MODE.fullmatch(name)
         match = mode or _STATIC.fullmatch(name)
@@ -312,14 +311,13 @@ def vtu_responses(path: Path) -> Iterator[Response]:
             continue
         where = f"{path}, {name}"
         number = int(match["number"] or 1)
-        frequency = _frequency(mode, number, raw.field_data, where) if mode else 0.0
         yield Response(
             "mode" if mode else "static",
             1 if mode else number,
             number if mode else 1,
             ids,
             motion.astype(float),
-            frequency,
+            _frequency(mode, number, raw.field_data, where) if mode else 0.0,
             name,
             rounding=_ROUNDING.get(motion.dtype.itemsize, 1e-3),
             where=where,
@@ -338,8 +336,7 @@ def _frequency(mode: re.Match[str], number: int, field_data: dict[str, Any], whe
             f"mode {number} has no frequency",
             f'name the data "mode_{number} 12.5 Hz", or write all frequencies [Hz] as field data "frequencies"',
         )
-    frequency = float(known[0][number - 1])
-    return frequency
+    return float(known[0][number - 1])
 
 
 Reader = Callable[[Path], Iterator[Response]]
@@ -363,7 +360,8 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     missing, damaged or not a plain file, and errors of the reader.
     """
     path = Path(path)
-    reader = readers.get(ending_of(path))
+    endings = (ending.lower() for ending in reversed(path.suffixes))
+    reader = readers.get(next((ending for ending in endings if ending != ".gz"), ""))
     if reader is None:
         raise error_at(path, f"{path.name} is not a known result file", f"use one of the endings {', '.join(readers)}")
     try:
@@ -375,8 +373,3 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
         raise error_at(path, f"cannot be unpacked: {error}", "compress the file again") from None
     except OSError as error:
         raise error_at(path, f"cannot be read: {error.strerror}", "check that the file is readable") from None
-
-
-def ending_of(path: Path) -> str:
-    """The last ending of a name except .gz, in lower case; "" if there is no ending."""
-    return next((ending.lower() for ending in reversed(path.suffixes) if ending.lower() != ".gz"), "")

@@ -186,8 +186,7 @@ def gauss(points: int, d: int) -> Rule:
     """Gauss-Legendre product rule on [−1, 1]ᵈ, exact for degree 2·points − 1 in each direction."""
     x, w = np.polynomial.legendre.leggauss(points)
     grid = np.stack(np.meshgrid(*[x] * d, indexing="ij"), axis=-1).reshape(-1, d)
-    weights = np.prod(np.stack(np.meshgrid(*[w] * d, indexing="ij"), axis=-1), axis=-1).ravel()
-    return grid, weights
+    return grid, np.prod(np.stack(np.meshgrid(*[w] * d, indexing="ij"), axis=-1), axis=-1).ravel()
 
 
 def orbits(size: int, orbits: list[tuple[tuple[float, ...], float]]) -> Rule:
@@ -294,7 +293,6 @@ def second_order(
 ) -> ElementKind:
     """The same element with a node in the middle of each edge; entries: rules, numbers and orders in other programs."""
     facets = [(SECOND_ORDER[facet.name], corners) for facet, corners in linear.facets]
-    programs = {"nastran_order": (), "gmsh_order": (), "orders": {}, "bubble_gradient": None} | entries
     return replace(
         linear,
         name=name,
@@ -304,5 +302,5 @@ def second_order(
         facets=tuple((facet, with_edge_nodes(corners, edges, facet.edges)) for facet, corners in facets),
         mirrored=with_edge_nodes(linear.mirrored, edges, edges),
         split=of_same_kind(name, (part for _, part in linear.split)),
-        **programs,
+        **{"nastran_order": (), "gmsh_order": (), "orders": {}, "bubble_gradient": None} | entries,
     )

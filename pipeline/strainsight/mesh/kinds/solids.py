@@ -308,7 +308,6 @@ def pyramid_linear(xi: FloatArray) -> Values:
 
 def _pyramid_rule(points: int) -> Rule:
     """Gauss-Legendre in u and v, Gauss-Jacobi in ζ with the weight (1 − ζ)²: exact for degree 3 in u and v.
-
     ∂N/∂ξ and the Jacobian do not depend on ζ at u, v: one point in ζ is exact for the stiffness of any shape.
     """
     plane, weight = gauss(2, 2)

@@ -154,14 +154,7 @@ def ball_centre(
 
 @inner
 def followed(
-    table: np.ndarray,
-    c: np.ndarray,
-    push: float,
-    soft: float,
-    loose: float,
-    px: float,
-    pr: float,
-    state: np.ndarray,
+    table: np.ndarray, c: np.ndarray, push: float, soft: float, loose: float, px: float, pr: float, state: np.ndarray
 ) -> tuple[bool, float, float]:
     """Full Newton steps from p near the equilibrium of a ball held by two grooves: whether they converged, and p; fills `state`.
     A last correction is applied to the forces to first order."""
@@ -374,12 +367,7 @@ def ball_slopes(
 
 @kept()
 def each_ball(
-    table: np.ndarray,
-    push: float,
-    radius: float,
-    ball: float,
-    stations: np.ndarray,
-    q: np.ndarray,
+    table: np.ndarray, push: float, radius: float, ball: float, stations: np.ndarray, q: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int, float]:
     """Centres p (z, 2) and vectors c_k − p (z, 4, 2) [m] of all balls; then the ball without equilibrium, and its unbalanced
     force."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -13,9 +13,6 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from strainsight.multibody.forces import CompiledLaw, ForceLaw, InPython
 from strainsight.multibody.relations import Relations
 from strainsight.multibody.system import System
-
-if TYPE_CHECKING:
-    from strainsight.multibody.system import System
 
 MOTIONS = 6
 """Minimal coordinates of a moving body before its modal ones: displacement and rotation."""

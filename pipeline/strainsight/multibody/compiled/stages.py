@@ -185,8 +185,7 @@ def step_slopes(
     q, z, mu, lam = solved
     n, nt, m, h, nd, count = len(q), len(s.dt), s.joints, p.h, s.drives, len(p.theta)
     # no literal, for which numba would make all of the equations once more
-    tangents = nt > 0
-    _, terms = equations(s, p, memory, solved, tangents)
+    _, terms = equations(s, p, memory, solved, nt > 0)
     by_drive, TM = terms.by_drive, terms.TM
     Z, J, S = scale_terms(pattern, h, terms)
     columns = 2 * nt + 2 * nd

@@ -123,10 +123,7 @@ class ParameterCoordinates:
 
 
 def parameter_coordinates(
-    system_parameters: Sequence[str],
-    free: Sequence[str],
-    theta: np.ndarray,
-    bearings: Mapping[str, np.ndarray],
+    system_parameters: Sequence[str], free: Sequence[str], theta: np.ndarray, bearings: Mapping[str, np.ndarray]
 ) -> ParameterCoordinates:
     """Coordinates of the free ones among a system's parameters. system_parameters (nθ,): names, a bearing's "<bearing>.<one
     of PARAMETERS>", anything else a modulus; free (p,): the unknown ones; theta (nθ,): values of all; bearings: of every

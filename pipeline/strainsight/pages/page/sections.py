@@ -35,8 +35,7 @@ def document(
     kind ("gauge placement"), name of the run, title: plain text; answer, sections, footer: HTML; style: file with additional
     rules; turned: whether a section has a 3D view.
     """
-    styles = ["page/page.css", *filter(None, [style]), *[SPACE_STYLE] * turned]
-    css = "".join(map(text_of, styles))
+    css = "".join(map(text_of, ["page/page.css", *filter(None, [style]), *[SPACE_STYLE] * turned]))
     running = [text_of("page/tables.js"), *["\n".join(map(text_of, SPACE_SCRIPTS))] * turned]
     return "\n".join(
         (

@@ -299,8 +299,7 @@ def datum(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
     paper.circle(at, 1.2)
     for i, name in enumerate("xyz"):
         flat = placed.view.flat(np.eye(3)[i])
-        long = float(np.linalg.norm(flat))
-        if long > 0.3:
+        if float(np.linalg.norm(flat)) > 0.3:
             paper.ray(at, (at[0] + AXIS * float(flat[0]), at[1] - AXIS * float(flat[1])), name, 0.25)
 
 

@@ -236,8 +236,7 @@ def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Draw
 
 def straight(faces: IntArray) -> IntArray:
     """Facets (f, 8) without mid-side nodes."""
-    count = np.sum(faces >= 0, axis=1)
-    corners = np.array([CORNERS.get(k, k) for k in range(9)])[count]
+    corners = np.array([CORNERS.get(k, k) for k in range(9)])[np.sum(faces >= 0, axis=1)]
     return np.where(np.arange(faces.shape[1]) < corners[:, None], faces, -1)
 
 

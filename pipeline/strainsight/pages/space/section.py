@@ -125,7 +125,6 @@ def _choices(captions: Sequence[str], shapes: Sequence[ShownState], first: int) 
 
 def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[ShownState], first: int) -> str:
     """Data of the script as JSON: numbers, texts, and all arrays as compressed, base64-coded bytes.
-
     Positions are 16-bit fractions of the bounding box; normals and shifts have 8 bits, about a pixel. A contour has one byte per
     vertex: position on the scale from 0 to 254, 255 without a value.
     """

@@ -15,14 +15,7 @@ from strainsight.pages.arrays import FloatArray, History
 from strainsight.pages.bench.data import BenchPageRun
 from strainsight.pages.bench.figures import STROKES, line_style, ratio_figure, sensor_figure, unknown_figure
 from strainsight.pages.chart.drawing import MUTED, SERIES, Drawing, figure, styled, svg
-from strainsight.pages.chart.panels import (
-    drawable,
-    estimate_figure,
-    legend_above,
-    log_ticks,
-    plain_ticks,
-    power_of_ten,
-)
+from strainsight.pages.chart.panels import drawable, estimate_figure, legend_above, log_ticks, plain_ticks, power_of_ten
 from strainsight.pages.placement.data import Trend
 from strainsight.pages.suite.data import (
     PlacementRun,

@@ -128,9 +128,7 @@ def _channels(report: Findings) -> str:
 def _cautions(report: Findings) -> Iterator[str]:
     more = f'<p><a href="#warnings">All {count(len(report.warnings))} warnings</a></p>'
     yield sections.caution(
-        "Warnings",
-        bullets(map(_sentence, report.warnings[:SHOWN])) + more * (len(report.warnings) > SHOWN),
-        "warnings",
+        "Warnings", bullets(map(_sentence, report.warnings[:SHOWN])) + more * (len(report.warnings) > SHOWN), "warnings"
     )
     yield sections.caution("Not tested", bullets([NOT_TESTED] * (not report.hold_out)))
 

@@ -85,12 +85,7 @@ def _estimated(artefact: Artefact) -> dict[str, Any]:
         for i, (reading, predicted, std, why, unit_of_channel) in enumerate(columns, start=1):
             if not why:
                 held_out.append(Reading(f"{name}.{i}", unit_of_channel, after, reading, predicted, std, i))
-    return {
-        "estimated": record,
-        "unknowns": tuple(unknowns),
-        "sensors": tuple(sensors),
-        "hold_out": tuple(held_out),
-    }
+    return {"estimated": record, "unknowns": tuple(unknowns), "sensors": tuple(sensors), "hold_out": tuple(held_out)}
 
 
 def _components(config: Any, name: str, unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:

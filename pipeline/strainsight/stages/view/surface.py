@@ -40,9 +40,7 @@ def strain_shapes(layout: PictureLayout, strains: Sequence[SurfaceStrain]) -> tu
     """The same as selectable states, each with a separate scale."""
     return tuple(
         ShownState(
-            caption(strain),
-            contour=contour_of(strain.strain * MICRO, layout, QUANTITY, UNIT),
-            group="Surface strain",
+            caption(strain), contour=contour_of(strain.strain * MICRO, layout, QUANTITY, UNIT), group="Surface strain"
         )
         for strain in strains
     )

@@ -22,13 +22,7 @@ from strainsight.experiment.bench.inverse.filtering import (
     ring_watch,
     rings_estimated,
 )
-from strainsight.experiment.bench.inverse.problem import (
-    BenchProblem,
-    corrects,
-    free_zero,
-    problem_of,
-    zero_of,
-)
+from strainsight.experiment.bench.inverse.problem import BenchProblem, corrects, free_zero, problem_of, zero_of
 from strainsight.experiment.bench.inverse.trial import BenchTrial, trial_of
 from strainsight.experiment.bench.inverse.truth import Reality, reality_of, sample_reality
 from strainsight.experiment.bench.sensors import channel_labels, misread

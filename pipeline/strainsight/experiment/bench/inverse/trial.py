@@ -230,7 +230,6 @@ def _felt(
     problem: BenchProblem, available: np.ndarray, moved: np.ndarray, unsolved: NumericalError | None
 ) -> tuple[str, ...]:
     """Refuse an unknown without effect on any sensor at rest, and return notes on sensors without any effect.
-
     moved (m, nu + p): effect in σ of the noise; available (m,): measured channels; unsolved: error raised instead, if no
     equilibrium was found under some loads. Not applicable without an initial equilibrium, with sensors of velocity or
     acceleration, or if drives or gravity change the pose; then `undistinguished` checks along the run.

@@ -156,9 +156,7 @@ class _Body(Subject):
             self.body.place,
             # rules based on readings use the first pose
             PoolReadings(
-                self.pool.readings[0][gauges][:, None, :modes],
-                self.pool.noise[gauges, None] ** 2,
-                moved @ moved.T,
+                self.pool.readings[0][gauges][:, None, :modes], self.pool.noise[gauges, None] ** 2, moved @ moved.T
             ),
             self.body.config.seed,
             aggregate=self.body.place.aggregate,

@@ -8,13 +8,7 @@ from itertools import zip_longest
 
 import numpy as np
 
-from strainsight.config.bench.bench import (
-    AccelerationSensor,
-    BenchConfig,
-    BenchPlace,
-    MotionSensor,
-    RelativeSensor,
-)
+from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, BenchPlace, MotionSensor, RelativeSensor
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.layout.expectation import PlacedBody, Pose
@@ -162,7 +156,6 @@ PERIODS = (1e-6, 1e6)
 
 def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -> None:
     """Raises InfeasibleError if increments, noise or time step differ by too many orders of magnitude.
-
     response (m, nu): strain per unit of every unknown load, at rest.
     """
     noise = float(body.place.noise)
