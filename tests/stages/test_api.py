@@ -268,5 +268,5 @@ def test_rows_that_do_not_fit_the_table_or_the_matrices_are_refused(files):
     with pytest.raises(DeckError, match="3 columns, the stiffness 4 rows"):
         read_given(rows, table, np.arange(4), 1.0)
     table.write_text(TABLE + "9,0,0,0,,,\n")
-    with pytest.raises(DeckError, match=r"3 rows, gauges\.csv has 4 gauges"):
+    with pytest.raises(DeckError, match=r"3 rows, but gauges\.csv has 4 gauges"):
         read_given(rows, table, COMPONENTS, 1.0)

@@ -145,7 +145,7 @@ class FlexibleBody:
         for what, X in (("stiffness", self.stiffness), ("damping", self.damping)):
             matrices = [X.constant, *X.terms.values()] if isinstance(X, AffineOperator) else [X]
             if any(np.shape(part) != (n, n) for part in matrices):
-                raise InfeasibleError(f"body {self.name}: the {what} is not {n}×{n} like the mass")
+                raise InfeasibleError(f"body {self.name}: the {what} matrix is not {n}×{n} like the mass matrix")
         if np.shape(self.invariants.first_modal) != (3, n):
             raise InfeasibleError(
                 f"body {self.name}: the inertia has {np.shape(self.invariants.first_modal)[1]} modes, not {n}"

@@ -221,8 +221,8 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         )
     if unconstrained:
         raise InfeasibleError(
-            f"{'; '.join(unconstrained)}: no coordinate affects this constraint here",
-            remedy="remove it, or rotate the axes of the frame",
+            f"{'; '.join(unconstrained)}: no coordinate affects this constraint in this configuration",
+            remedy="remove the constraint, or rotate the axes of the frame",
         )
     B = B / norms[:, None]
     basis = np.linalg.qr(B[:rigid].T)[0]
@@ -328,7 +328,7 @@ def static_equilibrium(
         before = size
     raise NumericalError(
         f"no static equilibrium was found in {ITERATIONS} iterations (last change {before:.2g} of {whole:.2g})",
-        remedy="start closer to it, or constrain or damp the remaining motion",
+        remedy="start closer to the equilibrium, or constrain or damp the remaining motion",
     )
 
 

@@ -139,7 +139,7 @@ def advice(
 
 def _how_many(sigma: str, cost: np.ndarray, kept: int, labels: Sequence[str], keep: int) -> Iterator[str]:
     if len(labels) < keep:
-        yield f"The layout has {len(labels)} gauges instead of {keep}: within the limits no further gauge was found that helps."
+        yield f"The layout has {len(labels)} gauges instead of {keep}: no further useful gauge was found within the limits."
     gain = gains(cost)
     if not len(gain):
         return
@@ -224,7 +224,7 @@ def _failures(
             if growth > 1:
                 yield f"If one gauge fails, σ({name}) grows by at most {_percent(growth - 1)} ({labels[worst]})."
             else:
-                yield "If one gauge fails, no σ grows, as its installation error is removed, too."
+                yield "If one gauge fails, no σ grows, because the installation error of this gauge is removed, too."
 
 
 def _percent(share: float) -> str:

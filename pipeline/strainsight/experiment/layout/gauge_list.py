@@ -214,7 +214,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
         *(["kind"] if kinds else []),
         *(["element", "facet"] if on_surface else []),
         *("x y z [m]", "direction", "angle"),
-        *(f"σ({name}) without it" for name in without),
+        *(f"σ({name}) without gauge" for name in without),
     )
     return Table("gauges", columns, tuple(rows))
 

@@ -313,7 +313,7 @@ def _filtered(
             raise InconsistentRecordError(
                 f"every filter diverges on this record ({why}): {decision.inconsistent}",
                 key="estimate",
-                remedy="Correct the cause and run the estimate again.",
+                remedy="Correct the cause of the inconsistency and run the estimate again.",
             ) from error
         if len(filters) == 1:
             raise
@@ -341,7 +341,7 @@ def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, resul
             return excluded_in_words(otherwise, True, "estimate.start"), ""
     return (
         "",
-        f"the filter comparison ignores tolerances, which this record excludes: {words}, with and without tolerances",
+        f"the filter comparison neglects tolerances, but the record requires them: {words} with and without tolerances",
     )
 
 

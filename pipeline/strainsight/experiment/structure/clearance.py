@@ -278,7 +278,7 @@ def advice_at_gauges(sites: AtGauges | None, labels: Sequence[str], bonded: Sequ
                 groups.setdefault(words, []).append(label)
     for words, those in groups.items():
         yield (
-            f"{', '.join(those)}: {words}. Check that the place can be reached by hand, or exclude it (gauges.exclude)."
+            f"{', '.join(those)}: {words}. Check that the position can be reached by hand, or exclude it (gauges.exclude)."
         )
 
 

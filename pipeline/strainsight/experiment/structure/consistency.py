@@ -221,7 +221,7 @@ class FaultInWords:
         stated = record.inputs if fault.of_load else record.channels
         if record.section != "estimate" and not stated.startswith(record.section):
             key = f"{record.section}.{stated.split('.')[-1]}"
-            remedy += f" (for this record only: copy {stated} to {key} and change it there)"
+            remedy += f" (to correct only this record, copy {stated} to {key} and change the copy)"
         return what, remedy
 
     def _of_kind(self, fault: Fault, estimate: float, std: float) -> tuple[str, str]:

@@ -347,7 +347,7 @@ def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str)
             key="estimate.start",
             remedy="Set estimate.start: moving.",
         )
-    note = f"{count - (end - begin)} samples were cut off at the ends because a known load has none there"
+    note = f"{count - (end - begin)} samples at the ends of the record were removed because they lack a known load"
     return replace(
         signals, time=signals.time[begin:end], values=signals.values[begin:end], notes=(*signals.notes, note)
     )

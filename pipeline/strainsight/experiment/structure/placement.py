@@ -179,7 +179,7 @@ class _OnStructure(Subject):
             raise ConfigError(
                 "the candidates were screened without installation errors",
                 key="place.installation",
-                remedy="Run the screening again with this config.",
+                remedy="Run the stage screen again with this config.",
             )
         return self.screened.installation
 

@@ -204,7 +204,7 @@ def _check_responses(wanted: WantedResult, path: Path, steps: list[str]) -> None
             f"step {several[0]} has {len(wanted.responses)} static responses (load increments)",
             where=str(path),
             key=wanted.key,
-            remedy="Write a linear step with one increment.",
+            remedy="Export results of a linear step with one increment.",
         )
 
 
@@ -240,7 +240,7 @@ def _proportional(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Param
         kind, but = ("stiffness", "springs") if stiffness else ("mass", "point masses")
         elsewhere = mesh.springs if stiffness else mesh.point_masses
         if set(regions_of(mesh.elements)) - set(parameter.regions) or elsewhere:
-            part = f"it does not scale the {but} of the deck" if elsewhere else "it scales only some regions"
+            part = f"{parameter.name} does not scale {f'the {but} of the deck' if elsewhere else 'all regions'}"
             raise UserError(
                 f"results at one value determine only the effect of a factor on the whole {kind}, but {part}",
                 key=f"parameters.{parameter.name}",
@@ -260,7 +260,7 @@ def _made_with(stated: ResultsSection, mesh: Mesh, parameter: Parameter) -> floa
     known = all(mesh.material_of(number) is not None for number in parameter.regions)
     values = {read(mesh, number) for number in parameter.regions} if known else set()
     if len(values) != 1:
-        what = f"the regions have {len(values)} different values" if values else "the mesh does not define it"
+        what = f"the regions have {len(values)} different values" if values else "the mesh does not define any value"
         raise UserError(
             f"the {parameter.property} of the imported results is unknown: {what}",
             key="mesh.results.at",

@@ -111,6 +111,6 @@ def ringing_in_words(settle: Settle, loading: Loading, model: ReducedModel, inst
         return ""
     until_words = "is undamped" if np.isinf(until) else f"lasts {until:.3g} s, {DECAYS:g} decay times of the first mode"
     return (
-        f"{early} of {len(instants)} linearisation instants lie in the initial transient, which {until_words}. σ applies to this "
-        "motion (train.settle)."
+        f"{early} of {len(instants)} linearisation instants lie in the initial transient, which {until_words}. Expected σ "
+        "includes this transient (train.settle)."
     )

@@ -230,7 +230,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     config, mesh, training, reduced = structure.config, structure.mesh, structure.training, structure.reduced
     stated = config.validation.truth
     theta = {**problem.model.reference, **stated.parameters}
-    values = ", ".join(f"{name} = {value:.6g}" for name, value in stated.parameters.items()) or "the same parameters"
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in stated.parameters.items()) or "guessed parameters"
     pool = training.candidates
     if stated.model == "rom":
         rows = training.rows_at(theta)

@@ -378,7 +378,7 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
     ]
     for name, accuracy in validation.accuracy.items():
         if name in trial.problem.unknowns.parameters:
-            value = f"{name} {accuracy.estimate:.4g} {trial.units[name]} (truth {trial.truth.theta[name]:.4g})"
+            value = f"{name} {accuracy.estimate:.4g} {trial.units[name]} (true value {trial.truth.theta[name]:.4g})"
             claimed = "" if withheld else f" (claimed σ {100 * accuracy.std:.2g} %)"
             words.append(f"{value}, error {100 * accuracy.error:.2f} %{claimed}")
         else:

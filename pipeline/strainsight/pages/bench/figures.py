@@ -198,7 +198,7 @@ def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool
             line(axes, history.time, std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
     axes.set_yscale("log")
     log_ticks(axes)
-    axes.set_ylabel("|error| relative\nto largest truth")
+    axes.set_ylabel("|error| relative\nto largest true value")
 
 
 def _error(axes: Axes, history: History, values: FloatArray, **style: Any) -> None:

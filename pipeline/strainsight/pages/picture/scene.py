@@ -52,7 +52,7 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
                 command, env=environment, cwd=FOLDER, input=asked, capture_output=True, timeout=limit, check=False
             )
         except subprocess.TimeoutExpired:
-            output = f"no picture after {limit:.0f} s"
+            output = f"not finished after {limit:.0f} s"
             continue
         if done.returncode == 0 and done.stdout:
             pictures: list[bytes] = pickle.loads(done.stdout)

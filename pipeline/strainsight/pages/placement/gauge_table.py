@@ -23,8 +23,8 @@ EDGES = (
     "counter-clockwise as seen from outside. Second line: nearest transverse edge."
 )
 BONDED = (
-    "Installation: relative change of strain over σ of the position and over the grid length, and free height above the gauge, "
-    "if outside the limits."
+    "Installation: relative change of strain within σ of the position and within the grid length, and free height above the "
+    "gauge, if outside the limits."
 )
 REFINED = (
     "Refined mesh: change of the strain at the gauge relative to its training RMS, if the elements around it are halved twice. "
@@ -61,7 +61,7 @@ def _where(report: PlacementReport) -> str:
         for index, gauge in enumerate(gauges)
     ]
     head = ["gauge", "kind", *frame.heads, "direction"]
-    head += [f"nearest edges [{frame.unit}]", "angle to them"] * edged
+    head += [f"nearest edges [{frame.unit}]", "angle to edges"] * edged
     numeric = [2, 3, 4, *range(6, len(head))]
     head += ["installation"] * noted
     return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
@@ -84,7 +84,7 @@ def _worth(report: PlacementReport) -> str:
     head = ["gauge", "number" if given(gauges) else "element", "facet", "angle"]
     head += ["training peak"] * read + ["strain with refined mesh"] * tested
     foot = ["all gauges", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
-    head += [f"expected σ({escape(name)}) without it" for name in names]
+    head += [f"expected σ({escape(name)}) without gauge" for name in names]
     caption = _caption_of_worth(gauges)
     return table("gauges: readings", head, rows, caption=caption, numeric=range(1, len(head)), foot=foot)
 

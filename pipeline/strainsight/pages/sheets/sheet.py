@@ -95,7 +95,7 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
         yield "grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length unknown"
         if len(sheet.directions) == 1:
             yield (
-                "foil as shown",
+                "carrier as shown",
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
@@ -173,7 +173,7 @@ def sheets_section(sheets: Sequence[bytes]) -> str:
         shown.append(f'<figure class="card">{text.replace(views.SIZE, "", 1)}</figure>')
     if not sheets:
         return ""
-    rest = f" {len(sheets) - len(shown)} more are in files only." * (len(shown) < len(sheets))
+    rest = f" {len(sheets) - len(shown)} more sheets are in files only." * (len(shown) < len(sheets))
     return (
         f"<details><summary>{len(sheets)} drawing sheet{'s' * (len(sheets) > 1)} for the workshop</summary>"
         f'<p class="note">For printing at 100 % on A4, use the files sheet-….svg in the folder of this page.{rest}</p>'

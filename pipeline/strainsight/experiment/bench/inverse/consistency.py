@@ -101,7 +101,7 @@ class Evidence:
         """Decision on σ: consistency with the model in a test, and parameters outside their ranges."""
         estimate, words = self.estimate, ""
         if self.in_test and self.against:
-            more = "" if estimate.hold_out is not None else ", or set estimate.hold_out: each to find the channel"
+            more = "" if estimate.hold_out is not None else ", or find the faulty one by estimate.hold_out: each"
             check = f"Check channels, units and noise of estimate.measured{more}"
             words = f"{INCONSISTENT}: {self._contradicted}. {check}"
         return Decision(words, accept=estimate.accept, out_of_range=self.outside_range, remedy=REMEDY)
@@ -141,14 +141,14 @@ class Evidence:
         if not self.outside_range:
             yield from self.overconfident()
             yield from (
-                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of the largest load. Use other sensors, or "
-                "set a load as known"
+                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of its largest value. Add sensors, or set "
+                "a load as known"
                 for name in self.names
                 if self._share(name) > HARDLY
             )
             yield from (
-                f"{name} is not identified: estimates from different starts differ by more than 3.2 σ, σ has not halved, or the "
-                "error exceeds σ"
+                f"{name} is not identified: estimates from different starts differ by more than 3.2 σ, σ exceeds half of the "
+                "initial σ, or the error exceeds σ"
                 for name in self.names
                 if self.numbers.get(f"identified.{name}") is False
             )
@@ -191,7 +191,7 @@ class Evidence:
         parts += [] if self.outside_range else self.overconfident()
         parts += [f"{name} is not identified" for name in self.names if of[f"identified.{name}"] == 0]
         parts += [self._contradicted] * bool(self.against and decision.trusted)
-        parts.append(", ".join(estimates) or "no reference for comparison")
+        parts.append(", ".join(estimates) or "no true values or measurements for comparison")
         return f"{'; '.join(parts)}; {numbers['method']}, {numbers['truth']}"
 
     def _share(self, name: str) -> float:
@@ -308,8 +308,8 @@ def bench_disagreements(estimation: BenchEstimation) -> list[str]:
     words = disagreements_in_words(estimation.filtered.compared)
     if words and estimation.problem.estimate.inputs:
         words.append(
-            "the parameter grid filter also depends on the increments of unknown loads and is biased if the loads change less. "
-            "Set a load as known, or correct the increments"
+            "the parameter grid filter also depends on the increments of unknown loads and is biased if these increments are too "
+            "large. Set a load as known, or correct the increments"
         )
     return words
 

@@ -168,8 +168,8 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
             x = model.projected(x + np.array(moved), k + 1)
         if not np.all(np.isfinite(x)):
             raise NumericalError(
-                f"the simulation of a sampled truth failed at {k * model.h:g} s",
-                remedy="Reduce the increments, or the initial std.",
+                f"the simulated test sampled from the filter's model failed at {k * model.h:g} s",
+                remedy="Reduce the increments or the initial standard deviations.",
             )
         inputs[k + 1][:, model.inputs] = x[:, model.u]
         readings[k] = model.measure(x, k)[0]
@@ -237,7 +237,7 @@ def from_run(
 
 def _entry_of(entries: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
     if name not in entries:
-        remedy = did_you_mean(name, list(entries), f"The run has {', '.join(entries)}.")
+        remedy = did_you_mean(name, list(entries), f"The other run has: {', '.join(entries)}.")
         raise ConfigError(f"the other run has no {kind} '{name}'", key=key, remedy=remedy)
     return entries[name]
 
@@ -256,7 +256,7 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
             raise ConfigError(
                 f"{len(entries)} channels are assigned to {count} components",
                 key=key,
-                remedy="Assign one channel per component, in order, and null if it was not measured.",
+                remedy="Assign one channel per component, in order, and null for a component that was not measured.",
             )
         wanted |= {f"{key}.{i}": entry for i, entry in enumerate(entries) if entry is not None}
     signals = signals_of(settings, SECTION, path, wanted, step=problem.h)

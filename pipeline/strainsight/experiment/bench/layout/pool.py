@@ -149,7 +149,7 @@ def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
         raise InfeasibleError(
             f"{', '.join(lost)} cause{'s' * (len(lost) == 1)} no strain at any candidate",
             key="place.body",
-            remedy="Choose a body that carries these loads, choose other poses, or remove them from estimate.",
+            remedy="Choose a body that these loads strain, choose other poses, or remove these unknowns from estimate.",
         )
     return np.asarray(largest)
 
@@ -170,8 +170,8 @@ def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -
     for name, share in zip(body.loads, felt, strict=True):
         if not FELT[0] <= share <= FELT[1]:
             raise InfeasibleError(
-                f"one increment of {name} changes the most sensitive gauge by {share:.2g} times the noise of {noise:g}; the "
-                f"ratio must be {FELT[0]:g} to {FELT[1]:g}",
+                f"one increment of {name} changes the reading of the most sensitive gauge by {share:.2g} times its noise of "
+                f"{noise:g}; the ratio must be {FELT[0]:g} to {FELT[1]:g}",
                 key="place.noise",
                 remedy=f"Check the unit (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli.",
             )
