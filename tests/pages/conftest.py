@@ -242,7 +242,7 @@ def suite_report(**changes):
     )  # fmt: skip
     wrong = replace(
         joint, name="beam-wrong", label="tip + E, slow", note="",
-        unknowns=(load, replace(modulus, error=0.02, claims=(replace(HELD, ratio=24.6, verdict="overconfident"),), repeats=None)),
+        unknowns=(load, replace(modulus, error=0.02, claims=(replace(HELD, ratio=24.6, result="overconfident"),), repeats=None)),
         cases=tuple(replace(case, condition=1.5 * case.condition) for case in full.cases),
     )  # fmt: skip
     guess = Unknown("E", "Pa", "parameter", 1.89e11)

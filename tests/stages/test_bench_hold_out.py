@@ -150,7 +150,7 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_mod
     assert str(found.summary["withheld"]).endswith(beyond)
     assert found.summary["verdict.side"] == "σ is withheld"
     assert beyond in said
-    assert "the measurements are inconsistent with the model: side, down are contradicted" in said
+    assert "the measurements are inconsistent with the model: side, down are inconsistent with the sensors" in said
     assert np.isnan(found["/sensors/tip/bias_std"]).all()
     assert "final offsets" in said
     assert "withheld" in said[said.index("final offsets") :]

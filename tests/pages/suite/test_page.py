@@ -211,8 +211,8 @@ def test_the_claim_that_decides_is_the_verdict(suite):
     held, repeated = run.unknowns[0].claims
     for claims, verdict, wrong in (
         ((held, repeated), "consistent", ()),
-        ((replace(repeated, verdict="too cautious"), held), "too cautious", ()),
-        ((replace(repeated, verdict="overconfident"), held), "overconfident", ("overconfident",)),
+        ((replace(repeated, result="too cautious"), held), "too cautious", ()),
+        ((replace(repeated, result="overconfident"), held), "overconfident", ("overconfident",)),
         ((), "no claim", ()),
     ):
         own = replace(run, unknowns=(replace(run.unknowns[0], claims=claims),))

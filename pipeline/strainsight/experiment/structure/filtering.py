@@ -169,9 +169,9 @@ def out_of_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str
     return out_of_range(values, ranges, unknown_units(config), "rom")
 
 
-def widen(beyond: Mapping[str, str]) -> str:
+def widen(parameters: Mapping[str, str]) -> str:
     """Remedy for parameters outside their ranges."""
-    return f"widen {' and '.join(f'parameters.{name}.range' for name in beyond)}"
+    return f"widen {' and '.join(f'parameters.{name}.range' for name in parameters)}"
 
 
 EXCLUDED = 5.0

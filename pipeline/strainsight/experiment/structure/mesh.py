@@ -348,22 +348,22 @@ def _components(numbers: tuple[int, ...]) -> tuple[int, ...]:
 
 def given_sections(config: MeshFile, key: str = "mesh") -> dict[str, GivenSection]:
     """Sections of the config section at `key`, by key."""
-    return {f"{key}.sections.{name}": _given(section) for name, section in config.sections.items()}
+    return {f"{key}.sections.{name}": _assigned_section(section) for name, section in config.sections.items()}
 
 
-def _given(stated: ElementSection) -> GivenSection:
-    regions = None if stated.regions == "all" else stated.regions
-    if stated.thickness is not None:
-        return GivenSection(regions, ShellSection(stated.thickness), stated.offset)
-    yy, zz, yz = (*(stated.second_moments or (0.0, 0.0)), 0.0)[:3]
-    half = [(-0.5 * side, 0.5 * side) for side in stated.size or ()]
+def _assigned_section(entry: ElementSection) -> GivenSection:
+    regions = None if entry.regions == "all" else entry.regions
+    if entry.thickness is not None:
+        return GivenSection(regions, ShellSection(entry.thickness), entry.offset)
+    yy, zz, yz = (*(entry.second_moments or (0.0, 0.0)), 0.0)[:3]
+    half = [(-0.5 * side, 0.5 * side) for side in entry.size or ()]
     section = BeamSection(
-        float(stated.area or 0.0),  # area or thickness is required by the config
+        float(entry.area or 0.0),  # area or thickness is required by the config
         np.array([[yy, yz], [yz, zz]]),
-        stated.torsion or 0.0,
+        entry.torsion or 0.0,
         points=np.array(list(product(*half)) if half else np.zeros((0, 2))),
     )
-    return GivenSection(regions, section, direction=stated.direction)
+    return GivenSection(regions, section, direction=entry.direction)
 
 
 def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces: Faces) -> Iterator[str]:

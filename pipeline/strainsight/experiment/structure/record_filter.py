@@ -136,8 +136,8 @@ def record_filters(
         with in_record(test.record.label):
             settled = settled_in(problem, test) if settings.start == "settled" else None
             # the configured σ applies to a sample of the file
-            stated = test.std * np.sqrt(test.step / problem.h)
-            model = replace(filter_model(problem, test.channels, test.h, stated=stated), every=test.every)
+            sigma = test.std * np.sqrt(test.step / problem.h)
+            model = replace(filter_model(problem, test.channels, test.h, sigma=sigma), every=test.every)
             model = with_interpolation_errors(model)
             if settings.loads_as_stated:
                 model = replace(model, free_loads=False)
@@ -173,9 +173,9 @@ def filter_together(
         def smoothing(share: float, done: int = len(records)) -> None:
             progress(FILTER + (1 - FILTER) * (done + share) / len(filters))
 
-        kept = None if wanted is None else wanted(each, grid_run.run)
+        keep = None if wanted is None else wanted(each, grid_run.run)
         records.append(
-            FilteredRecord(grid_run.run, smooth_on_grid(each.grid_record, grid_run, kept, smoothing), None, grid_run)
+            FilteredRecord(grid_run.run, smooth_on_grid(each.grid_record, grid_run, keep, smoothing), None, grid_run)
         )
     return tuple(records)
 

@@ -80,7 +80,7 @@ class Validation:
     """Result of a validation.
 
     trial: truth and data of the filter; validated: histories, studies and field; accuracy: by unknown; whiteness: correlation of
-    consecutive innovations; verdict: result of the innovation check, in words; diverged: number of diverged study runs; without:
+    consecutive innovations; innovation_text: result of the innovation check; diverged: number of diverged study runs; without:
     sentences on unknowns without a variance budget.
     """
 
@@ -88,7 +88,7 @@ class Validation:
     validated: Validated
     accuracy: dict[str, Accuracy]
     whiteness: float
-    verdict: str
+    innovation_text: str
     diverged: int
     without: tuple[str, ...]
 
@@ -356,7 +356,7 @@ def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
             "nees": float(np.mean(consistency.nees)),
             "nis": float(np.mean(consistency.nis)),
             "whiteness": validation.whiteness,
-            "verdict": validation.verdict,
+            "verdict": validation.innovation_text,
             "lost_runs": validation.diverged,
         }
     )

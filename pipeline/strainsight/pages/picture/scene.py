@@ -46,10 +46,10 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
         egl = {name: value for name, value in inherited().items() if name != "DISPLAY"}
         environments.insert(0, {**egl, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"})
     for environment in environments:
-        command, asked = [*python(module), OFF_SCREEN], pickle.dumps(what)
+        command, data = [*python(module), OFF_SCREEN], pickle.dumps(what)
         try:
             done = subprocess.run(
-                command, env=environment, cwd=FOLDER, input=asked, capture_output=True, timeout=limit, check=False
+                command, env=environment, cwd=FOLDER, input=data, capture_output=True, timeout=limit, check=False
             )
         except subprocess.TimeoutExpired:
             output = f"not finished after {limit:.0f} s"

@@ -177,7 +177,7 @@ class Check:
     name: str
     value: float
     band: tuple[float, float]
-    verdict: str
+    result: str
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ def _worth(report: PlacementReport) -> str:
         ]
         for index, gauge in enumerate(gauges)
     ]
-    head = ["gauge", "number" if given(gauges) else "element", "facet", "angle"]
+    head = ["gauge", "number" if imported(gauges) else "element", "facet", "angle"]
     head += ["training peak"] * read + ["strain with refined mesh"] * tested
     foot = ["all gauges", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
     head += [f"expected σ({escape(name)}) without gauge" for name in names]
@@ -100,7 +100,7 @@ def expected_with_all(report: PlacementReport, names: Sequence[str]) -> list[str
     return [share(sigma[name]) for name in names] if any(sigma[name] is not None for name in names) else []
 
 
-def given(gauges: tuple[Gauge, ...]) -> bool:
+def imported(gauges: tuple[Gauge, ...]) -> bool:
     """Whether gauges are imported by a strain operator, without facets."""
     return not any(gauge.facet for gauge in gauges)
 
@@ -121,7 +121,7 @@ def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
 
 def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
     """Caption of the table of readings, for the columns that occur."""
-    ids = "Numbers refer to the imported table of gauges" if given(gauges) else "Ids refer to the mesh file"
+    ids = "Numbers refer to the imported table of gauges" if imported(gauges) else "Ids refer to the mesh file"
     sentences = {
         f"{ids}; the angle is measured from the projected axis.": True,
         "Training peak: largest reading of the training run, relative to the measuring range.": any(

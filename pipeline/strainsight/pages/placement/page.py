@@ -362,7 +362,7 @@ def _observability(report: PlacementReport) -> str:
                 escape(check.name),
                 plain(check.value, 3),
                 f"{plain(check.band[0], 2)} to {plain(check.band[1], 3)}",
-                sections.consistency_mark(check.verdict),
+                sections.consistency_mark(check.result),
             ]
             for check in report.consistency
         ]

@@ -123,7 +123,7 @@ def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> N
 def _extent(view: views.Projection, sheet: views.Sheet, with_datum: bool) -> tuple[FloatArray, FloatArray]:
     """Lower left and upper right corner (2,) [unit] of a view."""
     points = [
-        view.seen.reshape(-1, 3),
+        view.visible.reshape(-1, 3),
         view.hidden.reshape(-1, 3),
         sheet.position[None],
         *[np.zeros((1, 3))] * with_datum,
@@ -134,7 +134,7 @@ def _extent(view: views.Projection, sheet: views.Sheet, with_datum: bool) -> tup
 
 def _near_datum(sheet: views.Sheet) -> bool:
     """Whether the distance of the datum from the part is at most half its size; else the datum is not shown."""
-    points = sheet.front.seen.reshape(-1, 3)
+    points = sheet.front.visible.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     off = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0))
     return bool(off <= 0.5 * np.linalg.norm(high - low))

@@ -133,13 +133,13 @@ def sample_reality(trial: BenchTrial) -> Reality:
     problem, runs = trial.problem, trial.problem.estimate.runs
     states = slice(trial.model.size)
     start, P = trial.start[:runs, states], trial.covariance[:runs, states, states]
-    truths = drawn(trial.model, start, P, problem.known, runs, problem.config.seed)
+    truths = sample(trial.model, start, P, problem.known, runs, problem.config.seed)
     readings = np.full((problem.steps, runs, len(problem.sensors.zeroed)), np.nan)
     readings[:, :, problem.among] = truths.readings
     return replace(truths, readings=readings)
 
 
-def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
+def sample(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
     """Sample truths of the filter's own model: start from N(x̂, P), then process noise in every step.
 
     start (B, size), P (B, size, size), known (T + 1, width). Starts are projected onto the constraints. Raises NumericalError if

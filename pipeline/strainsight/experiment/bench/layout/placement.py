@@ -134,7 +134,7 @@ class _Body(Subject):
     every: tuple[tuple[Pool, ...], Limits] | None = None
 
     def tasks(self) -> list[Task]:
-        return [self.task_of(self.pool.kept)]
+        return [self.task_of(self.pool.selected)]
 
     def task_of(self, gauges: np.ndarray) -> Task:
         """Task with a pool of gauges; unknowns are scaled by their increments."""
