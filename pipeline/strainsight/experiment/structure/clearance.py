@@ -166,7 +166,7 @@ def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndar
     return np.flatnonzero(loaded & outside)
 
 
-def clearance_in_words(clearance: Clearance, count: int) -> str:
+def clearance_in_words(clearance: Clearance, total: int) -> str:
     """Describe the clearance, its origin and how many candidates violate it."""
     if clearance.distance == 0:
         return "no clearance from edges, supports and loads"
@@ -174,7 +174,7 @@ def clearance_in_words(clearance: Clearance, count: int) -> str:
     how = {STATED: "", CARRIER: " (half the carrier diagonal)"}[clearance.rule]
     if clearance.distance < clearance.wanted:
         how = f" (reduced from {1e3 * clearance.wanted:.3g} mm)"
-    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {count} candidates nearer{near and f': {near}'}"
+    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {total} candidates nearer{near and f': {near}'}"
 
 
 def clearance_warning(clearance: Clearance) -> str:

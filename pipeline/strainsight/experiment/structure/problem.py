@@ -268,7 +268,7 @@ def scheme_in_words(problem: Problem, h: float) -> str:
     )
 
 
-def sigma(problem: Problem, channels: np.ndarray, h: float, noise_factor: float | np.ndarray = 1.0) -> np.ndarray:
+def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: float | np.ndarray = 1.0) -> np.ndarray:
     """σ of one sample at time step h [s] of channels (k,) or (B, k) [unit of the channel], 1 for channel −1."""
     noise_std = problem.channels.noise_std[channels] * np.sqrt(problem.h / h)
     return np.where(channels >= 0, np.asarray(noise_factor)[..., None] * noise_std, 1.0)
