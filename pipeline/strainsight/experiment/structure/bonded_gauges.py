@@ -119,7 +119,7 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
 
 
 def _signs(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> np.ndarray | None:
-    """Signs of the arms of a bridge, None for other gauges."""
+    """Sign of each arm of a bridge, None for other gauges."""
     cells = [entry.get("sign", "") for _, entry in lines]
     where = f"{path}:{lines[0][0]}"
     if not any(cells):

@@ -1,8 +1,8 @@
-"""A picture of the structure with its gauges, and how pictures are drawn: off-screen, in a process of its own, which may crash.
+"""Picture of the structure with its gauges, rendered off-screen in a child process, which may crash.
 
-VTK ends the whole process with a segmentation fault where it finds no OpenGL (seen with VTK 9.7 and no EGL, X or OSMesa
-library); in a child process that costs the picture and not the run. What is drawn goes there by stdin and the pictures come by
-stdout, both pickled: no file is left behind where either process is interrupted or killed.
+Without OpenGL, VTK ends its process with a segmentation fault (VTK 9.7 without EGL, X and OSMesa). In a child process only the
+picture is lost, not the run. Scenes are sent by stdin and pictures returned by stdout, both pickled. So no file remains if a
+process is interrupted or killed.
 """
 
 from __future__ import annotations

@@ -263,8 +263,8 @@ def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
 
 
 FOOTER = (
-    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or the true RMS of a load "
-    "(its amplitude if it is zero), after the first tenth of the run. Claimed σ: of the filter. Smoothed: of the smoother. "
+    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or the true RMS of a load (for a "
+    "zero load: its amplitude). The first tenth of the run is omitted. Claimed σ: of the filter. Smoothed: of the smoother. "
     "Expected σ: predicted by the placement for the filter. Steady-state σ: ranks layouts."
 )
 
