@@ -81,7 +81,7 @@ def _reduction(
         raise ConfigError(
             f"the supports leave {loose} of the six rigid-body motions free",
             key=f"bodies.{name}.mesh.supports",
-            remedy="Support the body completely, or remove all supports and connect it by joints.",
+            remedy="Support the body completely, or remove all supports and use joints.",
         )
     nodes = _interface(name, frames, model)
     reference = {key: modulus.value for key, modulus in entry.moduli.items()}

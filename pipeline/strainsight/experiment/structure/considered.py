@@ -207,8 +207,8 @@ def exact_frequencies_in_words(config: PlacementConfig) -> str:
     if tolerances == NONE or tolerances.frequency > 0 or config.train.model == "static":
         return ""
     return (
-        "σ assumes exact masses and natural frequencies; a mass error of 1 % causes a modulus error of 1 %. If they are "
-        "uncertain, set tolerances.frequency: 0.01"
+        "σ assumes exact masses and natural frequencies; a mass error of 1 % causes a modulus error of 1 %. For uncertain "
+        "frequencies set tolerances.frequency: 0.01"
     )
 
 

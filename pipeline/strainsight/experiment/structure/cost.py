@@ -127,7 +127,7 @@ def of_pool_in_words(config: PlacementConfig, m: int, n: int) -> str:
     time = f"{minutes / 60:.2g} h" if minutes > 90 else f"{minutes:.2g} min"
     return (
         f"place of {m} candidates, {n} states and {scenarios_of(config)} scenarios takes about {time} of processor time and "
-        f"{cost.memory:.2g} GiB, within a factor of three. Reduce screen.keep to shorten it"
+        f"{cost.memory:.2g} GiB, within a factor of three. Reduce screen.keep to save time"
     )
 
 

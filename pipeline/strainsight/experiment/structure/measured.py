@@ -382,12 +382,12 @@ def hold_known_loads(
         )
         if share > LARGEST:
             raise ConfigError(
-                f"{fast}, so it cannot be interpolated between samples",
+                f"{fast}, so this load cannot be interpolated between samples",
                 key=f"{key}.{name}",
-                remedy="Record it at a higher rate with an anti-aliasing filter, or estimate this load.",
+                remedy="Record the load at a higher rate with an anti-aliasing filter, or estimate this load.",
             )
         if share > SLIGHT:
-            notes.append(f"{fast}, which affects the estimate. Record it at a higher rate")
+            notes.append(f"{fast}, which affects the estimate. Record the load at a higher rate")
         curves.append(interpolate(filled, 2 * every))
         lines.append(join_by_lines(values, 2 * every))
     size = 2 * every * (len(loads) - 1) + 1

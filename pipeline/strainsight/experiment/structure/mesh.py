@@ -187,7 +187,7 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
         raise DeckError(
             f"unsupported cards that affect the model: {', '.join(listed[:6])}{more}",
             where=mesh.unsupported[missing[0]],
-            remedy=f"{instead}If they do not matter, ignore them: mesh.ignore: [{names}]",
+            remedy=f"{instead}If their effect is negligible, set mesh.ignore: [{names}]",
         )
     unused = [card for card in ignore if spelt(card) not in {spelt(existing) for existing in mesh.ignored}]
     notes = (f"cards of mesh.ignore that the deck does not contain: {', '.join(unused)}",) if unused else ()

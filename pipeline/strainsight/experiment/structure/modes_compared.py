@@ -71,7 +71,7 @@ def modes_of_file(path: Path, step: int | None) -> list[Response]:
         raise DeckError(
             f"several steps have modes: {', '.join(map(str, steps[:8]))}",
             where=str(path),
-            remedy=f"Choose one, for example --step {steps[0]}.",
+            remedy=f"Choose a step, for example --step {steps[0]}.",
         )
     return sorted(modes, key=lambda mode: mode.frequency)[:MOST]
 

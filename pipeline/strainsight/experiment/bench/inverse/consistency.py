@@ -101,7 +101,7 @@ class Evidence:
         """Decision on σ: consistency with the model in a test, and parameters outside their ranges."""
         estimate, words = self.estimate, ""
         if self.in_test and self.against:
-            more = "" if estimate.hold_out is not None else ", or find the faulty one by estimate.hold_out: each"
+            more = "" if estimate.hold_out is not None else ", or find the faulty channel by estimate.hold_out: each"
             check = f"Check channels, units and noise of estimate.measured{more}"
             words = f"{INCONSISTENT}: {self._disagreement}. {check}"
         return Decision(words, accept=estimate.accept, out_of_range=self.outside_range, remedy=REMEDY)

@@ -222,7 +222,7 @@ def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigEr
         what = (
             f"the noise of {noise:g} is below rounding errors ({what} {reach:.3g}, {reach / noise:.1e} times the noise)"
         )
-        remedy = f"Check the units of {'guesses, std and increments' if by_unknown else 'the loads'}, or reduce them."
+        remedy = f"Reduce {'guesses, std and increments' if by_unknown else 'the loads'}, or check their units."
     return ConfigError(what, key=key, remedy=remedy)
 
 
