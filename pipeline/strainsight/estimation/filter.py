@@ -138,7 +138,7 @@ def _duals(
     except np.linalg.LinAlgError as error:
         raise NumericalError(
             "the innovation covariance is singular",
-            remedy="remove duplicate sensors, or increase the sensor noise: it is below the floating-point resolution",
+            remedy="remove duplicate sensors, or increase the sensor noise above the floating-point resolution",
         ) from error
     return (transpose(HA) @ multiplier)[..., 0], (transpose(H) @ multiplier)[..., 0]
 

@@ -196,7 +196,7 @@ def _positive(what: str, values: np.ndarray | float, count: int, zero: bool = Fa
     numbers = np.asarray(values, dtype=float)
     allowed = np.isfinite(numbers) & ((numbers > 0) | (zero & (numbers == 0)))
     if numbers.shape not in ((), (count,)) or not np.all(allowed):
-        raise ConfigError(f"invalid {what}: {values}", remedy=f"pass one positive number, or {count} of them")
+        raise ConfigError(f"invalid {what}: {values}", remedy=f"pass one or {count} positive numbers")
     return np.broadcast_to(numbers, count)
 
 

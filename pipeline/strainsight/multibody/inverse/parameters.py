@@ -147,7 +147,7 @@ def parameter_coordinates(
             continue
         if bearing not in bearings:
             raise InfeasibleError(
-                f"{name} is free, but the dimensions of bearing {bearing} are missing", remedy="specify its six values"
+                f"{name} is free, but the dimensions of bearing {bearing} are missing", remedy="specify six values"
             )
         unknowns.append(_of_bearing(bearing, part, names, free, reference, np.asarray(bearings[bearing], dtype=float)))
     coordinates = ParameterCoordinates(tuple(free), reference, tuple(unknowns))
@@ -221,9 +221,7 @@ def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndar
     slopes = np.concatenate([by_u, parameter_slopes(system, tangent.at, q, still)], axis=1)
     *_, K = tangent.matrices
     if len(K) and not np.linalg.cond(K) < 1 / FREE:
-        raise InfeasibleError(
-            "the system has an unrestrained motion at the start", remedy="restrain it with a joint or a spring"
-        )
+        raise InfeasibleError("the system has an unrestrained motion at the start", remedy="add a joint or a spring")
     response = tangent.T @ np.linalg.solve(K, tangent.pushes(slopes))
     return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]
 
