@@ -304,7 +304,7 @@ def damage_tables(damaged: Damaged | None, labels: Sequence[str]) -> tuple[Table
             rows.append((f"{number}, element {damaged.surface.element[i]}", *_row(damaged, damaged.surface, i)))
     if damaged.virtual is not None:
         rows += [(label, *_row(damaged, damaged.virtual, i)) for i, label in enumerate(labels)]
-    columns = ("place", "x, y, z [m]", "damage", "95 %", "equivalent range", "life")
+    columns = ("place", "x, y, z [m]", "damage", "95 % interval", "equivalent range", "life")
     title = "damage of the smoothed history (no interval)" if withheld else "damage: hot spots and virtual gauges"
     return (Table(title, columns, tuple(rows)),)
 

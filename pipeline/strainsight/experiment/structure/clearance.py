@@ -296,7 +296,7 @@ def type_table(config: PlacementConfig) -> tuple[Table, ...]:
     """Table of gauge properties and their origin (type or config key); empty without a type."""
     if gauge_type(config.gauges) is None:
         return ()
-    return (Table(f"gauges {config.gauges.type}", ("property", "value", "from"), tuple(_rows(config))),)
+    return (Table(f"gauges {config.gauges.type}", ("property", "value", "source"), tuple(_rows(config))),)
 
 
 def _rows(config: PlacementConfig) -> list[tuple[str, str, str]]:
@@ -410,7 +410,7 @@ def hot_spot_table(test: HotSpots, labels: Sequence[str]) -> Table:
         (label, _percent(refined), _percent(spread) if spread else "", "hot spot" if hot else "")
         for label, refined, spread, hot in zip(labels, test.refined, test.spread, test.hot, strict=True)
     )
-    columns = ("strain of", "with a refined mesh", "with distributed nodal forces", "")
+    columns = ("gauge", "with a refined mesh", "with distributed nodal forces", "result")
     return Table(f"hot spots: strain changes by more than {100 * test.share:.2g} %", columns, rows)
 
 

@@ -63,7 +63,7 @@ def faces_table(faces: Faces) -> Table:
     title = "faces of the surface"
     if count > FACES:
         title += f" ({FACES} largest of {count}; all are in import.h5)"
-    return Table(title, ("area", "shape", "for mesh.faces"), tuple(rows))
+    return Table(title, ("area", "shape", "entry of mesh.faces"), tuple(rows))
 
 
 def _times(count: int, effect: str | None) -> str:

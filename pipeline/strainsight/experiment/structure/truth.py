@@ -389,7 +389,7 @@ def _full(
                 rows[np.flatnonzero(~moving)],
                 rows[np.flatnonzero(moving)] if moving.any() else None,
                 start=start,
-                progress=lambda share: using.progress("truth", 0.2 * share),
+                progress=lambda share: using.progress("simulated test", 0.2 * share),
             )
         readings = np.empty((len(loading.coefficients) + 1, len(moving)))
         readings[:, ~moving], readings[:, moving] = run.reading[lead:], run.acceleration[lead:]

@@ -113,7 +113,7 @@ def validation_of(
     """
     config = structure.config
     seed, settings = config.seed, config.validation
-    using.progress("truth", 0.0)
+    using.progress("simulated test", 0.0)
     problem = problem_of(structure, screened)
     # the eigenvalue solver needs the main thread to use all cores
     tolerances, truth = side_by_side(
@@ -396,7 +396,7 @@ MEDIANS = ("random, screened (median)", "random, all (median)")
 def _table(validation: Validation, withheld: bool) -> Table:
     """Table of every unknown with the layout, and the median error of random layouts."""
     trial, validated = validation.trial, validation.validated
-    columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)
+    columns = ("unknown", "estimate", "true value", "error", "claimed σ", "smoothed", *MEDIANS)
     rows = []
     for name, accuracy in validation.accuracy.items():
         if name in trial.problem.unknowns.parameters:
@@ -411,4 +411,4 @@ def _table(validation: Validation, withheld: bool) -> Table:
         errors = [f"{100 * value:.3f} %" for value in (accuracy.error, accuracy.std, accuracy.smoothed)]
         errors[1] = "withheld" if withheld else errors[1]
         rows.append((name, f"{accuracy.estimate:.5g} {trial.units[name]}{rms}", truth, *errors, *medians))
-    return Table(f"estimates; truth: {trial.truth.description}", columns, tuple(rows))
+    return Table(f"estimates; simulated test: {trial.truth.description}", columns, tuple(rows))

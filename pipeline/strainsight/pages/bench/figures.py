@@ -181,7 +181,7 @@ def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
         assert truth is not None
         if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * largest(u)) for t, u in shown):
             continue
-        label = None if shown else "truth"
+        label = None if shown else "true value"
         line(axes, time, truth / factor, color=INK, lw=1, ls=(0, (4, 2)), zorder=3, label=label)
         shown.append((time, truth))
 

@@ -213,7 +213,7 @@ def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) 
     axes.plot(chosen.time[index], chosen.mean[index] / factor, color=BLUE, lw=2, label="chosen layout")
     if chosen.truth is not None:
         index, truth = visible_instants(chosen.truth[:, None], buckets=180), chosen.truth / factor
-        axes.plot(chosen.time[index], truth[index], color=INK, lw=1.1, ls=(0, (5, 3)), label="truth")
+        axes.plot(chosen.time[index], truth[index], color=INK, lw=1.1, ls=(0, (5, 3)), label="true value")
         values.append(truth)
     focus_on(axes, np.concatenate([*values, chosen.mean[quarter:] / factor]))
     time_axis(axes)

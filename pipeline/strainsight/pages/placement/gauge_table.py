@@ -229,7 +229,7 @@ def criteria_table(
         rows.append(row("certified lower bound", trend.lower_bound, None))
     rules = sorted(criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
-    head = ["layout", escape(trend.metric.symbol), "relative", *(escape(m.symbol) for m in others)]
+    head = ["layout", escape(trend.metric.symbol), "relative to chosen", *(escape(m.symbol) for m in others)]
     head += [f"steady-state σ({escape(name)})" for name in names]
     caption = "Layouts of the same size from the same pool" + ", scored by the same covariance" * bool(criteria) + "."
     if rules:

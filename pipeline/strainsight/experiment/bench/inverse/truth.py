@@ -95,7 +95,7 @@ def _simulated(problem: BenchProblem, substeps: int, using: Resources) -> Realit
     fine = h * np.arange(count + 1)
     u = problem.loads(fine)
     with blame("estimate.truth"):
-        progress = of_steps(using.progress, "truth", count, share=0.3)
+        progress = of_steps(using.progress, "simulated test", count, share=0.3)
         run = simulate(
             bench.system, *start_of(bench, u[0]), u, h, bench.theta, problem.config.simulate.method, progress
         )
@@ -302,7 +302,7 @@ def truths_of(bench: Bench, truth: BenchTruth, duration: float, using: Resources
     with blame("estimate.truth"):
         start = start_of(bench, first)
         for r, u in enumerate(every):
-            progress = of_steps(using.progress, "truth", steps * len(every), first=r * steps)
+            progress = of_steps(using.progress, "simulated test", steps * len(every), first=r * steps)
             run = simulate_radau(system, *start, u, h, bench.theta, progress)
             motions.append((run.q, run.v))
     return BenchTruths(
