@@ -141,7 +141,7 @@ def test_a_force_that_allows_no_equilibrium_is_named():
     wind = PointMoment("wind", end, np.array([0, 0, 1.0]), ["M"])
     hinge = revolute("hinge", Frame("wall"), end)
     system = assemble([disc], [hinge], [torsion("coil", Frame("rim"), Frame("eye", "disc"), 1.0), wind])
-    with pytest.raises(NumericalError, match="coil: it is rotated by"):
+    with pytest.raises(NumericalError, match="coil: the torsion spring is rotated by"):
         static_equilibrium(system, state(system, {})[0], np.array([4.0]), np.zeros(0))
 
 

@@ -92,7 +92,7 @@ def whole(text: str) -> Outline:
     return outline
 
 
-KEPT = {"kind", "verdict", "nees_verdict", "nis_verdict", "metric", "metrics", "frame", "sha256"}
+KEPT = {"kind", "result", "metric", "metrics", "frame", "sha256"}
 """Fields whose texts are chosen by the program."""
 
 

@@ -50,7 +50,7 @@ def test_a_bad_start_is_left_for_the_optimum_and_out_of_time_there_is_a_set_and_
     np.testing.assert_allclose(hasty.cost, costs[tuple(hasty.gauges.tolist())], rtol=1e-7)
     with pytest.raises(ValueError, match="3 different gauges"):
         branch_and_bound(pools, 3, start=[1, 2, 2])
-    with pytest.raises(ValueError, match="contain the fixed ones"):
+    with pytest.raises(ValueError, match="contain the fixed gauges"):
         branch_and_bound(pools, limits_of(11, 3, fixed=[next(g for g in range(11) if g not in worst)]), start=worst)
 
 

@@ -269,7 +269,7 @@ REFUSED = {
     "fixed too near to its own mirror image": (
         {"keep": 5, "fixed": (3, 4), "near": [(3, 4), (4, 4), (6, 6)]},
         "place.minimum_spacing",
-        "of row 4 of the pool are closer",
+        "closer to gauge 4 of the pool",
     ),
     "too near to their own mirror images": (
         {"keep": 4, "near": [(g, g) for g in range(8)]},

@@ -191,7 +191,7 @@ def test_what_a_config_of_a_bench_has_not_is_refused():
     case = api.bench(project(RIG))
     with pytest.raises(ConfigError, match="no section 'place'"):
         case.place({}, {})
-    with pytest.raises(ConfigError, match="config of kind placement"):
+    with pytest.raises(ConfigError, match="config has the kind placement"):
         api.bench(ROOT / "configs" / "cantilever-youngs-modulus.yaml")
 
 
@@ -242,7 +242,7 @@ def test_zones_take_rows_and_table_alike(files):
     left = without(given, None, None, [Box((0.15, -1, -1), (0.25, 1, 1)), NearEdges(1.0)])
     assert left.pool.element.tolist() == [7, 5]
     assert np.array_equal(left.rows.toarray(), given.rows.toarray()[[0, 2]])
-    with pytest.raises(InfeasibleError, match="none of the 3 given gauges"):
+    with pytest.raises(InfeasibleError, match="none of the 3 imported gauges"):
         without(given, None, None, [Box((-1, -1, -1), (1, 1, 1))])
 
 
@@ -250,8 +250,8 @@ def test_zones_take_rows_and_table_alike(files):
     ("table", "said", "line"),
     [
         (HEAD + "1,2,3\n", "3 cells", 2),
-        (HEAD + "1,0,0,0,,,\nG2,0,0,0,,,\n", "no number", 3),
-        (HEAD + "1,0,0,0,,,\n2,0,0,0,,,\n1,0,0,0,,,\n", "gauge 1 is there twice", 4),
+        (HEAD + "1,0,0,0,,,\nG2,0,0,0,,,\n", "contains an invalid number", 3),
+        (HEAD + "1,0,0,0,,,\n2,0,0,0,,,\n1,0,0,0,,,\n", "gauge number 1 is used twice", 4),
         (HEAD, "no gauge", None),
     ],
 )
@@ -265,8 +265,8 @@ def test_a_table_that_is_none_is_refused_at_its_line(files, table, said, line):
 
 def test_rows_that_do_not_fit_the_table_or_the_matrices_are_refused(files):
     rows, table = files
-    with pytest.raises(DeckError, match="3 columns, the stiffness 4 rows"):
+    with pytest.raises(DeckError, match="3 columns, but the stiffness matrix has 4 rows"):
         read_given(rows, table, np.arange(4), 1.0)
     table.write_text(TABLE + "9,0,0,0,,,\n")
-    with pytest.raises(DeckError, match=r"3 rows, gauges\.csv has 4 gauges"):
+    with pytest.raises(DeckError, match=r"3 rows, but gauges\.csv has 4 gauges"):
         read_given(rows, table, COMPONENTS, 1.0)

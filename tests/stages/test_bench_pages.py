@@ -46,7 +46,7 @@ def statement(claim, all_runs=RUNS):
 def test_claims_are_measured_in_the_numbers_of_the_runs(claim, verdict, values):
     result = statement(claim)
     assert result.result == verdict
-    np.testing.assert_allclose([value for _, _, value in result.found], values, rtol=1e-12)
+    np.testing.assert_allclose([value for _, _, value in result.numbers], values, rtol=1e-12)
 
 
 def test_numbers_that_there_are_once_a_seed_are_divided_seed_by_seed():

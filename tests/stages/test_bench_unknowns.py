@@ -114,7 +114,7 @@ def test_loads_are_written_as_a_command_history_and_a_noise_of_zero_is_raised(es
     rows = list(csv.reader(io.StringIO((found.path.parent / "loads.csv").read_text(encoding="utf-8"))))
     assert rows[0] == ["time", "Fx", "Fy", "Fz"]
     np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/smoothed"], rtol=1e-8)
-    assert "the noise of gauges is raised from 0" in str(found.tables)
+    assert "the noise of gauges was raised from 0" in str(found.tables)
 
 
 def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):

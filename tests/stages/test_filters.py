@@ -132,7 +132,7 @@ def test_a_stated_sigma_is_that_of_the_sensor_and_leaves_the_noise_of_the_motion
     problem = validated.problem("process_noise.model_error=0.01", ACCELEROMETERS)
     moving = np.flatnonzero(problem.channels.quantity == ACCELERATION)[:2]
     plain, same, better = (
-        filter_model(problem, moving, problem.h, stated=own).r
+        filter_model(problem, moving, problem.h, sigma=own).r
         for own in (None, np.array([np.nan, 0.5]), np.array([0.1, 0.1]))
     )
     np.testing.assert_allclose(same, plain, rtol=1e-12)

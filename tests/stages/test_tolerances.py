@@ -241,7 +241,7 @@ def test_the_metric_has_the_errors_of_installation_as_noise_and_the_layout_is_it
     monkeypatch.setattr(placement, "least_expected", lambda found, over: 1)
     plain, found = installation_beam("tolerances=none"), installation_beam(GAIN, "place.prove=60")
     assert found.task.coherence == COHERENCE * PLACEMENT_CONFIG["train"]["duration"]
-    assert "installation as noise" in found.task.sigma
+    assert "installation errors as noise" in found.task.sigma
     beside = found.task.coherence * 0.05**2 * np.mean(installation_beam.training.reading(installation_beam.pool) ** 2, axis=0)
     for own, other in zip(plain.task.pools, found.task.pools, strict=True):
         np.testing.assert_allclose(other.scenario.r, own.scenario.r + beside, rtol=1e-9)

@@ -185,7 +185,7 @@ def _sweep(
         return _collect(client, futures, progress)
     except _SilentError:
         why = f"the Dask scheduler has not answered for {SILENT:g} s"
-        raise _lost(why, "check that its machine is running, or restart it") from None
+        raise _lost(why, "check the machine of the scheduler, or restart the scheduler") from None
     except BaseException as error:
         # The client may still be trying to connect again when the first future tells that the connection is lost.
         if client.status != "running" or isinstance(error, CommClosedError | CancelledError):
@@ -279,7 +279,7 @@ def _look_for_workers(client: Any, watch: _Watch) -> None:
 
 
 def _frozen(who: str, seconds: float) -> UserError:
-    remedy = "check that its machine is running, and restart the worker"
+    remedy = "check that the machine of the worker is running, and restart the worker"
     return _lost(f"{who} has not answered for {seconds:g} s", remedy)
 
 

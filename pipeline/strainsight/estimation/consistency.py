@@ -89,12 +89,9 @@ def check_innovations(whitened: np.ndarray) -> InnovationCheck:
     if small:
         advice = f"lower {NOISE if positive else PROCESS if negative else f'{NOISE} or {PROCESS}'}"
     if positive:
-        resembles = f"and successive ones are correlated ({correlation:.2f})"
-        finding = f"{finding} {resembles}: the model is too slow or incomplete"
+        finding += f" and correlated in time ({correlation:.2f}): the model is too slow or incomplete"
     elif negative:
-        finding = (
-            f"{finding} and successive ones alternate (correlation {correlation:.2f}): the filter gain is too large"
-        )
+        finding += f" and alternate in sign (correlation {correlation:.2f}): the filter gain is too large"
     elif not advice:
         finding += " and uncorrelated: consistent with the claimed σ"
     text = ("; " if positive or negative else ": ").join(filter(None, (finding, advice)))

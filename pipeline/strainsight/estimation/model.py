@@ -61,11 +61,11 @@ class FilterModel:
             if name in self.known_inputs:
                 raise ConfigError(
                     f"input {name} is both known and estimated",
-                    remedy="remove it from the known or from the unknown inputs",
+                    remedy="set each input either as known or as unknown",
                 )
         for name in self.model.parameters:
             if name not in self.fixed and name not in self.unknowns.parameters:
-                raise ConfigError(f"parameter {name} has no value", remedy="estimate it, or set its value")
+                raise ConfigError(f"parameter {name} has no value", remedy="estimate the parameter, or set a value")
 
     @property
     def size(self) -> int:

@@ -80,7 +80,7 @@ class Smoothed:
         if selected.wanted.rows.ndim == 2:
             return selected.std[:, _places(rows, selected.wanted.rows)]
         if not np.array_equal(rows, selected.wanted.rows):
-            raise ValueError("the smoother did not store the variance of these rows")
+            raise ValueError("the smoother did not store the variance of the requested rows")
         return selected.std
 
     def covariance_of(self, states: np.ndarray) -> np.ndarray:

@@ -180,7 +180,7 @@ def _refuse_known(problem: StepGridProblem) -> None:
     if not np.all(std > 0) or np.linalg.eigvalsh(covariance / np.outer(std, std)).min() < 1e-12:
         raise InfeasibleError(
             "the initial σ of the parameters is zero, or makes them linearly dependent",
-            remedy="remove std of known parameters, and estimate only one of several identical ones",
+            remedy="remove std of known parameters, and estimate only one of several identical parameters",
         )
 
 

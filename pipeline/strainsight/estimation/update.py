@@ -193,8 +193,7 @@ def _lower(X: np.ndarray) -> np.ndarray:
 def _indefinite(instant: float) -> NumericalError:
     return NumericalError(
         f"the innovation covariance is not positive definite at {instant:g} s",
-        remedy="remove duplicate gauges, or increase the noise: it is below 1e-8 of the readings that the unknowns "
-        "can cause",
+        remedy="remove duplicate gauges, or increase the noise above 1e-8 of the readings that the unknowns can cause",
     )
 
 

@@ -48,7 +48,7 @@ def disagreements_in_words(filters: Compared | None) -> list[str]:
         for filter_, ratio in zip(filters.filter, map(float, ratios_of), strict=True):
             result = classify_ratio(ratio) if filter_ != GRID_FILTER else ""
             if result == OVERCONFIDENT:
-                expected = f"the grid filter expects an error of {ratio:.2g} times its σ"
+                expected = f"the grid filter expects an error of {ratio:.2g} times the claimed σ"
                 words.append(f"the {filter_} filter is overconfident about {name}: {expected}")
             elif result == DIVERGED:
                 words.append(f"the {filter_} filter diverged and provides no estimate of {name}")

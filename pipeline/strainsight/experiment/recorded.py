@@ -87,18 +87,18 @@ def _read(path: Path, time: str, column: str) -> Recording:
 def _factor(column: str, recording: Recording, path: Path, of: Sequence[str]) -> float:
     """Conversion factor from the unit of the file to SI, 1 without a unit. Raises ConfigError for an unknown unit or another
     quantity."""
-    stated = recording.units[column] or _in_round_brackets(column)
-    if stated is None or stated in NO_UNIT:
+    name = recording.units[column] or _in_round_brackets(column)
+    if name is None or name in NO_UNIT:
         return 1.0
     try:
-        unit = required_unit(stated, of)
+        unit = required_unit(name, of)
     except UserError as error:
-        raise ConfigError(f"unknown unit {stated} of column {column!r} in {path.name}", remedy=error.remedy) from None
+        raise ConfigError(f"unknown unit {name} of column {column!r} in {path.name}", remedy=error.remedy) from None
     if unit.quantity not in of:
         of_load = set(of) <= set(LOADS)
         what = ("a load" if len(of) > 1 else of[0]) if of_load else " or ".join(of)
         raise ConfigError(
-            f"column {column!r} in {path.name} has the unit {stated}, which is not a unit of {what}",
+            f"column {column!r} in {path.name} has the unit {name}, which is not a unit of {what}",
             remedy=f"Choose the column of the {'load' if of_load else 'required quantity'}.",
         )
     return unit.factor
@@ -149,12 +149,12 @@ def signals_of(
             elif error.key in keys:
                 error.key = f"{keys[error.key]}.channel"
             raise
-        stated = {}
+        calibrations = {}
         for key, entry in wanted.items():
             with blame(key):
-                stated[entry.channel] = _calibration(entry)
+                calibrations[entry.channel] = _calibration(entry)
         try:
-            return assemble(recording, stated, step)
+            return assemble(recording, calibrations, step)
         except UserError as error:
             error.key = keys.get(error.key or "", error.key)
             raise
@@ -170,15 +170,15 @@ def _calibration(entry: Channel) -> ChannelSettings:
     )
 
 
-def _delay(stated: DelayInSamples | DelayInSeconds | None) -> Delay:
-    if stated is None:
+def _delay(setting: DelayInSamples | DelayInSeconds | None) -> Delay:
+    if setting is None:
         return NO_DELAY
-    return Delay(samples=stated.samples) if isinstance(stated, DelayInSamples) else Delay(seconds=stated.seconds)
+    return Delay(samples=setting.samples) if isinstance(setting, DelayInSamples) else Delay(seconds=setting.seconds)
 
 
-def delay_in_seconds(stated: DelayInSamples | DelayInSeconds | None, step: float) -> float:
+def delay_in_seconds(setting: DelayInSamples | DelayInSeconds | None, step: float) -> float:
     """Delay [s] of a channel with sampling interval `step` [s], negative if early."""
-    delay = _delay(stated)
+    delay = _delay(setting)
     return delay.samples * step + delay.seconds
 
 
@@ -203,9 +203,9 @@ def signal_at(key: str, config: Section, files: Mapping[str, Path], of: Sequence
     """Load history at a config key; of: quantities allowed in a file."""
     if isinstance(config, RecordedSection):
         return recorded(key, config, files[f"{key}.file"], of)
-    stated = dict(config)
-    kind = SIGNALS[stated.pop("type")]
-    return kind(**{FREQUENCIES.get(name, name): value for name, value in stated.items()})
+    fields = dict(config)
+    kind = SIGNALS[fields.pop("type")]
+    return kind(**{FREQUENCIES.get(name, name): value for name, value in fields.items()})
 
 
 def damping_of(config: ModalDamping | RayleighDamping) -> Damping:

@@ -139,13 +139,11 @@ class FlexibleBody:
     def __post_init__(self) -> None:
         n = self.modes
         if n == 0:
-            raise InfeasibleError(
-                f"body {self.name} has no mode shapes", remedy="make it a rigid body, or part of the ground"
-            )
+            raise InfeasibleError(f"body {self.name} has no mode shapes", remedy="use a rigid body, or the ground")
         for what, X in (("stiffness", self.stiffness), ("damping", self.damping)):
             matrices = [X.constant, *X.terms.values()] if isinstance(X, AffineOperator) else [X]
             if any(np.shape(part) != (n, n) for part in matrices):
-                raise InfeasibleError(f"body {self.name}: the {what} is not {n}×{n} like the mass")
+                raise InfeasibleError(f"body {self.name}: the {what} matrix is not {n}×{n} like the mass matrix")
         if np.shape(self.invariants.first_modal) != (3, n):
             raise InfeasibleError(
                 f"body {self.name}: the inertia has {np.shape(self.invariants.first_modal)[1]} modes, not {n}"
@@ -210,7 +208,7 @@ def metric(body: Body) -> np.ndarray:
     radius2 = float(np.trace(second)) / 3
     if not radius2 > 0:
         raise InfeasibleError(
-            f"body {body.name} is a point mass: it has no inertia about its origin", remedy="specify its inertia"
+            f"body {body.name} has no inertia about its origin", remedy="specify the inertia of the body"
         )
     return np.sqrt(np.concatenate([np.full(3, mass), np.full(9, radius2), modal]))
 

@@ -216,13 +216,13 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         body = [b.name for b in system.bodies if b.moves][heavy[0] // 6]
         raise InfeasibleError(
             f"the inertia of body {body} is too large compared with the rest of the system: its coordinates weigh "
-            f"{norms.max() / norms[heavy[0]]:.1e} times those of others",
+            f"{norms.max() / norms[heavy[0]]:.1e} times those of the other bodies",
             remedy="check the masses [kg] and moments of inertia [kg m²] of the bodies",
         )
     if unconstrained:
         raise InfeasibleError(
-            f"{'; '.join(unconstrained)}: no coordinate affects this constraint here",
-            remedy="remove it, or rotate the axes of the frame",
+            f"{'; '.join(unconstrained)}: no coordinate affects this constraint in this configuration",
+            remedy="remove the constraint, or rotate the axes of the frame",
         )
     B = B / norms[:, None]
     basis = np.linalg.qr(B[:rigid].T)[0]
@@ -234,7 +234,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         if rank < joints.shape[1]:
             raise InfeasibleError(
                 _dependence(system, T, order + rigid, rank),
-                remedy="replace a joint by one with fewer constraints: cylindrical, spherical, pin, perpendicular, coincidence",
+                remedy="use a joint type with fewer constraints: cylindrical, spherical, pin, perpendicular, coincidence",
             )
     null = np.linalg.svd(B)[2][len(B) :].T
     if null.shape[1]:
@@ -328,7 +328,7 @@ def static_equilibrium(
         before = size
     raise NumericalError(
         f"no static equilibrium was found in {ITERATIONS} iterations (last change {before:.2g} of {whole:.2g})",
-        remedy="start closer to it, or constrain or damp the remaining motion",
+        remedy="start closer to the equilibrium, or constrain or damp the remaining motion",
     )
 
 

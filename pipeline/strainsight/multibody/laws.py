@@ -77,9 +77,9 @@ def spring(
 def _no_direction(rho: np.ndarray, first: str, second: str) -> NumericalError:
     distance = np.sqrt(max(float(rho[0]), 0.0))
     return NumericalError(
-        f"the distance of its end points '{first}' and '{second}' is {distance:.2g} m, below {SHORTEST:g} m: the "
+        f"the distance of the end points '{first}' and '{second}' is {distance:.2g} m, below {SHORTEST:g} m: the "
         "force has no direction",
-        remedy="use frames that stay separate",
+        remedy="choose frames that do not meet during the motion",
     )
 
 
@@ -122,8 +122,8 @@ def torsion(
         x, y = rho
         phi = float(np.arctan2(y * c - x * s, x * c + y * s))
         return NumericalError(
-            f"it is rotated by {phi:.3g} rad from its unloaded angle, more than {FARTHEST:g} rad",
-            remedy="check its angle and stiffness: a torsion spring is limited to half a revolution",
+            f"the torsion spring is rotated by {phi:.3g} rad from its unloaded angle; the limit is {FARTHEST:g} rad",
+            remedy="check unloaded angle and stiffness: a torsion spring is limited to half a revolution",
         )
 
     law = SpringDamper(stiffness, damping, angle, _turned, too_far)

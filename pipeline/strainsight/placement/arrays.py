@@ -137,7 +137,7 @@ def place_modes(
     if Phi.ndim != 2 or f.shape != Phi.shape[1:] or S.ndim != 2 or S.shape[1] != len(Phi):
         raise ConfigError(
             f"modes {Phi.shape}, frequencies {f.shape} and strain_operator {S.shape} have inconsistent shapes",
-            remedy="pass modes (freedoms, modes), frequencies (modes,) and strain_operator (gauges, freedoms)",
+            remedy="pass modes (DOFs, modes), frequencies (modes,) and strain_operator (gauges, DOFs)",
         )
     if not np.all((f > 0) & np.isfinite(f)):
         raise ConfigError(
@@ -196,14 +196,14 @@ def _positive(what: str, values: np.ndarray | float, count: int, zero: bool = Fa
     numbers = np.asarray(values, dtype=float)
     allowed = np.isfinite(numbers) & ((numbers > 0) | (zero & (numbers == 0)))
     if numbers.shape not in ((), (count,)) or not np.all(allowed):
-        raise ConfigError(f"invalid {what}: {values}", remedy=f"pass one positive number, or {count} of them")
+        raise ConfigError(f"invalid {what}: {values}", remedy=f"pass one or {count} positive numbers")
     return np.broadcast_to(numbers, count)
 
 
 def _check_rows(what: str, rows: np.ndarray, count: int) -> None:
     outside = rows[(rows < 0) | (rows >= count)]
     if outside.size:
-        raise ConfigError(f"{what} contains row {outside[0]} of H", remedy=f"use rows from 0 to {count - 1}")
+        raise ConfigError(f"{what} contains row {outside[0]}, not in H", remedy=f"use rows from 0 to {count - 1}")
 
 
 def _check_inputs(

@@ -289,7 +289,7 @@ def _first_set(
         gauges = np.unique(np.asarray(start, dtype=int))
         if not limits.allows(gauges):
             what = f"{limits.keep} different gauges" if limits.plain else "a layout within the limits"
-            raise ValueError(f"the search must start from {what} that contain the fixed ones")
+            raise ValueError(f"the search must start from {what} that contain the fixed gauges")
         return gauges
     try:
         return fill(pools, eliminate_from(pools, limits, aggregate).selected, limits, aggregate)

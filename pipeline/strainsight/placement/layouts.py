@@ -184,7 +184,7 @@ def _conflict(limits: Limits, at: int) -> InfeasibleError:
     name, row = limits.names[at], limits.rows[[at]].toarray().ravel()
     bonded = [g for g in sorted(limits.fixed) if row[g] > 0]
     if name == SPACING:
-        what = f"the bonded gauges ({limits.key}) of row {bonded[0]} of the pool are closer to each other than {name}"
+        what = f"bonded gauges ({limits.key}) are closer to gauge {bonded[0]} of the pool than {name}"
     else:
         unit = "" if name == BUDGET else " gauges"
         used = f"{row[bonded].sum():g}{unit} of the {limits.most[at]:g}"

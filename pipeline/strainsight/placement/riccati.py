@@ -291,7 +291,7 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     if not (error := _error(A, H, before, P)) <= ACCEPTED_IN_STEPS:
         solved = f"accurate to {error:.1e} only" if np.isfinite(error) else "not solved: its filter is unstable"
         raise NumericalError(
-            f"the steady covariance of a set of gauges is {solved}; the tolerance is {ACCEPTED_IN_STEPS:.0e}",
+            f"the steady-state covariance of a set of gauges is {solved}; the tolerance is {ACCEPTED_IN_STEPS:.0e}",
             remedy="check the units of the noise of gauges and inputs: their magnitudes differ too much for double precision",
         )
     return P

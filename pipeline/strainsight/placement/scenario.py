@@ -150,7 +150,7 @@ def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> I
         )
     return InfeasibleError(
         f"{undetectable_in_words(directions, names)} has no or too little process noise, so no steady-state filter exists",
-        remedy="increase its process noise, or reduce that of the others",
+        remedy="increase this process noise, or reduce the process noise of the other unknowns",
     )
 
 

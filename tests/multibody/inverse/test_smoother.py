@@ -12,7 +12,7 @@ from scipy.integrate._ivp.rk import DOP853, rk_step
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.smoother import smooth_first
 from strainsight.experiment.bench.inverse.filtering import keep_for, smoothed_loads
-from strainsight.experiment.bench.inverse.truth import drawn
+from strainsight.experiment.bench.inverse.truth import sample
 from strainsight.loads.input_models import Matern, RandomWalk
 from strainsight.multibody.accelerations import balance
 from strainsight.multibody.inverse.loads import load_process, walks
@@ -97,7 +97,7 @@ def test_on_constraints_and_from_a_wide_start_sigma_keeps_its_digits(corrected):
     b, h, steps = bench(), 0.02, 15
     model = b.model(h, steps, load=3e3, noise=(1e-10, 1e-10), white=1e-3, corrected=corrected)
     x, P = b.start(model, std_u=1e4, spread=1e-3)
-    real = drawn(model, x[None], P[None], np.zeros((steps + 1, 3)), 1, 3)
+    real = sample(model, x[None], P[None], np.zeros((steps + 1, 3)), 1, 3)
     y = real.readings + np.sqrt(model.R) * np.random.default_rng(1).normal(size=real.readings.shape)
     project = model.projected if corrected else None
     run = filter_runs(model, x, P, y, "first", form="square_root", project=project, **ITERATED)

@@ -114,4 +114,4 @@ def test_names_are_text_and_a_page_takes_so_many_sheets():
     page = sheets_section([large] * 5)
     assert page.count("<figure") == 2
     assert "5 drawing sheets" in page
-    assert "3 more are in files only" in page
+    assert "3 more sheets are in files only" in page

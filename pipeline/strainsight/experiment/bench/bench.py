@@ -98,7 +98,7 @@ def bench_of(
         supported = entry.type == "flexible" and reduced[name].clamped
         if supported and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
             raise ConfigError(
-                f"'{name}' is fixed to the ground by the supports of its deck",
+                f"'{name}' has a pose, velocity or spin, but the supports of its deck fix it to the ground",
                 key=f"bodies.{name}",
                 remedy="Remove pose, velocity and spin, or remove the supports from the deck.",
             )
@@ -246,10 +246,10 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         change, whole = (float(np.linalg.norm((d * x)[part])) for x in (v - rate, rate))
         if change > SLIP * max(whole, float(np.linalg.norm(d * rate)) * SLIP):
             raise ConfigError(
-                f"velocity and spin of '{name}' are inconsistent with its joints, which remove "
-                f"{100 * change / max(whole, change):.3g} % of them",
+                f"the joints of '{name}' prevent {100 * change / max(whole, change):.3g} % of the configured velocity and "
+                "spin",
                 key=f"bodies.{name}.velocity",
-                remedy="Set velocities that the joints allow; if a body rotates about a pivot, its origin moves, too.",
+                remedy="Set velocities that the joints allow; the origin of a body that rotates about a pivot moves, too.",
             )
     return q, v
 
@@ -321,7 +321,7 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
         if why:
             driven = ", ".join(f"{name} {inputs[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
             return ConfigError(
-                f"at t = {k * h:g} s the joints {why}, with {driven} [m or rad]",
+                f"at t = {k * h:g} s the joints {why}, with driven motion {driven} [m or rad]",
                 key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
                 remedy="Reduce the driven motion, or move the frames of the joint.",
             )
@@ -343,6 +343,6 @@ def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
     return NumericalError(
         error.what,
         key=f"forces.{name}",
-        remedy=f"The friction law may be too steep for the time step: increase its speed of {sharp[name]:g}, or reduce "
-        "simulate.time_step.",
+        remedy=f"Increase the speed of the friction law ({sharp[name]:g}), which may be too steep for the time step, "
+        "or reduce simulate.time_step.",
     )

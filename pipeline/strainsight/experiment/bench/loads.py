@@ -87,7 +87,7 @@ def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray],
                 if isinstance(config.joints[name], DrivenDistance) and not row[0].min(initial=np.inf) > SHORTEST:
                     first = time[np.argmin(row[0])]
                     raise ConfigError(
-                        f"the driven length is {row[0].min():.4g} m at t = {first:.4g} s, where it has no direction",
+                        f"the driven length is {row[0].min():.4g} m at t = {first:.4g} s, so its direction is undefined",
                         remedy="Keep the length above zero.",
                     )
         return moved

@@ -56,7 +56,7 @@ def reduce_output(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resour
         summary |= {f"unknowns.{name}": unknowns, f"coordinates.{name}": size, f"first_frequency.{name}": first}
         text.append(f"{name} {unknowns} unknowns → {size}, first mode {first:.4g} Hz, cut-off {body.cut:.4g} Hz")
         text += [
-            f"{name} is valid for {key} from {low:.4g} to {high:.4g} Pa"
+            f"the reduced model of {name} is valid for {key} from {low:.4g} to {high:.4g} Pa"
             for key, (low, high) in body.reach.items()
             if np.isfinite(high)
         ]
@@ -81,7 +81,7 @@ def _reduction(
         raise ConfigError(
             f"the supports leave {loose} of the six rigid-body motions free",
             key=f"bodies.{name}.mesh.supports",
-            remedy="Support the body completely, or remove all supports and connect it by joints.",
+            remedy="Support the body completely, or remove all supports and use joints.",
         )
     nodes = _interface(name, frames, model)
     reference = {key: modulus.value for key, modulus in entry.moduli.items()}
@@ -130,7 +130,7 @@ def _interface(name: str, frames: Mapping[str, FrameSection], model: FiniteEleme
             nodes.add(frame.node)
     if not nodes:
         raise ConfigError(
-            f"'{name}' has no frame", key=f"bodies.{name}", remedy="Define a frame at the node that supports it."
+            f"'{name}' has no frame", key=f"bodies.{name}", remedy="Define a frame at a node of the body."
         )
     return sorted(nodes)
 
@@ -173,7 +173,7 @@ def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: 
     if not np.isfinite(q[at]).all():
         lost = time[at][~np.isfinite(q[at]).all(axis=1)][0]
         raise InfeasibleError(
-            f"the estimate diverged before {lost:g} s, so there is no field after that",
+            f"the estimate diverged before {lost:g} s, so later fields are not available",
             key="field.of",
             remedy="Correct the estimate, or set field.of: simulate.",
         )

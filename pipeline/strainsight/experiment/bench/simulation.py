@@ -173,8 +173,8 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
                 summary[f"missed.{name}"] = share
                 if share > MISSED:
                     doubts.append(
-                        f"the time step does not resolve {100 * share:.2g} % of {name}, above {band:.3g} Hz. Reduce "
-                        "simulate.time_step, or filter the load"
+                        f"the time step does not resolve {100 * share:.2g} % of the RMS of {name} (resolved up to {band:.3g} "
+                        "Hz). Reduce simulate.time_step, or filter the load"
                     )
     doubts += [*doubtful_drives(config, using.files), *overloaded(config, pressure)]
     if system.size > system.constrained and settings.tolerance is None and turn > TURN[settings.method]:
@@ -375,9 +375,9 @@ def modes_in_space(rest: BenchAtRest) -> VtkHdf:
         if isinstance(body, RigidBody):
             at = [body.centre, *(f.origin for f in bench.frames.values() if f.body == body.name)]
             frames = [Frame(str(k), body.name, np.asarray(x, dtype=float)) for k, x in enumerate(at)]
-            seen = [frame_at(bench, frame, rest.q) for frame in frames]
-            points.append(np.array([y[:3] for y, _ in seen]))
-            shapes.append(np.stack([by_q[:3] @ rest.modes.shapes[:, :count] for _, by_q in seen]))
+            motions = [frame_at(bench, frame, rest.q) for frame in frames]
+            points.append(np.array([y[:3] for y, _ in motions]))
+            shapes.append(np.stack([by_q[:3] @ rest.modes.shapes[:, :count] for _, by_q in motions]))
             to = np.arange(1, len(at))
             blocks.append(CellBlock("line", to, total + np.column_stack([0 * to, to]), 0 * to))
         else:

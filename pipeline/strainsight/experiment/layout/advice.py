@@ -137,19 +137,19 @@ def advice(
     )
 
 
-def _how_many(sigma: str, cost: np.ndarray, kept: int, labels: Sequence[str], keep: int) -> Iterator[str]:
+def _how_many(sigma: str, cost: np.ndarray, size: int, labels: Sequence[str], keep: int) -> Iterator[str]:
     if len(labels) < keep:
-        yield f"The layout has {len(labels)} gauges instead of {keep}: within the limits no further gauge was found that helps."
+        yield f"The layout has {len(labels)} gauges instead of {keep}: no further useful gauge was found within the limits."
     gain = gains(cost)
     if not len(gain):
         return
-    worth = worth_keeping(cost, kept)
-    if worth == kept:
+    worth = worth_keeping(cost, size)
+    if worth == size:
         yield f"Number of gauges: one more gauge would reduce {sigma} by only {100 * gain[0]:.2g} %."
     else:
-        total = 1 - np.prod(1 - gain[: worth - kept])
+        total = 1 - np.prod(1 - gain[: worth - size])
         yield (
-            f"Number of gauges: one more gauge would reduce {sigma} by {100 * gain[0]:.2g} %, {worth - kept} more by "
+            f"Number of gauges: one more gauge would reduce {sigma} by {100 * gain[0]:.2g} %, {worth - size} more by "
             f"{100 * total:.2g} %, and each further gauge by less than {100 * WORTH:g} %."
         )
 
@@ -195,12 +195,12 @@ def best_possible(
 
 def _uneliminated(task: Task, layout: OptimisedLayout) -> Iterator[str]:
     """Sentence on the bound over candidates that did not enter the elimination."""
-    if task.whole is None or layout.beyond is None:
+    if task.whole is None or layout.better is None:
         return
     every, entered = len(task.whole.limits.size), len(task.whole.rows)
     yield (
         f"This bound covers all {every} candidates, of which {entered} entered the elimination; "
-        f"{layout.beyond or 'none'} of the others could improve the layout."
+        f"{layout.better or 'none'} of the others could improve the layout."
     )
 
 
@@ -224,7 +224,7 @@ def _failures(
             if growth > 1:
                 yield f"If one gauge fails, σ({name}) grows by at most {_percent(growth - 1)} ({labels[worst]})."
             else:
-                yield "If one gauge fails, no σ grows, as its installation error is removed, too."
+                yield "If one gauge fails, no σ grows, because the installation error of this gauge is removed, too."
 
 
 def _percent(share: float) -> str:

@@ -108,7 +108,7 @@ def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarr
     columns = (
         "rule",
         criteria[0].symbol,
-        "relative",
+        "relative to layout",
         *(c.symbol for c in criteria[1:]),
         *(f"steady-state σ({n})" for n in names),
     )

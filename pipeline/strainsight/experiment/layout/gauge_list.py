@@ -37,8 +37,8 @@ def layout_labels(names: Sequence[str], gauges: np.ndarray) -> tuple[str, ...]:
 
     names: of every candidate, may be empty; gauges (k,): numbers of the layout.
     """
-    taken = {name for name in names if name}
-    free = (label for label in (f"G{i}" for i in count(1)) if label not in taken)
+    used = {name for name in names if name}
+    free = (label for label in (f"G{i}" for i in count(1)) if label not in used)
     return tuple(names[gauge] or next(free) for gauge in gauges)
 
 
@@ -93,8 +93,8 @@ class GaugeList:
     @property
     def range(self) -> np.ndarray:
         """Measuring range of every gauge (k,), NaN if not set."""
-        stated = np.minimum.reduceat(self.limit, self.channels.first)
-        return np.where(np.isfinite(stated), stated, np.nan)
+        limit = np.minimum.reduceat(self.limit, self.channels.first)
+        return np.where(np.isfinite(limit), limit, np.nan)
 
     @cached_property
     def _order(self) -> np.ndarray:
@@ -214,7 +214,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
         *(["kind"] if kinds else []),
         *(["element", "facet"] if on_surface else []),
         *("x y z [m]", "direction", "angle"),
-        *(f"σ({name}) without it" for name in without),
+        *(f"σ({name}) without gauge" for name in without),
     )
     return Table("gauges", columns, tuple(rows))
 

@@ -22,7 +22,7 @@ from strainsight.placement.score import score
 
 @dataclass(frozen=True)
 class OptimisedLayout:
-    """gauges (k,): pool rows, ascending; cost: aggregated metric; exchange, certificate, proof: None if not configured; beyond:
+    """gauges (k,): pool rows, ascending; cost: aggregated metric; exchange, certificate, proof: None if not configured; better:
     number of candidates outside the pool that could be in a better layout, None if unknown or if the pool has all candidates."""
 
     gauges: np.ndarray
@@ -30,12 +30,12 @@ class OptimisedLayout:
     exchange: Exchange | None = None
     certificate: Certificate | None = None
     proof: BranchAndBound | None = None
-    beyond: int | None = None
+    better: int | None = None
 
     @property
     def proven(self) -> bool:
         """Whether the layout is proven optimal over all candidates."""
-        return self.proof is not None and self.proof.proven and not self.beyond
+        return self.proof is not None and self.proof.proven and not self.better
 
 
 def layout_of(
@@ -80,7 +80,7 @@ def proved(
     progress("certificate", 0.7)
     if not settings.certificate and (proof is None or whole is None):
         return OptimisedLayout(gauges, cost, layout.exchange, None, proof)
-    least, beyond = np.inf, None
+    least, better = np.inf, None
     if whole is None:
         start = None
         if task.searched is not task.pools:
@@ -91,8 +91,8 @@ def proved(
         every = task.under(whole.pools)
         certificate = certify(every, whole.rows[gauges], cost, aggregate, limits=whole.limits)
         others = np.delete(certificate.including, whole.rows)
-        least, beyond = float(others.min(initial=np.inf)), int(np.sum(others < cost * (1 - TIE)))
+        least, better = float(others.min(initial=np.inf)), int(np.sum(others < cost * (1 - TIE)))
         certificate = replace(certificate, weights=certificate.weights[whole.rows])
     if proof and (lower := min(proof.lower_bound, least, cost)) > certificate.lower_bound:
         certificate = replace(certificate, lower_bound=lower, gap=(cost - lower) / cost)
-    return OptimisedLayout(gauges, cost, layout.exchange, certificate if settings.certificate else None, proof, beyond)
+    return OptimisedLayout(gauges, cost, layout.exchange, certificate if settings.certificate else None, proof, better)

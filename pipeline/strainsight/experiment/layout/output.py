@@ -211,8 +211,8 @@ def _summary(placement: Placement) -> dict[str, Scalar]:
         numbers |= {"proven": layout.proven, "nodes": proof.nodes}
     if placement.task.whole is not None:
         numbers["bounded"] = len(placement.task.whole.limits.size)
-    if layout.beyond is not None:
-        numbers["beyond"] = layout.beyond
+    if layout.better is not None:
+        numbers["beyond"] = layout.better
     if certificate:
         numbers |= {"lower_bound": certificate.lower_bound, "gap": certificate.gap}
     return numbers

@@ -119,7 +119,7 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
 
 
 def _signs(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> np.ndarray | None:
-    """Signs of the arms of a bridge, None for other gauges."""
+    """Sign of each arm of a bridge, None for other gauges."""
     cells = [entry.get("sign", "") for _, entry in lines]
     where = f"{path}:{lines[0][0]}"
     if not any(cells):
@@ -279,7 +279,7 @@ def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -
     R = _rows(rows, components, length)
     if R.shape[0] != len(number):
         raise DeckError(
-            f"the matrix has {R.shape[0]} rows, {table.name} has {len(number)} gauges",
+            f"the matrix has {R.shape[0]} rows, but {table.name} has {len(number)} gauges",
             where=str(rows),
             remedy="Write one row per gauge, in the order of the table.",
         )
@@ -291,7 +291,7 @@ def _rows(path: Path, components: np.ndarray, length: float) -> sparse.csr_array
     R = read_matrix(path)
     if R.shape[1] != len(components):
         raise DeckError(
-            f"the matrix has {R.shape[1]} columns, the stiffness matrix {len(components)} rows",
+            f"the matrix has {R.shape[1]} columns, but the stiffness matrix has {len(components)} rows",
             where=str(path),
             remedy="Write one column for every line of mesh.matrices.numbering.",
         )
@@ -311,7 +311,7 @@ def given_table(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             raise DeckError(
                 f"{','.join(cells)[:60]!r} contains an invalid number",
                 where=f"{path}:{line}",
-                remedy="Enter an integer, a position, and optionally a direction.",
+                remedy="Enter the gauge number as an integer, the position, and optionally the direction.",
             ) from None
         if not (np.isfinite([*x, *d]).all() and abs(gauge) < 2**62):
             raise DeckError(

@@ -180,10 +180,10 @@ def campaign_of(
         check_records.append(build_check_record(structure, record, turning))
         judgements.append(check_consistency(record.test, problem, check_records[-1], tolerances.discrepancy, checking))
     together = None if len(records) == 1 else together_of(filters, check_records)
-    apart = together.words if together is not None and all(one.trusted for one in judgements) else ""
-    if apart and not settings.accept:
+    conflict = together.words if together is not None and all(one.trusted for one in judgements) else ""
+    if conflict and not settings.accept:
         raise InconsistentRecordError(
-            apart,
+            conflict,
             key="estimate.records",
             remedy="Remove records of another part or of re-bonded gauges, or correct the known loads and units.",
         )
@@ -195,7 +195,7 @@ def campaign_of(
         return "; ".join(f"record '{one.label}': {text}" if one.label else text for one, text in named if text)
 
     decision = Decision(
-        apart or of_records([one.words for one in judgements]),
+        conflict or of_records([one.words for one in judgements]),
         of_records([one.named for one in judgements]),
         settings.accept,
         (uncertain_loads,),
@@ -225,7 +225,7 @@ def campaign_of(
     if settings.hold_out is not None:
         # the hold-out test checks σ, so it runs even if σ is inconsistent
         system = FilteredGauges(filters, undetectable_by, bool(decision.unfounded))
-        hold_outs = held_out(system, lambda doing, share: progress(doing, LATER + (HELD - LATER) * share))
+        hold_outs = held_out(system, lambda task, share: progress(task, LATER + (HELD - LATER) * share))
     progress("field", HELD if settings.hold_out else LATER)
 
     def filters_of(changed: PlacementConfig) -> list[RecordFilter]:
@@ -255,8 +255,8 @@ def campaign_of(
     estimations = {}
     for record, result, judgement, hold_out in zip(filters, results, judgements, hold_outs, strict=True):
         source = source_of(record.test, using.files[record.test.record.file], problem.known)
-        if apart:
-            judgement = replace(judgement, words=apart, apart=True)
+        if conflict:
+            judgement = replace(judgement, words=conflict, disagrees=True)
         estimations[record.test.record.name] = estimation_of_record(
             common, source, record, result, judgement, hold_out, damage if len(records) == 1 else None
         )
@@ -312,7 +312,7 @@ def _filtered(
             raise InconsistentRecordError(
                 f"every filter diverges on this record ({why}): {decision.inconsistent}",
                 key="estimate",
-                remedy="Correct the cause and run the estimate again.",
+                remedy="Correct the cause of the inconsistency and run the estimate again.",
             ) from error
         if len(filters) == 1:
             raise
@@ -339,7 +339,7 @@ def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, resul
             return excluded_in_words(otherwise, True, "estimate.start"), ""
     return (
         "",
-        f"the filter comparison ignores tolerances, which this record excludes: {words}, with and without tolerances",
+        f"the filter comparison neglects tolerances, but the record requires them: {words} with and without tolerances",
     )
 
 
@@ -362,4 +362,4 @@ def paced(progress: Progress, spent: float, seconds: float, passes: int, hold_ou
         parts[3:] = [(passes - 1) * seconds, REST * seconds]
         plain = [0.0, CHECKED, FILTERED, LATER, HELD, 1.0]
     by_clock = np.concatenate([[0.0], np.cumsum(parts) / sum(parts)])
-    return lambda doing, share: progress(doing, float(np.interp(share, plain, by_clock)))
+    return lambda task, share: progress(task, float(np.interp(share, plain, by_clock)))

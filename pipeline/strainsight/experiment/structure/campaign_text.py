@@ -88,7 +88,7 @@ def _numbers(campaign: Campaign) -> dict[str, Scalar]:
     else:
         numbers |= {"records": len(every), "gain": together.gain}
         # accepted disagreement of records that agree with the model one by one
-        numbers |= {"apart": together.words} if campaign.first.judgement.apart else {}
+        numbers |= {"apart": together.words} if campaign.first.judgement.disagrees else {}
         for name, values in together.alone.items():
             numbers |= {f"alone.{name}.{of}": float(value) for of, value in zip(campaign.records, values, strict=True)}
         for of, record in campaign.records.items():
@@ -184,7 +184,7 @@ def _records_table(campaign: Campaign) -> Table:
             cells += [_with_sigma(float(value[top]), float(std[top])), _with_sigma(rms(value), rms(std))]
         inside = f"{100 * innovations_inside(record.estimated):.3g} %"
         consistency = summarise_record(
-            record.judgement.trusted, record.judgement.apart, record.innovation_check.consistent
+            record.judgement.trusted, record.judgement.disagrees, record.innovation_check.consistent
         )
         rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, inside, consistency))
     heads = [f"{name} {what} [{campaign.units[name]}]" for name in loads for what in ("peak", "RMS")]
@@ -304,7 +304,7 @@ def damage_tables(damaged: Damaged | None, labels: Sequence[str]) -> tuple[Table
             rows.append((f"{number}, element {damaged.surface.element[i]}", *_row(damaged, damaged.surface, i)))
     if damaged.virtual is not None:
         rows += [(label, *_row(damaged, damaged.virtual, i)) for i, label in enumerate(labels)]
-    columns = ("place", "x, y, z [m]", "damage", "95 %", "equivalent range", "life")
+    columns = ("place", "x, y, z [m]", "damage", "95 % interval", "equivalent range", "life")
     title = "damage of the smoothed history (no interval)" if withheld else "damage: hot spots and virtual gauges"
     return (Table(title, columns, tuple(rows)),)
 

@@ -144,8 +144,8 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
             key="gauges.grid_length",
             remedy="Reduce the grid length.",
         )
-    kept = pool.take(np.flatnonzero(well))
-    return replace(strain, candidates=kept, left_out=pool.gauges - kept.gauges)
+    fitting = pool.take(np.flatnonzero(well))
+    return replace(strain, candidates=fitting, left_out=pool.gauges - fitting.gauges)
 
 
 def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
@@ -153,7 +153,7 @@ def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
 
     Raises ConfigError for a duplicate name, and for a line of the file that is not a strain gauge.
     """
-    entries = [_stated(gauges, i, entry) for i, entry in enumerate(gauges.fixed)]
+    entries = [_bonded_entry(gauges, i, entry) for i, entry in enumerate(gauges.fixed)]
     if file is not None:
         with blame(FILE):
             entries += [_entry(gauges, file, name, place) for name, place in read_bonded(file).items()]
@@ -168,7 +168,7 @@ def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
     return entries
 
 
-def _stated(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> BondedEntry:
+def _bonded_entry(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> BondedEntry:
     key, name = f"gauges.fixed.{i}", entry.name or ""
     if isinstance(entry, NamedGauge):
         return BondedEntry(entry.position, entry.direction, _length(gauges, entry.length), entry.angles, name, key)
@@ -204,8 +204,8 @@ def _entry(gauges: Gauges, file: Path, name: str, place: BondedPlace) -> BondedE
     return replace(grids[0], angles=place.angles, name=name)
 
 
-def _length(gauges: Gauges, stated: float | None) -> float:
-    return float(gauges.grid_length if stated is None else stated)
+def _length(gauges: Gauges, length: float | None) -> float:
+    return float(gauges.grid_length if length is None else length)
 
 
 @dataclass(frozen=True)

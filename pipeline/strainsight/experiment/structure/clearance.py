@@ -41,10 +41,10 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
     It applies to strain gauges on the mesh that are not bonded yet. The default is halved twice, then dropped, until it leaves
     `CHOICE` places at the minimum spacing of screening. Raises InfeasibleError if a configured clearance leaves no place.
     """
-    config, mesh, pool, stated = structure.config, structure.mesh, structure.pool, structure.config.gauges.clearance
+    config, mesh, pool, setting = structure.config, structure.mesh, structure.pool, structure.config.gauges.clearance
     first, blocked = pool.first, np.zeros(pool.gauges, dtype=bool)
     free = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first])
-    if stated == "none" or structure.training.given is not None or not len(free):
+    if setting == "none" or structure.training.given is not None or not len(free):
         return None, blocked
     facets, part = structure.skin.facets, pool.take(first[free])
     points, places = part.position, part.grids.position
@@ -63,19 +63,19 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
         near = {name: part.any_grid(mask) for name, mask in crowded(places, around, distance).items()}
         return {name: mask | lying.get(name, False) for name, mask in near.items()}
 
-    rule = CARRIER if stated is None else STATED
-    if stated is not None:
-        wanted = float(stated)
+    rule = CARRIER if setting is None else STATED
+    if setting is not None:
+        wanted = float(setting)
     elif kind is None:
         wanted = carrier_clearance(config.gauges.grid_length)
     else:
         wanted = half_diagonal(kind.carrier_length, kind.carrier_width)
     for step in STEPS if rule == CARRIER else (1.0,):
         near = nearer(step * wanted)
-        taken = np.any(list(near.values()), axis=0)
-        enough = not taken.all() if rule == STATED else room_for(points[~taken], config.screen.minimum_spacing, CHOICE)
+        close = np.any(list(near.values()), axis=0)
+        enough = not close.all() if rule == STATED else room_for(points[~close], config.screen.minimum_spacing, CHOICE)
         if enough:
-            blocked[free] = taken
+            blocked[free] = close
             counts = {name: int(np.count_nonzero(mask)) for name, mask in near.items()}
             return Clearance(distance=step * wanted, wanted=wanted, rule=rule, near=counts), blocked
     if rule == CARRIER:
@@ -166,7 +166,7 @@ def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndar
     return np.flatnonzero(loaded & outside)
 
 
-def clearance_in_words(clearance: Clearance, taken: int) -> str:
+def clearance_in_words(clearance: Clearance, total: int) -> str:
     """Describe the clearance, its origin and how many candidates violate it."""
     if clearance.distance == 0:
         return "no clearance from edges, supports and loads"
@@ -174,7 +174,7 @@ def clearance_in_words(clearance: Clearance, taken: int) -> str:
     how = {STATED: "", CARRIER: " (half the carrier diagonal)"}[clearance.rule]
     if clearance.distance < clearance.wanted:
         how = f" (reduced from {1e3 * clearance.wanted:.3g} mm)"
-    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {taken} candidates nearer{near and f': {near}'}"
+    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {total} candidates nearer{near and f': {near}'}"
 
 
 def clearance_warning(clearance: Clearance) -> str:
@@ -278,7 +278,7 @@ def advice_at_gauges(sites: AtGauges | None, labels: Sequence[str], bonded: Sequ
                 groups.setdefault(words, []).append(label)
     for words, those in groups.items():
         yield (
-            f"{', '.join(those)}: {words}. Check that the place can be reached by hand, or exclude it (gauges.exclude)."
+            f"{', '.join(those)}: {words}. Check that the position can be reached by hand, or exclude it (gauges.exclude)."
         )
 
 
@@ -287,16 +287,16 @@ def type_in_words(config: PlacementConfig) -> str:
     kind = gauge_type(config.gauges)
     if kind is None:
         return ""
-    taken = [f"{what} {value}" for what, value, where in _rows(config) if where == config.gauges.type]
+    values = [f"{what} {value}" for what, value, where in _rows(config) if where == config.gauges.type]
     source = f" ({kind.source})" * bool(kind.source)
-    return f"gauges {config.gauges.type}{source}: {', '.join(taken)}"
+    return f"gauges {config.gauges.type}{source}: {', '.join(values)}"
 
 
 def type_table(config: PlacementConfig) -> tuple[Table, ...]:
     """Table of gauge properties and their origin (type or config key); empty without a type."""
     if gauge_type(config.gauges) is None:
         return ()
-    return (Table(f"gauges {config.gauges.type}", ("property", "value", "from"), tuple(_rows(config))),)
+    return (Table(f"gauges {config.gauges.type}", ("property", "value", "source"), tuple(_rows(config))),)
 
 
 def _rows(config: PlacementConfig) -> list[tuple[str, str, str]]:
@@ -410,7 +410,7 @@ def hot_spot_table(test: HotSpots, labels: Sequence[str]) -> Table:
         (label, _percent(refined), _percent(spread) if spread else "", "hot spot" if hot else "")
         for label, refined, spread, hot in zip(labels, test.refined, test.spread, test.hot, strict=True)
     )
-    columns = ("strain of", "with a refined mesh", "with distributed nodal forces", "")
+    columns = ("gauge", "with a refined mesh", "with distributed nodal forces", "result")
     return Table(f"hot spots: strain changes by more than {100 * test.share:.2g} %", columns, rows)
 
 

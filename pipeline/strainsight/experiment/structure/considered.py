@@ -79,9 +79,9 @@ class Tolerated:
     """Tolerances of channels: σ times derivatives with respect to installation and other errors.
 
     channels (k,): of train.h5, ascending; quantity (k,); channel_of_grid, sign, gauge: of g grids (`Candidates.grids`), gauge is
-    common to grids that move together; slope: name → (g, n) per reduced coordinate; beyond: name → (g, f) per load error outside
-    the reduced basis [1/N]; mean (g, n): mean change of the reading; zeros: errors independent of the motion; loads: load errors;
-    damping, frequency, stiffness, learned, discrepancy: see `ConsideredParameters`.
+    common to grids that move together; slope: name → (g, n) per reduced coordinate; unreduced: name → (g, f) per load error
+    outside the reduced basis [1/N]; mean (g, n): mean change of the reading; zeros: errors independent of the motion;
+    loads: load errors; damping, frequency, stiffness, learned, discrepancy: see `ConsideredParameters`.
     """
 
     channels: np.ndarray
@@ -90,7 +90,7 @@ class Tolerated:
     sign: np.ndarray
     gauge: np.ndarray
     slope: dict[str, np.ndarray]
-    beyond: dict[str, np.ndarray]
+    unreduced: dict[str, np.ndarray]
     mean: np.ndarray
     zeros: tuple[Zero, ...]
     loads: ToleratedLoads
@@ -118,7 +118,7 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
     loads = tolerated_loads(tolerances, reduced, missed + part.read(mean[:, n:]).reshape(missed.shape), part.quantity)
     felt = {name: rows for name, rows in scaled.items() if rows.any()}
     # a gain (std 0 here) has no displacement
-    beyond = {
+    unreduced = {
         name: loads.std * rows[:, n:].reshape(len(rows), *missed.shape[1:])[:, loads.load, loads.way]
         for name, rows in felt.items()
     }
@@ -129,7 +129,7 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
         part.sign_of_grid,
         grids.gauge,
         {name: rows[:, :n] for name, rows in felt.items()},
-        beyond,
+        unreduced,
         mean[:, :n],
         _zeros(std, part),
         loads,
@@ -202,12 +202,12 @@ def not_held_in_words(structure: Structure) -> tuple[str, ...]:
 
 def exact_frequencies_in_words(config: PlacementConfig) -> str:
     """Warning that σ assumes exact natural frequencies, if other tolerances are set."""
-    stated = tolerances_of(config.tolerances)
-    if stated == NONE or stated.frequency > 0 or config.train.model == "static":
+    tolerances = tolerances_of(config.tolerances)
+    if tolerances == NONE or tolerances.frequency > 0 or config.train.model == "static":
         return ""
     return (
-        "σ assumes exact masses and natural frequencies; a mass error of 1 % causes a modulus error of 1 %. If they are "
-        "uncertain, set tolerances.frequency: 0.01"
+        "σ assumes exact masses and natural frequencies; a mass error of 1 % causes a modulus error of 1 %. For uncertain "
+        "frequencies set tolerances.frequency: 0.01"
     )
 
 
@@ -267,12 +267,12 @@ def build_considered(
 
     for name, rows in tolerated.slope.items():
         sensed, fed = read(rows)
-        beyond = (tolerated.sign[:, None] * tolerated.beyond[name][:, errors])[grids] * ~accelerated[:, None]
+        unreduced = (tolerated.sign[:, None] * tolerated.unreduced[name][:, errors])[grids] * ~accelerated[:, None]
         owner = tolerated.gauge[grids] if name in COMMON else np.arange(len(grids))
         for each in np.unique(owner):
             part = owner == each
             if sensed[part].any():
-                rows_of = (_rows(m, row[part], values[part]) for values in (sensed, fed, beyond))
+                rows_of = (_rows(m, row[part], values[part]) for values in (sensed, fed, unreduced))
                 add(SOURCE[name], **dict(zip("DEB", rows_of, strict=True)))
     for zero in tolerated.zeros:
         for each in np.unique(zero.owner[at]):

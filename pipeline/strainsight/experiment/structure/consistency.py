@@ -124,14 +124,14 @@ class ConsistencyResult:
     """Result of the consistency check of one record.
 
     words: why the record is inconsistent with the model, else empty; named: the only fault that explains it, with the key that
-    corrects it, else empty; check: by channel; apart: the record is inconsistent with other records, not with the model;
+    corrects it, else empty; check: by channel; disagrees: the record is inconsistent with other records, not with the model;
     birge_ratio: RMS of the innovations over the predicted value, 1 for a consistent record and where no filter runs.
     """
 
     words: str
     named: str
     check: ChannelsChecked
-    apart: bool = False
+    disagrees: bool = False
     birge_ratio: float = 1.0
 
     @property
@@ -218,10 +218,10 @@ class FaultInWords:
         fault, record = explanation.fault, self.test.record
         assert fault is not None
         what, remedy = self._of_kind(fault, explanation.amount, explanation.std)
-        stated = record.inputs if fault.of_load else record.channels
-        if record.section != "estimate" and not stated.startswith(record.section):
-            key = f"{record.section}.{stated.split('.')[-1]}"
-            remedy += f" (for this record only: copy {stated} to {key} and change it there)"
+        source = record.inputs if fault.of_load else record.channels
+        if record.section != "estimate" and not source.startswith(record.section):
+            key = f"{record.section}.{source.split('.')[-1]}"
+            remedy += f" (to correct only this record, copy {source} to {key} and change the copy)"
         return what, remedy
 
     def _of_kind(self, fault: Fault, estimate: float, std: float) -> tuple[str, str]:

@@ -7,7 +7,7 @@ N unknowns before the supports; e elements through the thickness. The exponents 
 
     seconds = 3.4 + s m (3.9e-3 + 4.1e-6 n² + 8.3e-8 n³)        GiB = 0.15 + 6e-8 s m n
 
-s scenarios, m candidates, n states. n is an estimate, as the reduced basis is known only after `rom`: if materials vary
+s scenarios, m candidates, n states. n is an estimate, as the reduced basis is known only after `rom`. If materials vary
 independently, half of the shapes of the other samples are counted. Memory: one row of n for every candidate and scenario.
 """
 
@@ -127,7 +127,7 @@ def of_pool_in_words(config: PlacementConfig, m: int, n: int) -> str:
     time = f"{minutes / 60:.2g} h" if minutes > 90 else f"{minutes:.2g} min"
     return (
         f"place of {m} candidates, {n} states and {scenarios_of(config)} scenarios takes about {time} of processor time and "
-        f"{cost.memory:.2g} GiB, within a factor of three. Reduce screen.keep to shorten it"
+        f"{cost.memory:.2g} GiB, within a factor of three. Reduce screen.keep to save time"
     )
 
 

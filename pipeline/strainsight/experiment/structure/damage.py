@@ -243,8 +243,8 @@ def damage_notes(settings: DamageSettings, withheld: str, shown: float, by: str)
     """Notes on damage; by: random-walk models of the samples, empty if as configured."""
     if withheld:
         return (
-            "σ is withheld, so damage has no interval. It is the damage of the smoothed history, which underestimates the damage "
-            "of a rougher true history",
+            "σ is withheld, so damage has no interval. The damage of the smoothed history is shown, which may be lower than the "
+            "true damage",
         )
     few = ""
     if settings.points is not None:

@@ -169,9 +169,9 @@ def out_of_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str
     return out_of_range(values, ranges, unknown_units(config), "rom")
 
 
-def widen(beyond: Mapping[str, str]) -> str:
+def widen(parameters: Mapping[str, str]) -> str:
     """Remedy for parameters outside their ranges."""
-    return f"widen {' and '.join(f'parameters.{name}.range' for name in beyond)}"
+    return f"widen {' and '.join(f'parameters.{name}.range' for name in parameters)}"
 
 
 EXCLUDED = 5.0
@@ -205,5 +205,5 @@ def excluded(estimate: Values, other: Values) -> str:
 
 def excluded_in_words(words: str, settled: bool, key: str) -> str:
     """Reason to withhold σ, from `excluded`; settled: whether the estimate starts settled (`key`)."""
-    cause = f"settled and unknown start; check {key}" if settled else "two searches; report this record as a bug"
-    return f"two estimates exclude each other: {words} ({cause})" if words else ""
+    by = f"by settled and unknown start; check {key}" if settled else "by two searches; report this record as a bug"
+    return f"two estimates exclude each other: {words} ({by})" if words else ""

@@ -53,11 +53,11 @@ def records_of(settings: Estimate) -> tuple[RecordSettings, ...]:
     records, several = [], len(settings.records) > 1
     for i, entry in enumerate(settings.records):
         key = f"estimate.records.{i}"
-        stated = {name: value for name in STATED if (value := getattr(entry, name)) is not None}
+        overrides = {name: value for name in STATED if (value := getattr(entry, name)) is not None}
         # with one record, corrections belong to the common section
-        section = key if several or "channels" in stated else "estimate"
-        channels, inputs = (f"{key if name in stated else 'estimate'}.{name}" for name in ("channels", "inputs"))
-        alone = settings.model_copy(update={**stated, "records": ()})
+        section = key if several or "channels" in overrides else "estimate"
+        channels, inputs = (f"{key if name in overrides else 'estimate'}.{name}" for name in ("channels", "inputs"))
+        alone = settings.model_copy(update={**overrides, "records": ()})
         records.append(RecordSettings(entry.name, entry.name * several, alone, key, section, channels, inputs))
     return tuple(records)
 
@@ -220,13 +220,13 @@ def settled_in(problem: Problem, test: Measured) -> Settled:
     elif len(slowest) and duration * slowest[0] < 2 * np.pi:
         wrong = f"the record ({duration:g} s) is shorter than a period of its loads ({2 * np.pi / slowest[0]:g} s)"
     else:
-        held, missed = tones_in(test.known, test.h, tones.frequency)
+        amplitude, missed = tones_in(test.known, test.h, tones.frequency)
         for name, share in zip(problem.known, missed, strict=False):
             if share > MISSED:
                 wrong = f"{100 * share:.0f} % of the recorded load '{name}' is outside the configured frequencies"
                 break
         else:
-            return settled_at(problem, tones.frequency, held)
+            return settled_at(problem, tones.frequency, amplitude)
     raise ConfigError(wrong, key="estimate.start", remedy="Set moving, or rest if the structure was at rest.")
 
 
@@ -347,7 +347,7 @@ def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str)
             key="estimate.start",
             remedy="Set estimate.start: moving.",
         )
-    note = f"{count - (end - begin)} samples were cut off at the ends because a known load has none there"
+    note = f"{count - (end - begin)} samples at the ends of the record were removed because they lack a known load"
     return replace(
         signals, time=signals.time[begin:end], values=signals.values[begin:end], notes=(*signals.notes, note)
     )
@@ -382,12 +382,12 @@ def hold_known_loads(
         )
         if share > LARGEST:
             raise ConfigError(
-                f"{fast}, so it cannot be interpolated between samples",
+                f"{fast}, so this load cannot be interpolated between samples",
                 key=f"{key}.{name}",
-                remedy="Record it at a higher rate with an anti-aliasing filter, or estimate this load.",
+                remedy="Record the load at a higher rate with an anti-aliasing filter, or estimate this load.",
             )
         if share > SLIGHT:
-            notes.append(f"{fast}, which affects the estimate. Record it at a higher rate")
+            notes.append(f"{fast}, which affects the estimate. Record the load at a higher rate")
         curves.append(interpolate(filled, 2 * every))
         lines.append(join_by_lines(values, 2 * every))
     size = 2 * every * (len(loads) - 1) + 1

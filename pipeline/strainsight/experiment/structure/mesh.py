@@ -138,7 +138,7 @@ def mesh_of(
             ignore=config.ignore,
             spc=config.spc,
             step=config.step,
-            sections={f"{key}.sections.{name}": _given(section) for name, section in config.sections.items()},
+            sections={f"{key}.sections.{name}": _assigned_section(section) for name, section in config.sections.items()},
             include=include,
             contact=config.contact or ("open" if config.matrices or config.results else None),
         )
@@ -187,7 +187,7 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
         raise DeckError(
             f"unsupported cards that affect the model: {', '.join(listed[:6])}{more}",
             where=mesh.unsupported[missing[0]],
-            remedy=f"{instead}If they do not matter, ignore them: mesh.ignore: [{names}]",
+            remedy=f"{instead}If their effect is negligible, set mesh.ignore: [{names}]",
         )
     unused = [card for card in ignore if spelt(card) not in {spelt(existing) for existing in mesh.ignored}]
     notes = (f"cards of mesh.ignore that the deck does not contain: {', '.join(unused)}",) if unused else ()
@@ -346,19 +346,19 @@ def _components(numbers: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(sorted({number - 1 for number in numbers}))
 
 
-def _given(stated: ElementSection) -> GivenSection:
-    regions = None if stated.regions == "all" else stated.regions
-    if stated.thickness is not None:
-        return GivenSection(regions, ShellSection(stated.thickness), stated.offset)
-    yy, zz, yz = (*(stated.second_moments or (0.0, 0.0)), 0.0)[:3]
-    half = [(-0.5 * side, 0.5 * side) for side in stated.size or ()]
+def _assigned_section(entry: ElementSection) -> GivenSection:
+    regions = None if entry.regions == "all" else entry.regions
+    if entry.thickness is not None:
+        return GivenSection(regions, ShellSection(entry.thickness), entry.offset)
+    yy, zz, yz = (*(entry.second_moments or (0.0, 0.0)), 0.0)[:3]
+    half = [(-0.5 * side, 0.5 * side) for side in entry.size or ()]
     section = BeamSection(
-        float(stated.area or 0.0),  # area or thickness is required by the config
+        float(entry.area or 0.0),  # area or thickness is required by the config
         np.array([[yy, yz], [yz, zz]]),
-        stated.torsion or 0.0,
+        entry.torsion or 0.0,
         points=np.array(list(product(*half)) if half else np.zeros((0, 2))),
     )
-    return GivenSection(regions, section, direction=stated.direction)
+    return GivenSection(regions, section, direction=entry.direction)
 
 
 def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces: Faces) -> Iterator[str]:

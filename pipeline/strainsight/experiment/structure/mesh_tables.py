@@ -63,7 +63,7 @@ def faces_table(faces: Faces) -> Table:
     title = "faces of the surface"
     if count > FACES:
         title += f" ({FACES} largest of {count}; all are in import.h5)"
-    return Table(title, ("area", "shape", "for mesh.faces"), tuple(rows))
+    return Table(title, ("area", "shape", "entry of mesh.faces"), tuple(rows))
 
 
 def _times(count: int, effect: str | None) -> str:
@@ -292,7 +292,7 @@ def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
             yield ("rigid-body check: free motions", "?", error.what)
     between = links(mesh)
     ground = sum(link.share > EXACT for link in between)
-    detail = f"{ground} resist one; largest share {between[0].share:.2g}, {between[0].name}" if between else ""
+    detail = f"{ground} resist free motion; largest share {between[0].share:.2g}, {between[0].name}" if between else ""
     yield ("rigid-body check: springs and relations between nodes", str(len(between)), detail)
     supports = len(np.unique(mesh.fixed[:, 0]))
     yield ("supported nodes", str(supports), f"{len(mesh.fixed)} fixed components")
@@ -333,8 +333,8 @@ def _differences(mesh: Mesh, program: str) -> Iterator[Row]:
     for text in (
         "linear about the unloaded state: no preload, contact, large displacements or temperature",
         "damping is taken from the config, not from the deck",
-        "mass of solids is lumped (mesh.mass or PARAM,COUPMASS): the diagonal of the consistent mass, scaled to the mass of each "
-        "element; on coarse meshes frequencies are lower than with consistent mass"
+        "mass of solids is lumped (mesh.mass or PARAM,COUPMASS): diagonal of the consistent mass, scaled to the element mass; "
+        "on coarse meshes frequencies are lower than with consistent mass"
         if mesh.lumped
         else {
             "nastran": "mass is consistent; Nastran uses lumped mass unless PARAM,COUPMASS is 1 (mesh.mass: lumped), with lower "

@@ -71,7 +71,7 @@ def modes_of_file(path: Path, step: int | None) -> list[Response]:
         raise DeckError(
             f"several steps have modes: {', '.join(map(str, steps[:8]))}",
             where=str(path),
-            remedy=f"Choose one, for example --step {steps[0]}.",
+            remedy=f"Choose a step, for example --step {steps[0]}.",
         )
     return sorted(modes, key=lambda mode: mode.frequency)[:MOST]
 
@@ -111,7 +111,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
             remedy="Compare fewer modes.",
         )
     notes = [
-        f"mode {mode.number} of the file ({mode.frequency:.3g} Hz) is a rigid-body mode, and the deck has "
+        f"mode {mode.number} of the file ({mode.frequency:.3g} Hz) is a rigid-body mode, but the model of the deck has "
         + (f"only {rigid}" if rigid else "none")
         for mode in still[rigid:]
         if mode.frequency <= RIGID * theirs[-1].frequency  # with wrong units all modes would be listed
@@ -135,7 +135,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
         for j, (i, mode) in enumerate(zip(chosen, theirs, strict=True))
     )
     left_out = [
-        f"{card} of the deck may change frequencies and is not modelled: {lost(card)}"
+        f"{card} of the deck is not modelled and may change frequencies: {lost(card)}"
         for card in ignored_structure(mesh)
     ]
     return Compared(pairs, (*notes, *doubts, *left_out), over)

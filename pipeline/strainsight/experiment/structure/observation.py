@@ -91,7 +91,7 @@ def _excitations(
         signals = [Sine(frequency, amplitude[name], 0.0) for name in model.inputs]
         loading = loading_of(config.train.settle, signals, duration / steps, steps)
         motion = motion_of(model, model.reference, loading)
-        excitations.append((f"{frequency:g} Hz", motion, instant_values(loading.held)))
+        excitations.append((f"{frequency:g} Hz", motion, instant_values(loading.coefficients)))
     return excitations
 
 

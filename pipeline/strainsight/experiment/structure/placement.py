@@ -148,8 +148,8 @@ class _OnStructure(Subject):
     @cached_property
     def pool(self) -> PoolRows:
         """Screened candidates."""
-        kept, symmetry = self.screened.kept, self.config.place.symmetry
-        return pool_of(kept, self.problem.channels, self.structure.pool, symmetry)
+        selected, symmetry = self.screened.kept, self.config.place.symmetry
+        return pool_of(selected, self.problem.channels, self.structure.pool, symmetry)
 
     @cached_property
     def price(self) -> np.ndarray:
@@ -179,7 +179,7 @@ class _OnStructure(Subject):
             raise ConfigError(
                 "the candidates were screened without installation errors",
                 key="place.installation",
-                remedy="Run the screening again with this config.",
+                remedy="Run the stage screen again with this config.",
             )
         return self.screened.installation
 
@@ -309,7 +309,7 @@ def _observability(problem: Problem, scenario: Scenario, subject: _OnStructure) 
 
 
 def pool_of(
-    kept: np.ndarray, channels: CandidateChannels, candidates: Candidates, symmetry: Symmetry | None
+    selected: np.ndarray, channels: CandidateChannels, candidates: Candidates, symmetry: Symmetry | None
 ) -> PoolRows:
     """Screened gauges (k,) as pool rows: single, or with a symmetry plane as mirrored pairs.
 
@@ -317,11 +317,11 @@ def pool_of(
     InfeasibleError if nothing is left.
     """
     if symmetry is None:
-        return PoolRows(kept[:, None], channels.of(kept), 0)
+        return PoolRows(selected[:, None], channels.of(selected), 0)
     with blame("place.symmetry"):
         partner = mirror_partners(candidates, symmetry.point, symmetry.normal)
-    bonded, in_pool, pairs = candidates.bonded[candidates.first], np.isin(np.arange(channels.gauges), kept), []
-    for gauge in kept:
+    bonded, in_pool, pairs = candidates.bonded[candidates.first], np.isin(np.arange(channels.gauges), selected), []
+    for gauge in selected:
         other = int(partner[gauge])
         if bonded[gauge] or other == gauge:
             pairs.append((int(gauge), -1))
@@ -329,14 +329,14 @@ def pool_of(
             pairs.append((int(gauge), other))
     if not pairs:
         raise InfeasibleError(
-            f"none of the {len(kept)} gauges of the pool has a mirror image in it",
+            f"none of the {len(selected)} gauges of the pool has a mirror image in it",
             key="place.symmetry",
             remedy="Check the plane, keep more candidates (screen.keep: all), or use a mirrored mesh.",
         )
     gauges = np.array(pairs)
     first, second = channels.of(gauges[:, 0]), channels.of(np.maximum(gauges[:, 1], 0))
     second[gauges[:, 1] < 0] = -1
-    return PoolRows(gauges, _left_aligned(np.hstack([first, second])), len(kept) - int((gauges >= 0).sum()))
+    return PoolRows(gauges, _left_aligned(np.hstack([first, second])), len(selected) - int((gauges >= 0).sum()))
 
 
 def prices(config: PlacementConfig, pool: PoolRows, candidates: Candidates) -> np.ndarray:

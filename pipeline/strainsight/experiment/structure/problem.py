@@ -70,7 +70,7 @@ class Problem:
     @property
     def u(self) -> np.ndarray:
         """Hold coefficients (steps, HOLD, n_u) [N] of the training run."""
-        return self.loading.held
+        return self.loading.coefficients
 
     @property
     def h(self) -> float:
@@ -119,7 +119,7 @@ def problem_of(structure: Structure, screened: Screened, run: TrainingRun | None
                 rule=one,
                 h=h,
                 kappa=np.array([config.loads[name].process_noise.kappa or WALK for name in unknowns.inputs]),
-                velocity=model_error_intensity(model, x, loading.held[:, 0], share),
+                velocity=model_error_intensity(model, x, loading.coefficients[:, 0], share),
             )
             for one, share in zip(rules, _model_error(config, unknowns), strict=True)
         )
@@ -157,9 +157,9 @@ def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, fl
     """Share of the training acceleration that is noise in the placement, and in the filter.
     The parameter grid filter with a damping tolerance needs none; this noise would bias its parameters.
     """
-    stated = config.process_noise.model_error
-    if stated is not None:
-        return stated, stated
+    model_error = config.process_noise.model_error
+    if model_error is not None:
+        return model_error, model_error
     tolerant = tolerances_of(config.tolerances).damping > 1
     by_grid = config.filter.method == "grid" and bool(unknowns.parameters)
     return MODEL_ERROR, 0.0 if by_grid and tolerant else MODEL_ERROR
@@ -180,17 +180,17 @@ def filter_model(
     channels: np.ndarray,
     h: float,
     noise_factor: float | np.ndarray = 1.0,
-    stated: np.ndarray | None = None,
+    sigma: np.ndarray | None = None,
 ) -> FilterModel:
     """Filter model of channels (k,) or (B, k), rows of train.h5, −1 for none, at time step h [s].
 
-    noise_factor: scalar or (B,); stated (k,): σ of a sample at problem.h, NaN for the default. Unknown loads are unconstrained if
+    noise_factor: scalar or (B,); sigma (k,): σ of a sample at problem.h, NaN for the default. Unknown loads are unconstrained if
     another load is known. Otherwise, and for a damping factor, only their random-walk model separates them from parameters.
     """
     every = problem.channels
     rows = of_channels(every.rows, channels)
     quantity = np.where(channels >= 0, every.quantity[channels], STRAIN)
-    std = every.noise_std[channels] if stated is None else np.where(np.isnan(stated), every.noise_std[channels], stated)
+    std = every.noise_std[channels] if sigma is None else np.where(np.isnan(sigma), every.noise_std[channels], sigma)
     std = np.asarray(noise_factor)[..., None] * std
     H = np.concatenate(
         [rows, np.zeros((*channels.shape, problem.unknowns.size(problem.model) - rows.shape[-1]))], axis=-1

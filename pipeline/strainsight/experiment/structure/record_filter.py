@@ -38,7 +38,7 @@ LONGEST_COMPARED = 20_000
 """Most steps of a record with a comparison of filters and a variance budget by default."""
 FILTER = 0.4
 """Share of the filter in the time of filter and smoother."""
-SHORTER = "Estimate parts of the record one after the other, or use a larger machine."
+SHORTER = "Estimate parts of the record one after the other, or use a machine with more memory."
 FEW, TRIED = 20, 1000
 """Samples of the warm-up run, and of the timed run."""
 LONG = 20_000
@@ -136,8 +136,8 @@ def record_filters(
         with in_record(test.record.label):
             settled = settled_in(problem, test) if settings.start == "settled" else None
             # the configured σ applies to a sample of the file
-            stated = test.std * np.sqrt(test.step / problem.h)
-            model = replace(filter_model(problem, test.channels, test.h, stated=stated), every=test.every)
+            sigma = test.std * np.sqrt(test.step / problem.h)
+            model = replace(filter_model(problem, test.channels, test.h, sigma=sigma), every=test.every)
             model = with_interpolation_errors(model)
             if settings.loads_as_stated:
                 model = replace(model, free_loads=False)
@@ -173,9 +173,9 @@ def filter_together(
         def smoothing(share: float, done: int = len(records)) -> None:
             progress(FILTER + (1 - FILTER) * (done + share) / len(filters))
 
-        kept = None if wanted is None else wanted(each, grid_run.run)
+        keep = None if wanted is None else wanted(each, grid_run.run)
         records.append(
-            FilteredRecord(grid_run.run, smooth_on_grid(each.grid_record, grid_run, kept, smoothing), None, grid_run)
+            FilteredRecord(grid_run.run, smooth_on_grid(each.grid_record, grid_run, keep, smoothing), None, grid_run)
         )
     return tuple(records)
 
@@ -228,7 +228,7 @@ def _require_memory(filters: Sequence[RecordFilter], some: bool) -> None:
 def budget_in(record: RecordFilter, result: FilteredRecord) -> tuple[Shares, tuple[str, ...]]:
     """Variance budget, and the reasons if it is missing."""
     if record.records > 1:
-        return {}, ("no variance budget: it is available for one record only",)
+        return {}, ("no variance budget: available for a single record only",)
     if record.long:
         return {}, (f"no variance budget: the record has more than {LONGEST_COMPARED} steps",)
     if len(record.biased):

@@ -233,7 +233,7 @@ def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.nd
         if strained < BALANCED:
             raise UserError(
                 "the load causes only rigid-body acceleration of the free structure (mesh.free) and no strain "
-                f"({strained:.1e} of it is left after inertia relief)",
+                f"({strained:.1e} of the load remains after inertia relief)",
                 key=f"loads.{name}",
                 remedy="Remove the load, or add supports (mesh.supports) instead of mesh.free.",
             )

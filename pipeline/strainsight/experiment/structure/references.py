@@ -372,7 +372,7 @@ def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
         ):
             raise UserError(
                 f"this body force of the deck would change with the parameter {name} ({parameter.property})",
-                remedy="Define it as `gravity` or `rotation` instead of `deck_load`, or remove the parameter.",
+                remedy="Define the load as `gravity` or `rotation` instead of `deck_load`, or remove the parameter.",
             )
 
 

@@ -51,8 +51,8 @@ def model_of_results(
 
     Raises UserError with key and step for missing or inconsistent results.
     """
-    stated = config.results
-    assert stated is not None
+    settings = config.results
+    assert settings is not None
     names = tuple(loads or ())
 
     def set_of(
@@ -60,18 +60,18 @@ def model_of_results(
     ) -> tuple[ImportedMotion, Results, list[str]]:
         return _set_of(config, key, modes, {} if loads is None else responses, mesh, files, names)
 
-    motion, results, notes = set_of("mesh.results", stated.modes, stated.loads)
+    motion, results, notes = set_of("mesh.results", settings.modes, settings.loads)
     forces = None if loads is None else lambda model: load_shapes(model, loads)
-    change = _change(stated, mesh, parameters)
+    change = _change(settings, mesh, parameters)
     whole = [parameter for parameter in parameters if change is None or parameter != change.parameter]
-    scaled = _proportional(stated, mesh, whole)
+    scaled = _proportional(settings, mesh, whole)
     with blame("mesh.results"), mesh.located():
         if change is None:
             built = results_model(mesh, motion, results, forces, names, scaled)
         else:
-            assert stated.second is not None
-            of_loads = stated.loads if stated.second.loads is None else stated.second.loads
-            other_motion, other_results, more = set_of(SECOND, stated.second.modes, of_loads)
+            assert settings.second is not None
+            of_loads = settings.loads if settings.second.loads is None else settings.second.loads
+            other_motion, other_results, more = set_of(SECOND, settings.second.modes, of_loads)
             notes += more
             sets = (motion, other_motion), (results, other_results)
             built = build_two_set_model(mesh, *sets, forces, names, scaled, change)
@@ -89,8 +89,8 @@ def _set_of(
 ) -> tuple[ImportedMotion, Results, list[str]]:
     """Motion on the nodes of the mesh in SI units (modes by frequency, then responses in the order of the config), results, and
     notes. key: config section; names: of all loads."""
-    stated = config.results
-    assert stated is not None
+    settings = config.results
+    assert settings is not None
     modes = WantedResult(f"{key}.modes", "mode", section.step)
     static = {name: WantedResult(f"{key}.loads.{name}", "static", load.step) for name, load in loads.items()}
     L, M = length_factor(config.length_unit), mass_factor(config.mass_unit)
@@ -104,7 +104,7 @@ def _set_of(
     results = Results(
         frequency=np.array([mode.frequency for mode in responses[: len(order)]]),
         load=np.array([names.index(name) for name in static], dtype=np.int64),
-        modal_mass=_modal_mass(stated, responses[: len(order)], M * L**2),
+        modal_mass=_modal_mass(settings, responses[: len(order)], M * L**2),
         rounding=max(response.rounding for response in responses),
         where=tuple(response.where for response in responses),
     )
@@ -112,12 +112,12 @@ def _set_of(
         return extend_motion(mesh, _stacked(motion, size, L)), results, notes
 
 
-def _change(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:
+def _change(settings: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:
     """Parameter of the second set and its two values; None without a second set."""
-    if stated.second is None:
+    if settings.second is None:
         return None
-    parameter = next(one for one in parameters if one.name == stated.second.parameter)
-    return Change(parameter, _made_with(stated, mesh, parameter), stated.second.at)
+    parameter = next(one for one in parameters if one.name == settings.second.parameter)
+    return Change(parameter, _made_with(settings, mesh, parameter), settings.second.at)
 
 
 def _gather(
@@ -204,7 +204,7 @@ def _check_responses(wanted: WantedResult, path: Path, steps: list[str]) -> None
             f"step {several[0]} has {len(wanted.responses)} static responses (load increments)",
             where=str(path),
             key=wanted.key,
-            remedy="Write a linear step with one increment.",
+            remedy="Export results of a linear step with one increment.",
         )
 
 
@@ -218,17 +218,17 @@ def _stacked(motion: list[np.ndarray], size: list[float], length: float) -> np.n
     return stack
 
 
-def _modal_mass(stated: ResultsSection, modes: list[Response], unit: float) -> np.ndarray | None:
+def _modal_mass(settings: ResultsSection, modes: list[Response], unit: float) -> np.ndarray | None:
     """Modal masses ΦᵀMΦ (m,) [kg m²]; unit: of the file [kg m²]."""
-    if stated.modal_mass == "mesh":
+    if settings.modal_mass == "mesh":
         return None
-    if stated.modal_mass == "unit":
+    if settings.modal_mass == "unit":
         return np.full(len(modes), unit)
     known = [mode.modal_mass for mode in modes if mode.modal_mass is not None]
     return unit * np.array(known) if len(known) == len(modes) else None
 
 
-def _proportional(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
+def _proportional(entry: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
     """Map "stiffness" or "mass" to the parameter that scales it, and the value at which the results were computed.
     Raises UserError for a property of only a part of the model, and if that value is unknown.
     """
@@ -238,27 +238,27 @@ def _proportional(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Param
         kind, but = ("stiffness", "springs") if stiffness else ("mass", "point masses")
         elsewhere = mesh.springs if stiffness else mesh.point_masses
         if set(regions_of(mesh.elements)) - set(parameter.regions) or elsewhere:
-            part = f"it does not scale the {but} of the deck" if elsewhere else "it scales only some regions"
+            part = f"{parameter.name} does not scale {f'the {but} of the deck' if elsewhere else 'all regions'}"
             raise UserError(
                 f"results at one value determine only the effect of a factor on the whole {kind}, but {part}",
                 key=f"parameters.{parameter.name}",
                 remedy="Estimate a property or a stiffness_factor of all regions, or import a second set of results at another "
                 "value (mesh.results.second), the deck, or mesh.matrices.",
             )
-        scaled[kind] = parameter.name, _made_with(stated, mesh, parameter)
+        scaled[kind] = parameter.name, _made_with(entry, mesh, parameter)
     return scaled
 
 
-def _made_with(stated: ResultsSection, mesh: Mesh, parameter: Parameter) -> float:
-    if parameter.name in stated.at:
-        return stated.at[parameter.name]
+def _made_with(settings: ResultsSection, mesh: Mesh, parameter: Parameter) -> float:
+    if parameter.name in settings.at:
+        return settings.at[parameter.name]
     if parameter.property == "stiffness_factor":
         return 1.0
     read = modulus_of if parameter.property == "youngs_modulus" else density_of
     known = all(mesh.material_of(number) is not None for number in parameter.regions)
     values = {read(mesh, number) for number in parameter.regions} if known else set()
     if len(values) != 1:
-        what = f"the regions have {len(values)} different values" if values else "the mesh does not define it"
+        what = f"the regions have {len(values)} different values" if values else "the mesh does not define any value"
         raise UserError(
             f"the {parameter.property} of the imported results is unknown: {what}",
             key="mesh.results.at",

@@ -133,7 +133,7 @@ def _screened(
     """
     keep = None if settings.keep == "all" else settings.keep
     kinds = pool.array[pool.first]
-    kept, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")
+    selected, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")
     snr = np.max([np.sqrt(np.bincount(pool.gauge, of_unknown**2, pool.gauges)) for of_unknown in ratio], axis=0)
     for kind in np.unique(kinds):
         gauges = np.flatnonzero((kinds == kind) & ~near)
@@ -151,9 +151,9 @@ def _screened(
             limit=limit[channels],
             also_at=None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel]),
         )
-        kept.append(gauges[screening.kept])
+        selected.append(gauges[screening.kept])
         snr[gauges], reason[gauges] = screening.snr, screening.reason
-    return Screening(np.sort(np.concatenate(kept)), snr, reason)
+    return Screening(np.sort(np.concatenate(selected)), snr, reason)
 
 
 def _by_unknowns(structure: Structure, noise_std: np.ndarray, v: np.ndarray | None) -> np.ndarray:
@@ -209,7 +209,7 @@ def _alone(structure: Structure) -> Iterator[tuple[int, np.ndarray]]:
 
 def _motion(model: ReducedModel, theta: Mapping[str, float], loading: Loading) -> Sequence[np.ndarray]:
     """Displacement q and acceleration q̈ (T, n) under the loads."""
-    x, u = motion_of(model, theta, loading), instant_values(loading.held)
+    x, u = motion_of(model, theta, loading), instant_values(loading.coefficients)
     return x[:, : model.size], accelerations(model, theta, x, u)
 
 
@@ -221,10 +221,10 @@ def _rms(rows: np.ndarray, sensing: np.ndarray, motion: Sequence[np.ndarray]) ->
     return np.asarray(rms)
 
 
-def _noise_std(stated: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) -> float:
+def _noise_std(noise: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) -> float:
     """σ of a family of sensors: absolute, or relative to its strongest candidate."""
-    if isinstance(stated, AbsoluteNoise):
-        return stated.value
+    if isinstance(noise, AbsoluteNoise):
+        return noise.value
     strongest = float(rms.max())
     if strongest <= 0:
         raise ConfigError(
@@ -232,4 +232,4 @@ def _noise_std(stated: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str)
             key=key,
             remedy="Set {value: …}, or load the structure.",
         )
-    return stated.relative_to_strongest * strongest
+    return noise.relative_to_strongest * strongest

@@ -22,11 +22,11 @@ DECAYS = 3.0
 class Loading:
     """Loads from t = 0, and during the settling time before.
 
-    held (steps, HOLD, n_u) [N]: hold coefficients of all_steps step h [s]; tones: of all loads if the motion is periodic from the
-    start; lead (k, HOLD, n_u) [N]: steps from rest before t = 0.
+    coefficients (steps, HOLD, n_u) [N]: hold coefficients at every step h [s]; tones: of all loads if the motion is periodic
+    from the start; lead (k, HOLD, n_u) [N]: steps from rest before t = 0.
     """
 
-    held: np.ndarray
+    coefficients: np.ndarray
     h: float
     tones: Tones | None
     lead: np.ndarray
@@ -40,19 +40,19 @@ class Loading:
 def loading_of(settle: Settle, signals: Sequence[Signal], h: float, steps: int) -> Loading:
     """Build the loads with the start set by `train.settle`:
 
-    auto     periodic from the start if all_steps signal is a sum of sines and constants, else from rest
+    auto     periodic from the start if every signal is a sum of sines and constants, else from rest
     none     from rest
     seconds  from rest this time before t = 0, rounded up to whole steps, under the same signals
 
     h [s]; steps: from t = 0. Raises ConfigError if a signal is unknown before t = 0, InfeasibleError if it ends too early.
     """
-    held = hold_coefficients(signals, 0.0, h, steps)
-    lead, tones = np.zeros((0, HOLD, held.shape[-1])), None
+    coefficients = hold_coefficients(signals, 0.0, h, steps)
+    lead, tones = np.zeros((0, HOLD, coefficients.shape[-1])), None
     if settle == "auto":
         tones = tones_of(signals)
     elif settle != "none":
         lead = _lead(settle, signals, h)
-    return Loading(held, h, tones, lead)
+    return Loading(coefficients, h, tones, lead)
 
 
 def _lead(settle: float, signals: Sequence[Signal], h: float) -> np.ndarray:
@@ -68,18 +68,18 @@ def _lead(settle: float, signals: Sequence[Signal], h: float) -> np.ndarray:
         raise ConfigError(error.what, key="train.settle", remedy=remedy) from None
 
 
-def tones_in(held: np.ndarray, h: float, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def tones_in(coefficients: np.ndarray, h: float, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Fit W (k, HOLD, n) complex: Σₖ Re Wₖ exp(iωₖjh) approximates the hold coefficients of step j (least squares).
 
-    held (T, HOLD, n); h [s]; frequency ω (k,) [rad/s]. Returns W and the relative RMS residual of the loads (n,).
+    coefficients (T, HOLD, n); h [s]; frequency ω (k,) [rad/s]. Returns W and the relative RMS residual of the loads (n,).
     """
-    phase = np.outer(h * np.arange(len(held)), frequency)
+    phase = np.outer(h * np.arange(len(coefficients)), frequency)
     columns = np.hstack([np.cos(phase), -np.sin(phase)])
-    flat = held.reshape(len(held), -1)
+    flat = coefficients.reshape(len(coefficients), -1)
     amplitude = np.linalg.lstsq(columns, flat, rcond=None)[0]
-    off = (flat - columns @ amplitude).reshape(held.shape)[:, 0]
-    real, imaginary = amplitude.reshape(2, len(frequency), *held.shape[1:])
-    size = np.sqrt(np.mean(held[:, 0] ** 2, axis=0))
+    off = (flat - columns @ amplitude).reshape(coefficients.shape)[:, 0]
+    real, imaginary = amplitude.reshape(2, len(frequency), *coefficients.shape[1:])
+    size = np.sqrt(np.mean(coefficients[:, 0] ** 2, axis=0))
     return real + 1j * imaginary, np.sqrt(np.mean(off**2, axis=0)) / np.where(size > 0, size, 1.0)
 
 
@@ -89,8 +89,8 @@ def motion_of(model: ReducedModel, theta: Mapping[str, float], loading: Loading)
         tones = loading.tones
         with blame("train.settle"):
             start = steady_start(model, theta, loading.h, tones.frequency, tones.amplitude)
-        return simulate(model, theta, loading.held, loading.h, start)
-    all_steps = np.concatenate([loading.lead, loading.held])
+        return simulate(model, theta, loading.coefficients, loading.h, start)
+    all_steps = np.concatenate([loading.lead, loading.coefficients])
     return simulate(model, theta, all_steps, loading.h)[len(loading.lead) :]
 
 
@@ -111,6 +111,6 @@ def ringing_in_words(settle: Settle, loading: Loading, model: ReducedModel, inst
         return ""
     until_words = "is undamped" if np.isinf(until) else f"lasts {until:.3g} s, {DECAYS:g} decay times of the first mode"
     return (
-        f"{early} of {len(instants)} linearisation instants lie in the initial transient, which {until_words}. σ applies to this "
-        "motion (train.settle)."
+        f"{early} of {len(instants)} linearisation instants lie in the initial transient, which {until_words}. Expected σ "
+        "includes this transient (train.settle)."
     )

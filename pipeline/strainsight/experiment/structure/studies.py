@@ -43,7 +43,7 @@ CHOICES = 1 << 31
 
 
 def studies_of(
-    trial: Trial, settings: Validate, kept: np.ndarray, allowed: np.ndarray, seed: int, sweep: Sweep = serial
+    trial: Trial, settings: Validate, screened: np.ndarray, allowed: np.ndarray, seed: int, sweep: Sweep = serial
 ) -> tuple[dict[str, Any], int]:
     """Run the studies of `Validated`; returns its fields and the number of diverged runs:
 
@@ -52,7 +52,7 @@ def studies_of(
     screened   random layouts from the screened pool, with the noise of the layout
     all        random layouts from all candidates
 
-    settings: the validate section; kept: screened pool; allowed: all gauges that keep the clearance. Repeats start at the truth
+    settings: the validate section; screened: pool; allowed: all gauges that keep the clearance. Repeats start at the truth
     plus a sample of the initial σ, as the filter assumes."""
     rng = np.random.default_rng([seed, CHOICES])
     spread = np.array([settings.initial_std[name] for name in trial.names])
@@ -66,7 +66,7 @@ def studies_of(
     }
     every = trial.problem.channels
     size = len(np.unique(every.gauge[trial.chosen]))
-    for key, pool in (("screened", kept), ("all", allowed)):
+    for key, pool in (("screened", screened), ("all", allowed)):
         sets = [rng.choice(pool, size, replace=False) for _ in range(count)]
         channels = every.of(np.array(sets, dtype=int).reshape(count, size))
         parts[key] = _runs(count, channels.reshape(count, size * channels.shape[-1]), 1.0, home)

@@ -113,11 +113,11 @@ def virtual_of(structure: Structure, field: Displaced) -> Virtual | None:
     if not entries:
         return None
     facets = structure.skin.facets
-    stated = [
+    bonded_entries = [
         BondedEntry(e.position, e.direction, gauges.grid_length if e.length is None else e.length, e.angles)
         for e in entries
     ]
-    pool = bonded(mesh, facets, stated, gauges.snap_tolerance, key="estimate.virtual")[0]
+    pool = bonded(mesh, facets, bonded_entries, gauges.snap_tolerance, key="estimate.virtual")[0]
     rows, change = rows_along(
         mesh,
         structure.free_thicknesses,
@@ -163,18 +163,18 @@ def _state(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int) -> Surfac
 
 
 def surface_grid(
-    skin: Skin, model: FilterModel, smoothed: Smoothed, stated: Field3D | None, damage: DamageAt | None = None
+    skin: Skin, model: FilterModel, smoothed: Smoothed, settings: Field3D | None, damage: DamageAt | None = None
 ) -> VtkHdf | None:
     """Surface grid with fields in time and damage, None without either.
 
-    stated: settings of the fields (displacement, strain and stress of every exterior facet, with σ unless withheld); damage: of
+    settings: of the fields (displacement, strain and stress of every exterior facet, with σ unless withheld); damage: of
     the facets. Stress and its σ are linearised in the coordinates and the estimated moduli.
     """
-    if stated is None:
+    if settings is None:
         return None if damage is None else damage_grid(skin, damage)
     displacing = skin.field.states(smoothed.mean)
     used, blocks, order = facet_cells(skin.facets)
-    frames = frames_of(stated, smoothed.time)
+    frames = frames_of(settings, smoothed.time)
     data: dict[str, list[np.ndarray]] = {}
     for k in frames:
         state = _state(skin, model, smoothed, int(k))
@@ -192,9 +192,9 @@ def surface_grid(
     )
 
 
-def frames_of(stated: Field3D, time: np.ndarray) -> np.ndarray:
+def frames_of(settings: Field3D, time: np.ndarray) -> np.ndarray:
     """Indices of the frames among the smoother's instants (T + 1,) [s]; FRAMES by default."""
-    step = stated.every or time[-1] / FRAMES
+    step = settings.every or time[-1] / FRAMES
     frames = np.unique(np.round(np.arange(0, time[-1] + 0.5 * step, step) / (time[1] - time[0])).astype(int))
     return frames[frames < len(time)]
 

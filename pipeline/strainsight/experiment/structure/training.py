@@ -111,10 +111,10 @@ def typical_of(
 ) -> dict[str, tuple[float, float]]:
     """Frequency [Hz] and amplitude of unknown loads in a run, from its load case, process_noise or the signal; an inactive load
     keeps the configured values, as its filter does not assume that it is inactive."""
-    stated = config.place.load_cases[run.name].loads if run.name and config.place.load_cases else {}
+    case_loads = config.place.load_cases[run.name].loads if run.name and config.place.load_cases else {}
     typical = {}
     for name in names:
-        load, entry = config.loads[name], stated.get(name)
+        load, entry = config.loads[name], case_loads.get(name)
         if name in run.silent:
             typical[name] = characteristic(load, signal_of(name, load.signal, files), config.train.duration)
             continue
@@ -155,14 +155,14 @@ def trained(
     the surface, None for an imported strain operator."""
     model = reduced.model
     of_cases = [run for run in runs_of(config, model.inputs, using.files) if run.name]
-    stated, *cases = (_moved(run, reduced) for run in (run_as_stated(config, model.inputs, using.files), *of_cases))
+    nominal, *cases = (_moved(run, reduced) for run in (run_as_stated(config, model.inputs, using.files), *of_cases))
     n = model.size
     using.progress("candidates", 0.3)
     surface, given_rows, change, free = None, None, NO_CHANGE, free_thicknesses(config, mesh, model.reference)
     names: tuple[str, ...] = ()
     if config.gauges.given is None:
         with np.errstate(over="ignore", invalid="ignore"):  # infinite readings are refused below
-            moments = [moved.x[:, :n].T @ moved.x[:, :n] / len(moved.x) for moved in cases or [stated]]
+            moments = [moved.x[:, :n].T @ moved.x[:, :n] / len(moved.x) for moved in cases or [nominal]]
         surface = candidates_on_surface(mesh, config, using.files, reduced.basis, np.mean(moments, axis=0))
         pool, names = surface.candidates, surface.names
         field, skin = (
@@ -173,13 +173,13 @@ def trained(
             mesh, free, lambda thickness: channel_rows(mesh.position, pool, field, facets=skin, thickness=thickness)
         )
     else:
-        pool, given_rows = _given(config, mesh, using)
+        pool, given_rows = _imported_gauges(config, mesh, using)
         names = tuple(str(number) for number in pool.element)
         assert reduced.matrices is not None  # required by the config with imported gauges
         both = given_rows @ with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
     motions = {}
-    for moved in (stated, *cases):
+    for moved in (nominal, *cases):
         if moved.run.name:
             using.progress(f"readings of {moved.run.name}", 0.5)
         motions[moved.run.name] = _read(moved, reduced, rows, pool)
@@ -196,14 +196,14 @@ def trained(
         load=as_stated.load,
         coordinate=as_stated.coordinate,
         velocity=as_stated.velocity,
-        acceleration=accelerations(model, model.reference, stated.x, stated.u),
+        acceleration=accelerations(model, model.reference, nominal.x, nominal.u),
         rms_as_stated=as_stated.rms,
         peak_as_stated=as_stated.peak,
         cases=motions,
     )
     if pool.arms is not None:
         thickness = thickness_at(mesh, free, model.reference)
-        most = _arm_peak(mesh, training, cases or [stated], reduced.basis, thickness)
+        most = _arm_peak(mesh, training, cases or [nominal], reduced.basis, thickness)
         training = replace(training, arm_peak=most)
     return training, surface
 
@@ -220,7 +220,7 @@ class _Moved:
 def _moved(run: TrainingRun, reduced: Reduced) -> _Moved:
     refuse_times(reduced.frequency, run.duration, run.time_step, run.key)
     loading = run.loading()
-    return _Moved(run, motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held))
+    return _Moved(run, motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.coefficients))
 
 
 def _read(moved: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> CaseMotion:
@@ -248,7 +248,7 @@ def _arm_peak(
     return peak
 
 
-def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candidates, sparse.csr_array]:
+def _imported_gauges(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candidates, sparse.csr_array]:
     """Imported gauges and strain operator, without gauges in excluded zones."""
     gauges = config.gauges
     if gauges.surface != "all":

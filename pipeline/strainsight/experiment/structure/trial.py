@@ -177,7 +177,7 @@ def trial_of(
             truth=truth,
             gauges=gauges,
             chosen=chosen,
-            stopped=int(truth.held[gauges].sum()),
+            stopped=int(truth.limited[gauges].sum()),
             covariance=P,
             units=unknown_units(config),
             tolerated=tolerated,
@@ -196,13 +196,13 @@ def _in_time(
     """Fields of a trial that depend on its time step; count: channels of the gauges."""
     unknowns, steps = problem.unknowns, round(duration / h)
     loading = loading_of(problem.run.settle, list(problem.run.signals.values()), h, steps)
-    load = instant_values(loading.held)
+    load = instant_values(loading.coefficients)
     history = {name: load[:, problem.columns([name])[0]] for name in unknowns.inputs}
     history |= {name: np.full(steps + 1, truth.theta[name]) for name in unknowns.parameters}
     return {
         "h": h,
         "time": h * np.arange(steps + 1),
-        "known": loading.held[:, :, problem.columns(problem.known)],
+        "known": loading.coefficients[:, :, problem.columns(problem.known)],
         "motion": truth.motion(loading),
         "history": history,
         "settled": settled_under(problem, loading),

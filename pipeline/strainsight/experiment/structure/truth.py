@@ -55,18 +55,18 @@ def installation_of(config: PlacementConfig, pool: Candidates, realisation: int)
 
     A position or angle error set by `validate.truth` has this size, in a direction sampled once for all realisations.
     """
-    stated = config.validation.truth
+    settings = config.validation.truth
     rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
     installation = sample_installation(pool, installation_std(tolerances_of(config.tolerances)), rng)
     fixed = np.random.default_rng(config.seed)
     grids = pool.grids
     heading, way = fixed.uniform(0, 2 * np.pi, grids.gauges), fixed.choice([-1.0, 1.0], grids.gauges)
     free = ~grids.bonded[grids.first]
-    if stated.gauge_offset is not None:
+    if settings.gauge_offset is not None:
         ahead = np.column_stack([np.cos(heading), np.sin(heading)])
-        installation = replace(installation, place=stated.gauge_offset * ahead * free[:, None])
-    if stated.gauge_rotation is not None:
-        turn = np.deg2rad(stated.gauge_rotation) * way * free
+        installation = replace(installation, place=settings.gauge_offset * ahead * free[:, None])
+    if settings.gauge_rotation is not None:
+        turn = np.deg2rad(settings.gauge_rotation) * way * free
         installation = replace(installation, angle=turn, tilt=np.zeros_like(installation.tilt))
     return installation
 
@@ -99,13 +99,13 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
     s, sᵢ: standard normal, sᵢ per mode. `damping_factor` of `validate.truth` replaces sampled damping. The stiffness is unchanged
     if a modulus is estimated.
     """
-    tolerances, stated = tolerances_of(config.tolerances), config.validation.truth.damping_factor
+    tolerances, damping_factor = tolerances_of(config.tolerances), config.validation.truth.damping_factor
     rng = np.random.default_rng([config.seed, realisation, MODEL])
     scale = np.exp(tolerances.model * rng.standard_normal())
     factors = np.exp(np.log(tolerances.damping) * rng.standard_normal(model.size))
     common, by_mode = rng.standard_normal(), rng.standard_normal(model.size)
-    if stated is not None:
-        model = replace(model, damping=model.damping.scaled(stated))
+    if damping_factor is not None:
+        model = replace(model, damping=model.damping.scaled(damping_factor))
     elif tolerances.damping > 1:
         model = replace(model, damping=model.damping.scaled(factors.tolist()))
     if tolerances.frequency > 0:
@@ -120,15 +120,15 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
 
 def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
     """Sampled errors with σ, in words; by_rows: whether gauges are imported as a strain operator, which cannot be moved."""
-    tolerances, stated, moved = tolerances_of(config.tolerances), config.validation.truth, not by_rows
+    tolerances, settings, moved = tolerances_of(config.tolerances), config.validation.truth, not by_rows
     damped = [f"damping of every mode factor {tolerances.damping:g}"] * (
-        tolerances.damping > 1 and stated.damping_factor is None
+        tolerances.damping > 1 and settings.damping_factor is None
     )
     sources = (
         ("frequency", 100, "natural frequencies {:g} %", True),
         ("model", 100, "stiffness {:g} %", not modulus_estimated(config)),
-        ("position", 1e3, "position {:g} mm per axis", moved and stated.gauge_offset is None),
-        ("angle", 1, "angle {:g}°", moved and stated.gauge_rotation is None),
+        ("position", 1e3, "position {:g} mm per axis", moved and settings.gauge_offset is None),
+        ("angle", 1, "angle {:g}°", moved and settings.gauge_rotation is None),
         ("gain", 100, "gain {:g} %", True),
         ("transverse", 100, "transverse sensitivity {:g} %", moved),
         ("offset", 1e6, "offset {:g} µm/m", True),
@@ -149,13 +149,13 @@ def varies(config: PlacementConfig) -> bool:
 
 def in_words(config: PlacementConfig, by_rows: bool) -> str:
     """Describe the errors of the truth, beginning with a comma; by_rows: see `_sources`."""
-    stated, fixed = config.validation.truth, []
-    if stated.damping_factor is not None:
-        fixed.append(f"damping × {stated.damping_factor:g}")
+    settings, fixed = config.validation.truth, []
+    if settings.damping_factor is not None:
+        fixed.append(f"damping × {settings.damping_factor:g}")
     if by_rows:
         fixed.append("gauges in their exact positions, because an imported strain operator cannot be moved")
-    elif stated.gauge_offset is not None or stated.gauge_rotation is not None:
-        sizes = ((stated.gauge_offset, 1e3, " mm"), (stated.gauge_rotation, 1.0, "°"))
+    elif settings.gauge_offset is not None or settings.gauge_rotation is not None:
+        sizes = ((settings.gauge_offset, 1e3, " mm"), (settings.gauge_rotation, 1.0, "°"))
         parts = (f"{factor * size:g}{unit}" for size, factor, unit in sizes if size is not None)
         fixed.append(f"gauges misplaced by {' and '.join(parts)}")
     sources = _sources(config, by_rows)
@@ -204,14 +204,14 @@ class ModalMotion:
 class SimulatedTruth:
     """Simulated truth.
 
-    theta: true parameters [SI]; held (gauges,): whether a sharp edge limited the position error; motion: maps a loading to a
+    theta: true parameters [SI]; limited (gauges,): whether a sharp edge limited the position error; motion: maps a loading to a
     simulated motion; again: maps realisation and gauges to a resampled truth of these gauges, None without sampling; field:
     displacement of all nodes per coordinate of a `ModalMotion` (3 nodes, r), else None.
     """
 
     theta: Mapping[str, float]
     description: str
-    held: np.ndarray
+    limited: np.ndarray
     motion: Callable[[Loading], SimulatedMotion]
     again: Callable[[int, np.ndarray], SimulatedTruth] | None = None
     field: Callable[[], np.ndarray] | None = None
@@ -228,26 +228,26 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     spectrum: modes valid for all parameter values, used instead of new ones.
     """
     config, mesh, training, reduced = structure.config, structure.mesh, structure.training, structure.reduced
-    stated = config.validation.truth
-    theta = {**problem.model.reference, **stated.parameters}
-    values = ", ".join(f"{name} = {value:.6g}" for name, value in stated.parameters.items()) or "the same parameters"
+    settings = config.validation.truth
+    theta = {**problem.model.reference, **settings.parameters}
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in settings.parameters.items()) or "guessed parameters"
     pool = training.candidates
-    if stated.model == "rom":
+    if settings.model == "rom":
         rows = training.rows_at(theta)
         words = f"the filter's own reduced model with {values} (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
     parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh))
     thickness = thickness_at(mesh, [parameter for parameter in parameters if parameter.property == THICKNESS], theta)
     built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
-    modes = built.at_most(stated.modes)
+    modes = built.at_most(settings.modes)
     damping = damping_of(config.damping).scaled(theta.get(problem.model.damping.parameter, 1.0))
     with blame("validate.truth"):
         S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
-    if stated.model == "full":
+    if settings.model == "full":
         words = f"transient solution of the full finite-element model, {values}"
         return _full(structure, damping, built, S, theta, words, modes, using, thickness)
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
-    misaligned, static, aside = stated.model == "perturbed" and misaligned_loads(config), reduced.static, None
+    misaligned, static, aside = settings.model == "perturbed" and misaligned_loads(config), reduced.static, None
     if misaligned:
         aside = misalignment_shapes(built.model, list(loads.values())).reshape(len(static), -1)
         static = np.hstack([static, reduced.misaligned.static.reshape(len(static), -1)])
@@ -255,23 +255,23 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     with blame("validate.truth.modes"):
         model, basis = modal_model(built.model, S, problem.model.inputs, theta, modes, damping, shapes, aside)
     source = (
-        "full model" if built.modes is None else f"imported results ({built.modes} of {stated.modes} modes available)"
+        "full model" if built.modes is None else f"imported results ({built.modes} of {settings.modes} modes available)"
     )
     words = f"{modes} modes of the {source} with static corrections, {values}"
     installed = _installed(structure, built, basis, thickness)
-    if stated.model == "modes":
-        rows, held = installed(np.arange(pool.gauges), None)
-        return replace(_modal(theta, words, held, model, rows, pool), field=partial(nodal, built.model, basis))
+    if settings.model == "modes":
+        rows, limited = installed(np.arange(pool.gauges), None)
+        return replace(_modal(theta, words, limited, model, rows, pool), field=partial(nodal, built.model, basis))
     words += in_words(config, by_rows=training.given is not None)
 
     def sample(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
         installation = installation_of(config, pool, realisation).take(pool, gauges)
         with blame("tolerances"):
-            rows, held = installed(gauges, installation)
+            rows, limited = installed(gauges, installation)
         sampled, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
         if misaligned_loads(config) or (_some_known(config) and structure.tolerances.load_gain > 0):
             sampled = sampled.acted_on(basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
-        truth = _modal(theta, words, held, sampled, rows, part, installation)
+        truth = _modal(theta, words, limited, sampled, rows, part, installation)
         return replace(truth, field=partial(nodal, built.model, basis))
 
     return replace(sample(0, np.arange(pool.gauges)), again=sample if varies(config) else None)
@@ -301,11 +301,11 @@ def _installed(structure: Structure, built: FullModel, basis: np.ndarray, thickn
     """
     training, pool, position = structure.training, structure.pool, structure.mesh.position
     if training.given is not None:
-        stated = training.given @ (built.motion @ basis)
+        strain_operator = training.given @ (built.motion @ basis)
 
         def scaled(gauges: np.ndarray, installation: Installation | None) -> tuple[np.ndarray, np.ndarray]:
             gain = 0.0 if installation is None else installation.gain[:, None]
-            return (1 + gain) * stated[pool.channels(gauges)], np.zeros(len(gauges), dtype=bool)
+            return (1 + gain) * strain_operator[pool.channels(gauges)], np.zeros(len(gauges), dtype=bool)
 
         return scaled
     field, skin = nodal(built.model, basis), structure.skin
@@ -323,7 +323,7 @@ def _installed(structure: Structure, built: FullModel, basis: np.ndarray, thickn
 def _modal(
     theta: Mapping[str, float],
     words: str,
-    held: np.ndarray,
+    limited: np.ndarray,
     model: ReducedModel,
     rows: np.ndarray,
     pool: Candidates,
@@ -336,15 +336,15 @@ def _modal(
 
     def motion(loading: Loading) -> SimulatedMotion:
         x = motion_of(model, at, loading)
-        a = accelerations(model, at, x, instant_values(loading.held))
+        a = accelerations(model, at, x, instant_values(loading.coefficients))
         return ModalMotion(x[:, : model.size], a, rows, pool.quantity == ACCELERATION, *zero)
 
-    return SimulatedTruth(theta, words, held, motion)
+    return SimulatedTruth(theta, words, limited, motion)
 
 
 def _full(
     structure: Structure,
-    stated: Damping,
+    damping: Damping,
     built: FullModel,
     S: np.ndarray,
     theta: Mapping[str, float],
@@ -353,7 +353,7 @@ def _full(
     using: Resources,
     thickness: Thickness | None,
 ) -> SimulatedTruth:
-    """Truth by a transient solution; stated: damping; modes: number of modes with the modal damping ratio."""
+    """Truth by a transient solution; modes: number of modes with the modal damping ratio."""
     # solvers only needed here
     from strainsight.fem.factorisation import relief_of
     from strainsight.fem.transient import ViscousDamping, free_rows, modal_damping, steady_state, transient
@@ -361,10 +361,10 @@ def _full(
     K, M = built.model.stiffness.at(theta), built.model.mass.at(theta)
     if built.model.rigid is not None:
         S = relief_of(M, built.model.rigid).balance(S)  # gauges do not measure rigid-body motion
-    if stated.kind == "modal":
-        viscous = modal_damping(K, M, stated.ratio, modes, rigid=built.model.rigid)
+    if damping.kind == "modal":
+        viscous = modal_damping(K, M, damping.ratio, modes, rigid=built.model.rigid)
     else:
-        viscous = ViscousDamping(stated.alpha, stated.beta)
+        viscous = ViscousDamping(damping.alpha, damping.beta)
     training, pool = structure.training, structure.pool
     if training.given is not None:
         assert built.motion is not None
@@ -381,14 +381,14 @@ def _full(
                 S,
                 theta,
                 viscous,
-                np.concatenate([loading.lead, loading.held]),
+                np.concatenate([loading.lead, loading.coefficients]),
                 loading.h,
                 rows[np.flatnonzero(~moving)],
                 rows[np.flatnonzero(moving)] if moving.any() else None,
                 start=None if tones is None else steady_state(K, M, S, viscous, tones.frequency, tones.amplitude),
-                progress=lambda share: using.progress("truth", 0.2 * share),
+                progress=lambda share: using.progress("simulated test", 0.2 * share),
             )
-        readings = np.empty((len(loading.held) + 1, len(moving)))
+        readings = np.empty((len(loading.coefficients) + 1, len(moving)))
         readings[:, ~moving], readings[:, moving] = run.reading[lead:], run.acceleration[lead:]
         return lambda channels: readings[:, channels]
 

@@ -80,7 +80,7 @@ class Validation:
     """Result of a validation.
 
     trial: truth and data of the filter; validated: histories, studies and field; accuracy: by unknown; whiteness: correlation of
-    consecutive innovations; verdict: result of the innovation check, in words; diverged: number of diverged study runs; without:
+    consecutive innovations; innovation_text: result of the innovation check; diverged: number of diverged study runs; without:
     sentences on unknowns without a variance budget.
     """
 
@@ -88,7 +88,7 @@ class Validation:
     validated: Validated
     accuracy: dict[str, Accuracy]
     whiteness: float
-    verdict: str
+    innovation_text: str
     diverged: int
     without: tuple[str, ...]
 
@@ -112,7 +112,7 @@ def validation_of(
     """
     config = structure.config
     seed, settings = config.seed, config.validation
-    using.progress("truth", 0.0)
+    using.progress("simulated test", 0.0)
     problem = problem_of(structure, screened)
     # the eigenvalue solver needs the main thread to use all cores
     tolerances, truth = side_by_side(
@@ -354,7 +354,7 @@ def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
             "nees": float(np.mean(consistency.nees)),
             "nis": float(np.mean(consistency.nis)),
             "whiteness": validation.whiteness,
-            "verdict": validation.verdict,
+            "verdict": validation.innovation_text,
             "lost_runs": validation.diverged,
         }
     )
@@ -376,7 +376,7 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
     ]
     for name, accuracy in validation.accuracy.items():
         if name in trial.problem.unknowns.parameters:
-            value = f"{name} {accuracy.estimate:.4g} {trial.units[name]} (truth {trial.truth.theta[name]:.4g})"
+            value = f"{name} {accuracy.estimate:.4g} {trial.units[name]} (true value {trial.truth.theta[name]:.4g})"
             claimed = "" if withheld else f" (claimed σ {100 * accuracy.std:.2g} %)"
             words.append(f"{value}, error {100 * accuracy.error:.2f} %{claimed}")
         else:
@@ -394,7 +394,7 @@ MEDIANS = ("random, screened (median)", "random, all (median)")
 def _table(validation: Validation, withheld: bool) -> Table:
     """Table of every unknown with the layout, and the median error of random layouts."""
     trial, validated = validation.trial, validation.validated
-    columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)
+    columns = ("unknown", "estimate", "true value", "error", "claimed σ", "smoothed", *MEDIANS)
     rows = []
     for name, accuracy in validation.accuracy.items():
         if name in trial.problem.unknowns.parameters:
@@ -409,4 +409,4 @@ def _table(validation: Validation, withheld: bool) -> Table:
         errors = [f"{100 * value:.3f} %" for value in (accuracy.error, accuracy.std, accuracy.smoothed)]
         errors[1] = "withheld" if withheld else errors[1]
         rows.append((name, f"{accuracy.estimate:.5g} {trial.units[name]}{rms}", truth, *errors, *medians))
-    return Table(f"estimates; truth: {trial.truth.description}", columns, tuple(rows))
+    return Table(f"estimates; simulated test: {trial.truth.description}", columns, tuple(rows))

@@ -95,7 +95,7 @@ class ParameterCoordinates:
             if unknown.kind == "preload":
                 xi[k] = value / MICROMETRE
                 continue
-            inside, bound = value, "0"
+            inside, bound = value, "not positive"
             if unknown.kind == "diameter":
                 inside = 2 * unknown.smallest / value - 1 if value > 0 else value
                 bound = f"not between 0 and {2 * unknown.smallest:.6g} m, the clearance of the grooves"
@@ -104,7 +104,7 @@ class ParameterCoordinates:
                 inside = 2 * (value - unknown.oversize) / ball - 1
                 bound = f"not above the ball's radius of {0.5 * ball + unknown.oversize:.6g} m"
             if not inside > 0:
-                raise InfeasibleError(f"{unknown.name} of {value:.6g} is {bound}", remedy="start from a feasible value")
+                raise InfeasibleError(f"{unknown.name} of {value:.6g} is {bound}", remedy="choose another guess")
             xi[k] = np.log(inside)
         return xi
 
@@ -144,7 +144,7 @@ def parameter_coordinates(
             continue
         if bearing not in bearings:
             raise InfeasibleError(
-                f"{name} is free, but the dimensions of bearing {bearing} are missing", remedy="specify its six values"
+                f"{name} is free, but the dimensions of bearing {bearing} are missing", remedy="specify six values"
             )
         unknowns.append(_of_bearing(bearing, part, names, free, reference, np.asarray(bearings[bearing], dtype=float)))
     coordinates = ParameterCoordinates(tuple(free), reference, tuple(unknowns))
@@ -194,7 +194,7 @@ def start_covariance(
     std_u, std_xi = np.atleast_1d(np.asarray(std_u, dtype=float)), np.asarray(std_xi, dtype=float)
     if std_u.shape != inputs.shape or std_xi.shape[:1] != (coordinates.size,):
         raise InfeasibleError(
-            f"{std_u.size} deviations for {inputs.size} inputs, {len(np.atleast_1d(std_xi))} for {coordinates.size} parameters"
+            f"{inputs.size} inputs have {std_u.size} σ, {coordinates.size} parameters have {len(np.atleast_1d(std_xi))} σ"
         )
     by_u, by_theta = static_response(system, q, u, theta)
     response = np.concatenate([by_u[:, inputs], by_theta @ coordinates.theta(coordinates.xi(theta))[1]], axis=1)
@@ -218,9 +218,7 @@ def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndar
     slopes = np.concatenate([by_u, parameter_slopes(system, tangent.at, q, still)], axis=1)
     *_, K = tangent.matrices
     if len(K) and not np.linalg.cond(K) < 1 / FREE:
-        raise InfeasibleError(
-            "the system has an unrestrained motion at the start", remedy="restrain it with a joint or a spring"
-        )
+        raise InfeasibleError("the system has an unrestrained motion at the start", remedy="add a joint or a spring")
     response = tangent.T @ np.linalg.solve(K, tangent.pushes(slopes))
     return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]
 

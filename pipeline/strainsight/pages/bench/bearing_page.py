@@ -136,8 +136,8 @@ def curve_figure(curve: BearingDisplaced) -> Drawing:
     largest = float(np.abs(curve.curve.load[:, a]).max())
     name = DISPLACEMENTS[a]
     caption = (
-        f"Load on the inner ring of {curve.bearing} in equilibrium at a displacement {name}, with the other four zero. "
-        f"At most {number(largest, 4)} {LOAD_UNITS[a]} along the displacement."
+        f"Load on the inner ring of {curve.bearing} over its displacement {name}; the other four displacements are zero. "
+        f"Load component along the displacement: at most {number(largest, 4)} {LOAD_UNITS[a]}."
     )
     alt = f"Line chart of three forces and two moments over the displacement {name}."
     return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, svg(canvas))

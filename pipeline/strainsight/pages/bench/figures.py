@@ -181,7 +181,7 @@ def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
         assert truth is not None
         if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * largest(u)) for t, u in shown):
             continue
-        label = None if shown else "truth"
+        label = None if shown else "true value"
         line(axes, time, truth / factor, color=INK, lw=1, ls=(0, (4, 2)), zorder=3, label=label)
         shown.append((time, truth))
 
@@ -198,7 +198,7 @@ def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool
             line(axes, history.time, std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
     axes.set_yscale("log")
     log_ticks(axes)
-    axes.set_ylabel("|error| relative\nto largest truth")
+    axes.set_ylabel("|error| relative\nto largest true value")
 
 
 def _error(axes: Axes, history: History, values: FloatArray, **style: Any) -> None:

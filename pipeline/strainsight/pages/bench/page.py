@@ -281,7 +281,7 @@ NAMES = {
 """Key of a simulation number → its name and unit."""
 OF_ESTIMATE = {
     "method": "correction",
-    "truth": "truth",
+    "truth": "simulated test",
     "channels": "channels",
     "unknowns": "unknowns",
     "violation": "constraint violation after correction",

@@ -80,9 +80,9 @@ COLUMNS: tuple[tuple[str, Cell], ...] = (
     ("slope", _shown("slope", lambda value: plain(value, 5))),
     ("offset", _offset("offset")),
     ("load ratio: slope", _shown("ratio_slope", lambda value: plain(value, 5))),
-    ("its offset", _offset("ratio_offset")),
-    ("mean ratio", _shown("ratio_mean", lambda value: plain(value, 5))),
-    ("its range", _range),
+    ("load ratio: offset", _offset("ratio_offset")),
+    ("load ratio: mean", _shown("ratio_mean", lambda value: plain(value, 5))),
+    ("load ratio: range", _range),
 )
 """Heading, content of the cell."""
 MEANINGS = {
@@ -202,7 +202,7 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
     caption, gap = f"{symbol} of the layout: {plain(placement.trend.final, 4)}.", placement.trend.gap
     if gap is not None:
         of = f" of all {every} candidates" if (every := numbers.get("bounded")) else ""
-        caption += f" No layout within the limits{of} has a value lower by more than {ratio(max(gap, 0.0))}."
+        caption += f" No layout within the limits{of} has a {symbol} lower by more than {ratio(max(gap, 0.0))}."
     if "proven" in numbers:
         caption += " Proven optimal." if numbers["proven"] else " Optimality was not proven within the time limit."
     return loads + table("gauges", columns, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(columns))])
@@ -210,7 +210,7 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
 
 def bench_answer(run: BenchPageRun) -> str:
     """Problems, results, frequency limit, and stress relative to the allowable."""
-    text = _simulated_text(run.simulated) if run.simulated is not None else "Nothing was simulated."
+    text = _simulated_text(run.simulated) if run.simulated is not None else "The bench was not simulated."
     if run.is_estimated:
         text = run_answer(run)
     band = run.numbers.get("simulate", {}).get("band")

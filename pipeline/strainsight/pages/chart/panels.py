@@ -224,7 +224,7 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
             label = "smoothed ±2σ"
         axes.plot(time[index], smoothed[index], color=GREEN, label=label)
     if truth is not None:
-        axes.plot(time[index], truth[index], color=INK, lw=1.2, ls=(0, (5, 3)), label="truth")
+        axes.plot(time[index], truth[index], color=INK, lw=1.2, ls=(0, (5, 3)), label="true value")
     if focus:
         focus_on(axes, np.concatenate([values[np.isfinite(values)] for values in columns]), share=0.0)
     time_axis(axes)
@@ -251,7 +251,7 @@ def posterior_figure(name: str, unit: str, posterior: Posterior, truth: float | 
     axes.plot(value, posterior.density, color=BLUE, lw=1.6, label="_")
     axes.plot(value, posterior.prior, color=ORANGE, lw=1.4, label="prior")
     if truth is not None:
-        axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
+        axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="true value")
     axes.set(xlabel=f"{name} [{shown}]", ylabel=f"density of ln {name} [–]")
     axes.set_ylim(bottom=0)
     legend_above(axes, columns=3)

@@ -1,8 +1,8 @@
-"""A picture of the structure with its gauges, and how pictures are drawn: off-screen, in a process of its own, which may crash.
+"""Picture of the structure with its gauges, rendered off-screen in a child process, which may crash.
 
-VTK ends the whole process with a segmentation fault where it finds no OpenGL (seen with VTK 9.7 and no EGL, X or OSMesa
-library); in a child process that costs the picture and not the run. What is drawn goes there by stdin and the pictures come by
-stdout, both pickled: no file is left behind where either process is interrupted or killed.
+Without OpenGL, VTK ends its process with a segmentation fault (VTK 9.7 without EGL, X and OSMesa). In a child process only the
+picture is lost, not the run. Scenes are sent by stdin and pictures returned by stdout, both pickled. So no file remains if a
+process is interrupted or killed.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
         egl = {name: value for name, value in inherited().items() if name != "DISPLAY"}
         environments.insert(0, {**egl, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"})
     for environment in environments:
-        command, asked = [*python(module), OFF_SCREEN], pickle.dumps(what)
+        command, data = [*python(module), OFF_SCREEN], pickle.dumps(what)
         try:
             done = subprocess.run(
-                command, env=environment, cwd=FOLDER, input=asked, capture_output=True, timeout=limit, check=False
+                command, env=environment, cwd=FOLDER, input=data, capture_output=True, timeout=limit, check=False
             )
         except subprocess.TimeoutExpired:
-            output = f"no picture after {limit:.0f} s"
+            output = f"not finished after {limit:.0f} s"
             continue
         if done.returncode == 0 and done.stdout:
             pictures: list[bytes] = pickle.loads(done.stdout)

@@ -1,7 +1,7 @@
 """Data of a placement page.
 
-Errors and standard deviations without a unit are relative (0.01 is one per cent): of a parameter to its true value, of a load to
-its RMS, or to its amplitude if it is zero.
+Errors and standard deviations without a unit are relative (0.01 is one per cent). The reference is the true value of a parameter,
+and the RMS of a load, or its amplitude if the load is zero.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ class Check:
     name: str
     value: float
     band: tuple[float, float]
-    verdict: str
+    result: str
 
 
 @dataclass(frozen=True)

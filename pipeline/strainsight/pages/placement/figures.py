@@ -213,7 +213,7 @@ def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) 
     axes.plot(chosen.time[index], chosen.mean[index] / factor, color=BLUE, lw=2, label="chosen layout")
     if chosen.truth is not None:
         index, truth = visible_instants(chosen.truth[:, None], buckets=180), chosen.truth / factor
-        axes.plot(chosen.time[index], truth[index], color=INK, lw=1.1, ls=(0, (5, 3)), label="truth")
+        axes.plot(chosen.time[index], truth[index], color=INK, lw=1.1, ls=(0, (5, 3)), label="true value")
         values.append(truth)
     focus_on(axes, np.concatenate([*values, chosen.mean[quarter:] / factor]))
     time_axis(axes)
@@ -236,7 +236,7 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
     canvas, axes = figure()
     for name, colour in zip(names, map(str, np.resize(SERIES, len(names))), strict=True):
         axes.plot(level, 100 * noise.std[name], "-", color=colour, lw=1.4, label=f"claimed σ({short(name)})")
-        axes.plot(level, 100 * noise.error[name], "o", color=colour, ms=7, label=f"real error of {short(name)}")
+        axes.plot(level, 100 * noise.error[name], "o", color=colour, ms=7, label=f"true error of {short(name)}")
     if np.all(level > 0):
         axes.set_xscale("log")
         axes.set_xticks(np.unique(level), [number(value, 3) for value in np.unique(level)])
@@ -246,7 +246,7 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
         plain_ticks(axes, "y")
     axes.set(xlabel="gauge noise [% of the strongest candidate's RMS]", ylabel="relative error [%]")
     legend_above(axes, columns=2)
-    caption = "Real errors (dots) and claimed σ (lines) of the filter."
+    caption = "True errors (dots) and claimed σ (lines) of the filter."
     alt = "; ".join(
         f"at {percent(level)} noise "
         + ", ".join(f"{name} {percent(values[i])}" for name, values in noise.error.items())
@@ -275,7 +275,7 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set(xlabel="run, smallest error first [–]", ylabel=f"relative error of {short(name)} [%]")
     legend_above(axes)
-    caption = f"{len(error)} runs with other noise and starting values and the same truth. "
+    caption = f"{len(error)} runs with other noise and starting values and the same true values. "
     caption += f"The measurements hardly reduce its uncertainty: {LOST}." * (result == LOST)
     if claim is not None:
         result = f"{claim.result}, {result}"

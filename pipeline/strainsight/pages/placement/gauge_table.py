@@ -23,8 +23,8 @@ EDGES = (
     "counter-clockwise as seen from outside. Second line: nearest transverse edge."
 )
 BONDED = (
-    "Installation: relative change of strain over σ of the position and over the grid length, and free height above the gauge, "
-    "if outside the limits."
+    "Installation: relative change of strain within σ of the position and within the grid length, and free height above the "
+    "gauge, if outside the limits."
 )
 REFINED = (
     "Refined mesh: change of the strain at the gauge relative to its training RMS, if the elements around it are halved twice. "
@@ -61,7 +61,7 @@ def _where(report: PlacementReport) -> str:
         for index, gauge in enumerate(gauges)
     ]
     head = ["gauge", "kind", *frame.heads, "direction"]
-    head += [f"nearest edges [{frame.unit}]", "angle to them"] * edged
+    head += [f"nearest edges [{frame.unit}]", "angle to edges"] * edged
     numeric = [2, 3, 4, *range(6, len(head))]
     head += ["installation"] * noted
     return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
@@ -81,10 +81,10 @@ def _worth(report: PlacementReport) -> str:
         ]
         for index, gauge in enumerate(gauges)
     ]
-    head = ["gauge", "number" if given(gauges) else "element", "facet", "angle"]
+    head = ["gauge", "number" if imported(gauges) else "element", "facet", "angle"]
     head += ["training peak"] * read + ["strain with refined mesh"] * tested
     foot = ["all gauges", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
-    head += [f"expected σ({escape(name)}) without it" for name in names]
+    head += [f"expected σ({escape(name)}) without gauge" for name in names]
     caption = _caption_of_worth(gauges)
     return table("gauges: readings", head, rows, caption=caption, numeric=range(1, len(head)), foot=foot)
 
@@ -100,7 +100,7 @@ def expected_with_all(report: PlacementReport, names: Sequence[str]) -> list[str
     return [share(sigma[name]) for name in names] if any(sigma[name] is not None for name in names) else []
 
 
-def given(gauges: tuple[Gauge, ...]) -> bool:
+def imported(gauges: tuple[Gauge, ...]) -> bool:
     """Whether gauges are imported by a strain operator, without facets."""
     return not any(gauge.facet for gauge in gauges)
 
@@ -121,7 +121,7 @@ def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
 
 def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
     """Caption of the table of readings, for the columns that occur."""
-    ids = "Numbers refer to the imported table of gauges" if given(gauges) else "Ids refer to the mesh file"
+    ids = "Numbers refer to the imported table of gauges" if imported(gauges) else "Ids refer to the mesh file"
     sentences = {
         f"{ids}; the angle is measured from the projected axis.": True,
         "Training peak: largest reading of the training run, relative to the measuring range.": any(
@@ -229,7 +229,7 @@ def criteria_table(
         rows.append(row("certified lower bound", trend.lower_bound, None))
     rules = sorted(criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
-    head = ["layout", escape(trend.metric.symbol), "relative", *(escape(m.symbol) for m in others)]
+    head = ["layout", escape(trend.metric.symbol), "relative to chosen", *(escape(m.symbol) for m in others)]
     head += [f"steady-state σ({escape(name)})" for name in names]
     caption = "Layouts of the same size from the same pool" + ", scored by the same covariance" * bool(criteria) + "."
     if rules:

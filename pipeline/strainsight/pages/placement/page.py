@@ -166,7 +166,7 @@ def _without(report: PlacementReport) -> str:
     ]
     expected = expected_with_all(report, names)
     text = table(
-        "with and without",
+        "expected σ without each gauge",
         ["gauge", *(f"expected σ({escape(name)})" for name in names), *frame.heads],
         rows,
         title="<h2>Expected σ with all and without each gauge</h2>" if names else "<h2>Gauges</h2>",
@@ -263,8 +263,8 @@ def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
 
 
 FOOTER = (
-    "σ is one standard deviation. Errors and σ are relative: of a parameter to its true value, of a load to its true RMS "
-    "(to its amplitude if it is zero), after the first tenth of the run. Claimed σ: of the filter. Smoothed: of the smoother. "
+    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or the true RMS of a load (for a "
+    "zero load: its amplitude). The first tenth of the run is omitted. Claimed σ: of the filter. Smoothed: of the smoother. "
     "Expected σ: predicted by the placement for the filter. Steady-state σ: ranks layouts."
 )
 
@@ -342,7 +342,7 @@ def _noise(report: PlacementReport) -> list[str]:
     for name in report.units:
         columns |= {f"error of {escape(name)}": noise.error[name], f"claimed σ of {escape(name)}": noise.std[name]}
     rows = [list(map(share, row)) for row in np.column_stack([*columns.values()]).tolist()]
-    caption = "Gauge noise relative to the RMS reading of the strongest candidate; real error and claimed σ."
+    caption = "Gauge noise relative to the RMS reading of the strongest candidate; true error and claimed σ."
     numbers = table("noise", list(columns), rows, caption=caption, numeric=range(1, len(columns)))
     return [f'<div class="card">{numbers}</div>']
 
@@ -362,7 +362,7 @@ def _observability(report: PlacementReport) -> str:
                 escape(check.name),
                 plain(check.value, 3),
                 f"{plain(check.band[0], 2)} to {plain(check.band[1], 3)}",
-                sections.consistency_mark(check.verdict),
+                sections.consistency_mark(check.result),
             ]
             for check in report.consistency
         ]

@@ -95,7 +95,7 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
         yield "grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length unknown"
         if len(sheet.directions) == 1:
             yield (
-                "foil as shown",
+                "carrier as shown",
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
@@ -123,7 +123,7 @@ def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> N
 def _extent(view: views.Projection, sheet: views.Sheet, with_datum: bool) -> tuple[FloatArray, FloatArray]:
     """Lower left and upper right corner (2,) [unit] of a view."""
     points = [
-        view.seen.reshape(-1, 3),
+        view.visible.reshape(-1, 3),
         view.hidden.reshape(-1, 3),
         sheet.position[None],
         *[np.zeros((1, 3))] * with_datum,
@@ -134,7 +134,7 @@ def _extent(view: views.Projection, sheet: views.Sheet, with_datum: bool) -> tup
 
 def _near_datum(sheet: views.Sheet) -> bool:
     """Whether the distance of the datum from the part is at most half its size; else the datum is not shown."""
-    points = sheet.front.seen.reshape(-1, 3)
+    points = sheet.front.visible.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     off = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0))
     return bool(off <= 0.5 * np.linalg.norm(high - low))
@@ -173,7 +173,7 @@ def sheets_section(sheets: Sequence[bytes]) -> str:
         shown.append(f'<figure class="card">{text.replace(views.SIZE, "", 1)}</figure>')
     if not sheets:
         return ""
-    rest = f" {len(sheets) - len(shown)} more are in files only." * (len(shown) < len(sheets))
+    rest = f" {len(sheets) - len(shown)} more sheets are in files only." * (len(shown) < len(sheets))
     return (
         f"<details><summary>{len(sheets)} drawing sheet{'s' * (len(sheets) > 1)} for the workshop</summary>"
         f'<p class="note">For printing at 100 % on A4, use the files sheet-….svg in the folder of this page.{rest}</p>'

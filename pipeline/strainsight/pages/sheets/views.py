@@ -175,11 +175,11 @@ def clipped(segments: FloatArray, low: FloatArray, high: FloatArray) -> FloatArr
 
 @dataclass(frozen=True)
 class Projection:
-    """View of the part: right and up (3,) unit vectors of the paper; seen, hidden (s, 2, 3): segments [unit]."""
+    """View of the part: right and up (3,) unit vectors of the paper; visible, hidden (s, 2, 3): segments [unit]."""
 
     right: FloatArray
     up: FloatArray
-    seen: FloatArray
+    visible: FloatArray
     hidden: FloatArray
 
     def flat(self, x: FloatArray) -> FloatArray:
@@ -289,7 +289,7 @@ def outline(paper: Paper, placed: PlacedView) -> None:
     """Draw the edges of the part; hidden edges are dashed."""
     for path in joined(placed.lines(placed.view.hidden)):
         paper.path(path, 0.13, HIDDEN)
-    for path in joined(placed.lines(placed.view.seen)):
+    for path in joined(placed.lines(placed.view.visible)):
         paper.path(path, THICK)
 
 
@@ -364,7 +364,7 @@ def detail(paper: Paper, sheet: Sheet, centre: Point, half: tuple[float, float],
     placed = PlacedView(sheet.front, sheet.front.flat(sheet.position), centre, scale)
     low, high = np.array(centre) - half, np.array(centre) + half
     paper.path([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]), (low[0], low[1])])
-    for path in joined(clipped(placed.lines(sheet.front.seen), low, high)):
+    for path in joined(clipped(placed.lines(sheet.front.visible), low, high)):
         paper.path(path, THICK)
     foil(paper, placed, sheet, axis=4.0)
     for distance, foot in zip(sheet.distance, sheet.foot, strict=True):

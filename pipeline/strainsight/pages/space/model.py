@@ -123,15 +123,15 @@ def space(layouts: Sequence[PictureLayout]) -> Space:
     parts += dots(shared.loose, LINES, 9.0) + dots(shared.fixed, CLAMP, 7.0)
     anchor: list[int] = []
     for group, layout in enumerate(layouts):
-        seen, true = [], []
+        mark, true = [], []
         for i, gauge in enumerate(layout.gauges):
             anchor.append(gathered.count)
             parts_of = marked(gauge, geometry.marker(gauge, LENGTH * size), gauge_colour(i))
-            seen += parts_of
+            mark += parts_of
             # Sensors without foil look equal at both scales.
             true += marked(gauge, geometry.foil(gauge), gauge_colour(i)) or parts_of
         either = any(gauge.foil[0] for gauge in layout.gauges)
-        parts += [Drawn("triangles", np.concatenate(seen), group=group, when="seen" if either else "")] if seen else []
+        parts += [Drawn("triangles", np.concatenate(mark), group=group, when="seen" if either else "")] if mark else []
         parts += [Drawn("triangles", np.concatenate(true), group=group, when="scale")] if either else []
         parts += dots(layout.pool, POOL, 5.0, group)
     position, normal = map(np.concatenate, zip(*(layout.places for layout in layouts), strict=True))

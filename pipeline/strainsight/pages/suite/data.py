@@ -78,12 +78,12 @@ class SuiteStudy:
 class Statement:
     """Statement about numbers of runs.
 
-    found: (index of the run, name of the number, value), one per seed if there are several; above, below: bounds or None;
+    numbers: (index of the run, name of the number, value), one per seed if there are several; above, below: bounds or None;
     equals: required value of a true or false number; compared: name of the divisor; why: explanation.
     """
 
     text: str
-    found: tuple[tuple[int, str, float], ...]
+    numbers: tuple[tuple[int, str, float], ...]
     above: float | None = None
     below: float | None = None
     equals: bool | None = None
@@ -94,8 +94,8 @@ class Statement:
     @property
     def seeds(self) -> dict[tuple[int, str], list[float]]:
         """(Index of the run, name of the number) → values of all seeds."""
-        names = dict.fromkeys((place, name) for place, name, _ in self.found)
-        return {key: [value for *other, value in self.found if tuple(other) == key] for key in names}
+        names = dict.fromkeys((place, name) for place, name, _ in self.numbers)
+        return {key: [value for *other, value in self.numbers if tuple(other) == key] for key in names}
 
     @property
     def result(self) -> str:
@@ -196,7 +196,7 @@ RESULTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
 """Possible results of a comparison."""
 GOOD = (CONFIRMED, HOLDS, THEIRS_ONLY, OURS_ONLY)
 STATEMENT_HEAD = ("statement", "computed", "target", "result")
-COMPARISON_HEAD = ("source", "statement", "printed", "with its settings", "with our settings", "result")
+COMPARISON_HEAD = ("source", "statement", "printed", "source settings", "our settings", "result")
 """Headings of both tables."""
 FEW = 3
 """Most numbers of a statement that are listed individually."""
@@ -209,7 +209,7 @@ def answer(suite: Suite) -> str:
     if not suite.statements:
         return f"<strong>{runs}</strong>."
     parts = []
-    for result, places in _by_verdict(suite.statements, (CONFIRMED, CONTRADICTED, UNDECIDED)):
+    for result, places in _by_result(suite.statements, (CONFIRMED, CONTRADICTED, UNDECIDED)):
         listed = f"<strong>{result}</strong> (statement{'s' * (len(places) > 1)} {links('claim', places)})"
         parts.append(f"{count(len(places))} {result if result == CONFIRMED else listed}")
     return f"{_many(suite.statements, 'statement')}: {', '.join(parts)}; from {runs}."
@@ -218,7 +218,7 @@ def answer(suite: Suite) -> str:
 def comparisons_answer(suite: Suite) -> str:
     """Number of comparisons by result."""
     parts = []
-    for result, places in _by_verdict(suite.comparisons, RESULTS):
+    for result, places in _by_result(suite.comparisons, RESULTS):
         word = result if len(places) == 1 else result.replace("holds", "hold")
         listed = f" ({links('comparison', places)})" if result != HOLDS else ""
         parts.append(f"{count(len(places))} {word}{listed}")
@@ -229,7 +229,7 @@ def _many(rows: Sequence[object], name: str) -> str:
     return f"<strong>{count(len(rows))} {name}{'s' * (len(rows) != 1)}</strong>"
 
 
-def _by_verdict(rows: Sequence[Statement | SourceComparison], results: Sequence[str]) -> list[tuple[str, list[int]]]:
+def _by_result(rows: Sequence[Statement | SourceComparison], results: Sequence[str]) -> list[tuple[str, list[int]]]:
     """Occurring results in this order, with row numbers from 1."""
     counted = [(result, [i for i, row in enumerate(rows, 1) if row.result == result]) for result in results]
     return [(result, places) for result, places in counted if places]
@@ -294,7 +294,7 @@ def target(statement: Statement, shown: Shown = number) -> str:
 
 def measured(statement: Statement, shown: Shown = number) -> str:
     """Numbers as text: a few individually, more as a range; for several seeds the median and the 10 to 90 % range."""
-    values = [value for _, _, value in statement.found]
+    values = [value for _, _, value in statement.numbers]
     unit = f" {statement.unit}" if statement.unit else ""
     if most(statement) > 1:
         return _spread(list(statement.seeds.values()), shown, unit)
@@ -340,7 +340,7 @@ def _few(texts: Sequence[str], between: str = ", ") -> str:
 
 def _runs(suite: Suite, statement: Statement) -> str:
     """Links to the runs of a statement."""
-    places = dict.fromkeys(place for place, _, _ in statement.found)
+    places = dict.fromkeys(place for place, _, _ in statement.numbers)
     return _few([f'<a href="#run-{i + 1}">{escape(suite.runs[i].label)}</a>' for i in places])
 
 
@@ -351,19 +351,19 @@ def _mark(result: str) -> str:
 
 
 def _row(suite: Suite, index: int, statement: Statement) -> str:
-    names = _few(list(dict.fromkeys(escape(name) for _, name, _ in statement.found)))
+    names = _few(list(dict.fromkeys(escape(name) for _, name, _ in statement.numbers)))
     compared = f" over {escape(statement.compared)}" if statement.compared else ""
     wrong = ""
-    if statement.result != CONFIRMED and len(statement.found) > 1:
+    if statement.result != CONFIRMED and len(statement.numbers) > 1:
         bad = [
             f"{escape(suite.runs[i].label)}: {escape(name)} "
             + (
                 plain(values[0])
                 if len(values) == 1
-                else f"within the bounds in {held.count(True)} of {len(values)} seeds"
+                else f"within the bounds in {inside.count(True)} of {len(values)} seeds"
             )
             for (i, name), values in statement.seeds.items()
-            if (held := [*map(statement.holds, values)]) and statement.holds_over(values) is not True
+            if (inside := [*map(statement.holds, values)]) and statement.holds_over(values) is not True
         ]
         wrong = f"<br><small>except {_few(bad, '; ')}</small>"
     wrong += reason(statement.result, statement.why)

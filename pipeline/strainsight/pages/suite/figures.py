@@ -272,7 +272,7 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     legend_above(axes, columns=2)
     caption = (
         "Bars show errors consistent with the claimed σ; larger errors are significant. Loads are smoothed. Strokes are filtered "
-        "repeats with other noise and starts. Crosses are overconfident or not identified."
+        "repeats with other noise and starts. Crosses mark overconfident or not identified unknowns."
     )
     text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, result in rows)
     return Drawing("errors", "Errors of all runs", caption, f"Chart of errors and claimed σ: {text}.", svg(canvas))

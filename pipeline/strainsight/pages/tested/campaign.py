@@ -109,7 +109,7 @@ def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
         alone = [measure(value, unknown.unit) for value in report.shared.alone[unknown.name].tolist()]
         together = [measure(unknown.estimate, unknown.unit), _std(unknown.std, unknown.unit)]
         rows.append([escape(unknown.name), *together, *alone])
-    head = ["parameter", "together", "± claimed σ"]
+    head = ["parameter", "all records", "± claimed σ"]
     head += [f"{escape(record.record)} alone" for record in report.records]
     caption = "Most likely value from all records that are consistent with the model, and from each record alone."
     text = table("parameters", head, rows, caption=caption, numeric=range(1, len(head)))

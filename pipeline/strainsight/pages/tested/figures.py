@@ -146,9 +146,9 @@ def inside(channel: Reading) -> float:
     return float(np.mean(known <= INSIDE)) if len(known) else float("nan")
 
 
-def hold_out_figures(held: Sequence[Reading]) -> list[Drawing]:
+def hold_out_figures(channels: Sequence[Reading]) -> list[Drawing]:
     """Scatter plot and time chart of every channel."""
-    return [drawing for channel in held for drawing in (_cross(channel), _overlay(channel))]
+    return [drawing for channel in channels for drawing in (_cross(channel), _overlay(channel))]
 
 
 @styled()
@@ -188,12 +188,12 @@ def _error(reading: Reading) -> str:
     return percent(rms(reading.residual) / size) if size > 0 else "–"
 
 
-def hold_out_section(held: Sequence[Reading], cards: Iterable[str]) -> str:
+def hold_out_section(channels: Sequence[Reading], cards: Iterable[str]) -> str:
     """Table and figures; empty without held-out channels."""
-    if not held:
+    if not channels:
         return ""
     rows = []
-    for channel in held:
+    for channel in channels:
         error, size, sigma = rms(channel.residual), rms(channel.measured), rms(channel.residual / channel.std)
         of_size = share(error / size) if size > 0 else "–"
         over_sigma = plain(sigma, 3) if np.isfinite(sigma) else "–"
@@ -201,7 +201,7 @@ def hold_out_section(held: Sequence[Reading], cards: Iterable[str]) -> str:
     head = ("channel", "RMS error", "relative to RMS", "error / σ", "within ±2σ")
     caption = "For a correct σ, 95 % of the samples are within ±2σ, and error / σ is 1."
     text = table("hold-out", head, rows, caption=caption, numeric=range(1, 5))
-    worst = min(map(inside, held))
+    worst = min(map(inside, channels))
     least = "" if np.isnan(worst) else f" Smallest share within ±2σ: {number(100 * worst, 3)} %."
     return section("Hold-out", text, lead=HOLD_OUT + least) + figures(cards)
 

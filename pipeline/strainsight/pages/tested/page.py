@@ -85,7 +85,7 @@ def _tile(unknown: TestedUnknown) -> str:
     value = measure(unknown.estimate, unknown.unit) + f' <small class="whole">{small}</small>' * bool(small)
     rows = [
         ("± claimed σ", measure(unknown.std, unknown.unit, 3)),
-        ("σ of its RMS", share(unknown.relative if load and known else None)),
+        ("σ / RMS", share(unknown.relative if load and known else None)),
     ]
     if (peak := unknown.peak) is not None and not math.isnan(peak.low):
         for words, size, at in (("maximum", peak.high, peak.high_at), ("minimum", peak.low, peak.low_at)):
@@ -268,7 +268,7 @@ def _calibration_text(source: TestSource, i: int) -> str:
     steps = {
         f"minus {source.offset[i]:g} {unit}": source.offset[i],
         f"minus {source.drift[i]:g} {unit} per second": source.drift[i],
-        f"minus its mean from {zero[0]:g} to {zero[1]:g} s": np.isfinite(zero).all(),
+        f"minus mean from {zero[0]:g} to {zero[1]:g} s": np.isfinite(zero).all(),
         "sign reversed": source.sign[i] < 0,
         f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}": source.bridge[i],
         f"times {source.scale[i]:g}": source.scale[i] != 1,

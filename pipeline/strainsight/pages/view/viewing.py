@@ -193,8 +193,8 @@ def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
     # VTK has one bar per title: trailing spaces distinguish the bars of the panels. The line feed separates the title from
     # the numbers.
     ends = np.array([np.nanmin(panel.values), np.nanmax(panel.values)])[[scale.below, scale.above]]
-    beyond = f", extremes {' and '.join(f'{end:.3g}' for end in ends)}" if len(ends) else ""
-    title = f"{view.quantity} [{view.unit}]{beyond}{' ' * (bar or 0)}\n"
+    extremes = f", extremes {' and '.join(f'{end:.3g}' for end in ends)}" if len(ends) else ""
+    title = f"{view.quantity} [{view.unit}]{extremes}{' ' * (bar or 0)}\n"
     return {
         "cmap": scale.name,
         "clim": (scale.low, scale.high),
@@ -381,9 +381,9 @@ def draw_views(views: Sequence[View]) -> list[bytes]:
     return [picture.getvalue() for picture in pictures]
 
 
-def main(asked: str = "") -> None:
+def main(mode: str = "") -> None:
     """Show the view from stdin in a window until it is closed, or draw it off-screen."""
-    if asked == scene.OFF_SCREEN:
+    if mode == scene.OFF_SCREEN:
         scene.answer(draw_views)
         return
     parent = os.getppid()

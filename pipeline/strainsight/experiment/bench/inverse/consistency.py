@@ -101,16 +101,16 @@ class Evidence:
         """Decision on σ: consistency with the model in a test, and parameters outside their ranges."""
         estimate, words = self.estimate, ""
         if self.in_test and self.against:
-            more = "" if estimate.hold_out is not None else ", or set estimate.hold_out: each to find the channel"
+            more = "" if estimate.hold_out is not None else ", or find the faulty channel by estimate.hold_out: each"
             check = f"Check channels, units and noise of estimate.measured{more}"
-            words = f"{INCONSISTENT}: {self._contradicted}. {check}"
+            words = f"{INCONSISTENT}: {self._disagreement}. {check}"
         return Decision(words, accept=estimate.accept, out_of_range=self.outside_range, remedy=REMEDY)
 
     @property
-    def _contradicted(self) -> str:
+    def _disagreement(self) -> str:
         return f"{', '.join(self.against)} {'is' if len(self.against) == 1 else 'are'} {SENSORS_DISAGREE}"
 
-    def verdict(self, name: str) -> str:
+    def result_of(self, name: str) -> str:
         """Most serious problem of an unknown; else the calibration of σ if the truth is known, or the result of the hold-out
         test."""
         claim = self.claims.get(name)
@@ -141,14 +141,14 @@ class Evidence:
         if not self.outside_range:
             yield from self.overconfident()
             yield from (
-                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of the largest load. Use other sensors, or "
-                "set a load as known"
+                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of its largest value. Add sensors, or set "
+                "a load as known"
                 for name in self.names
                 if self._share(name) > HARDLY
             )
             yield from (
-                f"{name} is not identified: estimates from different starts differ by more than 3.2 σ, σ has not halved, or the "
-                "error exceeds σ"
+                f"{name} is not identified: estimates from different starts differ by more than 3.2 σ, σ exceeds half of the "
+                "initial σ, or the error exceeds σ"
                 for name in self.names
                 if self.numbers.get(f"identified.{name}") is False
             )
@@ -190,8 +190,8 @@ class Evidence:
         parts = [decision.message] if decision.message else []
         parts += [] if self.outside_range else self.overconfident()
         parts += [f"{name} is not identified" for name in self.names if of[f"identified.{name}"] == 0]
-        parts += [self._contradicted] * bool(self.against and decision.trusted)
-        parts.append(", ".join(estimates) or "no reference for comparison")
+        parts += [self._disagreement] * bool(self.against and decision.trusted)
+        parts.append(", ".join(estimates) or "no true values or measurements for comparison")
         return f"{'; '.join(parts)}; {numbers['method']}, {numbers['truth']}"
 
     def _share(self, name: str) -> float:
@@ -247,13 +247,13 @@ def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
         *([] if outside_range else bench_disagreements(estimation)),
         *loud_sensors(estimate, record),
     ]
-    verdicts = {name: evidence.verdict(name) for name in problem.names}
-    summary = bench_numbers(shown, result) | {f"verdict.{name}": word for name, word in verdicts.items()}
+    results = {name: evidence.result_of(name) for name in problem.names}
+    summary = bench_numbers(shown, result) | {f"verdict.{name}": word for name, word in results.items()}
     if evidence.in_test or outside_range:
         summary |= decision.numbers if evidence.in_test else {"withheld": decision.withheld}
     of_loads, of_parameters = load_units(config, record.inputs), parameter_units(config, record.parameters)
     units = dataset_units(config, record.inputs)
-    tables = [unknowns_table(shown, result, verdicts, evidence.in_test)]
+    tables = [unknowns_table(shown, result, results, evidence.in_test)]
     if shown.filtered.compared is not None:
         tables.append(comparison_table(shown.filtered.compared, of_parameters, COMPARED))
     if rows:
@@ -308,8 +308,8 @@ def bench_disagreements(estimation: BenchEstimation) -> list[str]:
     words = disagreements_in_words(estimation.filtered.compared)
     if words and estimation.problem.estimate.inputs:
         words.append(
-            "the parameter grid filter also depends on the increments of unknown loads and is biased if the loads change less. "
-            "Set a load as known, or correct the increments"
+            "the parameter grid filter also depends on the increments of unknown loads and is biased if these increments are too "
+            "large. Set a load as known, or correct the increments"
         )
     return words
 
@@ -359,7 +359,7 @@ def _truth(estimate: BenchEstimateSection) -> str:
 
 
 def unknowns_table(
-    estimation: BenchEstimation, result: BenchComparison, verdicts: Mapping[str, str], in_test: bool
+    estimation: BenchEstimation, result: BenchComparison, results: Mapping[str, str], in_test: bool
 ) -> Table:
     shown = dict.fromkeys(result.record.inputs, COLUMNS["inputs"])
     shown |= dict.fromkeys(estimation.reality.elsewhere, COLUMNS["elsewhere"])
@@ -373,7 +373,7 @@ def unknowns_table(
         load = result.record.inputs.get(name)
         if load is not None and load.smoothed is not None and load.smoothed_std is None:
             cells.append("smoothed σ withheld")
-        rows.append((name, verdicts.get(name, ""), *cells))
+        rows.append((name, results.get(name, ""), *cells))
     title = "unknowns: errors and σ relative to the largest true value"
     if in_test or estimation.reality.elsewhere:
         title = "unknowns after settling" if in_test else "unknowns"

@@ -128,7 +128,7 @@ def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
         raise ConfigError(
             f"the sensors cannot determine {words} at any of {len(combinations)} instants of the run",
             key="estimate.inputs" if estimate.inputs else "estimate.parameters",
-            remedy="Add a sensor, set one of them as known, or set estimate.allow_unobservable: true.",
+            remedy="Add a sensor, set one of these unknowns as known, or set estimate.allow_unobservable: true.",
         )
     yield f"the sensors cannot determine {words}: their estimates rest on the initial σ"
 
@@ -179,8 +179,8 @@ def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarr
         size, claimed = float(np.std(load)), float(np.median(std[1:, model.u[at[0]]])) if len(at) else 0.0
         if known or not len(at) or share * size > claimed:
             yield (
-                f"the time step of {h:g} s resolves loads up to "
-                f"{resolved_frequency(frequency, h, method):.3g} Hz and does not resolve {100 * share:.2g} % of {name}"
+                f"the time step of {h:g} s does not resolve {100 * share:.2g} % of the RMS of {name} "
+                f"(resolved up to {resolved_frequency(frequency, h, method):.3g} Hz)"
             )
 
 

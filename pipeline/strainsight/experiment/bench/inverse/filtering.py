@@ -198,7 +198,7 @@ def by_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRun
     if without := sum(grid_run.without for grid_run in grid_runs):
         tried = sum(len(grid_run.weight) for grid_run in grid_runs)
         notes = (
-            f"{without} of {tried} parameter grid points have no weight, because their filters diverged or found no start",
+            f"{without} of {tried} parameter grid points have no weight, because their filters diverged or have no start",
         )
     return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, grid_runs[0]), notes=notes)
 

@@ -62,9 +62,9 @@ def corrects(config: BenchConfig) -> bool:
 def corrects_in_a_test(config: BenchConfig) -> bool:
     """Whether the filter estimates the step error in a test: as configured, by default with second-order steps and without
     printed noise or driven joints."""
-    stated, printed = config.estimator.method.step_error, config.estimator.method.noise == "as_printed"
-    if stated is not None or printed:
-        return stated == "estimated"
+    step_error, printed = config.estimator.method.step_error, config.estimator.method.noise == "as_printed"
+    if step_error is not None or printed:
+        return step_error == "estimated"
     return config.simulate.method == "second_order" and not config.driven
 
 

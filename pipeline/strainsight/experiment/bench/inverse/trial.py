@@ -215,14 +215,14 @@ def _noise(
 
 def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:
     """Error for a noise far below the rounding error of the readings or of the effect of unknowns."""
-    what, remedy = f"{noise:g} is below the smallest noise of {NOTHING:g}", "Increase loads and noise."
+    what, remedy = f"{noise:g} is below the smallest noise of {NOTHING:g}", "Increase the loads and the noise."
     if max(SPAN * moved, FLOOR * largest) >= NOTHING:
         by_unknown = SPAN * moved >= FLOOR * largest
         what, reach = ("effect of one σ of an unknown", moved) if by_unknown else ("largest reading", largest)
         what = (
             f"the noise of {noise:g} is below rounding errors ({what} {reach:.3g}, {reach / noise:.1e} times the noise)"
         )
-        remedy = f"Check the units of {'guesses, std and increments' if by_unknown else 'the loads'}, or reduce them."
+        remedy = f"Reduce {'guesses, std and increments' if by_unknown else 'the loads'}, or check their units."
     return ConfigError(what, key=key, remedy=remedy)
 
 
@@ -252,11 +252,11 @@ def _felt(
             raise ConfigError(
                 f"no sensor measures this unknown: one σ ({std:.3g}) changes every reading by less than {FELT:g} σ of its noise",
                 key=f"estimate.{name}",
-                remedy="Add a sensor on a body that it deforms or moves, set it as known, or set "
+                remedy="Add a sensor on a body that the unknown deforms or moves, set the unknown as known, or set "
                 "estimate.allow_unobservable: true.",
             )
     return tuple(
-        f"{name} does not measure any unknown: one σ of each changes it by less than {FELT:g} σ of its noise"
+        f"{name} does not measure any unknown: one σ of any unknown changes its reading by less than {FELT:g} σ of its noise"
         for name, part in channels.items()
         if moved[part].max(initial=0.0) < FELT and available[part].any()
     )

@@ -95,7 +95,7 @@ def _simulated(problem: BenchProblem, substeps: int, using: Resources) -> Realit
     fine = h * np.arange(count + 1)
     u = problem.loads(fine)
     with blame("estimate.truth"):
-        progress = of_steps(using.progress, "truth", count, share=0.3)
+        progress = of_steps(using.progress, "simulated test", count, share=0.3)
         run = simulate(
             bench.system, *start_of(bench, u[0]), u, h, bench.theta, problem.config.simulate.method, progress
         )
@@ -133,13 +133,13 @@ def sample_reality(trial: BenchTrial) -> Reality:
     problem, runs = trial.problem, trial.problem.estimate.runs
     states = slice(trial.model.size)
     start, P = trial.start[:runs, states], trial.covariance[:runs, states, states]
-    truths = drawn(trial.model, start, P, problem.known, runs, problem.config.seed)
+    truths = sample(trial.model, start, P, problem.known, runs, problem.config.seed)
     readings = np.full((problem.steps, runs, len(problem.sensors.zeroed)), np.nan)
     readings[:, :, problem.among] = truths.readings
     return replace(truths, readings=readings)
 
 
-def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
+def sample(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
     """Sample truths of the filter's own model: start from N(x̂, P), then process noise in every step.
 
     start (B, size), P (B, size, size), known (T + 1, width). Starts are projected onto the constraints. Raises NumericalError if
@@ -168,8 +168,8 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
             x = model.projected(x + np.array(moved), k + 1)
         if not np.all(np.isfinite(x)):
             raise NumericalError(
-                f"the simulation of a sampled truth failed at {k * model.h:g} s",
-                remedy="Reduce the increments, or the initial std.",
+                f"the simulated test sampled from the filter's model failed at {k * model.h:g} s",
+                remedy="Reduce the increments or the initial standard deviations.",
             )
         inputs[k + 1][:, model.inputs] = x[:, model.u]
         readings[k] = model.measure(x, k)[0]
@@ -237,7 +237,7 @@ def from_run(
 
 def _entry_of(entries: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
     if name not in entries:
-        remedy = did_you_mean(name, list(entries), f"The run has {', '.join(entries)}.")
+        remedy = did_you_mean(name, list(entries), f"The other run has: {', '.join(entries)}.")
         raise ConfigError(f"the other run has no {kind} '{name}'", key=key, remedy=remedy)
     return entries[name]
 
@@ -256,7 +256,7 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
             raise ConfigError(
                 f"{len(entries)} channels are assigned to {count} components",
                 key=key,
-                remedy="Assign one channel per component, in order, and null if it was not measured.",
+                remedy="Assign one channel per component, in order, and null for a component that was not measured.",
             )
         wanted |= {f"{key}.{i}": entry for i, entry in enumerate(entries) if entry is not None}
     signals = signals_of(settings, SECTION, path, wanted, step=problem.h)
@@ -302,7 +302,7 @@ def truths_of(bench: Bench, truth: BenchTruth, duration: float, using: Resources
     with blame("estimate.truth"):
         start = start_of(bench, first)
         for r, u in enumerate(every):
-            progress = of_steps(using.progress, "truth", steps * len(every), first=r * steps)
+            progress = of_steps(using.progress, "simulated test", steps * len(every), first=r * steps)
             run = simulate_radau(system, *start, u, h, bench.theta, progress)
             motions.append((run.q, run.v))
     return BenchTruths(

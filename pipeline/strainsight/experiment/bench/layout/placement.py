@@ -39,7 +39,7 @@ from strainsight.records.bench import PLACED, BenchCandidates, BenchLayout, Benc
 from strainsight.records.record import record_from
 from strainsight.runner.output import Output, Scalar, Table
 
-EXACT = "With parameters, σ here assumes exact gauges: estimate.tolerances are included in the ranking and in σ of estimate."
+EXACT = "Expected σ assumes exact gauges, as parameters are estimated; ranking and σ of `estimate` include estimate.tolerances."
 UNIDENTIFIED = 0.9
 """Ratio of σ to that of the guess above which gauges do not identify a parameter."""
 
@@ -58,7 +58,7 @@ def placement_output(
     advice = placement.advice
     if len(unidentified := subject.unidentified(np.array(list(placement.expected.std.values())))):
         names = " and ".join(body.unknowns.free[i] for i in unidentified)
-        sentence = f"The gauges do not identify {names}: σ remains that of the guess during the whole run."
+        sentence = f"The gauges do not identify {names}: σ stays near the initial σ during the whole run."
         advice = (sentence, *advice)
     if subject.known is not None and pool.off.any():
         advice = (EXACT, *advice)
@@ -134,7 +134,7 @@ class _Body(Subject):
     every: tuple[tuple[Pool, ...], Limits] | None = None
 
     def tasks(self) -> list[Task]:
-        return [self.task_of(self.pool.kept)]
+        return [self.task_of(self.pool.selected)]
 
     def task_of(self, gauges: np.ndarray) -> Task:
         """Task with a pool of gauges; unknowns are scaled by their increments."""

@@ -37,7 +37,7 @@ class CandidatePool:
 
     names (m,): "sensor.axis", "" for a gauge; price (m,); noise (m,): σ of a sample [unit of each]; readings: of every pose (m,
     n*) on (η, η̇, unknowns); response (poses, m, unknowns): at rest, per unit; peak (m,): largest reading at rest; white (poses,
-    m): variance by the white force for 1 m/s²; off (poses, m): σ of the installation error; kept (p,): pool, ascending.
+    m): variance by the white force for 1 m/s²; off (poses, m): σ of the installation error; selected (p,): pool, ascending.
     """
 
     candidates: Candidates
@@ -49,7 +49,7 @@ class CandidatePool:
     peak: np.ndarray
     white: np.ndarray
     off: np.ndarray
-    kept: np.ndarray
+    selected: np.ndarray
 
     def with_more(self, more: CandidatePool) -> CandidatePool:
         """Append another pool."""
@@ -63,7 +63,7 @@ class CandidatePool:
             candidates=concatenate([self.candidates, more.candidates]) if len(more.candidates) else self.candidates,
             names=(*self.names, *more.names),
             readings=tuple(np.vstack(pair) for pair in zip(self.readings, more.readings, strict=True)),
-            kept=np.append(self.kept, first + more.kept),
+            selected=np.append(self.selected, first + more.selected),
             **joined,
         )
 
@@ -100,7 +100,7 @@ def gauge_pool(
         columns = np.hstack(size).T
         ranked = [free[_ranked(column[free], pool.position[free], float(place.spacing))] for column in columns]
     in_turn = dict.fromkeys(int(gauge) for turn in zip_longest(*ranked) for gauge in turn if gauge is not None)
-    kept = [*np.flatnonzero(pool.bonded).tolist(), *list(in_turn)[: int(place.pool)]]
+    selected = [*np.flatnonzero(pool.bonded).tolist(), *list(in_turn)[: int(place.pool)]]
     for linear in benches:
         _refuse_sizes(body, linear, np.abs(response).max(axis=0)[:, : len(body.loads)])
     on_system = np.zeros((len(rows), body.bench.system.size))
@@ -118,7 +118,7 @@ def gauge_pool(
         peak=np.max([np.abs(rows @ q[modal]) for q, _ in poses], axis=0),
         white=np.zeros((len(benches), len(rows))),
         off=installation_offs(body, pool, time, poses, zero),
-        kept=np.array(sorted(kept)),
+        selected=np.array(sorted(selected)),
     )
 
 
@@ -143,7 +143,7 @@ def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
         raise InfeasibleError(
             f"{', '.join(lost)} cause{'s' * (len(lost) == 1)} no strain at any candidate",
             key="place.body",
-            remedy="Choose a body that carries these loads, choose other poses, or remove them from estimate.",
+            remedy="Choose a body that these loads strain, choose other poses, or remove these unknowns from estimate.",
         )
     return np.asarray(largest)
 
@@ -163,8 +163,8 @@ def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -
     for name, share in zip(body.loads, felt, strict=True):
         if not FELT[0] <= share <= FELT[1]:
             raise InfeasibleError(
-                f"one increment of {name} changes the most sensitive gauge by {share:.2g} times the noise of {noise:g}; the "
-                f"ratio must be {FELT[0]:g} to {FELT[1]:g}",
+                f"one increment of {name} changes the reading of the most sensitive gauge by {share:.2g} times its noise of "
+                f"{noise:g}; the ratio must be {FELT[0]:g} to {FELT[1]:g}",
                 key="place.noise",
                 remedy=f"Check the unit (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli.",
             )
@@ -197,20 +197,20 @@ def motion_pool(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[Linea
     compiled = readings(system, [motion_sensor(name, config.sensors[name], bench.frames) for name in names])
     # tilts of a relative motion are omitted
     starts = np.cumsum([0, *(5 if isinstance(config.sensors[name], RelativeSensor) else 3 for name in names)])[:-1]
-    kept = np.concatenate([np.zeros(0, dtype=int), *(start + np.arange(3) for start in starts)])
+    components = np.concatenate([np.zeros(0, dtype=int), *(start + np.arange(3) for start in starts)])
     none, H, response, white, peak = np.zeros(len(system.drives.names)), [], [], [], []
     for (q, u), linear in zip(poses, benches, strict=True):
         read = measure(system, compiled, q, np.zeros_like(q), u, bench.theta, none)
         columns = (read.by_q @ linear.T, read.by_v @ linear.T, read.by_u[:, inputs], read.by_theta @ by_xi)
-        H.append(np.hstack(columns)[kept])
+        H.append(np.hstack(columns)[components])
         # no acceleration at rest
-        response.append(compiled.read(q, np.zeros_like(q), at_rest(system, u))[1][kept] @ linear.static)
+        response.append(compiled.read(q, np.zeros_like(q), at_rest(system, u))[1][components] @ linear.static)
         shaken = np.zeros(len(read.y))
         if compiled.accelerometers:
             by_a = compiled.accelerations(q, np.zeros_like(q), at_rest(system, u))[3]
             shaken[compiled.accelerated] = ((by_a @ linear.T @ linear.T.T) ** 2) @ linear.force
-        white.append(shaken[kept])
-        peak.append(np.abs(read.y[kept]))
+        white.append(shaken[components])
+        peak.append(np.abs(read.y[components]))
     entries = [place.sensors[name] for name in names]
     noise = [np.broadcast_to(np.asarray(entry.noise, dtype=float), 3) for entry in entries]
     return CandidatePool(
@@ -222,8 +222,8 @@ def motion_pool(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[Linea
         response=np.array(response),
         peak=np.max(peak, axis=0),
         white=np.array(white),
-        off=np.zeros((len(poses), len(kept))),
-        kept=np.arange(len(kept)),
+        off=np.zeros((len(poses), len(components))),
+        selected=np.arange(len(components)),
     )
 
 
