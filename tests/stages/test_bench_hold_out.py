@@ -105,15 +105,16 @@ def test_a_sound_record_is_borne_out_by_what_was_left_out(record):
     assert found.summary["verdict.side"] == found.summary["verdict.down"] == "confirmed by held-out sensors"
     assert found.summary["hold_out.inside"] > 0.9
     assert found.summary["trusted"] is True
-    assert "contradict" not in said
+    assert "inconsistent" not in said
+    assert "disagree" not in said
 
 
 def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_it_is_accepted(record):
     record = scaled(record, 1.1)
     found, said = of_test(record, ends=3)
     assert (found.summary["trusted"], found.summary["accepted"]) == (False, False)
-    assert "inconsistent with the model: side, down are inconsistent with the sensors: check channels" in said
-    assert "the other channels contradict gauges.2 (error" in said
+    assert "inconsistent with the model: side, down are inconsistent with the sensors. Check channels" in said
+    assert "the other channels disagree with gauges.2 (error" in said
     assert max(ratios(found), key=ratios(found).__getitem__) == "gauges.2"
     assert all(np.isnan(found[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
     assert not any(key.startswith("rms_std") for key in found.summary)
@@ -150,7 +151,7 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_mod
     assert str(found.summary["withheld"]).endswith(beyond)
     assert found.summary["verdict.side"] == "σ is withheld"
     assert beyond in said
-    assert "the measurements are inconsistent with the model: side, down are contradicted" in said
+    assert "the measurements are inconsistent with the model: side, down are inconsistent with the sensors" in said
     assert np.isnan(found["/sensors/tip/bias_std"]).all()
     assert "final offsets" in said
     assert "withheld" in said[said.index("final offsets") :]
@@ -166,7 +167,7 @@ def test_channels_that_were_exchanged_are_named(record):
     found, said = of_test(record[:, [0, 1, 2, 4, 3, 5, 6, 7]], ends=3)
     worst = max(ratios(found), key=ratios(found).__getitem__)
     assert worst in ("gauges.3", "gauges.4")
-    assert f"the other channels contradict {worst} (error" in said
+    assert f"the other channels disagree with {worst} (error" in said
     assert found.summary["verdict.side"] == "inconsistent with the sensors"
 
 

@@ -216,10 +216,10 @@ GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
 @pytest.mark.parametrize(
     ("change", "key", "says"),
     [
-        ({"body: beam\n  keep": "body: bean\n  keep"}, "place.body", "did you mean beam?"),
+        ({"body: beam\n  keep": "body: bean\n  keep"}, "place.body", "you mean beam?"),
         ({"keep: 3": "keep: 30"}, "place.pool", "8 candidates for 30"),
         ({"random: 3": "random: 3\n  poses: [0, 9]"}, "place.poses", "9 s is after the end of the run at 0.05 s"),
-        ({"random: 3": "random: 0"}, "sensors.others.layout", "at random"),
+        ({"random: 3": "random: 0"}, "sensors.others.layout", "no random layouts"),
         ({"body: beam, layout: place": f"body: beam, layout: place, {GLUED}"}, "sensors.gauges", "both"),
         ({BEAM[BEAM.index("place:\n  body") : BEAM.index("field:")]: ""}, "sensors.gauges.layout", "no section place"),
         ({"field: {body: beam, instants: 3}": "field: {body: beam, instants: 3, every: 2}"}, "field.every", "both"),

@@ -114,7 +114,7 @@ def test_loads_are_written_as_a_command_history_and_a_noise_of_zero_is_raised(es
     rows = list(csv.reader(io.StringIO((found.path.parent / "loads.csv").read_text(encoding="utf-8"))))
     assert rows[0] == ["time", "Fx", "Fy", "Fz"]
     np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/smoothed"], rtol=1e-8)
-    assert "the noise of gauges is raised from 0" in str(found.tables)
+    assert "the noise of gauges was raised from 0" in str(found.tables)
 
 
 def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):
@@ -185,7 +185,7 @@ def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate)
     assert grid_run.summary["violation"] < 1e-14
     assert grid_run.summary["ratio.extended.diameter"] == pytest.approx(1.0, abs=0.05)
     assert "ratio.extended.diameter" not in extended.summary
-    assert "filters compared" in str(grid_run.tables)
+    assert "comparison of filters" in str(grid_run.tables)
     assert read(BenchEstimated, extended).bearings
     assert not read(BenchEstimated, grid_run).bearings
 
