@@ -207,7 +207,7 @@ def test_grids_go_to_pyvista(run_there):
 def test_what_is_not_there_is_reported(tmp_path):
     with pytest.raises(UserError, match="no results of a run"):
         api.open_run(tmp_path)
-    with pytest.raises(ConfigError, match="config of kind bench"):
+    with pytest.raises(ConfigError, match="the config has the kind bench"):
         api.load(LOADS)
     (tmp_path / "import.h5").write_bytes(b"")
     with pytest.raises(ArtefactError):

@@ -125,7 +125,7 @@ TURNED = "x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre"
         ({"duration: 1.0": "duration: 1.0003"}, "simulate.time_step", ""),
         ({TURNED: TURNED.replace("[1, 0", "[0, 2")}, "frames.hinge", "parallel"),
         ({TURNED: TURNED.replace("[0, 1", "[0, -1")}, "joints.hinge", "opposite"),  # constraints hold for half a turn, too
-        ({"pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"}, "bodies.bob.velocity", "left out"),
+        ({"pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"}, "bodies.bob.velocity", "remove 100 % of them"),
         ({"start: as_given": "start: equilibrium", "pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"},
          "bodies.bob.spin", ""),
         ({"simulate:": "cases: {a: {force: [1, 2, 3]}}\nsimulate:"}, "cases", ""),
@@ -177,5 +177,5 @@ def test_a_body_that_turns_fast_for_its_step_is_warned_of():
     assert f"by {100 * (1 - spin[-1] / spin[0]):.2g} % in the first second" in first.text
     q = second.artefact("simulate")["/q"]
     lag = 1 - np.arctan2(q[5, 4], q[5, 3]) / (40.0 * 0.025)
-    shares = re.search(r"lags by ([\d.]+) % of its angle and gains ([\d.]+) % of its spin in a second", second.text)
+    shares = re.search(r"lags by ([\d.]+) % of its angle and gains ([\d.]+) % of its speed in a second", second.text)
     assert [float(share) for share in shares.groups()] == pytest.approx([100 * lag, 100 * (other[-1] / 40 - 1)], rel=0.05)

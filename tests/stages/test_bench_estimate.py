@@ -34,7 +34,7 @@ def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
     ("config", "change", "key", "what"),
     [
         (LOADS, "sensors.gauges.gauges=[{position: [0.918, 0.94, -1.372], direction: [0, 0, 1]}]", "estimate.sensors",
-         "1 channels are assigned to 3 unknown loads"),
+         "1 channel is not enough for 3 unknown loads"),
         (LOADS, "estimate.inputs.weight={std: 1.0, increment: 1.0}", "estimate.inputs.weight", "no force or moment"),
         (LOADS, "estimate.sensors.gauges.noise=[1.0e-7, 1.0e-7]", "estimate.sensors.gauges.noise", "2 noises for 4"),
         (LOADS, "estimate.time_step=0.07", "estimate.time_step", "does not divide"),
@@ -180,7 +180,7 @@ def test_three_forces_give_three_displacements_and_the_strain_of_a_load_over_its
     [
         (
             "estimate.measured.sensors={relative: tip}",
-            "'relative' has 5 channels in m or rad, sensors/tip there 3 in m",
+            "'relative' has 5 channels in m or rad, but sensors/tip of the other run has 3 in m",
         ),
         ("estimate.measured.inputs={Fx: My}", "no input 'My'"),
         ("estimate.time_step=0.025", "does not divide the filter's step"),

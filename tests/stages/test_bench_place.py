@@ -216,7 +216,7 @@ GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
 @pytest.mark.parametrize(
     ("change", "key", "says"),
     [
-        ({"body: beam\n  keep": "body: bean\n  keep"}, "place.body", "did you mean beam?"),
+        ({"body: beam\n  keep": "body: bean\n  keep"}, "place.body", "you mean beam?"),
         ({"keep: 3": "keep: 30"}, "place.pool", "8 candidates for 30"),
         ({"random: 3": "random: 3\n  poses: [0, 9]"}, "place.poses", "9 s is after the end of the run at 0.05 s"),
         ({"random: 3": "random: 0"}, "sensors.others.layout", "no random layouts"),

@@ -96,8 +96,8 @@ def test_the_filter_is_given_the_components_of_the_layout(bench, place):
     ("stage", "change", "says"),
     [
         ("place", "place.sensors={gauges: {noise: 1.0}}", "only displacement sensors and accelerometers can be candidates"),
-        ("estimate", "place.sensors={}", "the sensor is not a candidate of place"),
-        ("place", "estimate.disturbance=0.1", "set the disturbance to 0, or remove felt from place.sensors"),
+        ("estimate", "place.sensors={}", "sensor is not a candidate of place"),
+        ("place", "estimate.disturbance=0.1", "to 0, or remove felt from place.sensors"),
     ],
 )
 def test_what_cannot_be_a_candidate_is_refused(stage, change, says):
@@ -187,7 +187,7 @@ def test_a_run_in_two_poses_that_are_one_is_a_run_in_one():
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ({"layout: place}": "layout: place, zeroed: true}"}, "E strains no candidate"),
+        ({"layout: place}": "layout: place, zeroed: true}"}, "E causes no strain at any candidate"),
         ({"direction: [0, 1, 0], signal": "direction: [0, 0, 1], signal"}, "together"),
     ],
 )

@@ -185,7 +185,7 @@ def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate)
     assert grid_run.summary["violation"] < 1e-14
     assert grid_run.summary["ratio.extended.diameter"] == pytest.approx(1.0, abs=0.05)
     assert "ratio.extended.diameter" not in extended.summary
-    assert "filters compared" in str(grid_run.tables)
+    assert "comparison of filters" in str(grid_run.tables)
     assert read(BenchEstimated, extended).bearings
     assert not read(BenchEstimated, grid_run).bearings
 

@@ -66,7 +66,7 @@ def test_the_factor_moves_nothing_but_the_damping(tmp_path):
         ({"parameters.zeta.region": 1}, "it has no region"),
         ({"damping": {"type": "rayleigh", "alpha": 0.0, "beta": 0.0}}, "has no effect, since `damping` is zero"),
         ({"train.model": "static"}, "does not depend on the damping"),
-        ({"tolerances": {"damping": 1.5}}, "damped 1.5 times more or less"),
+        ({"tolerances": {"damping": 1.5}}, "a factor of 1.5 \\(tolerances.damping\\)"),
         (
             {"parameters.more": {"property": "damping_factor", "guess": 1.0, "range": [0.5, 2.0]}},
             "more is already a factor on the damping",

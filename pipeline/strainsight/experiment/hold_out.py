@@ -76,7 +76,7 @@ def misfits_in_words(rows: Sequence[LeftOut], others: str) -> list[str]:
     """Name the channels that disagree with the others, the worst first, as it also distorts the predictions of others."""
     off = [(row.claim.ratio, row.label) for row in rows if row.claim and row.claim.overconfident]
     channels = [f"{label} (error {ratio:.2g} σ)" for ratio, label in sorted(off, key=lambda one: -one[0])]
-    return [f"disagree with the other {others}: {', '.join(channels)}"] if channels else []
+    return [f"the other {others} disagree with {', '.join(channels)}"] if channels else []
 
 
 def hold_out_table(rows: Sequence[LeftOut], units: Sequence[str], each: str) -> Table:

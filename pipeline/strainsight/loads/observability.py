@@ -89,6 +89,15 @@ def observability(
 
 
 def direction_in_words(direction: np.ndarray, names: Sequence[str]) -> str:
+    """Describe `unknowns_in_words`, with the remedy if there are several."""
+    words = unknowns_in_words(direction, names)
+    return f"{words}: fix one of them, or make one known" if words.endswith(TOGETHER) else words
+
+
+TOGETHER = " together"
+
+
+def unknowns_in_words(direction: np.ndarray, names: Sequence[str]) -> str:
     """The unknowns (the last states) that a direction (n*,) of x* changes by at least a tenth of the largest change."""
     if not names:
         return "all unknowns"
@@ -98,7 +107,7 @@ def direction_in_words(direction: np.ndarray, names: Sequence[str]) -> str:
     involved = [name for name, size in zip(names, part, strict=True) if size >= 0.1 * part.max()]
     if len(involved) == 1:
         return involved[0]
-    return f"{', '.join(involved[:-1])} and {involved[-1]} together: fix or measure one of them"
+    return f"{', '.join(involved[:-1])} and {involved[-1]}{TOGETHER}"
 
 
 def marginal_modes(F: np.ndarray) -> MarginalModes:

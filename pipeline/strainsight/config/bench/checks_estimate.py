@@ -137,7 +137,7 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
                 yield Problem(f"{key}.{field}", what, f"use one value, or {count} values")
         counts.append(_used_components(config, estimate, name))
     if None not in counts and (channels := sum(filter(None, counts))) < len(estimate.inputs):
-        what = f"{channels} channels are not enough for {len(estimate.inputs)} unknown loads"
+        what = f"{channels} channel{'s are' if channels != 1 else ' is'} not enough for {len(estimate.inputs)} unknown loads"
         yield Problem("estimate.sensors", what, "add sensors, or remove loads from estimate.inputs")
 
 
@@ -291,7 +291,7 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
         yield from known(key, name, list(estimate.sensors), "sensor of the filter")
         count = channels_of(config, name) if name in config.sensors else None
         if count is not None and len(channels) != count:
-            what = f"{len(channels)} channels are listed for {count} components"
+            what = f"{len(channels)} channel{'s' * (len(channels) != 1)} listed for {count} components"
             yield Problem(
                 key, what, "list one channel for each component in order, or null for a component that is not measured"
             )

@@ -85,7 +85,8 @@ class Campaign:
     records: estimate by record name (empty name if the test is one file); decision: whether σ is reported; undetectable: unknowns
     that the channels cannot determine, in words; tuning: factors on the noises of one record, None if not tuned; together: joint
     estimate, None for one record; posterior: by parameter; damage: of all records; surface: its grid, None if neither damage nor
-    fields in time are configured; units: of unknowns and of "the channel" of a dataset; labels: of the virtual gauges.
+    fields in time are configured; units: of unknowns and of "the channel" of a dataset; channel_units: of the channels, in
+    order; labels: of the virtual gauges.
     """
 
     unknowns: Unknowns
@@ -348,7 +349,7 @@ def _notes(hidden: str, tuning: Tuning | None) -> tuple[str, ...]:
     undecided = () if tuning is None else tuning.undecided
     factors, untuned = ", ".join(f"{part} {value:.3g}" for part, value in tuned.items()), ", ".join(undecided)
     return (
-        f"the channels cannot determine {hidden}: its estimate rests on the initial values" if hidden else "",
+        f"estimates rest on the initial values, because the channels cannot determine {hidden}" if hidden else "",
         f"noise levels were tuned to the measurements, factors: {factors}" if factors else "",
         f"the measurements do not determine the noise of {untuned}" if untuned else "",
     )

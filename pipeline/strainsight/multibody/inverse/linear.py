@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from strainsight.fem.modes import combine_repeated, signs
-from strainsight.loads.observability import direction_in_words, undetectable_directions
+from strainsight.loads.observability import undetectable_directions, unknowns_in_words
 from strainsight.multibody.accelerations import input_slopes, parameter_slopes
 from strainsight.multibody.coupled import tangent_space
 from strainsight.multibody.inverse.loads import doublings_of, step_noise
@@ -216,7 +216,7 @@ def indistinct(model: AugmentedStep, x: np.ndarray, k: int, names: Sequence[str]
     H = np.hstack([J[:, model.q] @ T, J[:, model.v] @ T, J[:, model.u], J[:, model.xi]])
     lost = undetectable_directions(F, H)
     share = np.abs(lost[2 * r :]).max(axis=0, initial=0.0) / np.abs(lost).max(axis=0, initial=1e-300)
-    return [direction_in_words(column, names) for column in lost[:, share > UNKNOWN].T]
+    return [unknowns_in_words(column, names) for column in lost[:, share > UNKNOWN].T]
 
 
 def _pushes(d: np.ndarray, T: np.ndarray, slopes: np.ndarray) -> np.ndarray:
