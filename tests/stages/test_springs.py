@@ -177,7 +177,11 @@ INERTIA = r"train\.model: static"
         ({"mesh.supports": [MIXED]}, "mesh.supports[0].components", "one stiffness cannot be both"),
         ({"parameters.s.springs": ["mesh.support.0"]}, "parameters.s.springs", "no spring 'mesh.support.0'"),
         ({"parameters.s.region": 1}, "parameters.s.springs", "region is set as well"),
-        ({"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]}, "parameters.s.guess", "has 1 in mesh.supports.0"),
+        (
+            {"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]},
+            "parameters.s.guess",
+            "is 30, but .* 1 in mesh.supports.0",
+        ),
         ({"parameters.t": FOUNDATION["parameters"]["s"]}, "parameters", "s and t are both the stiffness of the spring"),
         (STATIC | {"motion_sensors": {"a": SENSOR}}, "motion_sensors.a.quantity", INERTIA),
         (STATIC | {"parameters.s": DENSITY, "validate.truth.parameters.s": 7850.0}, "parameters.s.property", INERTIA),
