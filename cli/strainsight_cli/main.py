@@ -201,7 +201,7 @@ def estimate(
     if measurements is not None:
         if not measurements.is_file():
             sibling = config.parent / measurements
-            remedy = f"the path of --measurements is relative to the current folder, {Path.cwd()}"
+            remedy = f"The path of --measurements is relative to the current folder, {Path.cwd()}"
             if sibling.is_file():
                 remedy = f"did you mean {sibling}? {remedy}"
             raise UserError("file not found", where=str(measurements), key="--measurements", remedy=remedy)

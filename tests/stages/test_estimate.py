@@ -139,8 +139,8 @@ def test_the_variance_of_an_estimate_is_made_of_what_place_expects(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ((), "90 % of the record of 'tip' is not of the frequencies"),
-        *slowly((("filter.method=extended",), "filter.method: extended cannot begin")),
+        ((), "90 % of the recorded load 'tip' is outside"),
+        *slowly((("filter.method=extended",), "not available with filter.method: extended")),
     ],
 )
 def test_a_start_that_cannot_have_settled_is_refused(known, tmp_path, settings, says):
@@ -158,7 +158,7 @@ def test_a_start_that_cannot_have_settled_is_refused(known, tmp_path, settings, 
 def test_a_motion_under_an_unknown_load_is_not_known_to_have_settled(project):
     code, said = estimated(project, project / "results" / "test" / "measured.csv", "estimate.start=settled")
     assert code == 2
-    assert "under an unknown load, side," in " ".join(said.split())
+    assert "with an unknown load (side)" in " ".join(said.split())
 
 
 @pytest.mark.slow
@@ -259,7 +259,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
     code, said = estimated(project, project / "results" / "test" / "measured.csv", "--force")
     assert code == 2
     states, needed = re.search(
-        r"200 steps of (\d+) states: (\S+) GiB of memory are needed, but 9.31e-05 GiB", said
+        r"200 steps of (\d+) states: (\S+) GiB .*, but 9\.31e-05 GiB", said
     ).groups()
     assert float(needed) == pytest.approx(8 * 200 * (8 * int(states) + 12 * 4) / 2**30, rel=0.01)
     assert "Estimate parts of the record" in said
@@ -269,7 +269,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
     ("settings", "key", "says"),
     [
         (["estimate.channels.0.gauge=G9"], "estimate.channels.0.gauge", "G9"),
-        (["estimate.channels.1.gauge=G1"], "estimate.channels", "one grid"),
+        (["estimate.channels.1.gauge=G1"], "estimate.channels", "the same gauge grid"),
         (["estimate.channels.0.unit=mV/V"], "estimate.channels.0", "bridge"),
         (["estimate.inputs={}"], "estimate.inputs", "tip"),
         (["estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"], "estimate.channels", "cannot determine"),

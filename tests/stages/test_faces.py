@@ -175,7 +175,7 @@ def of_density(loads):
 
 
 def test_a_load_of_the_deck_on_mass_beside_a_density_that_is_a_parameter_is_refused(tmp_path):
-    with pytest.raises(UserError, match="would change with the density rho") as caught:
+    with pytest.raises(UserError, match=r"would change with the parameter rho \(density\)") as caught:
         finished(tmp_path, "import", MESH, of_density({"deck": LOADS["deck"]}))
     assert caught.value.key == "loads.deck"
 

@@ -163,12 +163,12 @@ def test_two_estimates_that_exclude_each_other_are_named():
     def words(value):
         return excluded({"E": (value, 0.002 * value)}, {"E": (1.8e11, 3.6e8)})
 
-    assert words(2.04e11) == "E is 2.04e+11 ± 0.2 % or 1.8e+11 ± 0.2 %"
+    assert words(2.04e11) == "E = 2.04e+11 ± 0.2 % or 1.8e+11 ± 0.2 %"
     apart = 5 * np.hypot(0.002, 0.002)
     assert words(1.8e11 * np.exp(1.01 * apart))
     assert not words(1.8e11 * np.exp(0.99 * apart))
     assert not words(np.nan)
-    assert excluded_in_words(words(2.04e11), True, "estimate.start").endswith("check estimate.start")
+    assert excluded_in_words(words(2.04e11), True, "estimate.start").endswith("check estimate.start)")
     assert not excluded_in_words("", True, "estimate.start")
 
 
@@ -220,7 +220,7 @@ def test_a_history_is_taken_from_before_the_start_where_the_record_has_it(beam):
     """In 0.04 s from −0.04 s on; a record from −0.05 s has no 0.06 s, and a sweep has nothing."""
     ramp = {"loads.tip.signal": RAMP, "damping.ratio": 0.05}
     assert np.abs(beam({**ramp, "train.settle": 0.04}).training.coordinate[0]).max() > 0
-    with pytest.raises(ConfigError, match=r"train\.settle: the record covers -0\.05 to 1 s, asked for -0\.06") as caught:
+    with pytest.raises(ConfigError, match=r"train\.settle: the record covers -0\.05 to 1 s, but -0\.06 to 0 s") as caught:
         beam({**ramp, "train.settle": 0.06})
     assert "auto or none" in caught.value.remedy
     with pytest.raises(ConfigError, match=r"train\.settle: a sweep begins at t = 0"):
@@ -265,7 +265,7 @@ def test_instants_in_what_a_start_from_rest_has_set_off_are_reported(beam, chang
     problem = small.problem
     at = placed_instants(problem, problem.model.reference, problem.x, small.case.config)
     message = ringing_in_words(problem.run.settle, problem.loading, problem.model, at)
-    assert message.startswith("2 of 2 instants") is warned
+    assert message.startswith("2 of 2 linearisation instants") is warned
     if changes.get("train.settle") == 0.01:
         assert message in api.place(small.case, small.mesh, small.reduced, small.training, small.screened).advice
     assert bool(message) is warned

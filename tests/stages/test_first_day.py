@@ -43,10 +43,10 @@ CONFIG = {
     "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "remove one of them"),
     "a coarse step": (
         [("time_step: 1.0e-3}", "time_step: 1.0e-2}")],
-        "train.time_step: 0.01 s gives 1.67 steps",
+        "train.time_step: the time step of 0.01 s gives 1.67 steps",
         "at most 0.00208 s",
     ),
-    "noise in um/m": ([("value: 2.0e-6", "value: 2.0")], "gauges.noise_std.value: 2 m/m", "2 um/m are 2.0e-06"),
+    "noise in um/m": ([("value: 2.0e-6", "value: 2.0")], "gauges.noise_std.value: 2 m/m", "2 um/m is 2.0e-06"),
     "a misspelt gauge": ([("below,", "bellow,")], "test.yaml:32:28  estimate.channels.2.gauge", "did you mean below?"),
     "a known load without a channel": (
         KNOWN,
@@ -84,9 +84,9 @@ FILES = {
 """What the files contradict, before the import."""
 WORDS = {
     "a misspelt override": (["run", "test.yaml", "--set", "place.kep=3"], "--set place.kep  place.kep", "did you mean keep?"),
-    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  larger than 128 KiB", "specify a config, not a deck"),
-    "a misspelt config": (["run", "tset.yaml"], "tset.yaml  config file not found", "create one with `strainsight init DECK`"),
-    "a config for a deck": (["init", "test.yaml"], "test.yaml  a config, not a deck", "strainsight run test.yaml"),
+    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  the config is larger than 128 KiB", "not a deck"),
+    "a misspelt config": (["run", "tset.yaml"], "tset.yaml  config file not found", "Create one with `strainsight init DECK`"),
+    "a config for a deck": (["init", "test.yaml"], "test.yaml  the file is a config, not a deck", "strainsight run test.yaml"),
 }
 """What the command line says by itself."""
 MISTAKES = (
@@ -139,9 +139,9 @@ def test_where_gauges_were_bonded_is_known_after_the_layout(project):
     done = CliRunner().invoke(app, ["import", "test.yaml"])
     assert (done.exit_code, done.stderr) == (0, "")
     shutil.rmtree(project / "results")
-    refused(project, ["estimate", "test.yaml"], "estimate.file: no such file: ", "folder of the config")
+    refused(project, ["estimate", "test.yaml"], "estimate.file: file not found: ", "folder of the config")
     shutil.copy(project / "test.csv", project / "later.csv")
-    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: no such file: ", "folder of the config")
+    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: file not found: ", "folder of the config")
 
 
 def test_a_record_beside_the_config_is_named(project, monkeypatch):
@@ -149,7 +149,7 @@ def test_a_record_beside_the_config_is_named(project, monkeypatch):
     monkeypatch.chdir(project / "elsewhere")
     words = ["estimate", "../test.yaml", "--measurements", "test.csv"]
     refused(
-        project, words, "test.csv  --measurements: file not found", "did you mean ../test.csv? --measurements starts from"
+        project, words, "test.csv  --measurements: file not found", "did you mean ../test.csv? The path of --measurements is"
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,9 @@ from strainsight.stages import suite as suite_stage
 from strainsight.stages.pages.suite_entries import suite_config
 from strainsight.stages.suite import SUITE, numbers_of, suite_tables
 
-DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
+from ..shared import ROOT, script
+
+DOC = ROOT / "docs" / "artefacts.md"
 
 
 LASTS = ("import", "place", "report")
@@ -80,7 +81,9 @@ def test_the_page_and_the_table_say_the_same_of_a_diverged_repeat():
 
 def test_every_dataset_and_every_scalar_is_listed(suite):
     text = DOC.read_text(encoding="utf-8").split("## suite.h5\n")[1].split("\n## ")[0]
-    listed = dict(re.findall(r"^\| `([^`]+)` \| [^|]+ \| ([^|]+) \|", text, flags=re.MULTILINE))
+    assert "{include} artefacts/suite.txt" in text
+    table = script("docs/artefact_reference.py").tables()["suite.txt"]
+    listed = dict(re.findall(r"^\| `([^`]+)` \| [^|]+ \| ([^|]+) \|", table, flags=re.MULTILINE))
     assert {path: unit.strip() for path, unit in listed.items()} == {
         path: suite.attributes(path)["units"] for path in suite.paths()
     }

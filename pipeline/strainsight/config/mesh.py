@@ -89,10 +89,11 @@ class MaterialSection(RegionProperty):
         }
         if any(three.values()) and not all(three.values()):
             anisotropic, lacking = (
-                ", ".join(name for name, is_set in three.items() if is_set == which) for which in (True, False)
+                " and ".join(names) + (" is" if len(names) == 1 else " are")
+                for names in ([name for name, is_set in three.items() if is_set == which] for which in (True, False))
             )
             remedy = "set [E1, E2, E3], [ν12, ν13, ν23] and [G12, G13, G23]; or one E and one ν without shear_modulus"
-            yield Problem("", f"{anisotropic} is orthotropic, but {lacking} is not", remedy, at_key=True)
+            yield Problem("", f"{anisotropic} orthotropic, but {lacking} not", remedy, at_key=True)
         elif self.axes is not None and not all(three.values()):
             yield Problem("axes", "an isotropic material does not need axes", "remove the key", at_key=True)
 
