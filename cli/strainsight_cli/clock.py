@@ -33,8 +33,7 @@ class RemainingTime:
 def ends_at(started: float, now: float, share: float, last: float | None) -> float | None:
     """Expected end of a stage: from its last run time, or if that is exceeded or unknown, from the fraction done.
 
-    started, now and the result are seconds of the same clock; last [s].
-    """
+    started, now and the result are seconds of the same clock; last [s]."""
     spent = now - started
     if last is not None and spent < last:
         return started + last

@@ -189,8 +189,7 @@ def check_packages() -> list[DoctorFinding]:
 def asked_for() -> tuple[str, list[str]]:
     """(range of Python, requirements): of the pyproject.toml of the checkout, or as installed.
 
-    The metadata of an installed checkout may be older than its pyproject.toml.
-    """
+    The metadata of an installed checkout may be older than its pyproject.toml."""
     import tomllib
 
     import strainsight

@@ -78,8 +78,7 @@ def example(
 def write(name: str, folder: Path, force: bool) -> list[Path]:
     """Copy the files of an example into a folder; the config refers to them by name.
 
-    Raises UserError, before anything is written, if a file exists with other content.
-    """
+    Raises UserError, before anything is written, if a file exists with other content."""
     from strainsight.errors import UserError
     from strainsight.writing import write_file
 

@@ -112,8 +112,7 @@ def reported(verbose: bool = False) -> Iterator[None]:
 def saying(quiet: bool, verbose: bool, named: str | None, wanted: bool) -> Iterator[bool]:
     """`reported` at the level of -q, -v or --log-level; yields whether the level is debug.
 
-    wanted: the output on stdout is the result, as with --json, and is printed at every level.
-    """
+    wanted: the output on stdout is the result, as with --json, and is printed at every level."""
     with reported(verbose or named == "debug"):
         level = level_of(quiet, verbose, named)
         with speaking(level, wanted):
@@ -151,8 +150,7 @@ def _interruptible() -> Iterator[None]:
     """End the process and its children at once on Ctrl-C and similar signals, also during a C library call.
     Python raises KeyboardInterrupt in the main thread only after the current C call, and loses it in C callbacks. Here, another
     thread waits for the signal. A hard exit loses nothing: artefacts are complete or absent, the kernel releases the lock, and
-    the next run cleans up.
-    """
+    the next run cleans up."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -57,8 +57,7 @@ LAST_TEST = ("file", "allow_unobservable")
 def with_last_test(path: Path, overrides: Iterable[str | Override] | None, results: Path) -> LoadedConfig:
     """The config, completed with the last estimated measurement file if its section `estimate` names none.
 
-    The file name is read from estimate.h5; if the file is missing, a note is printed and the estimate is omitted.
-    """
+    The file name is read from estimate.h5; if the file is missing, a note is printed and the estimate is omitted."""
     loaded = loaded_config(path, overrides)
     section = loaded.data.get("estimate") if loaded.data["kind"] == "placement" else None
     artefact = results / str(loaded.data["name"]) / "estimate.h5"

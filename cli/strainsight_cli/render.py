@@ -61,8 +61,7 @@ def print_grid(
     """A table of rich Texts; in files and pipes, without line breaks and trailing spaces.
 
     head: column names, "" for a table without header; least: minimum widths; right: right-aligned columns. rich omits colours
-    without a terminal, or if NO_COLOR is set.
-    """
+    without a terminal, or if NO_COLOR is set."""
     from rich.console import Console
     from rich.padding import Padding
     from rich.table import Table as RichTable

@@ -33,8 +33,7 @@ def placeless(text: str, folders: Iterable[Path] = ()) -> str:
     """The text with paths below `folders`, packages and working directory made relative, and other paths reduced to the file
     name.
 
-    `File "/home/…/site-packages/scipy/sparse/_csr.py"` becomes `File "scipy/sparse/_csr.py"`.
-    """
+    `File "/home/…/site-packages/scipy/sparse/_csr.py"` becomes `File "scipy/sparse/_csr.py"`."""
     known = [*folders, Path.cwd(), Path.home(), Path(tempfile.gettempdir()), Path(sys.prefix), *map(Path, sys.path)]
     roots = {str(path) for folder in known for path in (folder.absolute(), folder.resolve())} - {"/"}
     for root in sorted(roots, key=len, reverse=True):  # the deepest first
@@ -56,8 +55,7 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
     """Yield the function that writes a line to the log of the folder; warnings and a failure are logged automatically.
 
     The run creates the folder; earlier lines are kept and written with the first one after that. A log that cannot be written
-    never makes a run fail.
-    """
+    never makes a run fail."""
     import strainsight
 
     start = time.perf_counter()
@@ -106,8 +104,7 @@ def peak() -> str:
 def append(path: Path, text: str, wait: bool = True) -> None:
     """Append whole lines, safely with other processes, and limit the size of the file.
 
-    wait: for the lock; during an exit, the interrupted code may hold it.
-    """
+    wait: for the lock; during an exit, the interrupted code may hold it."""
     with suppress(OSError):
         handle = open_file(path, os.O_RDWR | os.O_APPEND)
         try:

@@ -82,8 +82,7 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
     """The forecast line; empty if no finite-element stage is pending.
 
     pending: stages that will run; imported: import.h5, or None if it is not up to date, so that only the size of the deck is
-    known.
-    """
+    known."""
     from strainsight.memory import available_memory
     from strainsight.text import listed
 

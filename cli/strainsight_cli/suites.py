@@ -52,8 +52,7 @@ def timing_table(runs: Sequence[str], artefacts_of: Sequence[Sequence[Artefact]]
     """One row per run, one column per stage: run time in seconds, or "↩ 2" for a result reused from run 2.
 
     For results of previous commands, the first run with an artefact counts as its origin. page: artefact of the suite, in a
-    separate row.
-    """
+    separate row."""
     from strainsight.runner.output import Table
 
     entries = [(i, artefact) for i, artefacts in enumerate(artefacts_of) for artefact in artefacts]
@@ -214,8 +213,7 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
 def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool) -> None:
     """Update every run, `jobs` in parallel, then the page; a failed run ends the command, with its name in the message.
 
-    Exits with 3 if the measurements of a run are inconsistent with its model.
-    """
+    Exits with 3 if the measurements of a run are inconsistent with its model."""
     _look_for_inputs(works[:-1])
     with progress_bar(not as_json) as progress:
         computed = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
@@ -300,8 +298,7 @@ def side_by_side(
 ) -> Generator[Ended]:
     """Every finished run, `jobs` in parallel; a process waits for results that another one is computing, and reuses them.
 
-    After a failure no other run starts. Raises StrainsightError if a process was killed.
-    """
+    After a failure no other run starts. Raises StrainsightError if a process was killed."""
     waits = [set(makers(work, works).values()) for work in works]
     pending, ended = list(range(len(works))), set[int]()
     running: dict[Future[Ended], int] = {}

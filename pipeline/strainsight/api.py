@@ -21,8 +21,7 @@ Those of a bench are methods of what `bench` returns.
     estimate = bench.estimate(meshes, bodies, layout)
 
 `place_arrays` and `place_modes` place gauges without a deck, on plain arrays. `open_run` reads what a run on the command line has
-written, `open_bench` what one of a bench has. The classes of all that is returned are names of this module.
-"""
+written, `open_bench` what one of a bench has. The classes of all that is returned are names of this module."""
 
 from __future__ import annotations
 
@@ -151,8 +150,7 @@ class Case(_Checked[PlacementConfig]):
 
     config: the checked config; files: dotted key ("mesh.file") → input file; progress: called with what is being done and
     the share that is done; sweep: runs one function at many points, in one process unless another is given; notice: called with
-    a sentence that need not wait for the result; base: the folder that paths of the config start from.
-    """
+    a sentence that need not wait for the result; base: the folder that paths of the config start from."""
 
 
 @dataclass(frozen=True)
@@ -226,8 +224,7 @@ class BenchCase(_Checked[BenchConfig]):
 def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
     """Read and check the config of a placement; overrides as behind --set ("place.keep=6").
 
-    Raises ConfigError that lists every problem with file:line:column, key and remedy.
-    """
+    Raises ConfigError that lists every problem with file:line:column, key and remedy."""
     from strainsight.stages.placement import stages_for
 
     config, job = _checked(path, overrides, PlacementConfig)
@@ -318,8 +315,7 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
 
     `.gauges`: candidate numbers, by the effect of their removal, largest first; `.listed`: locations; `.expected.std`: σ of every
     unknown relative to its scale; `.hot_spots`: as in `hot_spots`; `.at_gauges`: strain gradient and free height; `.advice`:
-    sentences. Raises InfeasibleError if no permitted layout can observe every unknown.
-    """
+    sentences. Raises InfeasibleError if no permitted layout can observe every unknown."""
     from strainsight.experiment.structure.placement import placement_of
 
     return placement_of(case.config, mesh, reduced, training, screened, case)
@@ -331,8 +327,7 @@ def expect(
     """Predicted σ of a filter with any gauges along the training run, under the configured loads.
 
     `.std`: σ of every unknown relative to its scale; `.without`: the same without each gauge in turn; `.budget`: shares of the
-    variance by source.
-    """
+    variance by source."""
     from strainsight.experiment.structure.considered import tolerated
     from strainsight.experiment.structure.expectation import expectation
     from strainsight.experiment.structure.problem import problem_of
@@ -346,8 +341,7 @@ def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gaug
     """Mesh sensitivity of the strain at up to 20 gauges.
 
     `.refined`, `.spread`: changes relative to the RMS reading in training, with a refined local mesh and with distributed nodal
-    forces; `.hot`: gauges above the limit `.share`. None for a model without mesh.
-    """
+    forces; `.hot`: gauges above the limit `.share`. None for a model without mesh."""
     from strainsight.experiment.structure.clearance import tested_hot_spots
 
     return tested_hot_spots(_structure(case, mesh, reduced, training), np.asarray(gauges, dtype=int))
@@ -358,8 +352,7 @@ def validate(
 ) -> Validation:
     """The filter on simulated measurements with model error.
 
-    `.accuracy`: error and standard deviation of every unknown; `.validated`: histories and studies as in validate.h5.
-    """
+    `.accuracy`: error and standard deviation of every unknown; `.validated`: histories and studies as in validate.h5."""
     from strainsight.experiment.structure.reduction import spectrum_of
     from strainsight.experiment.structure.validation import validation_of
 
@@ -376,8 +369,7 @@ def estimate(
 
     gauges: those named G1, G2, … in the config; none if all have names. `.estimated`: loads, parameters and strains with their σ
     as in estimate.h5; `.surface`: surface fields for `to_pyvista`. Raises UserError for inconsistent measurements, and
-    InfeasibleError if the channels cannot distinguish the unknowns.
-    """
+    InfeasibleError if the channels cannot distinguish the unknowns."""
     estimation = campaign(case, mesh, reduced, training, screened, gauges).only
     if estimation is None:
         raise ConfigError(
@@ -394,8 +386,7 @@ def campaign(
     """The filter on all records of a test, `estimate.records` of the config, in one estimate.
 
     `.records`: as `estimate`, by record name, with parameters common to all; `.damage`: of all records; `.together`: parameters
-    from each record alone. Arguments and errors as in `estimate`.
-    """
+    from each record alone. Arguments and errors as in `estimate`."""
     from strainsight.experiment.structure.campaign import campaign_of
 
     return campaign_of(case.config, mesh, reduced, training, screened, np.asarray(gauges, dtype=int), case)

@@ -27,8 +27,7 @@ Message = tuple[dict[str, Any], list[np.ndarray]]
 def child_reader(command: Sequence[str], request: Any, failure: UserError) -> Iterator[Callable[[float], Message]]:
     """The next message of `answer` in the process of this command, by its limit [s] of processor time.
 
-    A message raises the error, of the class of `failure`, that the child raised, and `failure` where the process fails.
-    """
+    A message raises the error, of the class of `failure`, that the child raised, and `failure` where the process fails."""
     with reader(command, request, START_LIMIT) as within:
         yield lambda limit: within(limit, partial(_received, failure=failure))
 
@@ -60,8 +59,7 @@ def answer(
 ) -> None:
     """In the child process: send the messages that `read` makes of the request, or the UserError that it raises.
 
-    modules: imported before; memory: request → bytes that reading may take; writable: see `receive_request`.
-    """
+    modules: imported before; memory: request → bytes that reading may take; writable: see `receive_request`."""
     request = receive_request(*modules, writable=writable)
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what a library prints is no answer

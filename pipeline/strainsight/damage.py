@@ -20,8 +20,7 @@ def rainflow(signal: np.ndarray) -> np.ndarray:
     Reversals are the first sample, peaks and valleys, and the last sample. A range that the next one is not smaller than is a
     cycle, or half of one where it begins at the first reversal that is left; what remains at the end are half cycles.
     Peaks between samples are not seen: of a sine of n samples a period a range is up to 1 − cos(π/n) too small.
-    Raises ValueError for NaN. Source: ASTM E1049-85 (2017), 5.4.4.
-    """
+    Raises ValueError for NaN. Source: ASTM E1049-85 (2017), 5.4.4."""
     samples = np.ascontiguousarray(signal, dtype=float)
     if not np.isfinite(samples).all():
         raise ValueError("the signal contains NaN, so that cycles cannot be counted")
@@ -204,8 +203,7 @@ class MeanStress:
               2σ_a (1 + M)²/(1 + M/3) beyond, with the mean stress sensitivity M
 
     rule; constant: R_m [Pa], or M [-]. The S-N curve is then that of mean zero.
-    Sources: Goodman (1899); FKM guideline, 6th edition (2012), 4.4.2.
-    """
+    Sources: Goodman (1899); FKM guideline, 6th edition (2012), 4.4.2."""
 
     rule: int = NONE
     constant: float = 0.0
@@ -232,8 +230,7 @@ def damage_of(signals: np.ndarray, curve: Curve, mean: MeanStress | None = None)
         D = Σᵢ nᵢ/Nᵢ
 
     over the cycles of each by rainflow. NaN of a history with NaN in it. Sources: Palmgren (1924); Miner, J. Applied Mechanics 12
-    (1945).
-    """
+    (1945)."""
     histories, rule = np.ascontiguousarray(signals, dtype=float), MeanStress() if mean is None else mean
     out, whole = np.empty((len(histories), 2)), np.isfinite(histories).all(axis=1)
     if not whole.all():
@@ -255,8 +252,7 @@ def scalar_stress(stress: np.ndarray, kind: str) -> np.ndarray:
     principal          the principal stress of the largest size
     signed_von_mises   von Mises' stress with the sign of that
 
-    In pure shear the principal stresses of the largest size are two of opposite sign, and either is taken.
-    """
+    In pure shear the principal stresses of the largest size are two of opposite sign, and either is taken."""
     components = np.ascontiguousarray(stress, dtype=float)
     out = np.empty((components.shape[0], components.shape[2]))
     _one_number(components, KINDS[kind], out)

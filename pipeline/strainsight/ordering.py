@@ -18,8 +18,7 @@ _LARGEST = 1e300
 def tied_order(values: np.ndarray, least: float = 0.0, share: float = TIE) -> np.ndarray:
     """Places of the values (m,), ascending, ties in the order of their places; infinities are ties, no NaN.
 
-    least: differences up to it are ties, too, where values near zero are the rounding of larger ones.
-    """
+    least: differences up to it are ties, too, where values near zero are the rounding of larger ones."""
     order = np.argsort(values, kind="stable")
     v = np.clip(values[order], -_LARGEST, _LARGEST)
     end = np.searchsorted(v, v + np.maximum(share * np.abs(v), least), side="right").tolist()

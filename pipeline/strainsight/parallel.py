@@ -138,8 +138,7 @@ def in_processes(jobs: int | None, memory: Callable[[], float]) -> Sweep:
     """At most `jobs` processes, None for one a core; fewer where memory() [bytes] is not enough for as many as large as this.
 
     The first points are computed here: they tell how long the others will take. A process that is killed loses nothing:
-    what it and the others had not done is done here.
-    """
+    what it and the others had not done is done here."""
     most = jobs or cores()
 
     def sweep(

@@ -1,8 +1,7 @@
 """Processes that this one starts, and that none outlives it. What a system other than Linux cannot do is left out.
 
 A reader of foreign files confines itself before it opens one. An audit hook refuses what Python code asks for, on every system.
-On Linux, Landlock and a seccomp filter also refuse it to compiled code. What a kernel does not have is left out.
-"""
+On Linux, Landlock and a seccomp filter also refuse it to compiled code. What a kernel does not have is left out."""
 
 from __future__ import annotations
 
@@ -47,8 +46,7 @@ def confine(folder: str | None = None) -> None:
     """Refuse this process from now on all that a reader does not need. Modules have to be imported before.
 
     folder: where files may be opened for writing, as a library does that only reads; they are not changed, either.
-    What is refused raises PermissionError.
-    """
+    What is refused raises PermissionError."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -92,8 +90,7 @@ _WRITE_FILE, _READ_FILE, _READ_DIR, _REFER, _TRUNCATE, _IOCTL_DEV = (1 << bit fo
 
 def _confine_files(library: Any, folder: str | None) -> None:
     """Landlock: no file is made, removed or executed, none opened for writing but the null device and those of the folder.
-    Source: linux/landlock.h, versions 1 to 7.
-    """
+    Source: linux/landlock.h, versions 1 to 7."""
     version = library.syscall(_LANDLOCK_CREATE_RULESET, None, ctypes.c_size_t(0), _LANDLOCK_VERSION)
     if version < 1:
         return
@@ -277,8 +274,7 @@ def reader(command: Sequence[str], request: Any, start_limit: float) -> Iterator
     """A child process that reads a file which may crash it, or hold it for ever: both cost the file and not the run.
 
     `request` goes there as JSON, and `receive_request` takes it. A process that crashes, is not ready within start_limit [s],
-    or is killed at the limit of `Within`, answers no more.
-    """
+    or is killed at the limit of `Within`, answers no more."""
     process = subprocess.Popen(
         command,
         env=inherited() | dict.fromkeys(THREADS, "1"),
@@ -335,8 +331,7 @@ def receive_request(*modules: str, writable: Callable[[Any], str] | None = None)
     """In the child process of `reader`: the request.
 
     The modules are imported first, which no limit counts, away from the parent's working folder, whose settings they do not
-    read; from then on the process is confined to reading. writable: request → the folder of `confine`.
-    """
+    read; from then on the process is confined to reading. writable: request → the folder of `confine`."""
     end_with_parent()
     folder, request = json.loads(sys.stdin.read())
     for module in modules:
@@ -383,8 +378,7 @@ def end_children() -> None:
     """Ask every process that this one has started, and those that they have, to end.
 
     By SIGTERM: Python's resource tracker does not listen to that. It ends by itself with the last of the others and removes
-    what they left in shared memory.
-    """
+    what they left in shared memory."""
     parents = _parents()
     for pid in parents:
         above = parents.get(pid)

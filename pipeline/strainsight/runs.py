@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 class Written:
     """The artefacts of a run; each array is read on first access.
 
-    folder: results/NAME. Raises ArtefactError for a stage that has not run, and for a damaged file.
-    """
+    folder: results/NAME. Raises ArtefactError for a stage that has not run, and for a damaged file."""
 
     GRIDS: ClassVar[str]
     """Stages with a grid."""

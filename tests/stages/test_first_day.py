@@ -38,9 +38,9 @@ KNOWN = [
 CONFIG = {
     "a misspelt section": ([("train:", "trian:")], "test.yaml:14:1  trian: unknown key", "did you mean train?"),
     "a decimal comma": ([("ratio: 0.01", "ratio: 0,01")], "test.yaml:13:10  damping: ',01'", "decimal point, as in 0.01"),
-    "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: '0.4 s'", "without unit"),
-    "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: 'no'", "write false"),
-    "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "remove one of them"),
+    "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: is '0.4 s'", "and without"),
+    "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: is 'no'", "rite false"),
+    "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "the first one is at 4:1"),
     "a coarse step": (
         [("time_step: 1.0e-3}", "time_step: 1.0e-2}")],
         "train.time_step: the time step of 0.01 s gives 1.67 steps",

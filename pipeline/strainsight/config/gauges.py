@@ -127,8 +127,7 @@ def type_gain(kind: GaugeType) -> float:
         √(t² + (R_L/R)²)
 
     t: tolerance of its gauge factor, as if it were σ; R_L = `LEADS` over its resistance R, by which lead wires in series with the
-    gauge make its reading smaller. 3/350: 0.58 %, 3/120: 0.97 %.
-    """
+    gauge make its reading smaller. 3/350: 0.58 %, 3/120: 0.97 %."""
     return float(round((kind.gauge_factor_tolerance**2 + (LEADS / kind.resistance) ** 2) ** 0.5, 6))
 
 
@@ -155,8 +154,7 @@ def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
 
     Completed keys: gauges.grid_length, gauges.range, screen.minimum_spacing and place.minimum_spacing (longer side of the
     carrier), report.gauge_factor, report.resistance, and tolerances.gain (`type_gain`) if all sensors are strain gauges.
-    Clearance and bend radius are read where they are used. Invalid data remain unchanged.
-    """
+    Clearance and bend radius are read where they are used. Invalid data remain unchanged."""
     gauges = data.get("gauges")
     if not isinstance(gauges, Mapping) or not isinstance(gauges.get("type"), str) or gauges.get("given") is not None:
         return data

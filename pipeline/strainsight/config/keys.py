@@ -24,8 +24,7 @@ from strainsight.errors import ConfigError, did_you_mean
 def path_in(model: type[BaseModel], data: Any, loc: Sequence[int | str]) -> tuple[str, ...]:
     """The keys of `loc`, without the names of union members that pydantic inserts.
 
-    A member may have the same name as a key in it: {box: …} is the member box, with the key box.
-    """
+    A member may have the same name as a key in it: {box: …} is the member box, with the key box."""
     path: list[str] = []
     annotations: list[Any] = [model]
     for i, part in enumerate(loc):
@@ -313,8 +312,7 @@ def parsed(override: str) -> Override:
 def put(data: dict[str, Any], override: Override) -> list[str]:
     """Set the value at its key, and create missing mappings on the way.
 
-    Returns the dotted keys of the created mappings. Raises ConfigError for a list entry that does not exist.
-    """
+    Returns the dotted keys of the created mappings. Raises ConfigError for a list entry that does not exist."""
     *parents, last = override.key.split(".")
     if data.get("kind") == "suite" and (split := SET_OF_A_SUITE.fullmatch(override.key)):
         parents, last = split[1].split("."), split[2]

@@ -60,8 +60,7 @@ class LoadedConfig:
 def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> LoadedConfig:
     """Read and check a config file with overrides; a text override is "KEY=VALUE", as after --set.
 
-    Raises ConfigError with every problem: file:line:column, key and remedy.
-    """
+    Raises ConfigError with every problem: file:line:column, key and remedy."""
     path = Path(path)
     put_over = tuple(parsed(text) if isinstance(text, str) else text for text in overrides)
     data, places, key_places = _read(path)

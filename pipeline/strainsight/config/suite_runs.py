@@ -31,8 +31,7 @@ def runs_of(suite: LoadedConfig) -> tuple[PlannedRun, ...]:
     """Configs of the runs of a suite, in order. The `set` of the suite applies first, then that of the run, then name and suffix.
 
     A `from` that names another run of the suite gets its suffix. Raises ConfigError with every problem of every run; problems
-    caused by `set` are located in the file of the suite.
-    """
+    caused by `set` are located in the file of the suite."""
     model = suite.model
     assert isinstance(model, SuiteConfig)
     plain = all_of(range(len(model.runs)), lambda i: PlannedRun(model.runs[i], i, _plain(suite, model, i)))

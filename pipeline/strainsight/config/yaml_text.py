@@ -60,8 +60,7 @@ class YamlProblem(Exception):
 def parse(text: str) -> Document:
     """Parse the document into mappings, lists, strings, numbers, booleans and null, as in JSON.
 
-    Numbers follow YAML 1.2 ("1e11" is a number, "yes" is text). Raises YamlProblem for anything JSON cannot represent.
-    """
+    Numbers follow YAML 1.2 ("1e11" is a number, "yes" is text). Raises YamlProblem for anything JSON cannot represent."""
     try:
         root = YAML(typ="safe", pure=True).compose(text)
     except MarkedYAMLError as error:

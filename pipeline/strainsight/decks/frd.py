@@ -1,8 +1,7 @@
 """CalculiX result files (.frd), text and binary: the mesh and the result blocks.
 
 Source: cgx manual, "Result Format": lines `1P…` are parameters of a step, `2C` nodes, `3C` elements, `100C` a result
-block, whose last number is the format of its numbers.
-"""
+block, whose last number is the format of its numbers."""
 
 from __future__ import annotations
 
@@ -183,8 +182,7 @@ def read_frd_mesh(path: Path, *, required: bool = True) -> Mesh:
     """Read the mesh of an .frd in its own units: one region a material number; no materials, supports or ties.
 
     Elements that are not solids are left out, with a note. required: require solid elements. Raises DeckError for a
-    file that is truncated, damaged or has no nodes, and for an invalid mesh.
-    """
+    file that is truncated, damaged or has no nodes, and for an invalid mesh."""
     try:
         return _mesh(path, required)
     except DAMAGE:

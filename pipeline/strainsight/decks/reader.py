@@ -48,8 +48,7 @@ def read_mesh(
     step of an Abaqus deck that defines supports and elements. sections: config key → section in SI units of triangles,
     quadrilaterals or lines of a file without sections. include: further folders from which a deck may include files.
     contact: whether surfaces of a deck that are in contact are bonded where they touch, or open.
-    Raises DeckError for a file that cannot be imported, UserError for an unknown unit.
-    """
+    Raises DeckError for a file that cannot be imported, UserError for an unknown unit."""
     L, M = length_factor(length_unit), mass_factor(mass_unit)
     path = Path(path)
     if not path.is_file():

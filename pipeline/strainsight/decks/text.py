@@ -62,8 +62,7 @@ class Line(NamedTuple):
 def text_lines(path: Path) -> list[str]:
     """Lines of a text file; only \\n, \\r\\n and \\r end a line (str.splitlines knows eight more).
 
-    Raises DeckError for a file that is missing, empty, binary, damaged or unpacks to more than 4 GiB.
-    """
+    Raises DeckError for a file that is missing, empty, binary, damaged or unpacks to more than 4 GiB."""
     return read_text(path).replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
 
 
@@ -148,8 +147,7 @@ class Includes:
         The name is relative to the folder of the main deck, then to that of the including file (nearest: the other way round),
         then to `folders`. \\ means / if no file has it in its name, and capitals are ignored if no file matches them. The file
         must be in or below one of `folders` after links and `..` are resolved, and must not be one of `parents`, which are being
-        read. Raises DeckError if the file is missing or outside, or is included too often or too deeply.
-        """
+        read. Raises DeckError if the file is missing or outside, or is included too often or too deeply."""
         bases = list(dict.fromkeys([self.folders[0], Path(line.file).resolve().parent][:: -1 if nearest else 1]))
         bases += [folder for folder in self.folders if folder not in bases]
         targets = [base / spelling for spelling in dict.fromkeys([name, name.replace("\\", "/")]) for base in bases]

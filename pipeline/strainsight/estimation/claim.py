@@ -25,8 +25,7 @@ class ErrorStep:
         x*⁺ = A x* + pushed ν,   y = H x* + read ν + noise
 
     A (n*, n*); pushed (d, n*); at its end, [s], H (m, n*) or (B, m, n*), read (d, m) and variance (B, m) of the samples;
-    sampled: whether the step ends with a sample.
-    """
+    sampled: whether the step ends with a sample."""
 
     instant: float
     A: np.ndarray
@@ -44,8 +43,7 @@ def steps_along(
     samples.
 
     trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u): hold coefficients of all inputs [N], unknown ones too; sets B, which
-    with considered parameters differ by their noise only.
-    """
+    with considered parameters differ by their noise only."""
     constants = None if considered is None else _Constants(model, considered, u)
     R = np.broadcast_to(model.noise, (*model.noise.shape[:-2], sets, model.H.shape[-2]))
     if considered is not None and constants is not None:
@@ -139,8 +137,7 @@ def covariance_recursion(
     trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u): hold coefficients of all inputs [N], unknown ones too; covariance (n*,
     n*) or (B, n*, n*) of x* at t = 0; considered parameters require sets that differ by their noise only: a missing channel
     has infinite noise. Sources: Schmidt, Advances in Control Systems 3 (1966); JCGM 100:2008 (GUM), section 5.1 (parts of a
-    variance).
-    """
+    variance)."""
     source = () if considered is None else considered.sources(model.model.size)
     P, parts, Q = starts(model, covariance)
     errors = _Errors(P, np.zeros((len(P), len(source), model.size)), parts)
@@ -218,8 +215,7 @@ def predict_grid_std(
     Arguments and parts as in `covariance_recursion`, settled as in `filter_on_grid`; p is not correlated with s at t = 0.
     Raises NumericalError if an innovation covariance is not positive definite. R and z use orthogonal factors: sums would
     lose the directions of confounded constants at small noise. Source: Friedland, IEEE Trans. Automatic Control 14 (1969);
-    `parallel_filters.advance` and `Mixture` take the same steps.
-    """
+    `parallel_filters.advance` and `Mixture` take the same steps."""
     source = considered.sources(model.model.size)
     covariance, V0 = start_errors(model, considered, covariance, settled)
     whole, parts, Q = starts(model, covariance)

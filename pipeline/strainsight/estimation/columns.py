@@ -4,8 +4,7 @@
 
 About the largest density of each column its logarithm is a parabola, by second differences (Laplace); along the line it is what
 it is. A lattice over k parameters has some 7ᵏ points, columns have 9 (k − 1)².
-Source: Tierney and Kadane, J. American Statistical Association 81 (1986).
-"""
+Source: Tierney and Kadane, J. American Statistical Association 81 (1986)."""
 
 from __future__ import annotations
 
@@ -61,8 +60,7 @@ class Columns:
     """J columns about centre (J, k): across (k, c), their standard deviations; precision (k, k) of the prior; limits of
     validity.
 
-    Points of a column: its centre, FINE times each of ± the c axes, and of ± the sum of two of them.
-    """
+    Points of a column: its centre, FINE times each of ± the c axes, and of ± the sum of two of them."""
 
     centre: np.ndarray
     across: np.ndarray
@@ -96,8 +94,7 @@ class Columns:
 
             ln p ≈ a + gᵀy − ½ yᵀΛy,     m = Λ⁻¹g,   C = Λ⁻¹,   ln W = a + ½ gᵀm + ½ ln |C|
 
-        nowhere less curved than the prior alone, to which a likelihood of one peak adds.
-        """
+        nowhere less curved than the prior alone, to which a likelihood of one peak adds."""
         c, at_centre = self.across.shape[1], log_weight.reshape(len(log_weight), len(self.centre), -1)
         a, (ahead, behind) = at_centre[..., 0], np.split(at_centre[..., 1:], 2, axis=-1)
         g = (ahead - behind)[..., :c] / (2 * FINE)

@@ -34,8 +34,7 @@ class ConsideredParameters:
     loads consider ν (`considers`). For parameters ν is always integrated out. discrepancy: σ of white model error over the
     RMS of a reading, relevant for parameters under known loads. about (d,), or of the first ν, others zero: linearisation
     point of the readings (`linearise_about_samples`). centre (k,): parameters whose natural frequencies are used at all
-    others (`tune_frequencies`); None: no common frequencies.
-    """
+    others (`tune_frequencies`); None: no common frequencies."""
 
     source: tuple[str, ...]
     D: np.ndarray
@@ -223,8 +222,7 @@ def tune_frequencies(
 
         ωⱼ(p) exp(Σₖ Fₖⱼ aₖ(p)) = ωⱼ(p̄)
 
-    Slopes at ν = 0 are valid only for a fraction of the width of a resonance.
-    """
+    Slopes at ν = 0 are valid only for a fraction of the width of a resonance."""
     frequency = considered.frequency
     shift, about = (
         np.zeros((len(point), len(frequency))),

@@ -39,8 +39,7 @@ def consider_smoothed(models: LinearModels, start: Start, data: Data) -> States:
 
     whatever the gains are. C = −(P Lᵀ + V Nᵀ)(L P Lᵀ + N Nᵀ + U)⁻¹ is the one of least variance with ν at its σ.
     start: x (B, n), P (n, n), V (B, d, n) at t = 0; the noise of the data has their discrepancy in it.
-    Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
-    """
+    Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973)."""
     return concatenate([states for _, states, _ in smoothed_pieces(models, start, data)][::-1], axis=1)
 
 
@@ -49,8 +48,7 @@ def consider_errors(models: LinearModels, start: Start, data: Data, count: int, 
 
     Start, process and noise are drawn and taken through the gains of filter and smoother, whatever these are; of mean zero and
     of covariance P at every instant, and of that between instants which the smoother's errors have. Arguments as there.
-    Source: Durbin and Koopman, Biometrika 89 (2002).
-    """
+    Source: Durbin and Koopman, Biometrika 89 (2002)."""
     pieces = [error for _, _, error in smoothed_pieces(models, start, data, count, rng)]
     return np.moveaxis(np.concatenate(pieces[::-1]), 0, 2)
 
@@ -62,8 +60,7 @@ def smoothed_pieces(
     (L, B, count, n) of their errors.
 
     Memory does not hold every covariance of a long record. The filters go through it once, and through each piece again, from
-    where they stood when it began.
-    """
+    where they stood when it began."""
     # filters move what they begin with
     filters = build_filters(models, start[0].copy(), start[1], start[2].copy(), consider=True)
     steps, m = data.samples.shape

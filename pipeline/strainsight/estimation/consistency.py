@@ -159,8 +159,7 @@ def tune(
     of sensors; mean (n*,), covariance (n*, n*); known (T, HOLD, n_known); measurement (T/every, m) or (T/every, B, m):
     runs add up. limit: factors stay within 1/limit and limit. All differences of a gradient run as one batch.
     Raises ConfigError for a part that is zero, and NumericalError where the filter diverges at the start.
-    Source: Schweppe, IEEE Trans. Information Theory 11 (1965).
-    """
+    Source: Schweppe, IEEE Trans. Information Theory 11 (1965)."""
     from scipy.optimize import minimize  # a third of a second to import, which an up-to-date run need not spend
 
     for part in parts:

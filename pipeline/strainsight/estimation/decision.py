@@ -153,8 +153,7 @@ def expected_ratio(mean: float, std: float, posterior_mean: float, posterior_std
 
     The RMS error that the posterior expects of the estimate, over its claimed σ: 1 if the two agree. Overconfident (above 2)
     is a mean off by more than 2σ, a σ below half of the posterior's, or a combination. All in one unit; NaN of a diverged
-    filter is overconfident.
-    """
+    filter is overconfident."""
     with np.errstate(divide="ignore"):
         return float(np.hypot(posterior_std, posterior_mean - mean) / np.float64(std))
 
@@ -169,8 +168,7 @@ def not_identified(estimate: np.ndarray, std: np.ndarray) -> np.ndarray:
     σ).
 
     estimate, std (starts, ...): one quantity from the same measurements and different starting values; a diverged start is
-    NaN and counts as disagreement. Different measurements differ by chance and must not be mixed.
-    """
+    NaN and counts as disagreement. Different measurements differ by chance and must not be mixed."""
     spread = np.max(estimate, axis=0) - np.min(estimate, axis=0)
     return ~(spread <= band_of(1)[1] * np.mean(std, axis=0))
 

@@ -69,8 +69,7 @@ def explain_record(record: CheckRecord, fault: Fault | None) -> tuple[Explained,
 
     p(T y): everything integrated out; innovations are those at the most likely parameters. Offset and drift are an additional
     considered parameter of σ BROAD times the RMS of the channel. A dead channel has the density of a constant and white
-    noise.
-    """
+    noise."""
     corrected, change, unit = record, 0.0, 0.0
     if fault is not None and fault.of_load:
         corrected = undo_load_fault(record, record.load, fault)

@@ -222,8 +222,7 @@ def check_channels(measured: np.ndarray, predicted: np.ndarray, std: np.ndarray)
     """Compare channels with their prediction; measured, predicted, std (T, m) of the residual [unit of the channel], NaN if
     missing.
 
-    NaN for a channel without samples, and for the correlation of a constant one.
-    """
+    NaN for a channel without samples, and for the correlation of a constant one."""
     both = np.isfinite(measured) & np.isfinite(predicted)
     count = np.where(both.any(axis=0), both.sum(axis=0), np.nan)
     y, p = (np.where(both, values, 0.0) for values in (measured, predicted))
@@ -273,8 +272,7 @@ def find_delay(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, nois
     """The delay of at most MOST_LATE samples that fits a channel (T,) best, given the prediction by the others; None for a short
     record.
 
-    For a sine, half a period late is equivalent to a change of sign.
-    """
+    For a sine, half a period late is equivalent to a change of sign."""
     most = min(MOST_LATE, len(samples) // 4)
     tried = [Fault("late", 0, n) for n in range(-most, most + 1) if n]
     return max(tried, key=lambda one: approximate_density(one, samples, predicted, std, noise), default=None)
@@ -286,8 +284,7 @@ class Explained:
     RMS.
 
     amount: of the fault, or the estimated offset or drift at the end of the record [unit], with σ; point: the most likely
-    parameters.
-    """
+    parameters."""
 
     fault: Fault | None
     evidence: float

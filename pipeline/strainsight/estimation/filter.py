@@ -65,8 +65,7 @@ def refine(
     R (b, m); measured y (B, m), NaN where missing; most: iterations; damped False: every increment is taken as it is, and
     a step that fails leaves NaN in its run; restored: whether x is put back on constraints behind this, so that it may leave them
     to second order in an increment of SHORT.
-    Source: Bell and Cathey, IEEE Trans. Automatic Control 38 (1993); García-Fernández et al., Signal Processing 2021.
-    """
+    Source: Bell and Cathey, IEEE Trans. Automatic Control 38 (1993); García-Fernández et al., Signal Processing 2021."""
     sampled, y = np.isfinite(measured), np.nan_to_num(measured)
     stays = process is None
     identity = np.eye(model.size)[None]
@@ -210,8 +209,7 @@ def filter_runs(
     begins; watch: with every instant k, x (B, n) and P (b, n, n) after the update, the start (k = 0) first.
     A covariance that no run changes (linear, one set of sensors, the same samples missing in all) is computed once for all runs,
     and not again once it is steady, as long as no sample is missing and the noise is the same.
-    Raises NumericalError where every run diverges and `refuse`, or where HPHᵀ + R is not positive definite.
-    """
+    Raises NumericalError where every run diverges and `refuse`, or where HPHᵀ + R is not positive definite."""
     y = measurement if measurement.ndim == 3 else measurement[:, None, :]
     measured = np.isfinite(y)
     sets = max(model.sets, len(covariance) if covariance.ndim == 3 else 1)

@@ -3,8 +3,7 @@
     p(θ | y) ∝ p(θ) Πₖ p(yₖ | y₁ … yₖ₋₁, θ),     x̂ = Σ wᵢ x̂ᵢ,     P = Σ wᵢ (Pᵢ + (x̂ᵢ − x̂)(x̂ᵢ − x̂)ᵀ)
 
 At fixed parameters the innovations of a Kalman filter give the likelihood, with errors of installation and damping integrated
-out. The extended filter is overconfident because it linearises their product with the motion.
-"""
+out. The extended filter is overconfident because it linearises their product with the motion."""
 
 from __future__ import annotations
 
@@ -112,8 +111,7 @@ def filter_records(
     loads and offsets of each record start from mean and covariance of the first record, independently. Records may differ in
     step and noise, not in unknowns, channels and ν. progress: called with the fraction of steps done. birge_ratio: as in
     `GridProblem`, above 1 for inconsistent measurements. The ratio is doubled after every FOLLOWED grids, which bounds their
-    number. Other arguments as in `filter_on_grid`.
-    """
+    number. Other arguments as in `filter_on_grid`."""
     along = keep != "parameters"
     problem = GridProblem(tuple(records), keep, progress, True, along, birge_ratio)
     if problem.bilinear:

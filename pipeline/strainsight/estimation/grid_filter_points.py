@@ -116,8 +116,7 @@ def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray,
 
     Π runs forward and Y backward in time, in place of E x̂V_kᵀ for each k. models: one model; covariance (n, n) of its states
     at t = 0; noise (T, m): variances of the samples, infinite if missing; every: steps per sample. βₜ contains the effect of
-    the noise up to step t in this and later steps.
-    """
+    the noise up to step t in this and later steps."""
     A, H, A_nu = models.A[0], models.H[0], models.A_nu[0]
     steps = _run_forward(A, H, models.Q[0], covariance, noise, every)
     Y, one, beta = (
@@ -194,8 +193,7 @@ class GridProblem:
     Parameters and ν are common to all records; motion, loads and offsets start anew in each. use_free_loads: weight
     parameters by free loads instead of the likelihood under the configured loads. along: whether states along the samples are
     required, or only the posterior at the end. birge_ratio: RMS of the innovations over their claim; the log-likelihood of
-    the parameters is divided by its square, which multiplies their σ by the ratio.
-    """
+    the parameters is divided by its square, which multiplies their σ by the ratio."""
 
     records: tuple[GridRecord, ...]
     keep: Keep = "all"
@@ -339,8 +337,7 @@ def linearise_about_samples(problem: GridProblem, point: np.ndarray, nu: np.ndar
 
     Unchanged if ν moves by less than MOVED. point (k,), nu (d,): parameters, and the mean of ν there. Gauss-Newton to the
     most likely ν at these parameters, with Laplace's normal density about it. Source: Tierney and Kadane, J. American
-    Statistical Association 81 (1986).
-    """
+    Statistical Association 81 (1986)."""
     here, fit = one_point(point), np.inf
     for _ in range(TURNS):
         if not nu_has_moved(problem, nu):

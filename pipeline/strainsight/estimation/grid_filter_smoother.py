@@ -42,8 +42,7 @@ def smooth_on_grid(
     histories with this mean and covariance. If ν is learned, v is the smoothed effect of a unit ν on the samples, minus the
     motion that it causes. Otherwise it is that of gains that consider ν (`consider_smoothed`). z of `Truncation` follows x*
     and the offsets. wanted: covariances to store, None: all at each instant, too large for long records; progress: called
-    with the fraction done. Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
-    """
+    with the fraction done. Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009)."""
     smoother = build_smoother(record, grid_run)
     offsets, instants, truncation = len(record.biased), record.steps + 1, smoother.truncation
     states, model = len(record.mean), record.model
@@ -152,8 +151,7 @@ def build_smoother(record: GridRecord, grid_run: GridRun) -> AtPoints:
 def _pieces(smoother: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
     """Instants of a piece of the record, with x (b, L, n) and P (b, L, n, n) at the points, and V (L, d, n), the error per unit
     ν.
-    P excludes the considered parameters. If ν is learned the record is one piece.
-    """
+    P excludes the considered parameters. If ν is learned the record is one piece."""
     if not smoother.considers_nu:
         yield slice(0, smoother.record.steps + 1), *_smooth_corrected(smoother, smoother.points)
         return
@@ -245,8 +243,7 @@ class Truncation:
 
             ẑ = ν̂ û,     ẑ − z = −(ν − ν̂) û     to first order, so V contains −û and P is zero
 
-        û is the mean over the points; nu ν̂ (d,): part of the motion.
-        """
+        û is the mean over the points; nu ν̂ (d,): part of the motion."""
         f = len(self.at)
         if f == 0:
             return x, P, V
@@ -293,8 +290,7 @@ def sample_paths(
     p and ν are sampled jointly from the grid points with normal kernels (`marginal`), w with the gains at each of the 2k
     points θⱼ in turn (`consider_errors`, `smoother_errors`). s and c are first and second differences over x̂ˢ(θⱼ). Mean and
     covariance of the draws agree with `smooth_on_grid`, up to products of the curvatures c. Correlations in time are those of
-    the smoother errors. A part depends on seed, its index and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
-    """
+    the smoother errors. A part depends on seed, its index and its size. Source: Durbin and Koopman, Biometrika 89 (2002)."""
     smoother = build_smoother(record, grid_run)
     x, V = smooth_points(smoother)
     rng = np.random.default_rng(seed)

@@ -180,8 +180,7 @@ def residual_pattern(
     dyad with correlated samples.
 
     whitened (T, m) [1], innovation (T, m) [unit], NaN if missing; noise (m,) [unit] of a sample; least: smallest relevant
-    size. Modelled loads that vary faster than their process noise also leave a pattern: compare `gain` with theirs.
-    """
+    size. Modelled loads that vary faster than their process noise also leave a pattern: compare `gain` with theirs."""
     complete = np.isfinite(whitened).all(axis=1) & np.isfinite(innovation).all(axis=1)
     samples, m = whitened[complete].shape
     if samples <= m or m < 2:

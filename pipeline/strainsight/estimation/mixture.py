@@ -42,8 +42,7 @@ class Weights(Protocol):
         """Points (b, k) with positive weights (b,) and the posterior moments at the last instant; mean (b, d) and covariance (b,
         d, d) of ν.
 
-        nu (B, d), left (B, d, d): mean and covariance of ν at the grid points.
-        """
+        nu (B, d), left (B, d, d): mean and covariance of ν at the grid points."""
 
 
 class Cover(Protocol):
@@ -162,8 +161,7 @@ class Mixture:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Store the mean at L instants; return x (B, L, n), P (b, L, n, n) of the points (b,) with positive weights, and the
         covariance.
-        The covariance (L, n + k, n + k) is that of states and parameters.
-        """
+        The covariance (L, n + k, n + k) is that of states and parameters."""
         # the estimate of ν corrects all estimates, and its remaining covariance is part of P
         x = states.x - np.einsum("btda,btd->bta", states.V, states.nu)
         heavy = np.flatnonzero((weights.positive > 0).any(axis=0))
@@ -189,8 +187,7 @@ class Mixture:
 
             x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the posterior covariance of ν, 1 its prior (`removed_of`)
 
-        Returns ν̂ (L, d) and 1 − Λ (L, d, d).
-        """
+        Returns ν̂ (L, d) and 1 − Λ (L, d, d)."""
         size, w = self.size, weights.mean
         nu = np.einsum("tb,btd->td", w, states.nu)
         left = np.einsum("tb,btdk->tdk", weights.positive, states.left) + weights.covariance(states.nu, nu)
@@ -311,8 +308,7 @@ def marginal(point: np.ndarray, weight: np.ndarray, step: float, prior: tuple[fl
         π(p) = Σ wᵢ N(p; p̄ + a(pᵢ − p̄), h²),     h = KERNEL · step,     a² = 1 − h²/σ²
 
     The kernels are shrunk towards the mean p̄, which preserves mean and variance σ² of the points. Source: Liu and West, in
-    Sequential Monte Carlo Methods in Practice (2001), chapter 10.
-    """
+    Sequential Monte Carlo Methods in Practice (2001), chapter 10."""
     mean = float(weight @ point)
     std = float(np.sqrt(weight @ (point - mean) ** 2))
     h = min(KERNEL * step, std)

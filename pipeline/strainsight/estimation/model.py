@@ -39,8 +39,7 @@ class FilterModel:
     thickness moves the faces that gauges sit on;
     free_loads: whether a grid filter weighs parameters by what no unknown load could cause (`judge`), or under loads as Q says;
     scheme of the step; every: a sample is taken at every·h, 2 every·h …
-    Raises ConfigError for an input both known and unknown, or a parameter neither fixed nor estimated.
-    """
+    Raises ConfigError for an input both known and unknown, or a parameter neither fixed nor estimated."""
 
     model: ReducedModel
     unknowns: Unknowns
@@ -241,8 +240,7 @@ def input_hold(unknowns: Unknowns, h: float) -> np.ndarray:
 
         u₀ = u(0),   u₁ = −3u(0) + 4u(½) − u(1),   u₂ = 2u(0) − 4u(½) + 2u(1),   u(s) = amplitude C_u exp(A_u s h) ζ
 
-    Exact for both random walks; the others err by the hold's own (ωh)³ω₀h/720 of the motion they cause.
-    """
+    Exact for both random walks; the others err by the hold's own (ωh)³ω₀h/720 of the motion they cause."""
     inputs = len(unknowns.inputs)
     first = np.cumsum([0, *unknowns.lengths])[:-1]
     left = np.zeros((inputs, sum(unknowns.lengths)))
@@ -257,8 +255,7 @@ def process_covariance(F: np.ndarray, Q: np.ndarray, h: float) -> np.ndarray:
         Q_h = ∫₀ʰ exp(F s) Q exp(F s)ᵀ ds,     by Q_2s = Q_s + Φ_s Q_s Φ_sᵀ from a part of the step in which little turns
 
     With Q h alone an accelerometer, which reads the load at once, would make the filter overconfident. For h → 0 it is Q h.
-    F (n, n) [1/s]; Q (..., n, n) intensity; h [s]. Source: Van Loan, IEEE Trans. Automatic Control 23 (1978).
-    """
+    F (n, n) [1/s]; Q (..., n, n) intensity; h [s]. Source: Van Loan, IEEE Trans. Automatic Control 23 (1978)."""
     n = len(F)
     balanced, (scale, _) = matrix_balance(F, permute=False, separate=True)
     turns = np.abs(np.linalg.eigvals(balanced)).max(initial=0.0) * h
@@ -292,8 +289,7 @@ def step(
 
     x (B, n*); known (HOLD, n_known) or (B, HOLD, n_known) hold coefficients [N]; constant: the modal step, where no parameter is
     estimated.
-    Returns x*⁺ (B, n*) and A* (B, n*, n*), or (1, n*, n*) where no parameter is estimated.
-    """
+    Returns x*⁺ (B, n*) and A* (B, n*, n*), or (1, n*, n*) where no parameter is estimated."""
     theta = theta_of(model, x)
     modal = constant or modal_step(model.model, theta, model.h, model.scheme)
     state, u = x[..., model.motion], inputs_of(model, x, known)
@@ -312,8 +308,7 @@ def measure(
         acceleration           φ(θ) M(θ)⁻¹(S u − C(θ)q̇ − K(θ)q)
 
     x (B, n*); known (n_known,) or (B, n_known) [N] at that instant; constant: the acceleration there, as of `step`.
-    Returns y (B, m) and J (B, m, n*), or (1, m, n*) where it is the same for every run.
-    """
+    Returns y (B, m) and J (B, m, n*), or (1, m, n*) where it is the same for every run."""
     if not model.curved:
         return (model.H @ x[..., None])[..., 0], model.H if model.H.ndim == 3 else model.H[None]
     theta = theta_of(model, x)
@@ -357,8 +352,7 @@ def measured_jacobian(
     free its column has θ ∂H/∂θ q, of accelerometers θ ∂φ/∂θ q̈, too.
 
     modal: the acceleration at theta, None where no channel reads one; state (..., 2n) and u (..., 1, n_u) at the instant.
-    Returns (..., m, n*), where nothing depends on the state (1, m, n*).
-    """
+    Returns (..., m, n*), where nothing depends on the state (1, m, n*)."""
     n, H = model.model.size, model.rows_at(theta)
     H = H if H.ndim > 2 else H[None]
     J, q = H, state[..., None, :n]

@@ -22,8 +22,7 @@ class ModalMotion:
 
     The rows of `augmented` are the effects of the other s = n − 2q states on all states. A step needs a tenth of the products
     of a full matrix. basis T and its inverse (B, n, n); pairs p (B, 4, q); augmented (B, s, n); fed (B, n, p): known inputs;
-    slopes in ν: pairs_nu (B, e, 4, q), augmented_nu (B, e, s, n), fed_nu (B, e, n, p).
-    """
+    slopes in ν: pairs_nu (B, e, 4, q), augmented_nu (B, e, s, n), fed_nu (B, e, n, p)."""
 
     basis: np.ndarray
     inverse: np.ndarray
@@ -90,8 +89,7 @@ class LinearModels:
     step; H (B, m, n); F (B, m, p₁) of the known inputs w₁ (T, p₁) at its end; D (d, m, n), E (d, m, p₁), o (d, m). B (d, m,
     f) on zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f ν that change the motion, U (f, n), W (f, p₁). about (d,): reference of ν, plus
     `shift` (B, d) for each model, so that its mean is −about − shift; fixed_slope (d,): whether slopes are those at the
-    reference.
-    """
+    reference."""
 
     SHARED: ClassVar = ("D", "E", "offset", "B", "U", "W", "about", "fixed_slope")
     """Arrays without a row for every model."""
@@ -341,8 +339,7 @@ def advance(
 
     keep: whether to return states, with S excluding the discrepancy; states: whether to return more than mean and covariance
     of ν; less (L, d): information on ν subtracted in each step (`noise_alone`). Changes `filters` in place. Sources:
-    Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
-    """
+    Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966)."""
     B, m, n = models.H.shape
     less = np.zeros((0, models.considered_count)) if less is None else less
     L, d, second = len(data.samples), models.considered_count, len(filters.x_c)

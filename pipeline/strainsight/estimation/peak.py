@@ -58,8 +58,7 @@ def find_peak(record: GridRecord) -> PosteriorPeak:
 
     p(y | p) by a filter at p, tolerances integrated out: a scan of the prior, as fine as resonances are wide, then Newton's
     method on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A settled motion is far from linear
-    in the damping: the search is done again, linear about the most likely damping.
-    """
+    in the damping: the search is done again, linear about the most likely damping."""
     problem = GridProblem((record,))
     peak = _best(find_peaks(problem))
     if record.settled is None or not problem.bilinear:
@@ -184,8 +183,7 @@ def resonance_widths(records: Sequence[GridRecord]) -> np.ndarray:
         Δpᵢ = 2 max(ζω, 1/T) / |∂ω/∂pᵢ|,     ∂ω/∂pᵢ = θᵢ φᵀ(∂K/∂θᵢ − ω² ∂M/∂θᵢ) φ / 2ω
 
     at the guess, of modes below half the sampling rate; at most 2, of a mode that hardly moves. A record of length T resolves no
-    more than 1/T. Farther apart than that, likelihoods of two values have hardly anything to do with each other.
-    """
+    more than 1/T. Farther apart than that, likelihoods of two values have hardly anything to do with each other."""
     model = records[0].model
     rom, names, h = (
         model.model,

@@ -38,8 +38,7 @@ def periodic_start(model: FilterModel, models: LinearModels, settled: Settled) -
 
         (zI − A) X = G W,     (zI − A) X_ν = A_ν X + G_ν W
 
-    With an unknown start, the grid filter would interpret noise as a free vibration, whose frequency biases the parameters.
-    """
+    With an unknown start, the grid filter would interpret noise as a free vibration, whose frequency biases the parameters."""
     moving, e = 2 * model.model.size, models.moving
     z, w = np.exp(1j * settled.frequency * model.h), settled.hold.reshape(len(settled.hold), -1)
     # B points, k tones

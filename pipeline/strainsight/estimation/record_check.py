@@ -264,8 +264,7 @@ def find_spikes(
     record.
 
     Spikes are searched with unknown loads that may change suddenly, which affects several channels at once. The first sample
-    of each disturbance belongs to the channel with the largest innovation; later ones are the response of the filter.
-    """
+    of each disturbance belongs to the channel with the largest innovation; later ones are the response of the filter."""
     marked: list[tuple[int, int]] = []
     model, Q, samples = record.model, record.model.Q.copy(), record.samples.copy()
     Q[..., model.input_states, model.input_states] *= SUDDEN

@@ -32,8 +32,7 @@ class FilterRun:
     where the first one's alone are kept;
     process (T, b, n*, n*) and noise (T, b, m, m): covariances of step and measurement where what the filter found decides on
     them, else None.
-    A missing measurement (NaN) leaves NaN in innovation and whitened and adds nothing to nis.
-    """
+    A missing measurement (NaN) leaves NaN in innovation and whitened and adds nothing to nis."""
 
     time: np.ndarray
     mean: np.ndarray

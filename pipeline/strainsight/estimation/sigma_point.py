@@ -87,8 +87,7 @@ class SigmaPoints:
     with A, H their slopes: the covariance of the extended filter, and what the product of the errors of parameter and motion
     adds, which that neglects. The density of parameter and motion is taken as normal after every step.
     model: of every run; many: of all points of all runs; parameters: their indices in x; curved: whether the reading is not
-    linear, and so needs a regression.
-    """
+    linear, and so needs a regression."""
 
     model: StepModel
     many: StepModel

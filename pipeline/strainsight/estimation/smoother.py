@@ -133,8 +133,7 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
     P⁻ (states without process noise) needs no care.
     A nonlinear model is smoothed along the Jacobians, or the regressions, that its filter used.
     Raises ValueError where the run was not kept, or the first one alone of several.
-    Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
-    """
+    Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973)."""
     covariances, jacobian, all_rows, adjusted = map(
         _require_kept, (run.covariance, run.jacobian, run.rows, run.adjusted)
     )
@@ -188,8 +187,7 @@ def smooth_first(model: StepModel, run: FilterRun) -> Smoothed:
 
     run: `filter_runs(..., keep="first" or "all")` of the same model by any update; a nonlinear one is smoothed along the
     Jacobians that its filter used. Raises ValueError where the run was not kept.
-    Source: Bierman, Factorization methods for discrete sequential estimation (1977), chapter X.
-    """
+    Source: Bierman, Factorization methods for discrete sequential estimation (1977), chapter X."""
     steps, n = len(_require_kept(run.jacobian)), run.mean.shape[2]
     M, z = np.zeros((0, n)), np.zeros(0)
     mean, std = np.empty((steps + 1, 1, n)), np.empty((steps + 1, 1, n))
@@ -268,8 +266,7 @@ def smoother_errors(
     It is the simulation smoother by mean correction, whose samples cancel: an error of a linear smoother does not depend on them.
     Added to x̂ˢ it is a draw of the posterior of a linear model with normal noises. A nonlinear model is as linear as `smooth`
     takes it for. run: of one run, kept with keep="all"; states: which are wanted. Raises ValueError otherwise.
-    Source: Durbin and Koopman, Biometrika 89 (2002).
-    """
+    Source: Durbin and Koopman, Biometrika 89 (2002)."""
     adjusted, covariance = _require_kept(run.adjusted), _require_kept(run.covariance)
     if adjusted.shape[1] != 1:
         raise ValueError(f"smoother errors need a single run, not {adjusted.shape[1]}")

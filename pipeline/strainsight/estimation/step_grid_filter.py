@@ -4,8 +4,7 @@
 
 At a fixed ξ an extended filter follows motion and loads, and its innovations give the likelihood of ξ. One extended filter over
 all of them linearises what ξ does to the motion, too. Where the step is linear at a fixed ξ this is the grid filter of
-`grid_filter.py`.
-"""
+`grid_filter.py`."""
 
 from __future__ import annotations
 

@@ -55,8 +55,7 @@ def schmidt_gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, V: np.ndarray, slo
 def joseph(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """P⁺ = (I − KH)P(I − KH)ᵀ + KRKᵀ (Joseph's form of 1.60), symmetrised; with G and L of `whitened_gain`.
 
-    Source: Bucy and Joseph, Filtering for Stochastic Processes (1968).
-    """
+    Source: Bucy and Joseph, Filtering for Stochastic Processes (1968)."""
     G, L = whitened_gain(P, H, R, instant)
     K = transpose(np.linalg.solve(transpose(L), transpose(G)))
     return joseph_update(P, K, H, R), G, L
@@ -102,8 +101,7 @@ def update_factor(F: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -
     Θ is that of the QR factors of [R½  H F]ᵀ, m reflections: F⁺ needs to be no triangle.
     F (b, n, r) with P = F Fᵀ; H (m, n) or (b, m, n); R as of `whitened_gain`. Returns F⁺ and G, L as of that.
     Orthogonal steps alone: F has twice the digits of P, and P = F Fᵀ cannot lose its sign.
-    Source: Kailath, Sayed and Hassibi, Linear Estimation (2000), section 12.3.
-    """
+    Source: Kailath, Sayed and Hassibi, Linear Estimation (2000), section 12.3."""
     b, m = len(F), R.shape[-1]
     array = np.zeros((b, m, m + F.shape[-1]))
     if R.ndim == 3:

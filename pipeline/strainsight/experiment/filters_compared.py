@@ -20,8 +20,7 @@ def filters_compared(
 ) -> Compared:
     """Compare parameters (k,) from filters (f,) with the first, exact filter by `expected_ratio`.
 
-    ends (f, 2, k): final mean and σ in Gaussian coordinates; value, std (f, k) [SI]. NaN for a filter that diverged.
-    """
+    ends (f, 2, k): final mean and σ in Gaussian coordinates; value, std (f, k) [SI]. NaN for a filter that diverged."""
     return Compared(
         filter=filters,
         estimate=dict(zip(names, value.T, strict=True)),

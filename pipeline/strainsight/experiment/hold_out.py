@@ -37,8 +37,7 @@ class LeftOut:
     """Hold-out result of one channel.
 
     reading, error: RMS of readings and of prediction − reading [unit of the channel]; inside: share of samples within 2σ; claim:
-    check of error/σ, None without σ; left_in: why it was not left out, else empty.
-    """
+    check of error/σ, None without σ; left_in: why it was not left out, else empty."""
 
     label: str
     reading: float

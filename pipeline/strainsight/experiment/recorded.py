@@ -44,8 +44,7 @@ def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = 
     """Read a load history from a text table; key: of the signal; of: allowed quantities.
 
     Time in s, values in the SI unit of the load or in the unit after the column name, as in "F [kN]". Raises UserError with
-    file:line for an invalid table, a missing sample, and a time that does not increase.
-    """
+    file:line for an invalid table, a missing sample, and a time that does not increase."""
     column = config.value_column
     with blame(key):
         try:
@@ -116,8 +115,7 @@ def signals_of(
     """Channels in the order of `wanted` (config key → settings), in SI units, at the sampling of the file or at `step` [s].
 
     section: of `settings` in the config. Raises ConfigError for a channel that is used twice, and UserError, with the key of the
-    channel, if the file does not match the config.
-    """
+    channel, if the file does not match the config."""
     text = settings.text
     names = [entry.channel for entry in wanted.values()]
     for i, name in enumerate(names):

@@ -18,8 +18,7 @@ class TestedSystem(Protocol):
     """A filter on the measurements of one or more records with the same m channels.
 
     measured: (T, ..., m) of every record; available (m,): channels that the filter uses; parts: groups of channels that are left
-    out together, as all grids of a gauge.
-    """
+    out together, as all grids of a gauge."""
 
     @property
     def labels(self) -> Sequence[str]:

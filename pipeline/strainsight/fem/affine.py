@@ -53,8 +53,7 @@ class Newton:
     """N_k(θ) = Π_{l<k} (x − r_l)/s, k = 0 … m, of one positive parameter: m roots r and scale s; x = θ [SI] or its logarithm.
 
     Beyond an end b of `within`, θ is b + w tanh((θ − b)/w), w = b · beyond: N_k levels off smoothly, because a polynomial
-    that fits the interval can take any value outside it. With roots of zero these are the powers of θ.
-    """
+    that fits the interval can take any value outside it. With roots of zero these are the powers of θ."""
 
     parameter: str
     roots: tuple[float, ...] = (0.0,)
@@ -121,8 +120,7 @@ class AffineOperator:
     """X(θ) = X₀ + Σ_k c_k(θ) X_k  (5.8), for dense or sparse X.
 
     constant is X₀; terms maps names to X_k. A term that coefficients does not name bears the name of a parameter, and c_k is
-    this parameter, [unit of X per unit of θ]; a parameter without a term has no effect.
-    """
+    this parameter, [unit of X per unit of θ]; a parameter without a term has no effect."""
 
     constant: Any
     terms: Mapping[str, Any]

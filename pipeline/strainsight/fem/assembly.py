@@ -52,8 +52,7 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
     in `thin_operators`; other properties of plies and sections do not apply to solids.
     Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
     Raises DeckError for an inverted element (ids named), a region or material that is missing or not physical,
-    and UserError for parameters that overlap or name no region, or where the memory is insufficient.
-    """
+    and UserError for parameters that overlap or name no region, or where the memory is insufficient."""
     check_mesh(mesh)
     pairs = sum(len(block.ids) * block.nodes.shape[1] * (block.nodes.shape[1] + 1) // 2 for block in mesh.blocks)
     require_memory(PAIR_BYTES * pairs, f"the stiffness of {len(mesh.position)} nodes")

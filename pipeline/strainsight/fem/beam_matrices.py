@@ -1,8 +1,7 @@
 """Stiffness, mass and strain of many straight beams and rods at once, rows 6·node + component along the basic axes.
 
 The motions of an end are three translations and three rotations. x of the beam axes runs from A to B through the shear
-centres. Centroid and centre of mass lie on this axis or at an offset from it (`BeamProperties.neutral`).
-"""
+centres. Centroid and centre of mass lie on this axis or at an offset from it (`BeamProperties.neutral`)."""
 
 from __future__ import annotations
 
@@ -32,8 +31,7 @@ def beam_stiffnesses(
     position (e, 2, 3) of the nodes [m]; axes (e, 3, 3) x, y, z in columns; offset (e, 2, 3) [m] of the ends from the nodes,
     along the basic axes; released (e, 2, 6) of the ends, along the axes of the beam; ids (e,) for the error message.
     Returns (e, 12, 12) [m, m², m³], to be multiplied with E. Raises DeckError for a beam without length or orientation,
-    and what `check_properties` does.
-    """
+    and what `check_properties` does."""
     length = _lengths(position, axes, offset, ids)
     check_properties(properties, ids)
     return _transform_congruent(end_stiffness(length, properties, released), _arms(axes, offset))
@@ -58,8 +56,7 @@ def beam_masses(
     per_length (e, 2) at A and B, linear in between [kg/m]; rotary R (e, 2, 2, 2) = ρ ∫ (y, z)ᵀ (y, z) dA at both ends [kg m],
     left out by default, as CBAR does; mass_offset (e, 2, 2) y and z [m] of the mass from the axis at both ends, linear in
     between: u in the energy is that of the mass. The rest as `beam_stiffnesses`. Returns (e, 12, 12) [kg, kg m, kg m²].
-    Raises DeckError for a beam without length or orientation.
-    """
+    Raises DeckError for a beam without length or orientation."""
     length = _lengths(position, axes, offset, ids)
     points, weights = np.polynomial.legendre.leggauss(4)
     xi, w = 0.5 * (points + 1), 0.5 * weights
@@ -104,8 +101,7 @@ def rod_stiffnesses(
     """Stiffness of rods with unit Young's modulus: A/L of the elongation, J/(2(1 + ν) L) of the twist.
 
     position (e, 2, 3) [m]; area (e,) [m²]; torsion J (e,) [m⁴], 0 where the rod does not resist it; ids (e,).
-    Returns (e, 12, 12) [m, m³], to be multiplied with E. Raises DeckError for a rod without length, area ≤ 0 or J < 0.
-    """
+    Returns (e, 12, 12) [m, m³], to be multiplied with E. Raises DeckError for a rod without length, area ≤ 0 or J < 0."""
     x, length = _directions(position, ids)
     require_area(area, ids)
     require(
@@ -125,8 +121,7 @@ def rod_masses(position: np.ndarray, per_length: np.ndarray, ids: np.ndarray) ->
     """Consistent mass of rods, (m L/6) [[2, 1], [1, 2]] ⊗ I₃ of the translations; their sections have no inertia of turning.
 
     position (e, 2, 3) [m]; per_length (e,) [kg/m]; ids (e,). Returns (e, 12, 12) [kg]. Raises DeckError for a rod without
-    length.
-    """
+    length."""
     _, length = _directions(position, ids)
     pair = np.zeros((12, 12))
     for component in range(3):
@@ -188,8 +183,7 @@ def beam_strains(position: np.ndarray, axes: np.ndarray, offset: np.ndarray, xi:
 
         ε = x·u',     γ_xy = y·u' − z·θ,     γ_xz = z·u' + y·θ,     u = u_a + θ_a × offset
 
-    position (e, 3, 3) [m] of the nodes A, B and between; offset (e, 3, 3) [m] of the beam from them, along the basic axes.
-    """
+    position (e, 3, 3) [m] of the nodes A, B and between; offset (e, 3, 3) [m] of the beam from them, along the basic axes."""
     e, q = len(position), len(xi)
     N, slope = beam_shape(xi)
     R, size = axes_along(position + offset, axes, xi)
@@ -218,8 +212,7 @@ def curved_beam_stiffnesses(
 
     position (e, 3, 3) [m] of the nodes A, B and between; axes (e, 3, 3) x, y, z of the beam as a whole; properties linear from A
     to B; offset (e, 3, 3) [m]; ids (e,). Returns (e, 18, 18) [m, m², m³], to be multiplied with E. Raises DeckError for a beam
-    that turns back, and what `check_properties` does. Source: K.-J. Bathe, Finite Element Procedures (1996), 5.4.1.
-    """
+    that turns back, and what `check_properties` does. Source: K.-J. Bathe, Finite Element Procedures (1996), 5.4.1."""
     check_properties(properties, ids)
     _, size = axes_along(position + offset, axes, GAUSS)
     _check_forward(position + offset, axes, ids)
@@ -249,8 +242,7 @@ def curved_beam_masses(
     """Consistent mass of beams of three nodes, of ½ ∫ m |u̇|² + (−θ̇_z, θ̇_y) R (−θ̇_z, θ̇_y)ᵀ + tr(R) θ̇_x² dx with their functions.
 
     per_length m (e, 2) at A and B [kg/m]; rotary R (e, 2, 2, 2) = ρ ∫ (y, z)ᵀ (y, z) dA at both ends [kg m]; the rest as
-    `curved_beam_stiffnesses`. Returns (e, 18, 18) [kg, kg m, kg m²]. Raises DeckError for a beam that turns back.
-    """
+    `curved_beam_stiffnesses`. Returns (e, 18, 18) [kg, kg m, kg m²]. Raises DeckError for a beam that turns back."""
     _check_forward(position + offset, axes, ids)
     xi, w = np.polynomial.legendre.leggauss(3)
     e = len(ids)

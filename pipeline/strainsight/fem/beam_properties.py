@@ -23,8 +23,7 @@ class BeamProperties:
 
     area (e, 2) [m²]; second (e, 2, 2, 2) ∫ (y, z)ᵀ (y, z) dA [m⁴], about the centroid; torsion J (e, 2) [m⁴]; shear (e, 2)
     areas over the area along y and z [-], 0 where the beam does not shear; poisson_ratio (e,) [-]; neutral (e, 2, 2) y and z [m]
-    of the neutral axis from the axis of the beam, through the shear centres, at both ends; None where they coincide.
-    """
+    of the neutral axis from the axis of the beam, through the shear centres, at both ends; None where they coincide."""
 
     area: FloatArray
     second: FloatArray
@@ -37,8 +36,7 @@ class BeamProperties:
 def properties_of(sections: Sequence[BeamSection], poisson_ratio: FloatArray) -> BeamProperties:
     """Properties of beams with these sections, one a beam; those at B equal those at A unless a section defines others.
 
-    The areas of shear over the area are those at A. poisson_ratio (e,) [-].
-    """
+    The areas of shear over the area are those at A. poisson_ratio (e,) [-]."""
     ends = [(section, section.at_b or section) for section in sections]
     return BeamProperties(
         np.array([[end.area for end in pair] for pair in ends], float).reshape(-1, 2),
@@ -109,8 +107,7 @@ def bending_axes(second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     that a = vᵀ S_A v and b = vᵀ S_B v, of the mean 1. A direction that the beam does not resist has v = 0 and a = b = 1.
 
     second (e, 2, 2, 2) [m⁴]. Returns v (e, 2, 2) [1/m²] in columns, (a, b) (e, 2, 2), Q (e, 2, 2) in columns, and which
-    columns of Q resist (e, 2).
-    """
+    columns of Q resist (e, 2)."""
     d, Q = np.linalg.eigh(second.mean(axis=1))
     present = (d > ABSENT * d[:, 1:]) & (d > 0)
     root = Q * np.where(present, 1 / np.sqrt(np.where(present, d, 1.0)), 0.0)[:, None, :]
@@ -130,8 +127,7 @@ LOOSE = 1e-10
 def end_stiffness(length: np.ndarray, properties: BeamProperties, released: np.ndarray) -> np.ndarray:
     """B F⁻¹ Bᵀ (e, 12, 12) of the motions of the ends, along the axes of the beam, without what is released.
 
-    length (e,) [m]; properties as `check_properties` accepts them; released (e, 2, 6). Rows 6 to 11 are the forces on B.
-    """
+    length (e,) [m]; properties as `check_properties` accepts them; released (e, 2, 6). Rows 6 to 11 are the forces on B."""
     F, resists, Q = _flexibility(length, properties)
     B = _equilibrium(length, Q)
     # F of diagonal 1, whatever the units; motions without resistance drop out of B
@@ -174,8 +170,7 @@ def _neutral_axis_terms(
 
         m_c(ξ) = m(ξ) − N n(ξ) = (m_B − N n_B) − (1 − ξ)(L V + N (n_A − n_B)),
 
-    so that N bends the beam as m = −n_B and V = (n_A − n_B)/L do. shear (e, 2, 2): the part of F due to shear.
-    """
+    so that N bends the beam as m = −n_B and V = (n_A − n_B)/L do. shear (e, 2, 2): the part of F due to shear."""
     n = np.einsum("eji,eaj->eai", Q, neutral)
     bent = F[:, [1, 2, 4, 5]][:, :, [1, 2, 4, 5]]
     bent[:, :2, :2] -= shear
@@ -220,8 +215,7 @@ def taper_integrals(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
     With λ = b/a, the substitution 1 + (λ − 1) ξ = λˢ removes the pole: (ln λ)/(a (λ − 1)) ∫₀¹ (1 − ξ(s))^k ds, by Gauss points.
 
-    start, end (...,). Returns (3, ...).
-    """
+    start, end (...,). Returns (3, ...)."""
     points, weights = np.polynomial.legendre.leggauss(POINTS)
     s, weights = 0.5 * (points + 1), 0.5 * weights
     log = np.log(end / start)

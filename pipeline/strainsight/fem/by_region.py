@@ -40,8 +40,7 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
 
     of: values [SI] → X, an array or a sparse matrix, of one pattern at all θ. A change is measured as max |ΔX_ij|/√(X_ii X_jj) of
     a sparse matrix, so that small motions count as well, and relative to max |X| of an array.
-    Raises UserError where degree MOST is not enough. Source: Chkifa, Cohen and Schwab, Found. Comput. Math. 14 (2014).
-    """
+    Raises UserError where degree MOST is not enough. Source: Chkifa, Cohen and Schwab, Found. Comput. Math. 14 (2014)."""
     axes = [_Axis(parameter) for parameter in parameters]
     names = [axis.name for axis in axes]
     first = of({parameter.name: parameter.reference for parameter in parameters})
@@ -265,8 +264,7 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
 
     kind: "stiffness" or "mass". The factor is 1 where a modulus or density is the parameter, E where a stiffness factor is,
     and 1 for the stiffness of a region with several moduli. Parameters that a region depends on otherwise are ignored.
-    Raises UserError for parameters that overlap or name no region, and for the modulus of a region with several.
-    """
+    Raises UserError for parameters that overlap or name no region, and for the modulus of a region with several."""
     present = regions_of(mesh.elements)
     owner: dict[int, Parameter] = {}
     names = [p.name for p in parameters]

@@ -280,8 +280,7 @@ def element_quality(mesh: Mesh) -> tuple[Quality, ...]:
 
     shape: the least over the corners of |J| over the product of the three sides that meet there, divided by its value in
     the regular element: 1 there, 0 where an element is flat, negative where it is inverted.
-    Source: Knupp et al., The Verdict geometric quality library, SAND2007-1751 (2006).
-    """
+    Source: Knupp et al., The Verdict geometric quality library, SAND2007-1751 (2006)."""
     return tuple(Quality(block.kind, block.ids, *_quality_of_block(mesh, block)) for block in mesh.blocks)
 
 

@@ -38,8 +38,7 @@ class Constraint:
     transform T, CSR (3n + 3r, n_free): row 3·node + component for the displacements [m], then three rotations [rad]
     for each of the r nodes with rotations; reference_rows: node index → row of its first rotation; free_rows (n_free,): the
     row of z' = Qᵀz of each free motion; turn Q, CSR: block-diagonal local axes of the nodes whose components are clamped or
-    tied in a local coordinate system, None without any.
-    """
+    tied in a local coordinate system, None without any."""
 
     transform: sparse.csr_array
     reference_rows: Mapping[int, int]
@@ -69,8 +68,7 @@ def constraint_transform(
     without stiffness are left out (AUTOSPC in Nastran): neither they nor their dependents are `supported` rows (3n + 3r,) of z
     (default: those of solids and springs).
     Raises DeckError that names nodes for a motion that two elements prescribe, that is dependent and clamped, for a cycle,
-    for an RBE3 whose nodes do not determine its reference, for a mass or an RBE3 on nodes without stiffness.
-    """
+    for an RBE3 whose nodes do not determine its reference, for a mass or an RBE3 on nodes without stiffness."""
     n = len(mesh.position)
     rows = MotionRows(n, rotation_rows(mesh, rotations), local_axes(mesh))
     dependencies = equations(mesh, rows)
@@ -202,8 +200,7 @@ def with_arms(mesh: Mesh, rows: MotionRows, T: sparse.csr_array) -> sparse.csr_a
 
     ŝ across the beam in the side, d along it from the middle of the side, ε the axial strain of that middle: the side
     contracts as in uniaxial stress. γ = (u_B − u_A)·ŝ/L − ½(θ_A + θ_B)·(x̂ × ŝ) of the ends (− at B): bending rotates straight
-    sides by γ relative to their sections, because the deflection between nodes is not linear; γ is not shear.
-    """
+    sides by γ relative to their sections, because the deflection between nodes is not linear; γ is not shear."""
     T = sparse.csr_array(T + _arm_matrix(mesh, rows) @ T)
     sides = [block for block in mesh.beams if (block.on_sides >= 0).any()]
     for block in sides:

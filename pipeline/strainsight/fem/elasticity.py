@@ -36,8 +36,7 @@ def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray,
     the patch test is passed; they are condensed: K_uu − K_ua K_aa⁻¹ K_au.
 
     position (e, k, 3) [m]; nu (e,) [-]; ids (e,) for the error message. Returns (e, k(k+1)/2, 9) [m], the 3 × 3 blocks
-    of the node pairs a ≤ b in the order of numpy.triu_indices. Raises DeckError where |J| ≤ 0, naming the elements.
-    """
+    of the node pairs a ≤ b in the order of numpy.triu_indices. Raises DeckError where |J| ≤ 0, naming the elements."""
     xi, w = kind.stiffness
     g, det = gradients(kind, position, xi, ids)
     if kind.bubble_gradient:
@@ -62,8 +61,7 @@ def anisotropic_stiffnesses(
     """Stiffness of anisotropic elements, K = ∫ BᵀCB dV, with the strain B z in the order xx yy zz xy yz zx, γ = 2ε.
 
     position (e, k, 3) [m]; C (e, q, 6, 6) [Pa] along the basic axes at the points of the rule, or (e, 1, 6, 6) if constant in
-    an element; incompatible modes, ids and errors as in `element_stiffnesses`. Returns (e, k(k+1)/2, 9) [N/m].
-    """
+    an element; incompatible modes, ids and errors as in `element_stiffnesses`. Returns (e, k(k+1)/2, 9) [N/m]."""
     xi, w = rule
     k = len(kind.nodes)
     a, b = np.triu_indices(k)
@@ -89,8 +87,7 @@ def element_masses(kind: ElementKind, position: np.ndarray, ids: np.ndarray, rul
     """Consistent mass with unit density, m_ab = ∫ N_a N_b dV; the mass of the three components is m ⊗ I₃.
 
     position (e, k, 3) [m]; ids (e,) for the error message; rule: default that of the kind, weights may include a density.
-    Returns (e, k(k+1)/2, 1) [m³] of the node pairs a ≤ b. Raises DeckError where |J| ≤ 0, naming the elements.
-    """
+    Returns (e, k(k+1)/2, 1) [m³] of the node pairs a ≤ b. Raises DeckError where |J| ≤ 0, naming the elements."""
     xi, w = kind.mass if rule is None else rule
     _, det = jacobians(kind, position, xi, ids)
     N = kind.shape(xi)
@@ -103,8 +100,7 @@ def jacobians(
 ) -> tuple[np.ndarray, np.ndarray]:
     """J = ∂x/∂ξ (e, q, 3, 3) [m] with J[d, c] = ∂x_c/∂ξ_d, and |J| (e, q) [m³].
 
-    Raises DeckError where |J| ≤ 0, naming the elements.
-    """
+    Raises DeckError where |J| ≤ 0, naming the elements."""
     J = np.einsum("qkd,ekc->eqdc", kind.gradient(xi), position, optimize=True)
     det = np.linalg.det(J)
     size = np.ptp(position, axis=1).max(axis=1)[:, None] ** 3
@@ -187,8 +183,7 @@ def rotate_stiffness(C: np.ndarray, axes: np.ndarray) -> np.ndarray:
 
         C' = R C Rᵀ,     σ' = R σ,   ε = Rᵀ ε',   γ = 2ε
 
-    so that column k of R is the stress tensor a_i ⊗ a_j, made symmetric and of the shears twice, of the k-th pair of axes.
-    """
+    so that column k of R is the stress tensor a_i ⊗ a_j, made symmetric and of the shears twice, of the k-th pair of axes."""
     columns = [(1.0 if i == j else 2.0) * pair(axes[:, :, i], axes[:, :, j]) for i, j in PAIRS]
     R = np.stack(columns, axis=2)
     return np.asarray(R @ C @ R.swapaxes(1, 2))
@@ -285,8 +280,7 @@ def lumped(m: np.ndarray, k: int) -> np.ndarray:
         m_a = m_aa Σ_bc m_bc / Σ_b m_bb,    0 off the diagonal
 
     the diagonal scaled to the mass of the element (Hinton, Rock and Zienkiewicz 1976), so that all are positive, also
-    for quadratic elements.
-    """
+    for quadratic elements."""
     a, b = np.triu_indices(k)
     on = a == b
     diagonal = np.where(on, m, 0.0)
@@ -319,8 +313,7 @@ class FacetLaws:
     face, in plane stress, affine in the free moduli of plies; of a composite solid that of the layer at the facet centre.
     contraction (m, 3, 3): c of ε_nn = −c : ε across the face of a laminate, at the references; 0 on solids, whose strain is
     known. A deck does not define ν₁₃ and ν₂₃ of plies: ε_nn assumes ν₁₃ = ν₂₃ = ν₁₂. Stress, and the strain along the face
-    that gauges measure, do not depend on it.
-    """
+    that gauges measure, do not depend on it."""
 
     facet: np.ndarray
     stiffness: AffineOperator

@@ -34,8 +34,7 @@ class MotionRows:
     """Row numbers of the motions in z': 3·node + component, then three rotations of each node with rotations.
 
     nodes n; first: node → row of its first rotation; axes: node → (3, 3) local axes of its components, one in a column;
-    nodes without an entry use the basic axes.
-    """
+    nodes without an entry use the basic axes."""
 
     nodes: int
     first: Mapping[int, int]
@@ -98,8 +97,7 @@ class Equations:
     ) -> None:
         """Make rows (m,), motions of nodes (m,), depend on columns (c,) with values (m, c).
 
-        Raises DeckError for a row that is already dependent.
-        """
+        Raises DeckError for a row that is already dependent."""
         for row, node in zip(rows.tolist(), nodes.tolist(), strict=True):
             self.claim(mesh, e, node, row)
         self.entries.append((values, rows[:, None], columns))
@@ -133,8 +131,7 @@ def relation_terms(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
 def add_relations(mesh: Mesh, rows: MotionRows, dependencies: Equations) -> None:
     """Add  z'_1 = −Σ_{k>1} c_k z'_k / c_1  of all relations to the equations.
 
-    Raises DeckError for a first term that is zero, and for a motion that is already dependent.
-    """
+    Raises DeckError for a first term that is zero, and for a motion that is already dependent."""
     relation, node, component, value = relation_terms(mesh)
     at, nonzero = rows.of(node, component), value != 0
     # a motion that occurs twice in a relation has the sum of its coefficients
@@ -231,8 +228,7 @@ def equations(mesh: Mesh, rows: MotionRows) -> Equations:
     Rotations θ'_i that count in a mean have R_i = Q_iᵀ[0, I] and the weight w_i L², L the mean |x_i − x_r|, 1 m where that is
     zero (RBE3 of Nastran, as in `formrbe3` of pyyeti). If an averaging element names dependent motions, it is solved for
     them. Raises DeckError that names element and nodes for a motion that two elements prescribe, an averaging element whose
-    nodes do not determine its reference, dependent motions without a solution, and a relation whose first term is zero.
-    """
+    nodes do not determine its reference, dependent motions without a solution, and a relation whose first term is zero."""
     dependencies = Equations(rows.size)
     for rigid in mesh.rigid:
         _add_rigid(mesh, rigid, rows, dependencies)

@@ -37,8 +37,7 @@ def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
 
     upper (n, n) the upper triangle of A, CSR with sorted indices. The memory of the factor is freed with the last reference to
     the result. Raises ImportError or OSError if PARDISO cannot be loaded, NumericalError if A is not positive definite, and
-    UserError if the memory estimated by the analysis is not available.
-    """
+    UserError if the memory estimated by the analysis is not available."""
     return factorise_with(upper, POSITIVE_DEFINITE, f"the factor of {upper.shape[0]} unknowns")[0]
 
 
@@ -47,8 +46,7 @@ def factorise_with(
 ) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:
     """B (n, r) → A⁻¹B, and iparm after the factorisation; kind of A, what: its description, options of iparm.
 
-    Otherwise as `pardiso`.
-    """
+    Otherwise as `pardiso`."""
     solver = solver_of(kind)
     # Everything else stays zero. With its defaults PARDISO orders with several threads, which differs between runs, and refines
     # every solution twice, which takes four times as long and which a positive definite matrix does not need.
@@ -73,8 +71,7 @@ def interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray
     """One phase: (phase, B, X) with B, X (n, r) in columns, X written. Raises the errors of `pardiso`.
 
     The function of pypardiso compares the matrix with its copy before each solve, or copies all its indices. Solutions use one
-    thread: with several, the last bits depend on the number of columns, and the time was no shorter.
-    """
+    thread: with several, the last bits depend on the number of columns, and the time was no shorter."""
     size = upper.shape[0]
     row, column = (np.ascontiguousarray(index, dtype=np.int32) for index in (upper.indptr, upper.indices))
     one, n, kind, silent = (ctypes.byref(ctypes.c_int32(value)) for value in (1, size, solver.mtype, 0))
@@ -129,8 +126,7 @@ def solver_of(kind: int) -> Any:
     """PARDISO for matrices of that kind, with bitwise equal results on every run for any alignment of the arrays.
 
     MKL fixes its code branch before its first computation, so no other solver may exist. Raises ImportError or OSError if
-    PARDISO cannot be loaded.
-    """
+    PARDISO cannot be loaded."""
     name_mkl()  # first, because the import creates a solver
     from pypardiso import PyPardisoSolver
 
@@ -198,8 +194,7 @@ def factorise(A: sparse.csr_array) -> Factor:
     A (n, n) symmetric positive definite CSR; only its upper triangle is used. The matrix is scaled to a unit diagonal
     first, so that translations and rotations, or units far from SI, do not affect the pivots.
     Raises NumericalError if A is not positive definite; UserError if the memory is not sufficient (known after the analysis
-    of PARDISO, before its factorisation), and above 100 000 unknowns without PARDISO.
-    """
+    of PARDISO, before its factorisation), and above 100 000 unknowns without PARDISO."""
     scale, size = diagonal_scaling(A), A.shape[0]
     require_memory(LEAST_BYTES * A.nnz, f"the factor of {size} unknowns")
     upper = scaled_upper(A, scale)
@@ -273,8 +268,7 @@ def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]
     definite real part, so that no pivot can vanish. (K + sC + s²M)/s has one for Re s > 0.
     Raises NumericalError if a pivot vanishes, UserError if the memory is not sufficient and above 100 000 unknowns without
     PARDISO.
-    Source: Higham, Mathematics of Computation 67 (1998); George, Ikramov and Kucherov, SIAM J. Matrix Anal. 23 (2002).
-    """
+    Source: Higham, Mathematics of Computation 67 (1998); George, Ikramov and Kucherov, SIAM J. Matrix Anal. 23 (2002)."""
     require_memory(COMPLEX_BYTES * A.nnz, f"the complex factor of {A.shape[0]} unknowns")
     size = np.abs(A.diagonal())
     if not np.all(size > 0):
@@ -306,8 +300,7 @@ MASSLESS = 1e-12
 class Relief:
     """R (n, k) [1/√kg], a basis of the rigid-body motions with KR = 0 and RᵀMR = I, and inertia MR (n, k) [√kg].
 
-    Elastic modes are M-orthogonal to R: z = R r + z_e, r̈ = Rᵀf, and z_e has no rigid-body component.
-    """
+    Elastic modes are M-orthogonal to R: z = R r + z_e, r̈ = Rᵀf, and z_e has no rigid-body component."""
 
     shapes: np.ndarray
     inertia: np.ndarray
@@ -338,8 +331,7 @@ def relief_of(M: sparse.csr_array, rigid: np.ndarray) -> Relief:
 def pin_rigid_motions(K: sparse.csr_array, rigid: np.ndarray) -> sparse.csr_array:
     """K with a spring to the ground in k unknowns that R (n, k) moves independently: positive definite.
 
-    A statically determinate support: balanced forces cause no force in its springs, for any spring stiffness.
-    """
+    A statically determinate support: balanced forces cause no force in its springs, for any spring stiffness."""
     at = qr(rigid.T, mode="r", pivoting=True)[1][: rigid.shape[1]]
     diagonal = np.zeros(K.shape[0])
     diagonal[at] = K.diagonal()[at]
@@ -351,8 +343,7 @@ def factorise_free(K: sparse.csr_array, relief: Relief, by: Factorise = factoris
 
         K⁺f = (I − R(MR)ᵀ) A⁻¹ (f − MRRᵀf),     A = K and the springs of `pin_rigid_motions`;     M K⁺f ⊥ R,  K K⁺f = f − MRRᵀf
 
-    Raises the errors of `factorise`.
-    """
+    Raises the errors of `factorise`."""
     inner = by(pin_rigid_motions(K, relief.shapes))
 
     def lowest(

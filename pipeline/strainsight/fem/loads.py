@@ -28,8 +28,7 @@ def couple(mesh: Mesh, constraint: Constraint, nodes: np.ndarray, weight: np.nda
     For a single node with rotations that lead others, the moment acts on these rotations. Otherwise it acts as forces
     w (ω × r) with Jω = M, r from the centre of the nodes and J = Σ w (r·r I − r rᵀ), like a moment on an averaging element:
     on the nodes (k > 1), or on those of the elements and ties at a single node. A component that the nodes cannot exert, such
-    as a moment about the line of collinear nodes, is left out.
-    """
+    as a moment about the line of collinear nodes, is left out."""
     T, x = constraint.transform, mesh.position
     e = np.zeros(T.shape[0])
     if len(nodes) == 1:
@@ -93,8 +92,7 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
 
     e is a unit force on the node, or 1/k of it on each of the k nodes of a set, or a traction on a face. A load f of the deck
     is e = f / |Σ f|, or f with `factor`. A moment is the `couple` of 1 N m, on a face a traction.
-    Raises the errors of `nodal_forces` and `moment_forces`, and UserError for a node that is clamped in the direction.
-    """
+    Raises the errors of `nodal_forces` and `moment_forces`, and UserError for a node that is clamped in the direction."""
     mesh, T = model.mesh, model.constraint.transform
     e = np.zeros((T.shape[0], len(loads)))
     for column, load in enumerate(loads):
@@ -124,8 +122,7 @@ def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray
 
     whole: require the full moment; otherwise the part that its nodes can exert.
     Raises UserError for a node or set that does not exist, and if the nodes cannot exert the full moment: they lie on a line or
-    at a point, or cannot move.
-    """
+    at a point, or cannot move."""
     mesh, constraint = model.mesh, model.constraint
     if load.node_set in mesh.faces:
         forces, e = turning(mesh, str(load.node_set), moment), np.zeros(constraint.transform.shape[0])
@@ -154,8 +151,7 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
     """The forces (k, 3) [N] of a load of unit resultant, on nodes (k,) (indices).
 
     Raises UserError for a node, set or load that does not exist, a direction of zero length, a load of the deck without
-    resultant, a pressure or bearing load without a face, and a bearing load that no part of its face is turned against.
-    """
+    resultant, a pressure or bearing load without a face, and a bearing load that no part of its face is turned against."""
     if load.gravity is not None:
         return body_forces(mesh, BodyForce(acceleration=_unit(load.name, load.gravity)))
     if load.rotation is not None:
@@ -325,8 +321,7 @@ def misaligned_shape(model: FiniteElementModel, load: PointLoad, turn: np.ndarra
     f the forces on its nodes, e puts forces and c a `couple` on them, in proportion to f. A moment rotates; its point has no
     effect, and the part that its nodes cannot exert is left out. A pressure, a rotation and a load of the deck without
     resultant have neither direction nor point; a load on all mass has no point.
-    turn θ (2,) [rad] about and shift δ (2,) [m] along the `axes_across`.
-    """
+    turn θ (2,) [rad] about and shift δ (2,) [m] along the `axes_across`."""
     if load.moment is not None:
         axis = np.asarray(load.moment, dtype=float) / np.linalg.norm(load.moment)
         rotated_moment = Rotation.from_rotvec(np.asarray(turn) @ axes_across(axis)).apply(axis)
@@ -351,8 +346,7 @@ def misalignment_shapes(model: FiniteElementModel, loads: Sequence[PointLoad]) -
     """∂S/∂(θ₁, θ₂, δ₁, δ₂) of `misaligned_shape` at zero (n_free, n_u, MISALIGNMENTS) [1/rad, 1/m]:
 
     Tᵀ e(a × f) for a rotation about a, Tᵀ c(a × Σ f) for a shift along a; for a moment Tᵀ c(a × M), and zero for a shift.
-    Zero for a pressure, a rotation and a load of the deck without resultant; no shift of a load on all mass.
-    """
+    Zero for a pressure, a rotation and a load of the deck without resultant; no shift of a load on all mass."""
     columns = []
     for load in loads:
         if load.moment is not None:

@@ -26,8 +26,7 @@ def point_mass_matrix(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.cs
         M = [m I, −m d×; m d×, J − m d×d×],   d offset of the centre, J inertia about it
 
     or its explicit matrix. At a node without rotations only the translational part counts.
-    Raises DeckError for a negative mass and for an inertia or a matrix that is not symmetric.
-    """
+    Raises DeckError for a negative mass and for an inertia or a matrix that is not symmetric."""
     entries = []
     for point in mesh.point_masses:
         at = translation_rows([point.node])
@@ -85,8 +84,7 @@ def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
     on node i and the point masses at their centres. For mass matrices, shells and beams from their momentum M t and its
     moment about the origin, t a unit translation along each axis: m x̄ × e = Σ_i (x_i × f_i + moment_i), so that offsets count.
 
-    Returns ([kg], (3,) [m]). Raises DeckError where the mass is zero.
-    """
+    Returns ([kg], (3,) [m]). Raises DeckError where the mass is zero."""
     check_mesh(mesh)
     per_node = np.zeros(len(mesh.position))
     for part, values in element_mass_parts(mesh):
@@ -143,8 +141,7 @@ def mass_product(mesh: Mesh, rotation_rows: Mapping[int, int], z: np.ndarray) ->
 
         (M z)_a = Σ_elements Σ_b ∫ ρ N_a N_b dV z_b     of solids,
 
-    with shells, beams and point masses. The mesh `has_mass`.
-    """
+    with shells, beams and point masses. The mesh `has_mass`."""
     n, k = len(mesh.position), z.shape[1]
     product = np.zeros_like(z)
     nodal_motions, out = z[: 3 * n].reshape(n, 3 * k), product[: 3 * n].reshape(n, 3 * k)

@@ -78,8 +78,7 @@ def build_model(
 
     K and M of solids, shells and beams, K_s the springs, M_p the point masses.
 
-    Raises DeckError and UserError of `assemble`, `constraint_transform`, `require_support` and `rigid_motions`.
-    """
+    Raises DeckError and UserError of `assemble`, `constraint_transform`, `require_support` and `rigid_motions`."""
     if not any(len(nodes) for nodes in mesh.connectivity):
         raise DeckError("the mesh has no elements", remedy=f"Provide a mesh with {FAMILIES}, shells or beams.")
     constraint = constraint_transform(mesh, rotations=turning_nodes(mesh))
@@ -174,8 +173,7 @@ def autospc_stiffness(mesh: Mesh, constraint: Constraint, K: sparse.csr_array) -
 
     K is positive semidefinite, so that Kv = 0 too and the added stiffness changes no other motion. Bars without torsion and
     trusses of beams without bending then leave no mechanism. Unlike AUTOSPC in Nastran, v may have any direction.
-    K (n_free, n_free) on the free motions.
-    """
+    K (n_free, n_free) on the free motions."""
     column = np.full(constraint.transform.shape[0], -1)
     column[constraint.free_rows] = np.arange(len(constraint.free_rows))
     at = column[constraint.rotations(mesh.turning)]

@@ -47,8 +47,7 @@ def largest(
     modes that are returned unconverged.
     Returns μ (count + extra,) descending, φ (n, count + extra) with φᵀMφ = 1, and |A⁻¹Mφ − μφ|_M; fewer if no more exist.
     Raises NumericalError if they do not converge.
-    Sources: Grimes, Lewis and Simon, SIAM J. Matrix Anal. Appl. 15 (1994); Wu and Simon, ibid. 22 (2000).
-    """
+    Sources: Grimes, Lewis and Simon, SIAM J. Matrix Anal. Appl. 15 (1994); Wu and Simon, ibid. 22 (2000)."""
     Q, T, used = np.empty((len(start), most), order="F"), np.zeros((0, 0)), 0
     q, Mq, _ = _orthonormalise(Q[:, :0], M, start, M @ start)
     for _ in range(MOST):
@@ -149,8 +148,7 @@ def modes(
 
     Returns frequency (count,) [Hz] ascending and shapes (n, count) [1/√kg].
     Raises UserError for too large a count, for a mechanism (a mode without stiffness) and if the memory is not sufficient,
-    NumericalError if a mode does not converge or K − σM is not positive definite.
-    """
+    NumericalError if a mode does not converge or K − σM is not positive definite."""
     relief = None if rigid is None else relief_of(M, rigid)
     massive = _rank_of_mass(M, relief)
     if not 1 <= count <= massive:
@@ -383,8 +381,7 @@ def combine_repeated(values: np.ndarray, shapes: np.ndarray) -> np.ndarray:
     """T (count, count) orthogonal, which combines shapes (n, count) of repeated values (count,), ordered.
 
     Among those of one value, the first column of `shapes` T has the largest component that any combination has, the others
-    a zero there; the second has the largest remaining component, and so on.
-    """
+    a zero there; the second has the largest remaining component, and so on."""
     T = np.eye(len(values))
     for copies in np.split(np.arange(len(values)), _frequencies(values)[1:]):
         for first in range(len(copies) - 1):

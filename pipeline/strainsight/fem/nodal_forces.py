@@ -33,8 +33,7 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
         force = m_uu g − ω × P,   moment = m_θu g − ω × H − v × P,   (P, H) = M (v, ω),   v = ω × (x − c)
 
     Where the node has no rotations, all of the mass is at the node.
-    Raises UserError for a region without a material, and so without density.
-    """
+    Raises UserError for a region without a material, and so without density."""
     lacking = [region for region in mesh.regions.values() if mesh.density_of(region.id) is None]
     if lacking:
         raise UserError(
@@ -79,8 +78,7 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
 
 def _on_matrix(M: FloatArray, body: BodyForce, x: np.ndarray, *, turns: bool) -> tuple[np.ndarray, np.ndarray]:
     """Force and moment (3,) on the node at x of a mass matrix; only of its translations if the node has no rotations.
-    Source: Lamb, Hydrodynamics, §124: a solid with a different mass along each axis.
-    """
+    Source: Lamb, Hydrodynamics, §124: a solid with a different mass along each axis."""
     if not turns:
         M = M * np.outer(np.repeat([1, 0], 3), np.repeat([1, 0], 3))
     v, omega = np.cross(body.rotation, x - body.centre), body.rotation
@@ -170,8 +168,7 @@ def evenly(mesh: Mesh, face: str, direction: np.ndarray) -> NodalForces:
 def bearing(mesh: Mesh, face: str, direction: np.ndarray) -> NodalForces:
     """Bearing pressure of a pin on a bore along the unit direction (3,):  t = −n p,  p ∝ max(0, −n·d),  a unit force along d.
 
-    The force is zero if no part of the face is turned against d.
-    """
+    The force is zero if no part of the face is turned against d."""
 
     def bearing_traction(x: np.ndarray, n: np.ndarray) -> np.ndarray:
         return -n * np.maximum(0.0, -(n @ direction))[:, None]
@@ -249,8 +246,7 @@ def tractions(patch: Patch, field: np.ndarray, facets: Facets, loaded: np.ndarra
 
     with the rows of the nodes that elements outside of the patch do not share, t the uniform traction of the same resultant.
     A uniform traction is recovered exactly. field z (3k, r) at the nodes of the patch; facets, loaded (n,) of the whole mesh;
-    otherwise (n,): nodes with other forces. Valid one layer away from the cut; nodes numbered as in the whole mesh.
-    """
+    otherwise (n,): nodes with other forces. Valid one layer away from the cut; nodes numbered as in the whole mesh."""
     nodes = patch.local(facets.nodes)
     on_patch = np.all(((nodes >= 0) & loaded[facets.nodes]) | (facets.nodes < 0), axis=1)
     kind, nodes = facets.kind[on_patch], np.where(facets.nodes[on_patch] < 0, -1, nodes[on_patch])
@@ -280,8 +276,7 @@ def spread_forces(position: np.ndarray, facets: Facets, forced: np.ndarray) -> s
 
         p = α + β·(x − x₀),    ∫ p dA = 1,    ∫ p (x − x₀) dA = 0,
 
-    so that resultant and moment are kept: without β, a force at the end of a beam would shift along it.
-    """
+    so that resultant and moment are kept: without β, a force at the end of a beam would shift along it."""
     near = np.any(forced[facets.nodes] & (facets.nodes >= 0), axis=1)
     rules, entries = list(_quadrature(position, facets.kind[near], facets.nodes[near])), []
     for node in np.flatnonzero(forced).tolist():

@@ -70,8 +70,7 @@ def patch_around(mesh: Mesh, incidence: Incidence, nodes: np.ndarray, layers: in
 def held_components(mesh: Mesh) -> np.ndarray:
     """Translations (n, 3) of the nodes that supports, rigid and averaging elements or relations prescribe.
 
-    All translations of a node with a local coordinate system count as prescribed if one does.
-    """
+    All translations of a node with a local coordinate system count as prescribed if one does."""
     prescribed = np.zeros((len(mesh.position), 3), dtype=bool)
     fixed = mesh.fixed.reshape(-1, 2)
     moving = fixed[fixed[:, 1] < 3]

@@ -1,7 +1,6 @@
 """Strain operator (matrix H) of the full tensor on the surface: [εxx εyy εzz γxy γyz γzx] at every point, γ = 2ε.
 
-The order is that of a symmetric tensor in VTK.
-"""
+The order is that of a symmetric tensor in VTK."""
 
 from __future__ import annotations
 
@@ -55,8 +54,7 @@ def facet_strain(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = (
     their gradients −2ξᵢ J⁻ᵀeᵢ. At the centre of a facet these are along its normal: they add to the strain across the facet,
     but not to that along it, which gauges measure.
     facets (f) of this mesh; parameters: moduli of plies among them stay free.
-    Raises DeckError where |J| ≤ 0 at a facet's centre, ids named.
-    """
+    Raises DeckError where |J| ≤ 0 at a facet's centre, ids named."""
     laws = facet_laws(mesh, facets, parameters)
     return StrainRows(strain_matrix(mesh, facets, laws), facets.region, laws)
 
@@ -186,8 +184,7 @@ def bubble_amplitudes(
     """α = −K_aa⁻¹K_au z of the incompatible modes of a kind, with the gradients of `element_stiffnesses`.
 
     position (e, k, 3) [m]; law (e,) Poisson's ratio, or C (e, q or 1, 6, 6) as in `anisotropic_stiffnesses`; ids for the
-    error message; rule: None that of the kind. Returns (e, 3p, 3k), rows 3·mode + component.
-    """
+    error message; rule: None that of the kind. Returns (e, 3p, 3k), rows 3·mode + component."""
     xi, w = kind.stiffness if rule is None else rule
     g, det = gradients(kind, position, xi, ids)
     bubble = bubble_gradients(kind, position, xi, det)
@@ -306,8 +303,7 @@ def surface_state(
         ∂σ/∂θ_i = (C ∂E/∂θ_i + E ∂C/∂θ_i) B q + E C ∂B/∂θ_i q
 
     covariance P (r + k, r + k) of q and the k parameters named by free, these in SI units: derivatives by p = ln θ are θ times
-    those by θ. Where σ_v is zero it has no derivative; there √tr(VP_σ), the root mean square of σ_v = √(σᵀVσ), is used.
-    """
+    those by θ. Where σ_v is zero it has no derivative; there √tr(VP_σ), the root mean square of σ_v = √(σᵀVσ), is used."""
     r = model.strain.shape[2]
     if covariance is not None and np.shape(covariance) != (r + len(free),) * 2:
         raise ValueError(f"covariance {np.shape(covariance)} of {r} coordinates and {len(free)} parameters")

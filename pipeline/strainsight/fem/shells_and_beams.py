@@ -181,8 +181,7 @@ def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[Af
     The terms of a parameter have unit modulus, factor or density; for a laminate E_r is 1, K_r includes the moduli of its
     plies, and ρ_r is its mean density. K_r and M_r of moduli of plies and of section factors are those of `interpolated`.
     Raises DeckError for a degenerate element; UserError for parameters that overlap or name no region, or a property that a
-    region does not have.
-    """
+    region does not have."""
 
     @cache
     def pattern(regions: frozenset[int]) -> ThinPattern:

@@ -22,8 +22,7 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
     rotation_rows[i]. They are followed by springs about unconstrained axes of nodes whose rotations have springs only
     (AUTOSPC in Nastran).
 
-    Raises DeckError where a spring acts on the rotation of a node without rotations.
-    """
+    Raises DeckError where a spring acts on the rotation of a node without rotations."""
     size = 3 * len(mesh.position) + 3 * len(rotation_rows)
     entries, stiffness, count = [], [np.zeros(0)], 0
     for spring in mesh.springs:
@@ -77,8 +76,7 @@ def _autospc_springs(
 def spring_owners(mesh: Mesh, springs: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Name of a spring → the parameter of its stiffness; springs: the names of each parameter.
 
-    Raises UserError for springs that do not exist, have no stiffness, or have two parameters.
-    """
+    Raises UserError for springs that do not exist, have no stiffness, or have two parameters."""
     owner: dict[str, str] = {}
     for parameter, wanted in springs.items():
         names = spring_names(mesh, wanted)
@@ -102,8 +100,7 @@ def spring_operator(
     """K(θ) = Rᵀ diag(k₀) R + Σ θᵢ Rᵀ diag(kᵢ) R on z (3n + 3r)² [N/m, N, N m]: kᵢ is k of the springs of parameter i and
     zero elsewhere, k₀ of the springs without a parameter.
 
-    Raises the errors of `spring_rows` and `spring_owners`.
-    """
+    Raises the errors of `spring_rows` and `spring_owners`."""
     R, k = spring_rows(mesh, rotation_rows)
     factors = {parameter.name: parameter.springs for parameter in parameters if parameter.springs}
     owner = spring_owners(mesh, factors)

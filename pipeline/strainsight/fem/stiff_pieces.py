@@ -54,8 +54,7 @@ def stiff_pieces(mesh: Mesh) -> Pieces:
     """Stiff pieces: solids joined by facets; shells and beams joined by nodes.
 
     Pieces that share three nodes not on one line are merged. Other pieces are hinged where they meet: solids along an edge
-    or at a corner, a shell that meets a solid along a line. Rods and released ends of beams count as joined stiffly.
-    """
+    or at a corner, a shell that meets a solid along a line. Rods and released ends of beams count as joined stiffly."""
     n = len(mesh.position)
     thin = _connected(n, [block.nodes for block in mesh.thin])
     turning = mesh.thin_nodes
@@ -145,8 +144,7 @@ SHOWN = 3
 def hinge_warnings(mesh: Mesh) -> tuple[str, ...]:
     """Warning about pieces that share only an edge or a corner, and that no tie or spring connects.
 
-    The supports may still prevent their motion, so that no other check detects the hinge.
-    """
+    The supports may still prevent their motion, so that no other check detects the hinge."""
     if len(mesh.elements) == 0:
         return ()
     pieces = stiff_pieces(mesh)

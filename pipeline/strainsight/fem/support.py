@@ -22,8 +22,7 @@ AXES = "xyz"
 def motion_words(null: np.ndarray, centre: np.ndarray, radius: float, where: str = "") -> list[str]:
     """The motions in span(null), each followed by `where`: "rotation about z through (0, 0, 0.5) m".
 
-    null (6, k): translations and rotations times the radius [m] of a body about its centre (3,) [m].
-    """
+    null (6, k): translations and rotations times the radius [m] of a body about its centre (3,) [m]."""
     U, strength, _ = np.linalg.svd(null, full_matrices=False)
     U = U[:, strength > 1e-6]
     pure = [i for i in range(6) if np.linalg.norm(U[i]) > 1 - 1e-9]
@@ -86,8 +85,7 @@ def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
     nodes. Springs are not stretched if R_s T (R c, y) = 0; bodies that share a node move it equally. The null vectors (c, y) of
     that system, its columns scaled to unit motion, are the free motions. First the whole structure is one body; if it is
     supported, each stiff piece is a separate body.
-    Raises UserError for more than 300 parts that share no node.
-    """
+    Raises UserError for more than 300 parts that share no node."""
     return _describe_motions(mesh, constraint)[0]
 
 
@@ -105,8 +103,7 @@ def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
     """R (n_free, k) [m or rad per unit]: a basis of the rigid-body motions of an unsupported structure in one piece.
 
     They are the null vectors of `rigid_body_motions`, on the free motions: K R = 0 at any moduli.
-    Raises UserError if supports prevent all of them, and if parts move relative to each other.
-    """
+    Raises UserError if supports prevent all of them, and if parts move relative to each other."""
     together = _free_motions(mesh, constraint, single_piece(mesh))
     if not together.words:
         raise UserError(
@@ -295,8 +292,7 @@ def links(mesh: Mesh, least: float = 0.0) -> tuple[StretchedLink, ...]:
     first; least: smallest share that counts, EXACT if s should be 0.
 
     A link with a single node leads to the ground and is a support. Elements, rigid and averaging elements follow a rigid
-    motion exactly.
-    """
+    motion exactly."""
     x, stretched = mesh.position - mesh.position.mean(axis=0), list[StretchedLink]()
     for spring in mesh.springs:
         for i in np.flatnonzero(spring.stiffness > 0):

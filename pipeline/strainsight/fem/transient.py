@@ -21,8 +21,7 @@ class ViscousDamping:
     """C = αM + βK + Σ_i c_i (Mφ_i)(Mφ_i)ᵀ.
 
     alpha α [1/s]; beta β [s]; frequency ω (N,) [rad/s] and shapes φ (n_free, N) [1/√kg] of the lowest modes, at the same
-    parameters as K and M; rate c (N,) [1/s].
-    """
+    parameters as K and M; rate c (N,) [1/s]."""
 
     alpha: float = 0.0
     beta: float = 0.0
@@ -46,8 +45,7 @@ def modal_damping(
         β = 2ζ/ω_N,  c_i = 2ζω_i − βω_i²
 
     K, M (n, n); modes N ≥ 1; rigid (n, k): the rigid-body modes of a free structure, which are not damped. Raises the errors of
-    `fem.modes.modes`.
-    """
+    `fem.modes.modes`."""
     frequency, shapes = lowest_modes(K, M, modes, rigid=rigid)
     omega = 2 * np.pi * frequency
     beta = 2 * ratio / omega[-1]
@@ -68,8 +66,7 @@ TOLERANCE = 1e-4
 class Transient:
     """Readings at T + 1 instants: reading (T + 1, m), rows · z; acceleration (T + 1, a), acceleration rows · z̈; end
     (2, n_free), z and ż at the last one. order of the scheme in the time step, substeps of every step, highest [Hz]: up to it
-    periods have an error of at most 1e-4, and no mode gains more damping than 1e-4.
-    """
+    periods have an error of at most 1e-4, and no mode gains more damping than 1e-4."""
 
     reading: np.ndarray
     acceleration: np.ndarray
@@ -109,8 +106,7 @@ def transient(
     modes govern, at least 1/2.56 of the sampling rate.
     Memory: the factors, and about 32 instants of the motion. Raises UserError for accelerations of a model with massless
     unknowns, NumericalError where the motion is not finite, and the errors of `factorise` and `modes`.
-    Source: Song, Eisenträger and Zhang (2022), in partial fractions.
-    """
+    Source: Song, Eisenträger and Zhang (2022), in partial fractions."""
     K, M = model.stiffness.at(theta), model.mass.at(theta)
     mass = None
     if acceleration_rows is not None and acceleration_rows.shape[0]:
@@ -276,8 +272,7 @@ class Scheme:
     """e^z ≈ R(z) = R∞ + Σ_k 2 Re c_k/(z − p_k), for real z; every pole represents itself and its conjugate.
 
     degree s: R agrees with e^z up to z^(2s−1). pole p (s/2,), all with Re p > 0; residue c (s/2,); infinity R∞;
-    reach: largest y for which R(iy) is within TOLERANCE.
-    """
+    reach: largest y for which R(iy) is within TOLERANCE."""
 
     degree: int
     pole: np.ndarray
@@ -314,8 +309,7 @@ def pade(degree: int) -> Scheme:
     """The Padé approximations (s, s) and (s − 1, s), mixed as  P = ρP₁ + (1 − ρ)P₂,  Q = ρQ₁ + (1 − ρ)Q₂,  ρ = RADIUS:
 
     order 2s − 1, |R(iy)| ≤ 1, and |R∞| < 1, so that motions far too fast for the step decay within some tens of steps.
-    Source: Song, Eisenträger and Zhang, Computer Methods in Applied Mechanics and Engineering 390 (2022) 114436.
-    """
+    Source: Song, Eisenträger and Zhang, Computer Methods in Applied Mechanics and Engineering 390 (2022) 114436."""
     over = RADIUS * _numerator(degree, degree) + (1 - RADIUS) * np.append(_numerator(degree - 1, degree), 0.0)
     under = RADIUS * _denominator(degree, degree) + (1 - RADIUS) * _denominator(degree - 1, degree)
     P, Q = (np.polynomial.Polynomial(power.astype(np.clongdouble)) for power in (over, under))
@@ -368,8 +362,7 @@ def steady_state(
 
     K, M (n, n); S (n, n_u) [-]; frequency ω (k,) [rad/s]; amplitude U (k, n_u) complex [N]. Returns z [m], ż [m/s] (n,).
     `transient` continues this motion with the error of its scheme and of the held load, which appears as free vibration.
-    Raises NumericalError if an undamped mode has the frequency of a tone, and the errors of `factorise_complex`.
-    """
+    Raises NumericalError if an undamped mode has the frequency of a tone, and the errors of `factorise_complex`."""
     z, v = np.zeros(K.shape[0]), np.zeros(K.shape[0])
     for omega, tone in zip(frequency, amplitude, strict=True):
         if np.any(tone):

@@ -36,8 +36,7 @@ class ImportedMatrices:
     """Stiffness and mass on numbered rows, in SI units.
 
     node_ids (r,) of the file and components (r,) 0-5 along nodal axes; stiffness and mass (r, r) [N/m, N, N m; kg, kg m, kg m²]
-    on translations [m] and rotations [rad]; at: parameter values [SI] of the files; source: file of the numbering.
-    """
+    on translations [m] and rotations [rad]; at: parameter values [SI] of the files; source: file of the numbering."""
 
     node_ids: np.ndarray
     components: np.ndarray
@@ -61,8 +60,7 @@ def convert_matrices(
         X(θ) = Σ M s_i s_j X_ij θ/at,     s = 1 for translations, L for rotations
 
     length L [m] and mass_unit M [kg] of the deck; time in s, angles in rad. Raises UserError if a parameter has two
-    values in `at`.
-    """
+    values in `at`."""
     scale = sparse.diags_array(row_scale(components, length))
     at: dict[str, float] = {}
     for term in (*stiffness, *mass):
@@ -96,8 +94,7 @@ def build_imported_model(mesh: Mesh, ready: ImportedMatrices) -> FullModel:
     P contains the nodal axes (CD). The matrices may contain all motions, to which the supports and ties of the mesh
     are applied, or have dependent and fixed motions already removed. A motion without stiffness that does not follow
     others is left out. Raises DeckError for a node that is not in the mesh, inconsistent constraints, and a motion
-    with non-positive stiffness; UserError if no motion is free or the structure is unconstrained.
-    """
+    with non-positive stiffness; UserError if no motion is free or the structure is unconstrained."""
     nodes = _nodes_of(mesh, ready)
     stiff = rows_used(ready.stiffness)
     rotations = np.unique(nodes[stiff & (ready.components >= 3)])
@@ -232,8 +229,7 @@ def check_support(model: FiniteElementModel, at: Mapping[str, float]) -> list[st
         c:  cᵀRᵀKR c < ε cᵀRᵀ diag(K) R c   is free
 
     Returns a note with the frequency ω² = min eig(RᵀKR, RᵀMR) if only the matrices constrain the structure. Raises
-    UserError with the names of the free motions.
-    """
+    UserError with the names of the free motions."""
     R = _rigid_motions(model)
     K, M = model.stiffness.at(at), model.mass.at(at)
     size = np.sqrt(K.diagonal() @ R**2)

@@ -5,8 +5,7 @@ With K φᵢ = ωᵢ² M φᵢ, ΦᵀMΦ = I and K zⱼ = fⱼ, in z = Φ q + r 
     K = diag(Λ, R),   M = diag(I, rᵀM r),   R = zᵀf − (Φᵀf)ᵀΛ⁻¹(Φᵀf)
 
 is known except for the mass of the residuals: ΦᵀM r = 0 and ΦᵀK r = 0. Source: MacNeal, A hybrid method of component
-mode synthesis (1971); Craig and Kurdila, Fundamentals of Structural Dynamics, 17.
-"""
+mode synthesis (1971); Craig and Kurdila, Fundamentals of Structural Dynamics, 17."""
 
 from __future__ import annotations
 
@@ -46,8 +45,7 @@ def extend_motion(mesh: Mesh, motion: np.ndarray) -> ImportedMotion:
 
     Thus the reference node of a rigid element moves with its nodes, that of an averaging element is their mean, and
     nodes on faces of shells move with the face. Rows without data are not known. Supports of the mesh are ignored:
-    rows without motion in the results are fixed. Raises the errors of `constraint_transform`.
-    """
+    rows without motion in the results are fixed. Raises the errors of `constraint_transform`."""
     n = len(mesh.position)
     loose = replace(mesh, fixed=np.zeros((0, 2), dtype=np.int64))
     constraint = constraint_transform(loose, rotations=turning_nodes(mesh))
@@ -152,8 +150,7 @@ def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding
     """Raise UserError if nodes of the mesh (rows, k) have other positions in the result file, (k, 3) [m]; NaN: not in the file.
 
     Nodes that follow a relation are not checked: a *TIE moves them onto its surface (ADJUST) in the results.
-    rounding: largest relative error of a number of the file.
-    """
+    rounding: largest relative error of a number of the file."""
     size = float(np.linalg.norm(np.ptp(mesh.position, axis=0)))
     distance = np.linalg.norm(position - mesh.position[rows], axis=1)
     far = distance > ELSEWHERE * size + 2.0 * rounding * abs(mesh.position).max()
@@ -222,8 +219,7 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         z_iᵀf_j = z_jᵀf_i,   z_jᵀf_j ≥ Σ (φᵢᵀf_j)²/ωᵢ²,   φᵢᵀM z_j = φᵢᵀf_j/ωᵢ²
 
     f (rows, s) loads of the responses; names: of all loads. If the mass is unknown, z is compared with Φ Λ⁻¹Φᵀf.
-    Raises UserError; returns warnings.
-    """
+    Raises UserError; returns warnings."""
     Phi, z, lam = modes.shape, modes.response, modes.lam
     G, P = z.T @ f, Phi.T @ f
     names, where = tuple(names[i] for i in results.load), results.where[len(lam) :]
@@ -298,8 +294,7 @@ class Results:
     """Data of m modes and s static responses to loads, in SI units; their motion is a `ImportedMotion`.
 
     frequency (m,) [Hz] ascending; load (s,): index of the load of each static response, per unit of it; modal_mass (m,) [kg m²]:
-    ΦᵀMΦ of the shapes, None if unknown; rounding: largest relative error of a number; where (m + s,): file and step of each.
-    """
+    ΦᵀMΦ of the shapes, None if unknown; rounding: largest relative error of a number; where (m + s,): file and step of each."""
 
     frequency: np.ndarray
     load: np.ndarray

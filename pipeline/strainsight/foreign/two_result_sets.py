@@ -11,8 +11,7 @@ determines c. The rest S = N − U₀ᵀK̃U₁ enters through the motion of the
 
     U₁ᵀDU₁ = U₁ᵀK̃U₁ + (aᵀS + Sᵀa)/2,     U₀ᵀDU₀ = U₀ᵀK̃U₀ + (Sb + bᵀSᵀ)/2
 
-For a density, D follows from our mass, and A is known on all of U.
-"""
+For a density, D follows from our mass, and A is known on all of U."""
 
 from __future__ import annotations
 
@@ -108,8 +107,7 @@ def observe(
         X U = [M Φ Λ, f]
 
     names: of all loads; key: of the set, for errors. Raises UserError if the mass of some nodes is unknown, and for
-    modes and responses that `results_model` does not accept.
-    """
+    modes and responses that `results_model` does not accept."""
     if not has_mass(mesh) or unresolved_rows(mesh, imported, mesh.nodes_of_elements).size:
         raise UserError(
             "two result sets require the mass of the mesh, but a region has no density or a node has no motion",
@@ -193,8 +191,7 @@ def build_two_set_model(
     Arguments as of `results_model`, for two sets; scaled: other parameters that scale the whole matrix. Raises
     UserError for sets that `results_model` does not accept; without a mass; for equal parameter values, different
     supports, impossible frequency changes, regions with elements other than isotropic solids, a change that does not
-    fit the regions, and a model that does not reproduce the modes of both sets.
-    """
+    fit the regions, and a model that does not reproduce the modes of both sets."""
     parameter = change.parameter
     check_values(change)
     check_supports(mesh, imported)

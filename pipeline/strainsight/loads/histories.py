@@ -37,8 +37,7 @@ class Constant:
 class Sweep:
     """u(t) = a sin(φ₀ + 2π(f₀t + (f₁ − f₀)t²/(2T))) up to the duration T, then a sine of f₁ without a jump.
 
-    start f₀ and stop f₁ [Hz]; duration T [s]; amplitude a [unit of the input]; phase φ₀ [rad].
-    """
+    start f₀ and stop f₁ [Hz]; duration T [s]; amplitude a [unit of the input]; phase φ₀ [rad]."""
 
     start: float
     stop: float
@@ -51,8 +50,7 @@ class Sweep:
 class MultiSine:
     """u(t) = a/√N Σₖ sin(2πfₖt + φₖ): N equidistant frequencies from lowest to highest [Hz], phases sampled with the seed.
 
-    Its power is that of one sine of amplitude a [unit of the input], for any N.
-    """
+    Its power is that of one sine of amplitude a [unit of the input], for any N."""
 
     lowest: float
     highest: float
@@ -75,8 +73,7 @@ class Ramp:
 
         u(t) = a + (b − a)(10 s³ − 15 s⁴ + 6 s⁵),     s = (t − t₀)/T within 0 and 1
 
-    start a, end b [unit of the input]; begin t₀, duration T [s].
-    """
+    start a, end b [unit of the input]; begin t₀, duration T [s]."""
 
     start: float
     end: float
@@ -133,8 +130,7 @@ def multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:
 def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
     """u(t) (...) [unit of the input] at the times t (...) [s].
 
-    Raises InfeasibleError if a recorded history does not cover t.
-    """
+    Raises InfeasibleError if a recorded history does not cover t."""
     t = np.asarray(t, dtype=float)
     if not isinstance(signal, FromSamples):
         return _derivative(signal, t, 0)
@@ -159,8 +155,7 @@ def hold_coefficients(signals: Sequence[Signal], start: float, h: float, steps: 
 
     start [s] of the first step; h [s]; steps their number. Returns (steps, 3, n_u) [unit of the input]. The relative error of the
     forced motion of a mode ω₀ under a sine ω is about (ωh)³ω₀h/720, because the interpolation error is an odd function about the
-    middle of the step. Linear interpolation is held exactly if the samples are at multiples of h.
-    """
+    middle of the step. Linear interpolation is held exactly if the samples are at multiples of h."""
     # products instead of running sums: step k ends bitwise where step k + 1 starts
     t = start + 0.5 * h * np.arange(2 * steps + 1)
     return quadratic_hold(
@@ -189,8 +184,7 @@ def fill_gaps(values: np.ndarray) -> np.ndarray:
     """Values (T,) with NaN between samples replaced; the first and the last are samples.
 
     A gap from a to b is filled by the spline through every (b − a)-th sample around it. So missing samples do not amplify the
-    noise, as the spline through all samples would, and a table of two rates has the band of the slower one.
-    """
+    noise, as the spline through all samples would, and a table of two rates has the band of the slower one."""
     filled, finite = values.copy(), np.flatnonzero(np.isfinite(values))
     for a, b in pairwise(finite):
         if b == a + 1:
@@ -249,8 +243,7 @@ def density(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 
     values (T,) [unit], NaN if a sample is missing: segments with NaN are left out; step [s]. Returns frequency (k,) [Hz] and
     density (k,) [unit²/Hz], its integral over frequency the mean square, without the line at zero. Both are empty if no segment
-    of LEAST samples is complete. Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967).
-    """
+    of LEAST samples is complete. Source: Welch, IEEE Trans. Audio Electroacoust. 15 (1967)."""
     from scipy import signal  # imported here because it takes half a second
 
     length = min(LONGEST, max(LEAST, 2 * len(values) // (SEGMENTS + 1)))
@@ -279,8 +272,7 @@ def motion(signal: Signal, of: Literal["position", "rate"], start: float = 0.0) 
 
     A recorded history is the cubic spline through its samples (not-a-knot), whose acceleration is continuous; linear
     interpolation would have a discontinuous velocity. Raises InfeasibleError if a record does not cover t or has fewer than two
-    samples, and for a sweep of a rate, whose integral has no closed form.
-    """
+    samples, and for a sweep of a rate, whose integral has no closed form."""
     if isinstance(signal, FromSamples):
         return _recorded(signal, of, start)
     if of == "position":

@@ -30,8 +30,7 @@ class IntegratedRandomWalk:
     """ũ̇ = ω r,  ṙ = w of intensity κω: the rate of the load is a random walk, the load itself is smooth.
 
     frequency [Hz], ω = 2π·frequency: the highest frequency of the load. In one period 2π/ω the variance of the rate u̇ = aω r
-    grows by 2πκ(aω)².
-    """
+    grows by 2πκ(aω)²."""
 
     frequency: float
     kappa: float = WALK
@@ -46,8 +45,7 @@ class Matern:
     """Stationary, of variance amplitude²; spectrum ∝ 1/(λ² + ω²)^(ν+½), with ν − ½ continuous derivatives.
 
     smoothness ν: 0.5, 1.5 or 2.5; bandwidth [Hz]: where the spectrum is half its value at zero,
-    λ = 2π·bandwidth / √(2^(1/(ν+½)) − 1). Source: Hartikainen and Särkkä, MLSP (2010).
-    """
+    λ = 2π·bandwidth / √(2^(1/(ν+½)) − 1). Source: Hartikainen and Särkkä, MLSP (2010)."""
 
     bandwidth: float
     smoothness: float = 1.5
@@ -61,8 +59,7 @@ class Oscillator:
     """Stationary, of variance amplitude², about one frequency: ũ̇ = ωr,  ṙ = −ωũ − 2ζωr + w of intensity 4ζω.
 
     frequency [Hz]; damping ζ [-]: half the power lies within about 2ζ·frequency, and phase and amplitude drift in
-    1/(ζω). Best for a load of known frequency, and poor at other frequencies.
-    """
+    1/(ζω). Best for a load of known frequency, and poor at other frequencies."""
 
     frequency: float
     damping: float = 0.05
@@ -144,8 +141,7 @@ def line_intensity(model: InputModel, frequency: float, duration: float) -> floa
         T/(2 |C (iω − A_u)⁻¹ B|²)
 
     This is the energy of the noise that drives the model along that sine: ω²T/2 and ωT/2 for the two walks.
-    frequency [Hz], ω = 2π·frequency: that of the load; duration T [s].
-    """
+    frequency [Hz], ω = 2π·frequency: that of the load; duration T [s]."""
     A = rate_matrix(model)
     response = np.linalg.inv(1j * _omega(frequency) * np.eye(len(A)) - A)[0, -1]
     return float(duration / (2 * np.abs(response) ** 2))
@@ -180,8 +176,7 @@ class Unknowns:
     inputs, parameters: names in the order of x*; amplitude: input → [N]; guess: parameter → [SI], positive;
     models: input → its time model, default a random walk, so that ζ = ũ; frequency: input → that of the load [Hz], required to
     evaluate parameters jointly with free loads.
-    All may contain further names. Raises ConfigError if a scale is missing or not positive.
-    """
+    All may contain further names. Raises ConfigError if a scale is missing or not positive."""
 
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]

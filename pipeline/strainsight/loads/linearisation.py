@@ -33,8 +33,7 @@ def linearise(
     a: amplitudes of the unknown inputs; A_u, C_u: their time models, u = a C_u ζ with C_u = [1, 0, …] for each (A_u = 0 for a
     random walk); damping_slope: whether c includes ∂C/∂θ, which the printed columns omit.
     Returns F* (s, n*, n*) [1/s].
-    Source: (5.30), (5.32), appendix A in one formula; (A.7), (5.30) and (5.34) as printed lack terms.
-    """
+    Source: (5.30), (5.32), appendix A in one formula; (A.7), (5.30) and (5.34) as printed lack terms."""
     n, n_u = model.size, len(unknowns.inputs)
     M, K, C = model.mass.at(theta), model.stiffness.at(theta), damping_matrix(model, theta)
     inputs, parameters = unknowns.position(model)[:n_u], unknowns.size(model) - len(unknowns.parameters)
@@ -60,8 +59,7 @@ def parameter_forces(
 ) -> np.ndarray:
     """θᵢ ∂r/∂θᵢ of r = M q̈ + C q̇ + K q − S u, for the unknown parameters; arguments as in `linearise`.
 
-    Returns (s, n, len(parameters)) in the generalised force of the model.
-    """
+    Returns (s, n, len(parameters)) in the generalised force of the model."""
     n = model.size
     q, v = x[:, :n], x[:, n:]
     a = accelerations(model, theta, x, u)
@@ -94,8 +92,7 @@ def linearisation_instants(
     unobservable where its force vanishes, so that the nearest of such instants would dominate a plain sample.
     x (s, 2n), u (s, n_u): the whole training run. `count=1, share=0` is the thesis: one random instant.
     Returns indices, ascending; fewer than `count` if fewer are eligible; [0] without unknown parameters (F* is then
-    constant). Raises ConfigError if a parameter never affects the motion.
-    """
+    constant). Raises ConfigError if a parameter never affects the motion."""
     if not unknowns.parameters:
         return np.array([0])
     forces = parameter_forces(model, unknowns, theta, x, u)
@@ -139,8 +136,7 @@ class Sensed:
 
             strain, displacement   θᵢ ∂row/∂θᵢ q,     acceleration   θᵢ ∂row/∂θᵢ q̈
 
-        arguments, and F (s, n*, n*), of `linearise`.
-        """
+        arguments, and F (s, n*, n*), of `linearise`."""
         H = measurement_rows(np.asarray(self.rows + self.change.at(theta)), self.quantity, F)
         moving, first = np.asarray(self.quantity) == ACCELERATION, unknowns.size(model) - len(unknowns.parameters)
         for i, name in enumerate(unknowns.parameters):
@@ -160,8 +156,7 @@ def measurement_rows(rows: np.ndarray, quantity: np.ndarray, F: np.ndarray) -> n
         acceleration           row · F*[n:2n, :]     q̈ of the linearised system: inputs and parameters enter directly
 
     rows (m, n), quantity (m,) as of `Sensed`, at θ; F (n*, n*) or (s, n*, n*) [1/s] from `linearise`. Returns (m, n*) or
-    (s, m, n*).
-    """
+    (s, m, n*)."""
     n, n_star = rows.shape[1], F.shape[-1]
     H = np.zeros((*F.shape[:-2], len(rows), n_star))
     H[..., :n] = rows
@@ -194,8 +189,7 @@ def process_intensity(
     (thesis rules: δ [1/s]); kappa κ [-], one for all inputs or (n_ũ,); velocity (n,) or scalar: intensity of the
     generalised accelerations [kg m²/s³]; h [s].
     Returns Q (n*, n*). Raises ConfigError if a frequency, a drift or the step is missing, and for the rules of the thesis
-    with an input that is not a random walk.
-    """
+    with an input that is not a random walk."""
     if rule != "intensity" and not (h and h > 0):
         raise ConfigError(f"noise rule {rule} depends on the time step, which is {h}", remedy="Specify the time step.")
     step = h if h is not None else 0.0
@@ -233,8 +227,7 @@ def channel_intensity(
     the process, Q_v φᵀ, is neglected: the claimed error is 0.96 to 1.6 times the real one there.
 
     std σ (m,) or (B, m) [unit of the channel] of a sample every h [s]; rows (m, n) or (B, m, n) on q or q̈; quantity (m,)
-    or (B, m); Q (n*, n*) of x*. Returns r of the shape of std.
-    """
+    or (B, m); Q (n*, n*) of x*. Returns r of the shape of std."""
     n = rows.shape[-1]
     process = np.einsum("...i,ij,...j->...", rows, Q[n : 2 * n, n : 2 * n], rows)
     return gauge_intensity(std, h, rule) + np.where(np.asarray(quantity) == ACCELERATION, process, 0.0)

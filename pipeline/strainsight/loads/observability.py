@@ -49,8 +49,7 @@ class Observability:
 class MarginalModes:
     """Eigenvalues λ of F* with Re λ ≥ 0, each once, Im λ ≥ 0, and all its eigenvectors: F* V = λ V.
 
-    eigenvalue [1/s]; vectors: V (n*, g) of each; scale (n*,): balanced units of the states, x* = scale · x̃.
-    """
+    eigenvalue [1/s]; vectors: V (n*, g) of each; scale (n*,): balanced units of the states, x* = scale · x̃."""
 
     eigenvalue: tuple[complex, ...]
     vectors: tuple[np.ndarray, ...]
@@ -75,8 +74,7 @@ def observability(
     frequency ω (n,) [rad/s] of the model coordinates at the reference; state_amplitude a: largest ‖(ωq, q̇)‖ of that run
     [√J]; raw_scale (len(names),): amplitudes and guesses for `condition_raw` as the thesis defines it, in the units of
     [q, q̇, u, θ], so that it depends on units; raw_rows (m, n*): its H*, default H.
-    Source: Hautus (1969); thesis (6.1).
-    """
+    Source: Hautus (1969); thesis (6.1)."""
     n, n_star = len(frequency), len(F)
     D = np.concatenate([state_amplitude / frequency, np.full(n, state_amplitude), np.ones(n_star - 2 * n)])
     scaled = np.vstack([F / D[:, None] * D / frequency.min(), H * D])
@@ -115,8 +113,7 @@ def marginal_modes(F: np.ndarray) -> MarginalModes:
 
     F (n, n) [1/s]. The eigenvectors at one λ are combined so that each has a unit entry where the others are zero:
     "one unknown each and the motion it causes". Raises NumericalError if they cannot be separated from decaying states.
-    Source: Hautus (1969).
-    """
+    Source: Hautus (1969)."""
     scale = balanced_units(F)
     balanced = F / scale[:, None] * scale
     size = float(np.linalg.norm(balanced))
@@ -146,8 +143,7 @@ def balanced_units(F: np.ndarray) -> np.ndarray:
     """Units (n,) of the states in which rows and columns of F (n, n) have similar norms: x = units · x̃.
 
     A state whose row or column is zero, such as that of a random walk, is excluded from LAPACK's balancing, where its units would
-    change those of the others; its other one is scaled to the mean norm of the rest.
-    """
+    change those of the others; its other one is scaled to the mean norm of the rest."""
     outside = np.abs(F - np.diag(np.diag(F)))
     rows, columns = outside.any(axis=1), outside.any(axis=0)
     whole, scale = rows & columns, np.ones(len(F))
@@ -170,8 +166,7 @@ def undetectable_directions(F: np.ndarray, H: np.ndarray, modes: MarginalModes |
         F v = λ v,   Re λ ≥ 0,   H v = 0:   v = V · null(H V), columns of H V at unit norm; Re v, Im v of a complex v
 
     F (n, n) [1/s]; H (m, n), rows of any scaling; modes: those of F, if already known. The rank is that of an SVD with the
-    tolerance 1e-10, independent of the units of states and gauges. Source: Hautus (1969).
-    """
+    tolerance 1e-10, independent of the units of states and gauges. Source: Hautus (1969)."""
     modes = marginal_modes(F) if modes is None else modes
     directions = [np.zeros((len(F), 0))]
     strength = np.linalg.norm(H * modes.scale)
@@ -201,8 +196,7 @@ def unseen_along(
     less than UNDETECTABLE of its components remains. Returns RMS loads (u, d) that compensate, and parameters (k, d); d = 0 if
     all parameters are detectable.
     F (n, n) [1/s]; B (n, u) and D (m, u) for RMS loads; H (m, n).
-    driven f (s, n, k) and read r (s, m, k): columns of F* and H* of the parameters, at s instants h [s] apart.
-    """
+    driven f (s, n, k) and read r (s, m, k): columns of F* and H* of the parameters, at s instants h [s] apart."""
     f, r = np.fft.rfft(driven, axis=0), np.fft.rfft(read, axis=0)
     omega, k = 2 * np.pi * np.fft.rfftfreq(len(driven), h), driven.shape[-1]
     scale = balanced_units(F)
@@ -294,8 +288,7 @@ def cases(
     amplitude [N], guess [SI]: scales of the unknowns; sensed: every channel (m,); largest (m,): largest reading of the
     quantity of the channel in that motion, by which its row is divided. A parameter that never affects the motion makes its
     cases unobservable, with that as the reason.
-    Raises ConfigError if a quantity has no reading in the motion. Source: thesis (6.1), tables 6.1 and 6.2.
-    """
+    Raises ConfigError if a quantity has no reading in the motion. Source: thesis (6.1), tables 6.1 and 6.2."""
     groups = (("input", tuple(inputs)), ("E", tuple(moduli)), ("rho", tuple(densities)), ("damping", tuple(damping)))
     if not np.all(largest > 0):
         raise ConfigError(

@@ -39,8 +39,7 @@ def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step
     """Channels in the order of `settings`, calibrated and on a uniform clock: that of the file, or one with `step` [s].
 
     Raises UserError for a missing channel, a wrong unit, and a clock that is not uniform; `key` is the channel name
-    for errors in its settings or values.
-    """
+    for errors in its settings or values."""
     clock = written = uniform_clock(recording)
     notes = list(clock.notes)
     used = np.arange(len(clock.row))
@@ -107,8 +106,7 @@ def find_repeated_samples(values: np.ndarray) -> RepeatedSamples | None:
     """Repeated samples of a channel (T,), NaN where missing, or None if every sample is new.
 
     Even in a channel that is constant for a while, most changes are multiples of the interval apart. A channel that
-    changes by its resolution from sample to sample is not one with repetitions.
-    """
+    changes by its resolution from sample to sample is not one with repetitions."""
     present = np.flatnonzero(np.isfinite(values))
     if len(present) < FEWEST or present[-1] + 1 - present[0] > len(present) / MOST:
         return None

@@ -39,8 +39,7 @@ class Bridge:
         r = (x₁ − x₂)/(2(2 + x₁ + x₂)) + (x₃ − x₄)/(2(2 + x₃ + x₄)),     x = GF ε
 
     so that the sum is exact if the strains of both arms of each leg (1 and 2, 3 and 4) add up to zero. Otherwise the
-    share of each leg in ε_B is too small by the relative error (x₁ + x₂)/2 or (x₃ + x₄)/2, to first order.
-    """
+    share of each leg in ε_B is too small by the relative error (x₁ + x₂)/2 or (x₃ + x₄)/2, to first order."""
 
     arrangement: str
     gauge_factor: float
@@ -69,8 +68,7 @@ def strain_of(bridge: Bridge, r: np.ndarray) -> np.ndarray:
     exactly, with N = a₁ − a₂ + a₃ − a₄ and c = a₁ + a₂ for every arrangement; quarter bridge: ε = 4r/(GF (1 − 2r)).
     Tension of gauge 1 causes r > 0. Vishay Tech Note TN-507 has the same r(ε); NI uses the opposite sign of r,
     −4V_r/(GF(1 + 2V_r)), which corresponds to sign −1. NaN stays NaN. Impossible outputs, which require a gauge with
-    zero or infinite resistance, become NaN too.
-    """
+    zero or infinite resistance, become NaN too."""
     arms = ARRANGEMENTS[bridge.arrangement](bridge.poisson_ratio or 0.0)
     N, c = arms[0] - arms[1] + arms[2] - arms[3], arms[0] + arms[1]
     below = N - 2.0 * c * r
@@ -152,8 +150,7 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
         s(t) = scale · v(t),   for a bridge scale · ε(v(t))
 
     Raises UserError for a different unit in the file, a zeroing window without sample, and a reading outside the
-    range of the bridge.
-    """
+    range of the bridge."""
     factor = required_unit(settings.unit).factor
     notes = list(_check_unit(recording, name, settings))
     values = np.array(recording.channels[name], dtype=float)

@@ -59,8 +59,7 @@ def uniform_clock(recording: Recording) -> Clock:
     The step is that of a line through the time stamps, initially the mean of the intervals close to their median.
     Longer intervals are gaps: a whole number of steps, within twice JITTER, is filled with rows without samples. A
     single wrong time stamp between two correct ones is corrected with a note. Other intervals, backward steps,
-    repeated times, and stamps that deviate by more than JITTER raise UserError with file:line, time and size.
-    """
+    repeated times, and stamps that deviate by more than JITTER raise UserError with file:line, time and size."""
     _check_range(recording)
     recording, corrected = _without_odd_stamps(recording)
     t = recording.time
@@ -100,8 +99,7 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
 
     Only integer ratios are allowed: a finer step leaves rows without samples between those of the record, a coarser one uses
     every k-th sample unchanged, without averaging, because a measurement is instantaneous. Nothing is interpolated. Raises
-    UserError if the ratio is not an integer within SAME_STEP, or within JITTER of a step at the end of the record.
-    """
+    UserError if the ratio is not an integer within SAME_STEP, or within JITTER of a step at the end of the record."""
     ratio = step / clock.step
     k = round(max(ratio, 1 / ratio))
     if abs(max(ratio, 1 / ratio) / k - 1) > max(SAME_STEP, JITTER / clock.count):
@@ -226,8 +224,7 @@ class ClockTimes:
     """Seconds since the first time of a column, with nanosecond resolution.
 
     Supported are 2024-05-03T10:00:00.01+02:00, 2024/5/3 10:00:00,01, 03.05.2024 10:00:00 and 10:00:00.01 PM. If day and month
-    are ambiguous, only a change of the date is used: together with a clock time that passes midnight it means the next day.
-    """
+    are ambiguous, only a change of the date is used: together with a clock time that passes midnight it means the next day."""
 
     def __init__(self) -> None:
         self._first: int | None = None

@@ -42,8 +42,7 @@ def read_csv(
     channels: names in the header, with or without a unit in brackets; time: name of the clock column with numbers or
     clock times; or rate: sampling rate [Hz]. Only these columns must contain numbers. An empty cell or NaN is a
     missing sample, except in the time. Empty lines and comments are skipped; all line ends, UTF-8 with or without byte
-    order mark, or Windows-1252. Raises UserError with file:line for an invalid line.
-    """
+    order mark, or Windows-1252. Raises UserError with file:line for an invalid line."""
     form = form or TextFormat()
     path = Path(path)
     with open_file(path) as file:

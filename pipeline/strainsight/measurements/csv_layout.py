@@ -26,8 +26,7 @@ class TextFormat:
 
     delimiter: one character; decimal: "." or ","; comment: beginning of lines to skip; header_line: line of the
     names, from 1, if other text is above them; missing: words for missing samples, in addition to an empty cell and
-    NaN; key: config key of these settings, for remedies.
-    """
+    NaN; key: config key of these settings, for remedies."""
 
     delimiter: str | None = None
     decimal: str = "."
@@ -80,8 +79,7 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
     """Layout from the line of names; time: name of the time column, None for a table without time.
 
     The delimiter is the only one of `, ; tab` outside quotes; it must be set if the line has two of them. Raises
-    UserError if there is no delimiter, and for missing or repeated names.
-    """
+    UserError if there is no delimiter, and for missing or repeated names."""
     text = decode(line)
     if form.comment and text.lstrip().startswith(form.comment):
         text = text.lstrip().removeprefix(form.comment)

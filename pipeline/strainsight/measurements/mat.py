@@ -122,8 +122,7 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
     """Values (T,) of every name, and their units; the first may be a single number, the sampling interval or rate.
 
     names: "a", "a.b" of a struct, "a(:,2)" and "a(2,:)" for a column and a row of a matrix, from 1 as in MATLAB.
-    Raises UserError for variables that are missing or not numeric.
-    """
+    Raises UserError for variables that are missing or not numeric."""
     import h5py
 
     requested = [name for name in names if name is not None]

@@ -1,7 +1,6 @@
 """Physical channels of an MDF file without invalid samples. Runs in a child process, see reader.py.
 
-asammdf reads only raw values, because it would pass conversion formulas, which are text of the file, to `eval`.
-"""
+asammdf reads only raw values, because it would pass conversion formulas, which are text of the file, to `eval`."""
 
 from __future__ import annotations
 

@@ -37,8 +37,7 @@ def evaluate(formula: str, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values (T,) of a formula of the raw values X or X1 (T,): numbers, + - * /, ^ or ** for powers, parentheses, FUNCTIONS.
 
     Powers bind stronger than signs and are evaluated from right to left: -X^2 is -(X²). Overflow gives infinity,
-    undefined values NaN. Raises ValueError for an invalid formula.
-    """
+    undefined values NaN. Raises ValueError for an invalid formula."""
     if len(formula) > LONGEST:
         raise ValueError(f"it has {len(formula)} characters, more than the limit of {LONGEST}")
     tokens = list(_split(formula))
@@ -153,8 +152,7 @@ def to_physical(raw: Values, rule: Any, version: int, integers: bool, name: str,
     """Physical values (T,) of raw values (T,), NaN where those are NaN.
 
     rule: of asammdf, or None; version: 3 or 4; integers: whether the raw values are stored as integers. Raises
-    UserError for text, for an invalid formula or rule, and for values without a physical value.
-    """
+    UserError for text, for an invalid formula or rule, and for values without a physical value."""
     if rule is None:
         return raw
     valid = ~np.isnan(raw)

@@ -43,8 +43,7 @@ class Library:
     if it is not a dependency, and our module whose `signals` calls it.
 
     seconds: processor time for every channel, plus one second for every `rate` bytes of the file; unpacked: and for
-    every so many bytes of an unpacked channel, from `declared` of the module; None if not available.
-    """
+    every so many bytes of an unpacked channel, from `declared` of the module; None if not available."""
 
     format: str
     modules: tuple[str, ...]
@@ -78,8 +77,7 @@ def read_recording(
     channels: columns of a table, datasets, "node:direction" or id line of a function, "group/channel", variables;
     time: column, dataset, channel or variable of the clock, not for UFF58, optional for MDF and TDMS; time_unit: must
     agree with the file; rate: sampling rate [Hz] instead of a clock; format: a key of FORMATS, or auto by the file
-    name ending; form: format of a text table. Raises UserError with the line for a file that cannot be imported.
-    """
+    name ending; form: format of a text table. Raises UserError with the line for a file that cannot be imported."""
     path = Path(path)
     kind = format_of(path) if format == "auto" else format
     if kind not in FORMATS:
@@ -133,8 +131,7 @@ def read_binary(
     """Channels of a file of a kind in LIBRARIES, from the `signals` of its reader.
 
     time: name of the clock, None if the file defines it; or rate: sampling rate [Hz]. sandboxed: run in a child
-    process. Raises UserError as the reader does, and if its library is not installed or fails.
-    """
+    process. Raises UserError as the reader does, and if its library is not installed or fails."""
     path, library = Path(path), LIBRARIES[kind]
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size

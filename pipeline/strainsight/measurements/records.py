@@ -28,8 +28,7 @@ class Recording:
 
     time (T,) [s], finite, order not yet checked; channels: requested name → (T,) in the unit of the file, NaN for
     missing samples; units: name → unit in the file, None if missing. source: the file. lines (k, 2): sample from 0 and
-    its line in the file; between two entries each sample is on the next line. Empty if the file has no lines.
-    """
+    its line in the file; between two entries each sample is on the next line. Empty if the file has no lines."""
 
     time: np.ndarray
     channels: Mapping[str, np.ndarray]

@@ -28,8 +28,7 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
 
     names: a time channel, or None for the time of the waveform, then "channel" or "group/channel". Sample k of a
     waveform was measured at wf_start_offset + k wf_increment [s] after wf_start_time, if channels differ in it. Raises
-    UserError for channels that are missing, truncated, not numeric, or on several clocks.
-    """
+    UserError for channels that are missing, truncated, not numeric, or on several clocks."""
     from nptdms import TdmsFile
 
     with path.open("rb") as stream, TdmsFile.open(stream) as file:  # with an open file, no separate index file is used

@@ -40,8 +40,7 @@ class Function:
 
     number: of the dataset, from 1; line (0 if lines are not counted) and offset [bytes] of its values; kind:
     function type; double, complex_: ordinate; count of values; even: abscissa spacing, then start and increment;
-    order: byte order, "<" or ">", "" for text.
-    """
+    order: byte order, "<" or ">", "" for text."""
 
     number: int
     line: int
@@ -222,8 +221,7 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
     They must be real responses over the same time, evenly spaced or not, in text or binary. The time is in seconds,
     as the format requires, unless the abscissa label differs. Units are those of the ordinate label, or else of the
     data type if dataset 164 declares SI units. Other datasets are skipped. Raises UserError with file:line, or with
-    the dataset for a binary file.
-    """
+    the dataset for a binary file."""
     path = Path(path)
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -307,8 +305,7 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
 def _end_of_binary(file: BinaryIO, path: Path, function: Function, size: int) -> tuple[tuple[int, ...], int]:
     """Bytes of the numbers of one value, and start of the line after the closing -1.
     The length in the identifier line is wrong in files of several programs, so the end mark is used, which follows
-    directly after the values, or in some files on a new line.
-    """
+    directly after the values, or in some files on a new line."""
     for sizes in function.sizes:
         end = function.offset + function.count * sum(sizes)
         if end >= size:

@@ -1,7 +1,6 @@
 """Additions to a mesh from the config: materials, supports, rigid and averaging elements.
 
-All in SI units, including positions in m, whatever the unit of the file.
-"""
+All in SI units, including positions in m, whatever the unit of the file."""
 
 from __future__ import annotations
 
@@ -56,8 +55,7 @@ def with_material(
 ) -> Mesh:
     """A mesh whose regions (None: all) have the material E [Pa], ν [-], ρ [kg/m³].
 
-    Raises UserError for a region that does not exist, and for a section that defines its materials itself.
-    """
+    Raises UserError for a region that does not exist, and for a section that defines its materials itself."""
     number = mesh.free_material()
     changed = _assigned(mesh, regions, number)
     return replace(changed, materials={**changed.materials, number: Material(number, E, nu, rho, name)})
@@ -267,8 +265,7 @@ def face_springs(mesh: Mesh, name: str, face: str, stiffness: Sequence[float]) -
     """A bed of springs to the ground, evenly distributed over a face: K = Σ k_c/A ∫ N Nᵀ dA of each component c.
 
     One spring at each quadrature point of the facets and component, stretched by the motion Σ N_a z_a there; stiffness (3,)
-    [N/m] of the whole bed along the basic axes.
-    """
+    [N/m] of the whole bed along the basic axes."""
     facets, face_facets = all_facets(mesh), mesh.faces[face]
     chosen = np.isin(facets.key, facet_key(*face_facets.T))
     parts, count = [], 0

@@ -61,8 +61,7 @@ def orthotropic(moduli: Sequence[float], ratios: Sequence[float], shear: Sequenc
 
         S_ii = 1/E_i,   S_ij = −ν_ij/E_i  (i < j),   S of 12, 23, 31 = 1/G₁₂, 1/G₂₃, 1/G₁₃,   C = S⁻¹
 
-    ν_ij = −ε_j/ε_i under a stress along i. `stiffness_fault` checks whether C is admissible.
-    """
+    ν_ij = −ε_j/ε_i under a stress along i. `stiffness_fault` checks whether C is admissible."""
     e1, e2, _ = moduli
     nu12, nu13, nu23 = ratios
     g12, g13, g23 = shear
@@ -97,8 +96,7 @@ def constants_fault(moduli: Sequence[float], ratios: Sequence[float], shear: Seq
 def stiffness_fault(C: FloatArray) -> tuple[str, str] | None:
     """Fault of the stiffness C (n, n) of a material, and the remedy: it must be positive definite, because its work is positive.
 
-    The eigenvalues are those of C_ij/√(C_ii C_jj), independent of units and ratios of moduli.
-    """
+    The eigenvalues are those of C_ij/√(C_ii C_jj), independent of units and ratios of moduli."""
     diagonal = np.diagonal(C)
     if not np.isfinite(C).all():
         return "the stiffness has a value that is not finite", "Specify finite values."

@@ -36,8 +36,7 @@ class GivenSection:
     """Section of regions (ids or names of the file, None: all): thickness of their triangles and quadrangles, or area of lines.
 
     offset [m] of the middle of shells from their nodes, along the normal defined by the node order; direction (3,): y of beams
-    points to it, None for rods.
-    """
+    points to it, None for rods."""
 
     regions: tuple[int | str, ...] | None
     section: ShellSection | BeamSection
@@ -55,8 +54,7 @@ def with_given(mesh: Mesh, cells: Sequence[CellBlock], assignments: Mapping[int,
 
     x of a beam from its first node to its second, y towards its direction; rods are sections without moments of area.
     Raises DeckError for a shell without area, folded or too warped, a line without length, and a line parallel to the
-    direction of its section.
-    """
+    direction of its section."""
     of = {
         kind: CellBlock.joined([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE, LINE3)
     }
@@ -128,8 +126,7 @@ def beam_axes(along: FloatArray, towards: FloatArray) -> tuple[FloatArray, np.nd
 
         x = along/|along|,     z = x × v/|x × v|,     y = z × x
 
-    along (n, 3) from end A to B, not zero; towards (n, 3) v.
-    """
+    along (n, 3) from end A to B, not zero; towards (n, 3) v."""
     x = along / np.linalg.norm(along, axis=1)[:, None]
     z = np.cross(x, towards)
     size = np.linalg.norm(z, axis=1)
@@ -162,8 +159,7 @@ def regions_with_sections(
     """The regions of triangles, quadrangles and lines with a section; assignments: key of the config → section.
 
     A region keeps its number unless a region of another dimension has it, and its name, with its dimension appended ("skin
-    (2d)") if another region has it. Raises UserError with the key for a region without such elements, or with two sections.
-    """
+    (2d)") if another region has it. Raises UserError with the key for a region without such elements, or with two sections."""
     owner: dict[tuple[int, int | None], str] = {}
     for key, assigned in assignments.items():
         for tag in _tags(key, assigned, groups):

@@ -89,8 +89,7 @@ def merged(mesh: Mesh, distance: float) -> Mesh:
 
     References to the other nodes are replaced. Coincident nodes that a tie, relation or spring connects stay separate, and so do
     two clamped nodes. For a mesh without nodes on faces of shells or sides of beams.
-    Raises UserError if an element would lose a node, and DeckError for nodes with different local axes.
-    """
+    Raises UserError if an element would lose a node, and DeckError for nodes with different local axes."""
     nodes = mesh.nodes_of_elements
     pairs = np.zeros((0, 2), dtype=np.int64)
     if len(nodes):

@@ -41,8 +41,7 @@ def local_axes(position: FloatArray, system: CoordinateSystem) -> tuple[FloatArr
 
     position (n, 3) basic. Returns axes (n, 3, 3), one in a column, in the basic system, and (n,) whether a point lies on the
     axis. There e_r and e_θ of a cylinder, and e_θ and e_φ of a sphere (at its centre also e_r), are undefined, and the axes
-    are those of the system (as in Nastran).
-    """
+    are those of the system (as in Nastran)."""
     n = len(position)
     if system.kind == "rectangular":
         return np.broadcast_to(system.axes, (n, 3, 3)).copy(), np.zeros(n, dtype=bool)

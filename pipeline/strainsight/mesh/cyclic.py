@@ -354,8 +354,7 @@ def whole_ring(
     and loads, rotated, and sets, which contain all copies; sets SECTOR-1, SECTOR-2, … contain one copy each. Ids of copy j are
     those of the sector + j 10^k; those of the sector are unchanged.
     Raises UserError if the cut faces do not match, for shells or beams, if supports of two merged nodes act in different
-    directions, and if a relation applies to a merged node without one.
-    """
+    directions, and if a relation applies to a merged node without one."""
     if mesh.thin:
         raise UserError(
             "a sector with shells or beams cannot be expanded",

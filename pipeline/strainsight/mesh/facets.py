@@ -36,8 +36,7 @@ class Facets:
 
     element_id (f,) of the file; facet (f,) local number from 1; kind (f,) index into FACETS; nodes (f, 8) indices
     padded with −1, corners first, normal outward; region (f,) id; corners (f, 4) common identifiers of the corners of connected
-    facets: the nodes, or for sides of two beams that meet the first of their nodes there.
-    """
+    facets: the nodes, or for sides of two beams that meet the first of their nodes there."""
 
     element_id: IntArray
     facet: IntArray
@@ -143,8 +142,7 @@ def exterior_facets(mesh: Mesh) -> Facets:
     those of solids under shells.
 
     Raises DeckError if three or more elements share a facet, and if two elements share the corners of a facet but not all its
-    nodes (linear next to quadratic, mid-side nodes not merged): their displacements would be incompatible.
-    """
+    nodes (linear next to quadratic, mid-side nodes not merged): their displacements would be incompatible."""
     facets = all_facets(mesh)
     corners = np.array([kind.corners for kind in FACETS])[facets.kind]
     key = np.where(np.arange(4) < corners[:, None], facets.nodes[:, :4], -1)
@@ -171,8 +169,7 @@ def exterior_facets(mesh: Mesh) -> Facets:
 def _covered(mesh: Mesh, facets: Facets, key: IntArray, outside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which facets (f,) are covered where shells and beams meet solids; key (f, 4) sorted corners.
     All facets of a shell or beam with a node that only interior facets of solids have, or with corners of such a facet. For
-    corners of an exterior facet of a solid: that facet, and the face of the shell towards the solid.
-    """
+    corners of an exterior facet of a solid: that facet, and the face of the shell towards the solid."""
     thin = facets.of(mesh.thin)
     exterior, interior = outside & ~thin, ~outside & ~thin
     deep = np.zeros(len(mesh.position), dtype=bool)

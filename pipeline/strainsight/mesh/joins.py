@@ -21,8 +21,7 @@ STRAIGHT = "straight side"
 class RigidElement:
     """RBE2: the components (0-5) of `nodes` follow the six motions of node `reference` (all indices).
 
-    Rotations of a dependent node count only if it is the reference of another element. Names are as "RBE2 30", "*COUPLING".
-    """
+    Rotations of a dependent node count only if it is the reference of another element. Names are as "RBE2 30", "*COUPLING"."""
 
     id: Annotated[int, Column("1", "", "id of every rigid element (RBE2)")]
     reference: Annotated[int, Column("1", "", "reference node index of every rigid element")]
@@ -38,8 +37,7 @@ class RigidElement:
 class AveragingElement:
     """RBE3: components (0-5) of node `reference` are the weighted mean motion of `nodes` (all indices).
 
-    weight ≥ 0; directions: None for all; dependent: as many as components, None for those of the reference.
-    """
+    weight ≥ 0; directions: None for all; dependent: as many as components, None for those of the reference."""
 
     id: Annotated[int, Column("1", "", "id of every averaging element (RBE3)")]
     reference: Annotated[int, Column("1", "", "reference node index of every averaging element")]
@@ -104,8 +102,7 @@ class AveragingElement:
 class Relation:
     """MPC, *EQUATION: Σ value z[node, component] = 0 over its terms, the motion of the first one follows the others.
 
-    Names are as "MPC 7", "*EQUATION". yields: the relation is dropped if a support clamps its dependent motion.
-    """
+    Names are as "MPC 7", "*EQUATION". yields: the relation is dropped if a support clamps its dependent motion."""
 
     id: Annotated[int, Column("1", "", "number of every relation (MPC, *EQUATION)")]
     node: Annotated[IntArray, Column("1", "term", "node index of every term of every relation", offset="term_offset")]
@@ -173,8 +170,7 @@ class PointMass:
 class Springs:
     """Springs of one element or support: spring i resists its elongation s = Σ r z with the force k s, or the moment.
 
-    Components are along the basic axes; r is in m for the rotations of an axial spring.
-    """
+    Components are along the basic axes; r is in m for the rotations of an axial spring."""
 
     name: Annotated[str, Column("1", "", "name of the spring element or support in the file or config")]
     stiffness: Annotated[FloatArray, Column("SI", "spring", "spring stiffness: N/m, for torsion springs N m/rad")]
@@ -224,8 +220,7 @@ class BodyForce:
     """A body force on every mass dm: dm factor a(x),  a = g + (ω × (x − c)) × ω.
 
     acceleration g (3,) [m/s²], rotation ω (3,) [rad/s] about the point centre c (3,) [m]; elements: ids of the solids and point
-    masses that it acts on, None for all.
-    """
+    masses that it acts on, None for all."""
 
     acceleration: Annotated[FloatArray, Column("m/s^2", "3", "acceleration g of the body force")] = field(
         default_factory=lambda: np.zeros(3)

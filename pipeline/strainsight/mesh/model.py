@@ -205,8 +205,7 @@ class Mesh(Properties):
     "none" for the others; unsupported: ignored elements, ties or loads → file:line of the first; notes: remarks on the import;
     doubts: warnings of probable mistakes in the file; contacts: treatment of contact surfaces, a sentence each; lumped: whether
     the mass of solids is lumped; read: imported card or similar → count; source: the file; included: files included by the
-    deck; origin: "node", "element", "tie", "relation" → lines.
-    """
+    deck; origin: "node", "element", "tie", "relation" → lines."""
 
     node_ids: IntArray
     position: FloatArray

@@ -80,8 +80,7 @@ def plate_normals(
     """Unit normals (n, 3) of shells with corners x (n, k, 3) in order, for a quadrangle from both diagonals.
 
     fault: row, fault and remedy → error; called: row → name of the shell in the deck, "CQUAD4 12"; triangle: name of a triangle
-    in the deck. Raises DeckError for a shell without area, folded or too warped; warp is noted.
-    """
+    in the deck. Raises DeckError for a shell without area, folded or too warped; warp is noted."""
     corners = x.shape[1]
     a, b = (x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]) if corners == 4 else (x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     across = np.cross(a, b)

@@ -49,8 +49,7 @@ def without_modulus(mesh: Mesh, region: int) -> str:
 def value_of(mesh: Mesh, region: int, property: str, material: int | str | None = None) -> float:
     """Value of a property of a region (id) [SI], 1 for a factor; material: id or name, if plies have several.
 
-    The density of a laminate is the mean over its thickness. Raises UserError if the region does not have the property.
-    """
+    The density of a laminate is the mean over its thickness. Raises UserError if the region does not have the property."""
     if property == "stiffness_factor":
         return 1.0
     if property == "density":

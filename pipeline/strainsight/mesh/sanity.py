@@ -248,8 +248,7 @@ def empty_regions(mesh: Mesh) -> tuple[int, ...]:
 def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", free: bool = False) -> tuple[str, ...]:
     """Warnings: values that indicate a wrong unit, unused parts, and parts of the file that are not modelled.
 
-    length_unit and mass_unit: those of the file, to suggest others; free: supports are not required.
-    """
+    length_unit and mass_unit: those of the file, to suggest others; free: supports are not required."""
     warnings = list(leading_warnings(mesh))
     warnings += mesh.doubts
     for material in mesh.materials.values():

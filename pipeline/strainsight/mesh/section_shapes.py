@@ -5,8 +5,7 @@ shear centres off the centroid are ignored, as in PBARL. J follows the NX Nastra
 Σ ℓ t³/3 of the middle lines (up to 10 % high for a wall less than four times as long as thick). Closed walls have 4 A²/∮ ds/t
 (Bredt). Shear factors are shares of the area. They use the webs along y and the flanges along z (5/6 of those of I, T, H and Z).
 A rectangle has 5/6, a circle 9/10, a tube 1/2. MSC Nastran 2022 computes J and the shear factors by finite elements instead,
-unless MDLPRM,TWBRBML,1.
-"""
+unless MDLPRM,TWBRBML,1."""
 
 from __future__ import annotations
 
@@ -27,8 +26,7 @@ def section_of_shape(kind: str, dimensions: Sequence[float]) -> BeamSection:
     C, D, E, F of a shape.
 
     kind "ROD", "TUBE", "I", …; dimensions DIM1, DIM2, … [m]. Raises DeckError for an unknown shape, a wrong number of
-    dimensions, and dimensions that are not positive or not compatible.
-    """
+    dimensions, and dimensions that are not positive or not compatible."""
     if kind not in SHAPES:
         remedy = f"Use a PBAR or PBEAM instead. Known shapes are {', '.join(SHAPES)}."
         raise DeckError(

@@ -39,8 +39,7 @@ def refined(mesh: Mesh) -> Refined:
         x_f = P x,    P_fa = N_a(ξ_f)
 
     A straight mesh, linear or quadratic, is nested in it; curved elements keep their shape. Nodes are merged if they are the
-    same mean of the same coarse nodes, so that parts which only touch stay separate.
-    """
+    same mean of the same coarse nodes, so that parts which only touch stay separate."""
     code = np.random.default_rng(0).integers(0, 2**63, len(mesh.position), dtype=np.uint64)
     raw: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]] = []
     entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []

@@ -29,8 +29,7 @@ def with_surface_tie(
     Rigid motions are transferred exactly, linear fields except for their strain across the gap. Without a gap, constant stress is
     transferred exactly if the nodal forces of the finer side integrate N_a exactly, otherwise with an error in the adjacent
     elements. Relations use the local axes of each node. Raises UserError for a node farther from the facets than `within` [m],
-    unless far is "left", which leaves it untied.
-    """
+    unless far is "left", which leaves it untied."""
     facets = exterior_facets(mesh)
     chosen = np.zeros(len(mesh.position) + 1, dtype=bool)
     chosen[onto] = chosen[-1] = True
@@ -115,8 +114,7 @@ def _turn(x: FloatArray, dN: FloatArray) -> FloatArray:
 
         ω = Σ_a (½ n (n × s_a)ᵀ − (n × s_a) nᵀ) u_a        s_a = ∇N_a along the surface
 
-    n × δn of the normal, δn = −Σ_a s_a (n·u_a), and half of the curl about the normal; exact for rigid motions.
-    """
+    n × δn of the normal, δn = −Σ_a s_a (n·u_a), and half of the curl about the normal; exact for rigid motions."""
     n = normals(x, dN)[:, None]
     s = np.einsum("mad,mdc->mac", dN, np.linalg.pinv(np.einsum("mac,mad->mcd", x, dN)))
     tangential = np.cross(n, s)

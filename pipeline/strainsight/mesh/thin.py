@@ -90,8 +90,7 @@ class GeneralShell:
 
     Strain ε + z κ is in the order xx, yy, xy, γ_xy = 2 ε_xy.
 
-    M of a uniform shell relates stress to strain on its faces.
-    """
+    M of a uniform shell relates stress to strain on its faces."""
 
     thickness: Annotated[float, Column("m", "", "thickness t")]
     membrane: Annotated[
@@ -118,8 +117,7 @@ class BeamSection:
 
     yy of second is I1 of a PBAR, shear K1, K2; neutral is the position of the structural mass (N1, N2 of a PBEAM), the last
     field that of the nonstructural mass (M1, M2). sides: whether there is material in the middle of the sides +y, +z, −y and
-    −z of the box about its points, for a gauge. The axis of the element goes through the shear centres.
-    """
+    −z of the box about its points, for a gauge. The axis of the element goes through the shear centres."""
 
     area: Annotated[float, Column("m^2", "", "area of the section")]
     second: Annotated[FloatArray, Column("m^4", "2 × 2", "∫ (y, z)ᵀ (y, z) dA")] = field(

@@ -27,8 +27,7 @@ def axes_along(position: np.ndarray, axes: np.ndarray, xi: np.ndarray) -> tuple[
 
     x is along the beam, z perpendicular to it and to y of the beam axes.
 
-    position (e, 3, 3) [m] of the beam at its nodes; axes (e, 3, 3), x from end A to end B.
-    """
+    position (e, 3, 3) [m] of the beam at its nodes; axes (e, 3, 3), x from end A to end B."""
     _, slope = beam_shape(xi)
     x = np.einsum("qk,ekc->eqc", slope, position)
     size = np.linalg.norm(x, axis=2)
@@ -48,8 +47,7 @@ def with_sides(mesh: Mesh) -> Mesh:
 
     The sides are those of the box about the stress recovery points of its section (C to F of a PBAR); without such points, of a
     square with its area. Rods, and beams with released ends, have no sides; sections that are open on a side, such as
-    between the flanges of an I, lack that side.
-    """
+    between the flanges of an I, lack that side."""
     if any(len(block.on_sides) for block in mesh.beams):
         return mesh
     blocks, places, references, start = [], [], [], len(mesh.position)
@@ -159,8 +157,7 @@ def with_faces(mesh: Mesh) -> Mesh:
 
     n is the mean normal of the shells around the node that are smoothly connected, with either orientation, and whose faces have
     the same height; otherwise each shell has separate face nodes. The strain of u± on such a face is the strain of the
-    shell at that height, membrane and bending.
-    """
+    shell at that height, membrane and bending."""
     if not mesh.shells or len(mesh.arms):
         return mesh
     node, normal, low, high = (

@@ -89,8 +89,7 @@ def rescaled(value: T, length: float = 1.0, mass: float = 1.0, pressure: float =
     """Multiply the quantities of a part of a mesh, or of a tuple or mapping of parts, by the factors of their units (`Column`).
 
     A relation Σ c u + Σ d θ = 0 has u' = L u and θ' = θ. So d becomes L d, and so does the elongation of a spring by a rotation.
-    A mass matrix on translations and rotations becomes [M, M L; M L, M L²]. Ratios, angles and directions are unchanged.
-    """
+    A mass matrix on translations and rotations becomes [M, M L; M L, M L²]. Ratios, angles and directions are unchanged."""
 
     def factor(unit: str) -> float:
         l, m, p = POWERS[unit]
@@ -135,8 +134,7 @@ def _rescaled_mesh(mesh: Mesh, length: float, mass: float, pressure: float) -> M
 def scaled(mesh: Mesh, s: float) -> Mesh:
     """The structure scaled by s, of the same material: x → s x, sections too, point masses m → s³ m, their inertia → s⁵.
 
-    Stiffness, also of springs, grows with s, mass with s³, frequencies fall with 1/s. Forces of the file are unchanged.
-    """
+    Stiffness, also of springs, grows with s, mass with s³, frequencies fall with 1/s. Forces of the file are unchanged."""
     return mesh if s == 1.0 else _rescaled_mesh(mesh, s, s**3, 1.0)
 
 
@@ -146,8 +144,7 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         x [L],   m [M],   E [M/(L s²)],   ρ [M/L³],   I [M L²],   f [M L/s²],   moments [M L²/s²],   a [L/s²],   k [M/s², M L²/s²]
 
     So millimetres require tonnes if moduli are in MPa. Weights of averaging elements are ratios and unchanged.
-    Raises UserError for an unknown unit.
-    """
+    Raises UserError for an unknown unit."""
     L, M = length_factor(length_unit), mass_factor(mass_unit)
     return replace(_rescaled_mesh(mesh, L, M, M / L), loads=rescaled(mesh.loads, L, M, M / L))
 

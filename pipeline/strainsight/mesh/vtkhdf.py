@@ -1,7 +1,6 @@
 """Grids as VTKHDF for ParaView and PyVista: arrays and attributes, to be written by the owner of the file.
 
-Format: VTKHDF 2.2 UnstructuredGrid (docs.vtk.org, "VTKHDF format specification").
-"""
+Format: VTKHDF 2.2 UnstructuredGrid (docs.vtk.org, "VTKHDF format specification")."""
 
 from __future__ import annotations
 
@@ -43,8 +42,7 @@ def unstructured_grid(
     position (n, 3) [m]; blocks in order are the m cells; data (n,) or (n, c), and (m,) or (m, c).
     steps (T,): data whose first axes are (T, n) or (T, m) change with the step, others do not. Steps are shown on the time
     axis of ParaView, so equal ones are separated by the smallest possible amount.
-    Raises ValueError for data of another length.
-    """
+    Raises ValueError for data of another length."""
     points = np.asarray(position, dtype=np.float64).reshape(-1, 3)
     n, m = len(points), sum(len(block.nodes) for block in blocks)
     sizes = concatenate(np.full(len(b.nodes), b.nodes.shape[1]) for b in blocks)
@@ -80,8 +78,7 @@ def facet_cells(facets: Facets, corner: IntArray | None = None) -> tuple[IntArra
 
     corner (f, 8): alternative point numbers of the facets, padded with −1. Returns the numbers that occur (s,), ascending, to
     select point data; the facets as cells, kind by kind, with the ids of their elements, on points 0 … s − 1; and the order
-    (f,) of the facets, to select cell data.
-    """
+    (f,) of the facets, to select cell data."""
     nodes = facets.nodes if corner is None else corner
     used = np.unique(nodes[nodes >= 0])
     order = np.argsort(facets.kind, kind="stable")

@@ -55,8 +55,7 @@ def balance(
     left out is zero.
 
     Every force but the moment is conjugate to relations ρ: f = ∇ρᵀF with F = −u for an input, −1 for the weight, F(ρ, ρ̇, θ)
-    for an element, ρ̇ = ∇ρ v; ∂f/∂q = ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ vᵀ∇²ρ) + Σ F ∇²ρ, ∂f/∂v = ∇ρᵀ ∂F/∂ρ̇ ∇ρ.
-    """
+    for an element, ρ̇ = ∇ρ v; ∂f/∂q = ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ vᵀ∇²ρ) + Σ F ∇²ρ, ∂f/∂v = ∇ρᵀ ∂F/∂ρ̇ ∇ρ."""
     m, arrays = system.constrained, compile_system(system)
     q, v, u, theta = (np.ascontiguousarray(x, dtype=float) for x in (q, v, u, theta))
     a, lam, mu = (
@@ -161,8 +160,7 @@ def instant(
         [B   0 ] [λ ] = − [B_rate v + ṗ (B_p v + ∂φ_t/∂p) + φ_p p̈]
 
     q, v (n,) with φ = 0, Bv = −φ_t; u as in `advance`; p_second (nd,) p̈ of the drives. Where constraints become dependent, the
-    smallest λ. The force of a drive is −Σ λ φ_p.
-    """
+    smallest λ. The force of a drive is −Σ λ φ_p."""
     n, d, drives = system.size, system.metric, system.drives
     at = balance(system, q, v, u, theta, tangents=False)
     bend = at.B_rate @ v
@@ -316,8 +314,7 @@ def reaction(
 
         F = Σ λ t y,    M = Σ λ (b − t p_j) × y     over the products b·y of its relations, b = t r + R c carried by that body
 
-    for δ(b·y) = t δp_j·y + δθ·((b − t p_j) × y) in a virtual motion of that body about p_j. λ (m,) as of `instant`.
-    """
+    for δ(b·y) = t δp_j·y + δθ·((b − t p_j) × y) in a virtual motion of that body about p_j. λ (m,) as of `instant`."""
     # the constraints of the rigid motions stand before those of all joints
     first = system.constrained - sum(
         len(constraint.relations) for constraint in system.joints[system.joints.index(joint) :]

@@ -81,8 +81,7 @@ class CoupledModes:
         η̈ + C η̇ + K η = B Δu,     ΦᵀMΦ = 1,     Φᵀ(K + Kᵀ)/2 Φ = diag ω²
 
     shapes Φ (n, r) [1/√kg in metres]; squares ω² (r,) [1/s²], ascending, exactly 0 where nothing holds; C, K (r, r), K diagonal
-    where no load turns with a body; B (r, width of u).
-    """
+    where no load turns with a body; B (r, width of u)."""
 
     shapes: np.ndarray
     squares: np.ndarray
@@ -169,8 +168,7 @@ def load_error(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Met
 
         √(Σ e²|U|² / Σ |U|²),     e = min(1, error of the displacement in any mode),     U its spectrum with Hann's window
 
-    loads (T + 1, nu) every h [N, N m]; frequencies (k,) [Hz] of the undamped modes.
-    """
+    loads (T + 1, nu) every h [N, N m]; frequencies (k,) [Hz] of the undamped modes."""
     count = len(loads)
     about = loads - loads.mean(axis=0)
     energy = np.abs(np.fft.rfft(about * np.hanning(count)[:, None], axis=0)[1:]) ** 2
@@ -189,8 +187,7 @@ def relative_error(load: np.ndarray, frequency: float, h: float, method: Method)
         X_h = (Y(iω) − Y(−iω))/(2iω),     Y(s) = (b₀ + b₁E)/(E − R),   E = exp(iΩh),   ẏ = s y + f   in steps with
         R = (1 − c) r + c r²,   b₁ = b (1 + γ c r),   b₀ = (1 − γ) c r b,   r = 1/(1 − γsh),   b = γh r,   c = (1 − γ)/γ
 
-    and of implicit Euler R = r, b₁ = b, b₀ = 0 with γ = 1. load (k,) [Hz]; h [s].
-    """
+    and of implicit Euler R = r, b₁ = b, b₀ = 0 with γ = 1. load (k,) [Hz]; h [s]."""
     omega, E = 2 * np.pi * frequency, np.exp(2j * np.pi * load * h)
     step = INSTANTS[method][0] * h
 

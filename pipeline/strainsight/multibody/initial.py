@@ -143,8 +143,7 @@ def nearest_state(
 
     as `project_position` and `project_velocity`, without their questions whether the joints are independent: that is for
     the start. u as of `constraints_at`. Raises InfeasibleError as `project_position` does, where no configuration nearby
-    satisfies the joints.
-    """
+    satisfies the joints."""
     q, d = np.array(q, dtype=float), system.metric
     if not system.constrained:
         return q, np.array(v, dtype=float)
@@ -201,8 +200,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
     """Raise InfeasibleError naming constraints that depend on others at q, a body that can move without mass, or one whose
     inertia is out of all proportion.
 
-    Pivoted QR of the joints' gradients after those of the rigid motions, unit rows in the metric of the mass.
-    """
+    Pivoted QR of the joints' gradients after those of the rigid motions, unit rows in the metric of the mass."""
     d, rigid = system.metric, system.rigid
     _, B, _ = constraints_at(system, q, u)
     if not len(B):
@@ -283,8 +281,7 @@ def static_equilibrium(
     the motion of the system under heavy damping with ever longer time steps, which goes downhill in the potential (from
     the very top of it, it stays there). near: q is an equilibrium of nearly the same loads and parameters.
     Raises NumericalError where it does not settle, InfeasibleError where nothing holds some motion of a body (named).
-    Source: pseudo-transient continuation, Kelley and Keyes, SIAM J. Numer. Anal. 35 (1998).
-    """
+    Source: pseudo-transient continuation, Kelley and Keyes, SIAM J. Numer. Anal. 35 (1998)."""
     q, u, theta = np.array(q, dtype=float), np.asarray(u, dtype=float), np.asarray(theta, dtype=float)
     d, m, n = system.metric, system.constrained, system.size
     still, lam = np.zeros(n), np.zeros(m)

@@ -25,8 +25,7 @@ class DrivenRelation:
         angle          φ = cos p ρ − sin p ρ'          p [rad], ρ = y_i·x_j, ρ' = x_i·x_j
 
     the last is regular at every angle, for φ_p = −1 there, and holds for p and for p + π: where it starts, the pose says.
-    drive: the name of p; across: ρ'.
-    """
+    drive: the name of p; across: ρ'."""
 
     relation: Relation
     drive: str

@@ -52,8 +52,7 @@ def simulate(
     driven joints.
 
     progress is called with the number of steps done.
-    Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails.
-    """
+    Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails."""
     u = np.asarray(u, dtype=float)
     last: Advance | None = None
 
@@ -129,8 +128,7 @@ def simulate_controlled(
     time, so that a finer step sees more of them.
     The difference is three times the error of 2n parts to leading order, so that errors of all steps add up to a third of the
     tolerance. Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where FINEST parts are not
-    enough.
-    """
+    enough."""
     largest, last, n = _sizes(system, np.asarray(q0, dtype=float)), None, 1
     heaviest, parts = np.zeros(system.drives.width), np.empty(steps, dtype=int)
 
@@ -234,8 +232,7 @@ def simulate_radau(
 
     A the three stages of Radau IIA, of fifth order; simplified Newton along the eigenvectors of A. Every step ends on φ = 0 and
     Bv = 0. u (T + 1, nu): loads at these instants, straight between them [N, N m]; no joint is driven.
-    Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails.
-    """
+    Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails."""
     if system.drives.names:
         raise NumericalError("this truth model does not support driven joints", remedy="set estimate.truth.model: fine")
     u, n = np.asarray(u, dtype=float), system.size

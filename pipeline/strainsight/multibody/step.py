@@ -67,8 +67,7 @@ def step(
     so the constraints of rigidity and their multipliers are out of it, and the answer is the same.
     Where Newton fails from the start it is led there by steps of h/2, h/4, …: the equations stay those of h.
     Raises NumericalError naming the constraint, body or force that is farthest from balance.
-    Source: thesis (1.5-1.7); Gear, Gupta, Leimkuhler, J. Comput. Appl. Math. 12 (1985).
-    """
+    Source: thesis (1.5-1.7); Gear, Gupta, Leimkuhler, J. Comput. Appl. Math. 12 (1985)."""
     problem = problem_of(system, q, v, u[None], theta, w)
     first = _Trial(problem.q + h * problem.v, problem.v, *left_by(problem, guess))
     try:
@@ -283,8 +282,7 @@ def advance(
     last: the advance before, from which and from those before it the stages are foreseen (`compiled/stages.py`); near: q', v'
     (n,) from which the iteration of the last stage starts. Neither changes the answer beyond what Newton's iteration leaves.
     Raises NumericalError as `step` does.
-    Source: Alexander, SIAM J. Numer. Anal. 14 (1977); thesis (1.5-1.7).
-    """
+    Source: Alexander, SIAM J. Numer. Anal. 14 (1977); thesis (1.5-1.7)."""
     stage_step, carried, inside = h, 0.0, np.empty((len(INSTANTS[method]), len(u[1])))
     inside[-1] = u[1]
     if method == "second_order":
@@ -386,8 +384,7 @@ def sensitivities(system: System, at: EulerStep) -> Sensitivities:
 
     Exact at the new state, where the matrix is factorised once more: the one of Newton's last iteration belongs to the
     state before its last correction. Valid off the constraints too: x_k may be any state, x_{k+1} is on them.
-    Raises NumericalError where the matrix is singular.
-    """
+    Raises NumericalError where the matrix is singular."""
     arrays, solution = compile_system(system), TrialState(at.q, at.motion, at.mu, at.lam)
     elastic = np.ascontiguousarray((system.stiffness_terms @ at.q + system.damping_terms @ at.v).T)
     point = arrays.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)

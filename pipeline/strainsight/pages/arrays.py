@@ -32,8 +32,7 @@ class Reading:
 
     label: "G1", or "G1 45°" of a rosette; time (T,) [s]; measured (T,): without the estimated offset, NaN if missing; estimated
     (T,): or predicted from the other channels, std (T,) [unit]; gauge: its index in the picture; truth (T,): without noise, if
-    known; noise_std [unit]: of a sample; offset: estimated value and σ [unit], None if not estimated.
-    """
+    known; noise_std [unit]: of a sample; offset: estimated value and σ [unit], None if not estimated."""
 
     label: str
     unit: str

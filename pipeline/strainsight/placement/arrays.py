@@ -73,8 +73,7 @@ def place_arrays(
     each relative to its σ with every candidate; names (n,) of the states; criterion: "trace", "log_determinant",
     "worst_eigenvalue" or a `Criterion`; fixed: rows of H that stay; conflicts (p, 2): pairs of rows that are not kept both.
     Raises ConfigError for inconsistent shapes, InfeasibleError if no layout detects every state.
-    Source: thesis, algorithm 2 and (5.14).
-    """
+    Source: thesis, algorithm 2 and (5.14)."""
     F, H, Q = (np.asarray(matrix, dtype=float) for matrix in (F, H, Q))
     r, labels, at = _check_inputs(F, H, Q, np.asarray(R, dtype=float), names, states, criterion)
     _check_rows("fixed", np.array(list(fixed), dtype=int), len(H))
@@ -131,8 +130,7 @@ def place_modes(
     noise; load_frequency f (u,) [Hz], by default the lowest frequency; noise [strain] of a sample, at `rate` [Hz], by
     default 10 samples in a period of the highest mode; names (u,) of the loads; others as of `place_arrays`.
     Returns σ of every load relative to its amplitude. Raises as `place_arrays`.
-    Source: thesis (5.18) to (5.30).
-    """
+    Source: thesis (5.18) to (5.30)."""
     Phi, f, S = (np.asarray(values, dtype=float) for values in (modes, frequencies, strain_operator))
     if Phi.ndim != 2 or f.shape != Phi.shape[1:] or S.ndim != 2 or S.shape[1] != len(Phi):
         raise ConfigError(

@@ -49,8 +49,7 @@ def effective_independence(rows: np.ndarray, keep: int) -> np.ndarray:
     rows (pool, k) or (pool, c, k): reading of every channel in k modes, most important first; no more modes are used than
     any `keep` gauges have channels, since fewer readings than modes are no independent set. A gauge of several channels
     without which a mode would be lost stays. Returns `keep` gauges, ascending; the lower index leaves a tie.
-    Source: Kammer, J. Guidance 14 (1991).
-    """
+    Source: Kammer, J. Guidance 14 (1991)."""
     _check(len(rows), keep)
     blocks = _blocks(rows)
     modes = int(np.sort(np.maximum(blocks.any(axis=2).sum(axis=1), 1))[:keep].sum())
@@ -77,8 +76,7 @@ def qr_pivoting(rows: np.ndarray, keep: int) -> np.ndarray:
 
     rows (pool, k) or (pool, c, k): reading of every channel in k modes. Returns `keep` gauges, ascending; the lower index
     wins a tie.
-    Source: Manohar, Brunton, Kutz and Brunton, IEEE Control Systems 38 (2018).
-    """
+    Source: Manohar, Brunton, Kutz and Brunton, IEEE Control Systems 38 (2018)."""
     _check(len(rows), keep)
     blocks = _blocks(rows)
     c, k = blocks.shape[1:]
@@ -111,8 +109,7 @@ def d_optimal(rows: np.ndarray, variance: np.ndarray, prior: np.ndarray, keep: i
 
     rows (pool, k) or (pool, c, k) [strain, or the unit of the channel]; variance r (pool,) or (pool, c) [its square],
     positive also of zero rows; prior C (k, k): covariance of the coordinates in the training run.
-    Returns `keep` gauges, ascending; the lower index wins a tie. Source: Krause, Singh and Guestrin, JMLR 9 (2008).
-    """
+    Returns `keep` gauges, ascending; the lower index wins a tie. Source: Krause, Singh and Guestrin, JMLR 9 (2008)."""
     _check(len(rows), keep)
     blocks = _blocks(rows / np.sqrt(variance)[..., None])
     pool, c, k = blocks.shape

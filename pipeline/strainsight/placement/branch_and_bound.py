@@ -247,8 +247,7 @@ def branch_and_bound(
     start: a first set, swapped until no swap helps; without it the elimination's. The clock is
     looked at between nodes, after the first; what ends before its time does not depend on it.
     Raises ConfigError for an impossible `keep`, InfeasibleError where no such layout detects every unknown.
-    Source: Quesada and Grossmann, Comput. Chem. Eng. 16 (1992).
-    """
+    Source: Quesada and Grossmann, Comput. Chem. Eng. 16 (1992)."""
     began = monotonic()
     limits = as_limits(len(pools[0].rows), keep)
     search = Search(pools, limits, aggregate, gap)

@@ -57,8 +57,7 @@ def certify(
     the soft maximum τ log Σ exp(f_s/τ), μ is its slope, and τ falls. A metric with kinks is softened by the same τ: with
     its W_s, tr(W_s P_s) bounds the metric itself (`Criterion`). Ends when bound and relaxed cost agree to CLOSE or
     after `budget` evaluations: the bound is valid at any time. start (pool,): weights to begin with.
-    Source: Frank and Wolfe (1956); Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000).
-    """
+    Source: Frank and Wolfe (1956); Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000)."""
     count = len(pools[0].rows)
     region = Polytope(as_limits(count, len(gauges) if limits is None else limits))
     relaxation = _Relaxation(pools, region, aggregate)
@@ -183,8 +182,7 @@ def cut_at(pools: Sequence[Pool], w: np.ndarray, last: Sequence[np.ndarray] | No
 
         f(v) ≥ f(w) + ∇f·(v − w),   ∂f/∂w_g = −tr(h_g P X P h_gᵀ),   G = Σ_g w_g h_gᵀh_g
 
-    A plane bounds f everywhere because f is convex (`Criterion`). last: covariances of weights nearby.
-    """
+    A plane bounds f everywhere because f is convex (`Criterion`). last: covariances of weights nearby."""
     loops = []
     for pool, P in zip(pools, [None] * len(pools) if last is None else last, strict=True):
         rows = weight_rows(pool, w)
@@ -213,8 +211,7 @@ def lowest(
     The linear program only chooses the multipliers μ_ks of the cuts (Σ_k μ_ks = 1/scenarios for the mean, Σ μ = 1 for
     the worst) and λ ≥ 0 of the limits other than the count; with any of them, Σ μ (offset + slope·v) + λ·(A v − b) bounds the
     aggregate, and its minimum over v follows from sorting: the bound does not depend on the tolerances of the program. It is
-    infinite where the program has no point. inside, free (pool,) bool, at least one way to choose.
-    """
+    infinite where the program has no point. inside, free (pool,) bool, at least one way to choose."""
     limits = as_limits(len(free), keep)
     places = np.flatnonzero(free)
     used = limits.used(inside)

@@ -20,8 +20,7 @@ class Criterion(Protocol):
     M⁻¹ is concave in the gauge weights w and does not fall in them (`Metric`), so 1/c does neither, and c is convex in w:
     with W = ∂c/∂M ≥ 0, its slope in a gauge's weight is that of tr(W M) at fixed W, and tr(W M) = c(M) (Euler).
     name: in a config; title, symbol: in words and as a formula; sigma: what √c is, in a sentence; meaning: what c is.
-    Source: 1/c is an information function; Pukelsheim, Optimal Design of Experiments (1993), ch. 5 and 6.
-    """
+    Source: 1/c is an information function; Pukelsheim, Optimal Design of Experiments (1993), ch. 5 and 6."""
 
     name: str
     title: str
@@ -198,8 +197,7 @@ class Metric:
     states of the filter.
 
     For any weights w of the gauges, Y = P⁻¹ is the largest solution of −YF − FᵀY − YQY + G(w) = 0, hence concave in w and
-    not falling; M⁻¹ is a Schur complement of Y in units of √W, and so is it. That is what a `Criterion` asks for.
-    """
+    not falling; M⁻¹ is a Schur complement of Y in units of √W, and so is it. That is what a `Criterion` asks for."""
 
     weight: np.ndarray
     criterion: Criterion = field(default_factory=Trace)

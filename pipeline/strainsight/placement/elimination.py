@@ -206,8 +206,7 @@ def eliminate_from(
     of the unknowns.
     Raises InfeasibleError where no layout within the limits was found that detects the unknowns, ConfigError for an
     impossible `keep`.
-    Source of the ratio: Senju and Toyoda, Management Science 15 (1968).
-    """
+    Source of the ratio: Senju and Toyoda, Management Science 15 (1968)."""
     limits = as_limits(len(pools[0].rows), keep)
     unknowns, least = fewest_gauges(pools)
     if limits.keep < least:

@@ -22,8 +22,7 @@ def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggre
 
     Those of the least bound are added exactly until the next bound exceeds the least value found. gauges: a set within
     the limits, but for the least number of gauges, that detects every unknown. Returns the set, ascending; the lower
-    index wins a tie.
-    """
+    index wins a tie."""
     chosen = np.sort(np.asarray(gauges, dtype=int))
     room = _room(limits, chosen)
     if not len(room):
@@ -114,8 +113,7 @@ def exchange(
     the i whose removal bound in the enlarged set allows a gain are removed exactly. The first swap that helps is made; of
     equal ones, that of the lower indices.
     gauges: a set that detects every unknown; limits: of which every set on the way breaks none;
-    if they permit j in addition to the set, j is added and none leaves. limit: of exact solves.
-    """
+    if they permit j in addition to the set, j is added and none leaves. limit: of exact solves."""
     chosen = np.sort(np.asarray(gauges, dtype=int))
     bounded = as_limits(len(pools[0].rows), len(chosen) if limits is None else limits)
     if not bounded.allows(chosen):

@@ -185,8 +185,7 @@ def robust_set(
     largest loss of the others second; so does one after which the covariance cannot be solved to accuracy. A bonded
     gauge stays but fails like any other, a pool row of several channels or gauges as a whole. Where the limits
     leave room, a gauge that lowers L is added.
-    Raises InfeasibleError where so few gauges are kept that each is needed to detect the unknowns; as `eliminate`.
-    """
+    Raises InfeasibleError where so few gauges are kept that each is needed to detect the unknowns; as `eliminate`."""
     unknowns, least = fewest_gauges(pools)
     limits = as_limits(len(pools[0].rows), keep)
     if limits.keep <= least:

@@ -56,8 +56,7 @@ def gauge_gradients(loop: Loop, rows: np.ndarray, W: np.ndarray) -> np.ndarray:
     A lower bound of the rise because tr(W P) is convex in the gauge weights: for a fixed estimator the error is a
     quadratic plus Σ r ∫m²/w, jointly convex in the estimator m and w, and its least over m stays convex in w. With W the
     gradient of a `Metric` it is the slope of the metric, which is convex in them, too. All channels of a gauge have its one
-    weight. rows (m, c, n): h_g/√r_g; W (n, n) positive semidefinite. Returns (m,) in the unit of tr(W P).
-    """
+    weight. rows (m, c, n): h_g/√r_g; W (n, n) positive semidefinite. Returns (m,) in the unit of tr(W P)."""
     return squares((rows.reshape(-1, rows.shape[-1]) @ slopes(loop, W).factor).reshape(rows.shape))
 
 
@@ -68,8 +67,7 @@ def least_increments(loop: Loop, B: np.ndarray, at: np.ndarray) -> tuple[np.ndar
 
     As a matrix, because vᵀP v is convex in the gauge weights for every v, as tr(W P) is (`gauge_gradients`), and Y is the slope
     of P. One Xᵢⱼ serves all gauges. B (m, c, n): h P U of the gauges at unit noise, U of the loop's Schur form; at (k,): the
-    states. Returns Y (m, k, k) and the largest error of an eigenvalue (m,).
-    """
+    states. Returns Y (m, k, k) and the largest error of an eigenvalue (m,)."""
     m, c, n = B.shape
     flat, increments, doubt = B.reshape(-1, n), np.empty((m, len(at), len(at))), np.zeros(m)
     length = np.sqrt(squares(B))
@@ -100,8 +98,7 @@ def sharper_bound(at: Slopes, block: np.ndarray) -> float:
     quadratic plus r ∫m²/w, hence f = f∞ + ∫ dν(s)/(s + w) with ν ≥ 0 on s ≥ 0. With x = 1/(s + 1):
     f(1 − t) = f(1) + a₁ t + a₂ t² + …,   aₖ = ∫ xᵏ⁺¹ dν, and f(0) − f(1) = ∫ x²/(1 − x) dν, where Jensen's inequality
     replaces x by its mean a₂/a₁.
-    a₂ is lessened by what rounding may add to it. Block (c, n). Returns the bound in the unit of tr(W P).
-    """
+    a₂ is lessened by what rounding may add to it. Block (c, n). Returns the bound in the unit of tr(W P)."""
     loop = at.loop
     h = loop.U.T @ block.T
     b = loop.U.T @ (loop.P @ block.T)
@@ -125,8 +122,7 @@ def removal(
         A D + D Aᵀ + (B + C)(B + C)ᵀ − D G D = 0,     B = P hᵀ,   C = D hᵀ   of the block h at unit noise
 
     the same as (A + B h) D + D (A + B h)ᵀ + B Bᵀ − D (G − hᵀh) D = 0. F, Q, D (n, n); block (c, n); rest: (any, n), or by gauges,
-    asked for only where the loop at hand does not carry over to the new one; modes: the marginal ones of F.
-    """
+    asked for only where the loop at hand does not carry over to the new one; modes: the marginal ones of F."""
     D = _fixed_point(loop, block, 1.0)
     if D is not None:
         return D

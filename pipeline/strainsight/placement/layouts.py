@@ -51,8 +51,7 @@ def best_layout(
 
     value (pool,); allowed (pool,) bool: available rows; required (pool,) bool: rows that must be selected in addition to the
     fixed ones; hits: masks (pool,); sums: a (pool,) and b; nodes: most of the search; gap: permitted relative gap to the
-    optimum.
-    """
+    optimum."""
     count = len(limits.size)
     selected = np.array([names is None or name in names for name in limits.names])
     rows, most = limits.rows[selected], limits.most[selected]

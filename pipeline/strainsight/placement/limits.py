@@ -221,8 +221,7 @@ class Polytope:
 
             ½|v − w|² + λᵀ(A v − b)
 
-        To the accuracy of the dual's search if there are limits other than the count.
-        """
+        To the accuracy of the dual's search if there are limits other than the count."""
         projected = np.ones_like(w)
         free = w[~self.fixed]
         if self.limits.plain:
@@ -252,8 +251,7 @@ class Polytope:
 
             slope·v ≥ (slope + λᵀA)·v − λᵀb for any λ ≥ 0,     with v_g = 1 more by max(0, (slope + λᵀA)_g)
 
-        The bounds do not depend on the tolerances of the program.
-        """
+        The bounds do not depend on the tolerances of the program."""
         free = slope[~self.fixed]
         fixed = float(slope[self.fixed].sum())
         size, bonded = self.limits.size[~self.fixed], int(self.limits.size[self.fixed].sum())
@@ -289,8 +287,7 @@ def cheapest(slope: np.ndarray, size: np.ndarray, least: int, most: int) -> tupl
 
         Σ min(0, slope + θ size) − θ·(most where θ > 0, else least)
 
-    slope (k,), size (k,) ≥ 1. Infinity where the sum cannot reach `least`, or `most` is negative.
-    """
+    slope (k,), size (k,) ≥ 1. Infinity where the sum cannot reach `least`, or `most` is negative."""
     if size.sum() < least or most < 0:
         return np.inf, 0.0
     ratio = slope / size

@@ -139,8 +139,7 @@ def solve_care(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
 
     by the ordered Schur form of the scaled Hamiltonian, then Newton-Kleinman. F (n, n) [1/s]; Q (n, n) intensity;
     (F, H) detectable. Returns P (n, n). Raises NumericalError where no n eigenvalues are stable.
-    Source: Laub (1979); Kleinman (1968).
-    """
+    Source: Laub (1979); Kleinman (1968)."""
     n = len(F)
     if not G.G.any():
         return _newton(F, Q, G, np.zeros((n, n)))
@@ -183,8 +182,7 @@ def balance(F: np.ndarray, Q: np.ndarray, G: Information) -> tuple[np.ndarray, n
         F̃ = D⁻¹ F D,    Q̃ = D⁻¹ Q D⁻¹,    G̃ = D G D
 
     Starts from the balanced units of F and repeats with d ← d √diag P̃. States that the process noise does not reach keep a
-    scale of 1e-8 of the largest, measured against those units. Raises NumericalError as `solve_care`.
-    """
+    scale of 1e-8 of the largest, measured against those units. Raises NumericalError as `solve_care`."""
     d = first = balanced_units(F)
     for _ in range(8):
         P = solve_care(F / d[:, None] * d, Q / d[:, None] / d, G.scaled(d))
@@ -265,8 +263,7 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     on factors P⁻ = LLᵀ, G = CᵀC with CL = U Σ Vᵀ, so that nothing is inverted that could be singular and no variance loses
     its sign: P⁻W⁻¹ = L V(1 + Σ²)⁻¹VᵀLᵀ, W⁻¹G = CᵀU(1 + Σ²)⁻¹UᵀC, W⁻¹ = 1 − CᵀU Σ(1 + Σ²)⁻¹VᵀLᵀ.
     Raises InfeasibleError where a motion that does not decay is reached by no noise, NumericalError where P is further than
-    1e-9 from the solution. Source: Anderson, Int. J. Control 28 (1978); Chu, Fan, Lin and Wang, Int. J. Control 77 (2004).
-    """
+    1e-9 from the solution. Source: Anderson, Int. J. Control 28 (1978); Chu, Fan, Lin and Wang, Int. J. Control 77 (2004)."""
     one = np.eye(len(A))
     # (A − 1)(A + 1)⁻¹ has the eigenvectors of A, and Re λ ≥ 0 where A has |λ| ≥ 1
     unstepped = np.linalg.solve((A + one).T, (A - one).T).T
@@ -303,8 +300,7 @@ def factor_after(A: np.ndarray, H: np.ndarray, N: np.ndarray, start: np.ndarray,
 
         P ← P⁻ + Fᵀ P (1 + G P)⁻¹ F
 
-    leads any covariance P before a reading as many steps on; the steps are put together of powers of two.
-    """
+    leads any covariance P before a reading as many steps on; the steps are put together of powers of two."""
     P = _triangle(np.hstack([A @ start, N]).T).T
     F, C, L = A.T, _triangle(H), _triangle(N.T).T
     left = steps - 1
@@ -338,8 +334,7 @@ def _double(F: np.ndarray, C: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np
 def _error(A: np.ndarray, H: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:
     """How far a covariance P, after = its factor, is from the solution, the largest |Xᵢⱼ|/σᵢσⱼ; infinite where its filter is
     not stable.
-    X = Φ(X + P − P₋)Φᵀ, P₋ that of a step before, by Newton's step; Φ = (1 − KH)A. Source: Hewer, IEEE Trans. AC 16 (1971).
-    """
+    X = Φ(X + P − P₋)Φᵀ, P₋ that of a step before, by Newton's step; Φ = (1 − KH)A. Source: Hewer, IEEE Trans. AC 16 (1971)."""
     std = np.linalg.norm(after, axis=1)
     std = np.maximum(std, NOT_REACHED * std.max())
     loop = (A - after @ (H @ after).T @ H @ A) / std[:, None] * std

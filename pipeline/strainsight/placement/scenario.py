@@ -244,8 +244,7 @@ def weight_of_pools(pools: Sequence[Pool], unknown: np.ndarray) -> np.ndarray:
 
     Wᵢ = 1 / mean over scenarios of Pᵢᵢ  for the states i of `unknown`, 0 for the others.
 
-    unknown (count,): their indices in x*.
-    """
+    unknown (count,): their indices in x*."""
     at = np.asarray(unknown, dtype=int)
     weight, variance = np.zeros(len(pools[0].P)), np.zeros(len(at))
     for pool in pools:
@@ -277,8 +276,7 @@ def slow_pools(pools: Sequence[Pool], motions: int, unknowns: np.ndarray) -> tup
     """The scenarios in as few slow motions as leave σ of the unknowns what it is, to `AGREES` with the whole pool; the pools
     themselves where they have up to `LARGE` states, or where that takes more than `WORTH` of them.
 
-    pools: of x* = [q (motions,), q̇, unknowns and what their models add]; unknowns (u,): indices in x* of what has to agree.
-    """
+    pools: of x* = [q (motions,), q̇, unknowns and what their models add]; unknowns (u,): indices in x* of what has to agree."""
     size = len(pools[0].P)
     if size <= LARGE:
         return tuple(pools)
@@ -303,8 +301,7 @@ def in_slow_motions(scenario: Scenario, motions: int, count: int) -> Scenario:
 
     with x_f = (f, ḟ), so that what steady loads and parameters do to readings is exact; noise of the quick motions in the
     readings is left out. x* = [q (motions,), q̇, unknowns and what their models add], the last ones as they are.
-    Source: singular perturbation (Kokotović, Khalil and O'Reilly, 1986).
-    """
+    Source: singular perturbation (Kokotović, Khalil and O'Reilly, 1986)."""
     size, n = len(scenario.F), motions
     A = -scenario.F[n : 2 * n, :n]
     values = np.sort(np.linalg.eigvals(A).real)

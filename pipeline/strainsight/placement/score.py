@@ -18,8 +18,7 @@ class Scores:
     layout or an accurate P.
 
     cost: name of the metric → its aggregate; std (count,) [SI]: √Pᵢᵢ · scale of each unknown, root mean square over
-    scenarios. All of a fixed linearisation: numbers to rank layouts by, not what a filter along the motion will claim.
-    """
+    scenarios. All of a fixed linearisation: numbers to rank layouts by, not what a filter along the motion will claim."""
 
     cost: Mapping[str, float]
     std: np.ndarray

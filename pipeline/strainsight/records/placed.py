@@ -1,7 +1,6 @@
 """observe.h5 and place.h5: observability, scenarios, layout, optimality bound, and layouts by other criteria.
 
-`<what>` is the criterion: tr(W P), or another one.
-"""
+`<what>` is the criterion: tr(W P), or another one."""
 
 from __future__ import annotations
 

@@ -8,8 +8,7 @@
 Writing (`written`), reading (`read`), shape checks and docs/artefacts.md (`listed`) use these declarations. A field may be an
 array, a number, text (`str`, `tuple[str, ...]`) or a record in a group. It may also be a `dict` of these by name (`<name>` in
 its path), or None if it is optional. A kernel dataclass is a record through the `Column` of its fields, and a `table` stores
-many of them. A `Form` stores other objects.
-"""
+many of them. A `Form` stores other objects."""
 
 from __future__ import annotations
 
@@ -88,8 +87,7 @@ def group(
 
     A kernel dataclass with `Column` fields is a record that is read at once. unit and what replace `<unit>` and `<what>` in its
     fields and axes, so several groups can share a record; "unit of <name>" then refers to the name of the group. by: field with
-    the group name, for tuples of records.
-    """
+    the group name, for tuples of records."""
     return placed(FieldPlace("", unit, what=what), path, default, through, by)
 
 
@@ -171,8 +169,7 @@ def written(instance: Any, units: Mapping[str, str] | None = None, at: FieldPlac
     """Datasets of a record by path, with consistent shapes.
 
     units: units by owner, for fields with the unit of another quantity; at: group of the record. Raises ValueError for
-    inconsistent lengths.
-    """
+    inconsistent lengths."""
     below = at.path
     lengths: dict[str, tuple[int, str]] = {}
     datasets: dict[str, Dataset] = {}
@@ -269,8 +266,7 @@ def _shape_fault(place: FieldPlace, array: np.ndarray, lengths: dict[str, tuple[
 def read(kind: type[Record], source: Source, below: str = "") -> Record:
     """The record of this kind in an artefact, or in one of its groups; fields are read on first access.
 
-    Reading raises ArtefactError for a missing dataset, or for a shape that is inconsistent with those read before.
-    """
+    Reading raises ArtefactError for a missing dataset, or for a shape that is inconsistent with those read before."""
     if kind not in _LAZY:
         # pickled and copied as what it is, with all fields read
         members = {"__getattr__": _load, "__reduce__": _whole, "__module__": kind.__module__}

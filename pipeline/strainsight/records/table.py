@@ -2,8 +2,7 @@
 
 A column is a field with a `Column`; other fields get their defaults on reading. A field that is a dataclass adds the columns of
 that class. Lists of unequal length are concatenated with an array of offsets; so are columns of tuples of dataclasses (`plies:
-tuple[Ply, ...]`).
-"""
+tuple[Ply, ...]`)."""
 
 from __future__ import annotations
 
@@ -41,8 +40,7 @@ def table(
     """The record (a `Form`) of objects of a dataclass; axis: name of the row axis.
 
     key: key field or `Key` of a mapping; empty for a tuple. bare: the value is stored instead of an object with this single
-    field. brief: short descriptions of list columns. words: column → description in this table.
-    """
+    field. brief: short descriptions of list columns. words: column → description in this table."""
     places = (
         {key.name: (key.kind, FieldPlace(f"/{key.name}", "1", (axis,), key.meaning))} if isinstance(key, Key) else {}
     )

@@ -37,8 +37,7 @@ class CraigBampton:
     stiffness dense affine operator (n, n), one term for every Young's modulus that is a parameter; mass (n, n);
     basis H* (n_free, n); interface: node id → its three translations [m] and three rotations [rad] along the basic axes as
     rows (6, n) on q; frequency (modes,) [Hz] of the fixed-interface modes, without the residual vectors; cut [Hz]: the first
-    mode that is left out, inf if none is.
-    """
+    mode that is left out, inf if none is."""
 
     stiffness: AffineOperator
     mass: np.ndarray
@@ -81,8 +80,7 @@ def craig_bampton(
     Raises UserError for a node that does not exist, is named twice, or does not have six free and independent motions, for
     densities that are parameters, for neither or both of modes and cutoff; InfeasibleError for a wrong number of modes; and
     the errors of `factorise` and `modes`, also if the interface does not constrain the motions that the supports leave.
-    Source: thesis 1.8-1.17; Craig and Bampton, AIAA Journal 6 (1968).
-    """
+    Source: thesis 1.8-1.17; Craig and Bampton, AIAA Journal 6 (1968)."""
     if (modes is None) == (cutoff is None):
         raise UserError(
             "a reduction requires either a number of modes or a cut-off frequency",
@@ -128,8 +126,7 @@ def floating_basis(body: CraigBampton, node: int) -> CraigBampton:
     The motion of the floating frame is then the only rigid-body motion, and K* is positive definite. The frame may have any
     origin and, in the undeformed state, the basic axes; the rows of the node are zero. Raises UserError for a node that is not an
     interface, and if a frame is already fixed.
-    Source: Shabana, Dynamics of Multibody Systems, ch. 5 (reference conditions).
-    """
+    Source: Shabana, Dynamics of Multibody Systems, ch. 5 (reference conditions)."""
     is_fixed = rows_of(body, node).any(axis=0)
     fixed = [other for other, rows in body.interface.items() if not rows.any()]
     if fixed:
@@ -163,8 +160,7 @@ def rigid_motions(model: FiniteElementModel) -> np.ndarray:
 
         z = r c = T z_free   for c in the null space of T r_free − r
 
-    r the six rigid-body motions of all nodes (`rigid_field`), r_free their free rows.
-    """
+    r the six rigid-body motions of all nodes (`rigid_field`), r_free their free rows."""
     constraint = model.constraint
     T, r = constraint.transform, rigid_field(model)
     r_free = constraint.along_local_axes(sparse.csr_array(r)).toarray()[constraint.free_rows]
@@ -264,8 +260,7 @@ def _fixed_interface_modes(
 def rigid_field(model: FiniteElementModel) -> np.ndarray:
     """Three translations and three rotations of all nodes, constrained or not, r (3n + 3r, 6) on the rows of z [m or rad per m]:
 
-    about the mean of the nodes of the elements, rotations divided by its radius, so that all six have the same size.
-    """
+    about the mean of the nodes of the elements, rotations divided by its radius, so that all six have the same size."""
     constraint, x = model.constraint, model.mesh.position
     used = model.mesh.nodes_of_elements
     arm = x - x[used].mean(axis=0)
@@ -281,8 +276,7 @@ def inertia_loads(model: FiniteElementModel) -> np.ndarray:
     """F = Tᵀ(m ⊗ I₃ + M_p) r  (n_free, 6) [N per m/s²]: weight along x, y, z, and the inertia of three angular accelerations.
 
     m the mass of all nodes and M_p that of the point masses: the mass of clamped nodes acts on others through their elements, but
-    is not in the mass of the free motions. r of `rigid_field`.
-    """
+    is not in the mass of the free motions. r of `rigid_field`."""
     r, n = rigid_field(model), len(model.mesh.position)
     f = np.zeros_like(r)
     f[: 3 * n] = (scalar_mass(model.mesh) @ r[: 3 * n].reshape(n, -1)).reshape(3 * n, -1)
@@ -300,8 +294,7 @@ def residual_vectors(
 
     F (n, k) [N per m/s²], M (n, n), factor of K, frequency (m,) [Hz] and U (n, m) [1/√kg] → V (n, ≤ k) [1/√kg], by ascending
     Rayleigh quotient; fewer if a response is in the modes and the previous vectors up to `DEPENDENT`.
-    Source: Rose, MSC World Users' Conference (1991); Dickens, Nakagawa and Wittbrodt, Computers and Structures 62 (1997).
-    """
+    Source: Rose, MSC World Users' Conference (1991); Dickens, Nakagawa and Wittbrodt, Computers and Structures 62 (1997)."""
     P = U.T @ F
     # solving for the remaining load, instead of subtracting modes from the response, keeps small vectors accurate
     remainder = F - M @ (U @ P)
@@ -349,8 +342,7 @@ def reach(
     and the same for responses to the inertia loads of the body (`excess`).
 
     The basis of θ₀ is exact for all θ if one modulus scales the whole stiffness: (0, ∞). Otherwise S* − S ≥ 0 begins with the
-    square of the change of θ; it is evaluated at 2θ₀ and θ₀/2, which bound the range.
-    """
+    square of the change of θ; it is evaluated at 2θ₀ and θ₀/2, which bound the range."""
     names = model.stiffness.parameters
     if len(names) == 1 and abs(model.stiffness.constant).max() == 0:
         return {names[0]: (0.0, np.inf)}

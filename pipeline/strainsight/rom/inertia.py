@@ -54,8 +54,7 @@ def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaI
     model with the densities of its mesh; basis (n_free, n), columns k [m per unit of η_k]; origin and axes of the floating
     frame are the basic ones. Clamped nodes count in m and x. Raises DeckError of `element_masses`, for a body without mass,
     and for one with a mass matrix (CONM1).
-    Source: Shabana, Dynamics of Multibody Systems, ch. 5; the fields are those of thesis (1.16).
-    """
+    Source: Shabana, Dynamics of Multibody Systems, ch. 5; the fields are those of thesis (1.16)."""
     mesh, n = model.mesh, basis.shape[1]
     z = model.constraint.transform @ basis
     x = mesh.position

@@ -33,8 +33,7 @@ def oscillator_step(
 
     lam (...) [rad²/s²] > 0; h [s]. Returns T and dT, both (2, 2 + HOLD, ...).
     Raises NumericalError at critical damping, where the two roots coincide.
-    Source: variation of constants; φ functions as in Hochbruck and Ostermann, Acta Numerica 19 (2010).
-    """
+    Source: variation of constants; φ functions as in Hochbruck and Ostermann, Acta Numerica 19 (2010)."""
     c, lam_slope, c_slope = slopes_along(lam, damping, along)
     half_gap = np.sqrt((0.25 * c * c - lam).astype(complex))
     if np.any(np.abs(half_gap) < 1e-6 * np.sqrt(lam)):
@@ -84,8 +83,7 @@ def slopes_along(lam: np.ndarray, damping: Damping, along: Along) -> tuple[np.nd
 def phi_functions(z: np.ndarray, order: int) -> list[np.ndarray]:
     """φ₀ = eᶻ,  φₖ₊₁(z) = (φₖ(z) − 1/k!)/z, by their series for |z| < 1; z (...) complex.
 
-    order: the highest k, at most HOLD + 1. Returns order + 1 arrays (...).
-    """
+    order: the highest k, at most HOLD + 1. Returns order + 1 arrays (...)."""
     small = np.abs(z) < 1
     near, far = np.where(small, z, 0), np.where(small, 1, z)
     series = np.zeros((order + 1, *z.shape), near.dtype)
@@ -108,8 +106,7 @@ def scheme_step(
         trapezoidal      z⁺ = z + h(ż + ż⁺)/2,   ż⁺ = ż + h(z̈ + z̈⁺)/2         (Newmark with β = ¼, γ = ½)
         implicit Euler   z⁺ = z + hż⁺,           ż⁺ = ż + hz̈⁺
 
-    with z̈ = g − c(λ)ż − λz. lam (...) [rad²/s²]; h [s]. Returns two arrays (2, 2 + HOLD, ...).
-    """
+    with z̈ = g − c(λ)ż − λz. lam (...) [rad²/s²]; h [s]. Returns two arrays (2, 2 + HOLD, ...)."""
     if scheme == "exact":
         return oscillator_step(lam, damping, h, along)
     c, lam_slope, c_slope = slopes_along(lam, damping, along)
@@ -138,8 +135,7 @@ def scheme_bias(lam: np.ndarray, damping: Damping, h: float, scheme: Scheme) -> 
     lam (n,) [rad²/s²]; h [s]. Undamped and for small ωh: (ωh)²/12 and 0 for the trapezoidal rule, (ωh)²/3 and ωh/2 for
     implicit Euler; 0 and 0 for the exact step. A modulus estimated with the scheme has an error of about twice the elongation.
     Returns elongation (n,) and gain (n,); NaN for a mode that does not oscillate.
-    Source: Hughes, The Finite Element Method (1987), section 9.3.
-    """
+    Source: Hughes, The Finite Element Method (1987), section 9.3."""
     if scheme == "exact":
         return np.zeros_like(lam), np.zeros_like(lam)
     block = np.moveaxis(scheme_step(lam, damping, h, scheme)[0][:, :2], -1, 0)
@@ -160,8 +156,7 @@ class ModalMap:
     transition A (..., i n, 2n); input B (..., i n, J, n_u), i = 2 for a step and 1 for the acceleration. The other fields are
     used by the derivatives: shape S(θ) (..., n, n_u), without (...) if constant; eigenvalue λ (..., n), modes Φ (..., n, n), dual
     ΦᵀM (..., n, n), table T (i, 2 + J, ..., n) of every mode, dT/dλ, and dT/d ln c, which is (0,) if no parameter multiplies
-    the damping.
-    """
+    the damping."""
 
     transition: np.ndarray
     input: np.ndarray
@@ -180,8 +175,7 @@ Table = Callable[[np.ndarray, Along], tuple[np.ndarray, np.ndarray]]
 def modal_step(model: ReducedModel, theta: Mapping[str, Any], h: float, scheme: Scheme = "exact") -> ModalMap:
     """Step of (5.3) over h [s] at θ (values of shape (...) [SI]): every mode in closed form, exact or by a scheme.
 
-    Raises NumericalError at critical damping (exact only).
-    """
+    Raises NumericalError at critical damping (exact only)."""
     damping = model.damping.at(theta)
     return modal_map(model, theta, lambda lam, along: scheme_step(lam, damping, h, scheme, along))
 
@@ -196,8 +190,7 @@ def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> Mo
     """The map with T and its derivative (i, 2 + J, ..., n) from `table` for the eigenvalue λ (..., n) of every mode.
 
     A frequency factor f divides the mass of its mode by f² without changing the stiffness, so that static responses are the same:
-    λ → f²λ, Φ → fΦ.
-    """
+    λ → f²λ, Φ → fΦ."""
     lam, Phi = modal_basis(model, theta)
     dual = np.swapaxes(Phi, -1, -2) @ model.mass.at(theta)
     if model.damping.parameter:  # the modes do not depend on the damping
@@ -215,8 +208,7 @@ def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> Mo
 def modal_blocks(S: np.ndarray, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A (..., i n, 2n) and B (..., i n, J, n_u) of a modal map from its table T (i, 2 + J, ..., n).
 
-    S (n, n_u) or (..., n, n_u) input shape; Phi (..., n, n), dual ΦᵀM (..., n, n).
-    """
+    S (n, n_u) or (..., n, n_u) input shape; Phi (..., n, n), dual ΦᵀM (..., n, n)."""
     n, n_u = S.shape[-2:]
     blocks, inputs = T.shape[0], T.shape[1] - 2
     batch = Phi.shape[:-2]
@@ -242,8 +234,7 @@ def parameter_slopes(
     and Φ [dT/d ln c]/θ ΦᵀM for the parameter that multiplies the damping.
     theta: parameters of the map; x (..., 2n) = [q, q̇]; u (..., J, n_u) hold coefficients; names: the parameters.
     Returns (..., i n, len(names)).
-    Source: Daleckii and Krein; Higham, Functions of Matrices, theorem 3.11.
-    """
+    Source: Daleckii and Krein; Higham, Functions of Matrices, theorem 3.11."""
     n = model.size
     Phi, lam = step.modes, step.eigenvalue
     PhiT = np.swapaxes(Phi, -1, -2)
@@ -277,8 +268,7 @@ def simulate(
 ) -> np.ndarray:
     """Response, exact for the held input; u (steps, HOLD, n_u) hold coefficients; start x(0) (2n,), default rest.
 
-    Returns x (steps + 1, 2n).
-    """
+    Returns x (steps + 1, 2n)."""
     step = modal_step(model, theta, h)
     drive = np.einsum("aju,kju->ka", step.input, u)
     x = np.zeros((len(u) + 1, 2 * model.size))
@@ -305,8 +295,7 @@ def steady_start(
     with c of `hold_of_tones` and A, B of `modal_step`: the motion under the held load, periodic to rounding, instead of the sine.
     The two differ by the error of the hold, (ωh)³ω₀h/720; for h → 0 both are (K − ω²M + iωC) q = S U.
     theta: all parameters [SI]; h [s]; frequency ω (k,) [rad/s]; amplitude U (k, n_u) complex [N]. Returns x (2n,) = [q, q̇].
-    Raises InfeasibleError if an undamped mode has the frequency of a tone.
-    """
+    Raises InfeasibleError if an undamped mode has the frequency of a tone."""
     step, n = modal_step(model, theta, h), model.size
     forces = amplitude @ (step.modes.T @ step.shape).T
     stiffness = (

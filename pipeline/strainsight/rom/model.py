@@ -20,8 +20,7 @@ class Damping:
 
     The ratio does not depend on the parameters. factors [-] on c of every mode in ascending order of λ, default 1; modes of one
     frequency have the factor of the first of them, because their combinations are modes too. value θ of the parameter that
-    multiplies every c [-], (..., 1) for many at once.
-    """
+    multiplies every c [-], (..., 1) for many at once."""
 
     kind: Annotated[
         Literal["modal", "rayleigh"],
@@ -73,8 +72,7 @@ class ReducedModel:
 
         S(θ) = S + Σᵢ (θᵢ − θᵢ⁰) ∂S/∂θᵢ
 
-    frequency_factors f (..., n): of the natural frequencies in steps and accelerations (`modal_map`), None: 1.
-    """
+    frequency_factors f (..., n): of the natural frequencies in steps and accelerations (`modal_map`), None: 1."""
 
     mass: AffineOperator
     stiffness: AffineOperator
@@ -142,8 +140,7 @@ def damping_derivative(model: ReducedModel, theta: Mapping[str, float], name: st
         dC = dM c(A) + M Φ [(ΦᵀM dA Φ) ∘ c[λᵢ, λⱼ]] ΦᵀM,    ΦᵀM dA Φ = Φᵀ(dK Φ − dM Φ Λ)
 
     c[·,·] the divided difference (Daleckii-Krein), so that repeated frequencies need no special case. For the parameter that
-    multiplies the damping it is C/θ.
-    """
+    multiplies the damping it is C/θ."""
     if name == model.damping.parameter:
         return damping_matrix(model, theta) / theta[name]
     K, M = model.stiffness.at(theta), model.mass.at(theta)
@@ -177,8 +174,7 @@ def quasi_static(model: ReducedModel, basis: np.ndarray) -> tuple[ReducedModel, 
     All coordinates have the frequency ω_s = 100 ω₁ and 0.7 of critical damping: under a load of frequency ω they lag behind
     their static response by 1.4 ω/ω_s (1.4e-3 at a tenth of the first mode), and initial transients decay before the first
     sample. So filters and placement are those of a model with inertia. The effect of inertia, (ω/ω₁)², is neglected. model: modal
-    at the reference; basis Ψ (n_free, r) [1/√kg]; densities change only their loads.
-    """
+    at the reference; basis Ψ (n_free, r) [1/√kg]; densities change only their loads."""
     stiffness = np.diag(model.stiffness.at(model.reference))
     speed = FASTER * np.sqrt(stiffness.min())
     D = np.diag(speed / np.sqrt(stiffness))

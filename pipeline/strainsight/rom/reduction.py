@@ -29,8 +29,7 @@ def parameter_samples(
     """The reference, then samples − 1 points of a Latin hypercube in log θ that includes both ends of every range.
 
     reference and ranges [SI]; the columns are ordered by the ranks of a Halton sequence, so the result is deterministic.
-    Raises InfeasibleError for a range that is missing or not 0 < low ≤ high.
-    """
+    Raises InfeasibleError for a range that is missing or not 0 < low ≤ high."""
     if not reference:
         return ({},)
     count = samples - 1
@@ -42,8 +41,7 @@ def held_out_samples(
 ) -> tuple[dict[str, float], ...]:
     """A Latin hypercube at the golden section of `count` equal parts of log θ, so that it never coincides with the samples.
 
-    Arguments and errors as in `parameter_samples`.
-    """
+    Arguments and errors as in `parameter_samples`."""
     return _latin(reference, ranges, (np.arange(count) + GOLDEN) / count) if reference else ({},)
 
 
@@ -68,8 +66,7 @@ def _latin(
 
 def _halton(dimensions: int, count: int) -> np.ndarray:
     """Points 1 … count of the Halton sequence (count, dimensions): digits of k in base 2, 3, 5, …, reversed after the point.
-    Also in scipy.stats, which takes half a second to import.
-    """
+    Also in scipy.stats, which takes half a second to import."""
     points = np.zeros((count, dimensions))
     primes = (p for p in range(2, 10**6) if all(p % q for q in range(2, int(p**0.5) + 1)))
     for j, base in zip(range(dimensions), primes, strict=False):
@@ -109,8 +106,7 @@ def snapshots(
     """K(θ)φ = ω²M(θ)φ and K(θ)⁻¹S, from one factorisation; for a free structure elastic modes and K⁺S, by inertia relief.
 
     S (n_free, n_u) [-] input shapes; theta [SI]; known: frequency and shapes at this θ if already computed, at least `modes` of
-    them. Raises the errors of `modes` and `factorise`.
-    """
+    them. Raises the errors of `modes` and `factorise`."""
     return snapshots_at(shared_by_all(full, S, modes), theta, known)
 
 
@@ -165,8 +161,7 @@ class Reduction:
     model (5.3); basis Ψ (n_free, r) [1/√kg]; frequency (modes,) [Hz] of the full model at the reference; samples the
     points of the parameter box, the reference first; singular_value (s,) [-] of the part of the snapshots of the other samples
     (each of unit energy) that the modes and static responses of the reference do not contain: those above the tolerance are
-    in Ψ; static (n_free, n_u) [m/N]: K(θ₀)⁻¹S; aside (n_free, k): static responses that are not in Ψ.
-    """
+    in Ψ; static (n_free, n_u) [m/N]: K(θ₀)⁻¹S; aside (n_free, k): static responses that are not in Ψ."""
 
     model: ReducedModel
     basis: np.ndarray
@@ -215,8 +210,7 @@ def reduce_model(
     at the reference; Ψ covers the slopes as it covers S. The reference is never truncated, so its reduced frequencies are the
     full ones. If one material is scaled as a whole, the snapshots do not change with θ and only the reference is sampled.
     Raises InfeasibleError for a range that is missing or not positive, and the errors of `modes` and `factorise`.
-    Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses.
-    """
+    Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses."""
     if samples < 1:
         raise InfeasibleError(
             f"the number of parameter samples is {samples}", remedy="Use at least 1 sample (the reference)."
@@ -255,8 +249,7 @@ def modal_model(
 
     Arguments as in `reduce_model`; reference: snapshots at any other θ, used if K and M only scale, because their shapes are
     the same; aside (n_free, k): forces whose static responses are in the span too, after those of S in the snapshots. Returns
-    the model and Ψ (n_free, r) [1/√kg].
-    """
+    the model and Ψ (n_free, r) [1/√kg]."""
     stiffness, mass = (AffineOperator(X.at(theta), {}) for X in (full.stiffness, full.mass))
     at_theta = replace(full, stiffness=stiffness, mass=mass)
     forces = S if aside is None else np.hstack([S, aside])
@@ -272,8 +265,7 @@ def held_out_errors(
     """Errors of the reduced model at `thetas`: relative frequencies, and static responses in the energy norm of K(θ).
 
     S as in `reduce_model`. A static error ε is a relative error ε of the strain in the mean over the structure. If K and M only
-    scale, the full solution follows from that of the reference by scaling; otherwise it is computed by `sweep`.
-    """
+    scale, the full solution follows from that of the reference by scaling; otherwise it is computed by `sweep`."""
     model, Psi, count = reduction.model, reduction.basis, len(reduction.frequency)
     if only_scales(full):
         at_reference = Snapshots(reduction.frequency, Psi[:, :0], reduction.static)
@@ -295,8 +287,7 @@ def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None)
 
     K (n, n) symmetric positive definite; X (n, k), scaled to unit energy here; against Q₀ (n, r) with Q₀ᵀKQ₀ = I.
     Returns Q (n, rank) and R (rank, k) of the unit-energy columns; dependent columns (below 1e-10) add no vector.
-    Source: Giraud, Langou and Rozložník, Numerische Mathematik 101 (2005): two passes are enough.
-    """
+    Source: Giraud, Langou and Rozložník, Numerische Mathematik 101 (2005): two passes are enough."""
     norm = _energy_norm(K, X)
     X = X / np.where(norm > 0, norm, 1.0)
     start = 0 if against is None else against.shape[1]

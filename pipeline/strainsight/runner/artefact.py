@@ -1,8 +1,7 @@
 """Read artefacts, after a check of checksum and header.
 
 The check does not use the HDF5 library, which can hang on a file with a single flipped metadata byte. The checksum is in a user
-block at the start of the file, which HDF5 and ParaView skip.
-"""
+block at the start of the file, which HDF5 and ParaView skip."""
 
 from __future__ import annotations
 
@@ -115,8 +114,7 @@ class Artefact:
     artefact.source                        the other run from which it was just reused, or ""
 
     Raises ArtefactError for a file that is missing, cut short, altered, of another format version, or that points
-    outside itself.
-    """
+    outside itself."""
 
     def __init__(self, path: Path):
         self.path = Path(path)

@@ -133,8 +133,7 @@ def read_contents(file: h5py.File) -> dict[str, Entry]:
     """Every group and dataset below the root, by path and in the order of paths.
 
     Raises ArtefactError for links, two names of one object, data stored in other files, and shapes or attributes that claim
-    more bytes than the file holds.
-    """
+    more bytes than the file holds."""
     return _Reading(file).contents()
 
 

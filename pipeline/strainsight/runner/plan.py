@@ -170,8 +170,7 @@ def plan(stages: Sequence[Stage], job: Job, forced: Collection[str] = ()) -> tup
     """The status of every stage as the files stand; nothing is written.
 
     A stage below one that will run is taken to run too. When the run finds that the upstream artefact came out the
-    same, it will not.
-    """
+    same, it will not."""
     statuses: list[Status] = []
     pending: set[str] = set()
     finished: dict[str, Artefact] = {}
@@ -198,8 +197,7 @@ def judge(
     """Compare what a stage's artefact was made from with what it would be made from now.
 
     finished: verified artefacts of the stages above; pending: stages above that will run. Returns the artefact too
-    where it is up to date.
-    """
+    where it is up to date."""
     path = job.folder / f"{stage.name}.h5"
     reasons = ["--force"] if forced else []
     artefact = None

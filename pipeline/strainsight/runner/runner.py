@@ -36,8 +36,7 @@ def locked(folder: Path) -> Iterator[int | None]:
     """Hold the lock of `folder` (made if need be); yields the pid of a run that died with the lock in hand, else None.
 
     The kernel drops the lock with the process that holds it, so that a killed run never blocks the next one.
-    Raises UserError naming the process that holds it.
-    """
+    Raises UserError naming the process that holds it."""
     make_folder(folder)
     handle = _acquire(folder / NAME)
     try:
@@ -59,8 +58,7 @@ def computing(results: Path, key: str, waits: Callable[[], None] = lambda: None)
     """Wait until no other process computes the stage of this key (hex sha256), and hold others off meanwhile.
 
     A byte of one file in `results` stands for the key; the kernel drops the lock with the process. waits: called where
-    there is another one to wait for. On a disk without locks nobody waits: at worst the same is computed twice.
-    """
+    there is another one to wait for. On a disk without locks nobody waits: at worst the same is computed twice."""
     results.mkdir(parents=True, exist_ok=True)
     handle = open_file(results / COMPUTING, os.O_RDWR)
     byte = int(key[:15], 16)
@@ -236,8 +234,7 @@ def run(
     All input files are searched before anything is written, and checked (`Stage.check`) before the first stage runs. The lock
     of the results folder is kept until the iterator ends. A failed stage writes nothing, and its StrainsightError gets the
     location of its config key. `forced` names stages that run in any case. A stage stays up to date if its upstream ran
-    again with the same result. Artefacts of other runs with the same inputs are reused, also from a process still running.
-    """
+    again with the same result. Artefacts of other runs with the same inputs are reused, also from a process still running."""
     # Digests are taken before a stage reads its files: a file that changes meanwhile is noticed by the next run.
     with _placed(job):
         inputs = {stage.name: inputs_of(stage, job) for stage in stages}

@@ -21,8 +21,7 @@ def attributes_of(data: Mapping[str, Any]) -> SimpleNamespace:
 def declared(model: M, data: Mapping[str, Any]) -> M:
     """The same config model with no more than the keys of `data`, its pruned JSON form; all else is an AttributeError.
 
-    Frozen models stay what they are: their types hold, and a key that a stage did not declare is not there to be read.
-    """
+    Frozen models stay what they are: their types hold, and a key that a stage did not declare is not there to be read."""
     fields = type(model).model_fields
     declared = {
         name: _declared(getattr(model, name), data[info.alias or name])
@@ -79,8 +78,7 @@ def prune(data: Mapping[str, Any], reads: tuple[str, ...]) -> dict[str, Any]:
     """The declared part of `data`, nested as in `data`. A pattern without `*` that matches nothing is a ValueError.
 
     Below a `*` the empty mapping itself stays, so that "no parameters" is a fact the stage can read. Lists are declared
-    whole.
-    """
+    whole."""
     selected: dict[str, Any] = {}
     for pattern in reads:
         paths = expand(data, pattern)

@@ -22,8 +22,7 @@ ON = 1e-7
 def opposite(skin: Skin, points: np.ndarray, normals: np.ndarray) -> Located:
     """The first exit of the rays x = p − t n, t > 0, through the surface: `_first`.
 
-    points p (k, 3) [m] on the surface; normals n (k, 3) outward there. facet −1 if a ray meets no facet.
-    """
+    points p (k, 3) [m] on the surface; normals n (k, 3) outward there. facet −1 if a ray meets no facet."""
     return _first(skin, points, normals, 1.0, np.inf)
 
 
@@ -33,8 +32,7 @@ def _first(skin: Skin, points: np.ndarray, normals: np.ndarray, way: float, reac
         (x(ξ) − p)·[e₁, e₂] = 0,   e₁, e₂ across n,     way n′·n < 0,     the least t
 
     Rays advance in steps of the size of the largest facet, among the facets whose bounding spheres are close to that step, up to
-    the first step past the reach [m]. Of facets met at the same t (a common edge) the first counts.
-    """
+    the first step past the reach [m]. Of facets met at the same t (a common edge) the first counts."""
     k = len(points)
     centre, _ = facet_centres(skin.position, skin.facets.kind, skin.facets.nodes)
     radius, tree = radius_of(skin, centre), cKDTree(centre)
@@ -98,8 +96,7 @@ def room(skin: Skin, candidates: Candidates, reach: float) -> np.ndarray:
     h(r): length of a ray along r from the centre of the gauge to the part, 0 below a part that lies on it. n is the outward
     normal, so that h(n) is the width of a bore or a gap. n ± e are inclined by 45° to both sides along and across the gauge: two
     walls, as of a groove, count if both are met; a single wall does not, because a hand reaches from the other side. Arms of
-    bridges are separate gauges here (`Candidates.grids`).
-    """
+    bridges are separate gauges here (`Candidates.grids`)."""
     first = candidates.take(candidates.first)
     n, axes = first.normal, installation_axes(candidates)
     start = first.position - OFF * reach * n
@@ -154,8 +151,7 @@ def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
 
     A node is supported if it has a support or a spring, or is tied to a supported reference node. Bores are those of `Faces`.
     A face that is supported as a whole has no room for a gauge, and its nodes do not make a bore supported, because symmetry
-    planes cut bores.
-    """
+    planes cut bores."""
     supported = _supported_nodes(mesh)
     has_node = facets.nodes >= 0
     facet_supported = np.all(supported[facets.nodes] | ~has_node, axis=1) & ~facets.of(mesh.thin)

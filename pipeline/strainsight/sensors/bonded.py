@@ -53,8 +53,7 @@ def bonded(
     Raises UserError, with the name of the entry or its number from 1, for an entry farther from the surface than the tolerance,
     a direction of zero length or within 10° of the normal, a grid that crosses a sharp edge, and an entry with the position and
     direction of another. The same holds for arms of a bridge, except that only arms of one bridge with opposite signs must not
-    coincide.
-    """
+    coincide."""
     arms = [(i, arm, sign) for i, entry in enumerate(entries) for arm, sign in entry.arms]
     n, owner = len(entries), np.array([i for i, _, _ in arms], dtype=np.int64)
     grids, distance = _grids(mesh, facets, [*entries, *(arm for _, arm, _ in arms)], tolerance, key)
@@ -265,8 +264,7 @@ def bridges(skin: Skin, pool: Candidates, pattern: str, admitted: np.ndarray) ->
 
     along d at p and d′ ∥ d − (d·n′) n′ at p′, ±45° right-handed about the outward normal of each position.
     pool: gauges of one channel; admitted: indices of the facets that may carry gauges. Bridges are left out if p′ is on no such
-    facet or d is within 10° of its normal, and if they duplicate an earlier bridge. The result may be empty.
-    """
+    facet or d is within 10° of its normal, and if they duplicate an earlier bridge. The result may be empty."""
     exits = opposite(skin, pool.position, pool.normal)
     admissible = np.isin(exits.facet, admitted)
     normal = np.zeros((len(pool), 3))

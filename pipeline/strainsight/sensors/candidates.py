@@ -21,8 +21,7 @@ class Arms:
     """The a arms of bridges, except the first one of each bridge, whose sign is 1.
 
     channel (a,) of each arm, ascending; sign (a,) sₖ of its strain εₖ in ε_B = Σₖ sₖ εₖ; grid (a): position, each a gauge of
-    one grid, because arms are bonded one by one.
-    """
+    one grid, because arms are bonded one by one."""
 
     channel: np.ndarray
     sign: np.ndarray
@@ -79,8 +78,7 @@ class Candidates:
     in the config; bonded (m,) whether it is already installed.
     Defaults of the fields after angle: point strain gauge at the facet centre, each channel a gauge, of family 0, not bonded.
     arms: the further arms of channels that are bridges; such a channel has the position of its first arm, is a gauge of one
-    channel, and measures the sum of its arms. None: every channel is one grid.
-    """
+    channel, and measures the sum of its arms. None: every channel is one grid."""
 
     element: np.ndarray
     facet: np.ndarray
@@ -248,8 +246,7 @@ def candidates(
     are one gauge with a channel each, instead of a gauge each; length [m] of the grid. Admissible facets and `key`: see
     `admissible`.
     Raises UserError for a set that does not exist and an axis of zero length, InfeasibleError if no facet remains or the axis is
-    within 10° of a facet normal.
-    """
+    within 10° of a facet normal."""
     keep, centre_, normal = admissible(
         mesh, facets, surface=surface, include=include, exclude=exclude, on_constraints=on_constraints, key=key
     )
@@ -308,8 +305,7 @@ def principal_angles(rows: np.ndarray, moment: np.ndarray) -> np.ndarray:
     M (3, 3) is the mean of [a b c]ᵀ[a b c]. f has at most two maxima; the largest of 64 samples is refined by Newton's method. Of
     equal samples the first is used, and if all directions have equal strain it is 0°.
     rows (f, 3, r) strain of gauges at 0°, 45° and 90° from any tangent, per coordinate; moment (r, r) mean of q qᵀ over the
-    run.
-    """
+    run."""
     zero, half, right = np.moveaxis(np.asarray(rows, dtype=float), 1, 0)
     mean = 0.5 * (zero + right)
     parts = np.stack([mean, 0.5 * (zero - right), half - mean], axis=1)
@@ -354,8 +350,7 @@ def motion_candidates(
 
     quantity ACCELERATION or DISPLACEMENT; axes: "normal", outward, or a direction (3,) of any length in global coordinates;
     every [m]: facets nearer than this to the centre of an earlier one are skipped. Admissible facets and `key`: see `admissible`.
-    Raises UserError for a set that does not exist and an axis of zero length, InfeasibleError if no facet remains.
-    """
+    Raises UserError for a set that does not exist and an axis of zero length, InfeasibleError if no facet remains."""
     keep, centre, normal = admissible(
         mesh, facets, surface=surface, include=include, exclude=exclude, on_constraints=on_constraints, key=key
     )

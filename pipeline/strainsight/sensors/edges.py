@@ -24,8 +24,7 @@ class Edges:
 
     facet (h,) index; side (h,) number of the edge within the facet, from its node `side` to the next; ends (h, 2) corners of the
     facets, ascending; middle (h, 3) [m]; start (e,) first row of each of the e edges; count (e,) of facets at the edge; sharp
-    (e,): whether they meet at more than 30°, or are not two.
-    """
+    (e,): whether they meet at more than 30°, or are not two."""
 
     facet: np.ndarray
     side: np.ndarray
@@ -40,8 +39,7 @@ def edges_of(position: np.ndarray, facets: Facets) -> Edges:
     """Every edge of the facets; position (n, 3) [m].
 
     The normals are those at the middle of the edge, so that a coarsely meshed curved surface is smooth if its facets are
-    quadratic.
-    """
+    quadratic."""
     rows: list[tuple[np.ndarray, ...]] = []
     for kind, which, nodes in by_kind(facets.kind, facets.nodes):
         for a in range(kind.corners):
@@ -67,8 +65,7 @@ def edges_of(position: np.ndarray, facets: Facets) -> Edges:
 def sharp_edges(position: np.ndarray, facets: Facets) -> np.ndarray:
     """Edges between exterior facets that meet at more than 30°, of more than two facets, and of one: segments (s, 2, 3) [m].
 
-    A quadratic edge gives two segments. position (n, 3) [m].
-    """
+    A quadratic edge gives two segments. position (n, 3) [m]."""
     edges = edges_of(position, facets)
     return _through_middle(position, edges, edges.start[edges.sharp])
 
@@ -110,8 +107,7 @@ def carrier(grid: float) -> tuple[float, float]:
 
         l = L + 5 mm,     w = L/2 + 3 mm
 
-    For 3 mm: 8 × 4.5 mm. An assumption, not from a catalogue. A rosette, or a gauge with cables or cover, needs more space.
-    """
+    For 3 mm: 8 × 4.5 mm. An assumption, not from a catalogue. A rosette, or a gauge with cables or cover, needs more space."""
     length = grid if grid > 0 else USUAL_GRID
     return length + ENDS, SLIM * length + SIDES
 
@@ -135,8 +131,7 @@ def obstacles(mesh: Mesh, facets: Facets, loaded: np.ndarray) -> dict[str, np.nd
                    between two of them
         loads      nodes (l,) under a load, and the edges between two of them
 
-    facets: exterior ones. Parts that touch without a tie are not in the mesh.
-    """
+    facets: exterior ones. Parts that touch without a tie are not in the mesh."""
     acting = np.zeros(len(mesh.position), dtype=bool)
     acting[loaded] = True
     return {
@@ -209,8 +204,7 @@ class EdgeDimensions:
 
     distance (k, 2) [m] in a straight line; foot (k, 2, 3) [m] nearest point of the edge; along (k, 2, 3) unit vector of the edge,
     projected on the surface, NaN if along the normal; angle (k, 2) [deg] from the edge to the measuring direction, right-handed
-    about the outward normal, in (−90, 90], NaN for a direction along the normal.
-    """
+    about the outward normal, in (−90, 90], NaN for a direction along the normal."""
 
     distance: np.ndarray
     foot: np.ndarray
@@ -236,8 +230,7 @@ def edge_dimensions(
     The second edge contains the foot of the perpendicular from the position, differs from the first by more than 45° and is at
     most 30° out of the tangent plane.
     position (n, 3) [m] of nodes; facets: exterior ones; on (k,): key of the facet of each position, an unknown one has no edges;
-    points (k, 3) [m]; directions, normals (k, 3) unit.
-    """
+    points (k, 3) [m]; directions, normals (k, 3) unit."""
     edges = edges_of(position, facets)
     face = _smooth_faces(len(facets.kind), edges)
     index = {int(key): i for i, key in enumerate(facets.key)}
@@ -321,8 +314,7 @@ def bend_radius(position: np.ndarray, facets: Facets) -> np.ndarray:
     S (2, 2), symmetric, from the normals at the corners of the facet by least squares. Each is the mean of the normals of all
     facets at the corner that are within 30° of that of the facet; sharper corners are edges (Rusinkiewicz, Estimating curvatures
     and their derivatives on triangle meshes, 3DPVT 2004). A flat facet next to a curved surface gets part of its curvature,
-    which is spread over one facet on either side. position (n, 3) [m].
-    """
+    which is spread over one facet on either side. position (n, 3) [m]."""
     corners = _corners(position, facets)
     mean = _smooth(corners.node, corners.normal)
     radius = np.full(len(facets.kind), np.inf)

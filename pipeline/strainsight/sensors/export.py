@@ -37,8 +37,7 @@ def uff_text(
     the axes, row 4 the origin) and 2411 (nodes), as documented by SDRC and the University of Cincinnati.
     position (k, 3) in `unit`, of `metres` metres each; direction (k, 3): if along the normal, x is any tangent; normal (k, 3),
     zero if unknown: then z is any vector perpendicular to x; labels (k,), cut to 80 characters. The file has no date, so that
-    equal layouts give equal files.
-    """
+    equal layouts give equal files."""
     axes = frames(np.asarray(direction, dtype=float), np.asarray(normal, dtype=float))
     header = [TITLE, TITLE, PROGRAM, f"{STAMP}{0:10d}{0:10d}{0:10d}", STAMP, PROGRAM, STAMP]
     code, words = (SI, "SI: Meter (newton)") if unit == "m" else (USER_DEFINED, f"{unit} (newton)")

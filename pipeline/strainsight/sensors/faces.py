@@ -38,8 +38,7 @@ class Pick:
 
     near: points [m], the face nearest to each of them; normal (3,) and angle [deg]: facets whose outward normal is within this
     angle of it; box [m]: facets whose centre lies between its lower and upper corner; radius [m]: facets of cylinders of this
-    radius.
-    """
+    radius."""
 
     near: tuple[Vector, ...] = ()
     normal: Vector | None = None
@@ -53,8 +52,7 @@ class Faces:
     """The f exterior facets as n faces, the largest first.
 
     point: the centre of the facet nearest to the centre of the face, rounded to a millionth of the size of the facet; of (f,):
-    the face of each facet, which is not written to files.
-    """
+    the face of each facet, which is not written to files."""
 
     area: Annotated[np.ndarray, Column("m^2", "face", "area of every face, largest first")]
     centre: Annotated[np.ndarray, Column("m", "face × 3", "centroid of every face")]
@@ -85,8 +83,7 @@ def faces_of(position: np.ndarray, facets: Facets) -> Faces:
 
     A flat face consists of neighbours with equal normals (to 1° each, 5° in total), if it has a node inside; a strip of a
     cylinder is flat too, but has none. The other facets are joined across edges of less than 30°, and form a cylinder if their
-    nodes lie on one.
-    """
+    nodes lie on one."""
     vector = facet_vectors(position, facets)
     edges = edges_of(position, facets)
     first = edges.start[(edges.count == 2) & ~edges.sharp]
@@ -103,8 +100,7 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
     """Indices (k,) of the selected facets, ascending; position (n, 3) [m].
 
     Raises UserError if no facet is selected, if a point is farther from the surface than the part is long, and if it is equally
-    near to two faces that the other criteria do not distinguish.
-    """
+    near to two faces that the other criteria do not distinguish."""
     centre, normal = facet_centres(position, facets.kind, facets.nodes)
     selected = np.ones(len(faces.of), dtype=bool)
     if pick.normal is not None:
@@ -248,8 +244,7 @@ def cylinder(x: np.ndarray, middle: np.ndarray, vector: np.ndarray) -> tuple[flo
 
     The start is the axis perpendicular to the normals and the circle of least squares, |x|² = 2 c·x + R² − |c|². It is then
     fitted to the points, because the normals of flat facets on a coarse cylinder are inclined to it. Zero if a point is off by
-    more than 2 % of the radius. middle (m, 3) [m] and vector (m, 3) [m²] of its facets.
-    """
+    more than 2 % of the radius. middle (m, 3) [m] and vector (m, 3) [m²] of its facets."""
     none = (0.0, np.zeros(3), False)
     _, s, V = np.linalg.svd(vector / np.linalg.norm(vector, axis=1, keepdims=True).clip(1e-300), full_matrices=False)
     if len(s) < 3 or s[2] > TILTED * s[0]:

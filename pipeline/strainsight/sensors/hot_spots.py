@@ -56,8 +56,7 @@ def submodel(
 
     Inertia within the patch is neglected, which is irrelevant on the scale of a few elements.
     field z (3k, r) of the whole model at the nodes of the patch; supported (k, 3) and forced (k,) of its nodes; applied:
-    `tractions` of the whole mesh. Raises NumericalError if a part of it is unsupported.
-    """
+    `tractions` of the whole mesh. Raises NumericalError if a part of it is unsupported."""
     prescribed = supported | patch.cut[:, None]
     K = assemble_stiffness(patch.mesh)
     acting = forced[:, None] & ~prescribed
@@ -69,8 +68,7 @@ def with_spread_forces(patch_model: Submodel, facets: Facets) -> Submodel:
     """The submodel with the concentrated force of each node as a traction of equal resultant and moment over the facets around
     it.
 
-    facets: exterior ones of the whole mesh within it, with its node numbers.
-    """
+    facets: exterior ones of the whole mesh within it, with its node numbers."""
     f = patch_model.concentrated
     forced = np.asarray(np.any(f.reshape(-1, 3 * f.shape[1]) != 0, axis=1))
     force = spread_forces(patch_model.mesh.position, facets, forced) @ f + patch_model.applied.forces(
@@ -153,8 +151,7 @@ def hot_spots(
     faces stay tractions on their parts.
 
     mesh with the moduli of the field; gauges: m channels; field (3n, r) displacements per coordinate; moment C (r, r) of the
-    coordinates, mean q qᵀ; loaded: nodes (indices) with loads; pressed: those of them with a traction.
-    """
+    coordinates, mean q qᵀ; loaded: nodes (indices) with loads; pressed: those of them with a traction."""
     facets = exterior_facets(mesh)
     skin, incidence = surface_of(mesh.position, gauges, facets), Incidence.of(mesh)
     supported, forced = held_components(mesh), forced_nodes(mesh)

@@ -44,8 +44,7 @@ class Sensitivity:
     transverse [strain]: transverse sensitivity K_t of a strain gauge; zero for motion sensors, which have tilts
     along_twice, across_twice, along_across [unit of the channel/m²], turned_twice [unit/rad²]: second derivatives
 
-    Gain and transverse belong to each channel, the others to a gauge, whose channels move and rotate as one.
-    """
+    Gain and transverse belong to each channel, the others to a gauge, whose channels move and rotate as one."""
 
     along: np.ndarray
     across: np.ndarray
@@ -97,8 +96,7 @@ def sensitivity_rows(
     each direction, 0 leaves its rows zero; facets of the whole surface; thickness as in `channel_matrix`. Raises InfeasibleError
     as `channel_matrix` does.
     Sources: Micro-Measurements, Tech Notes TN-509 (transverse sensitivity) and TN-511 (misalignment); Gelb, Applied Optimal
-    Estimation (1974), section 6.2 (statistical linearisation).
-    """
+    Estimation (1974), section 6.2 (statistical linearisation)."""
     candidates = candidates.grids
     skin = surface_of(position, candidates, facets)
     points = points_within(position, candidates, skin)
@@ -332,8 +330,7 @@ def installed_rows(
     summed over the arms of a bridge.
     position (n, 3) [m]; field (3n, r) [m per unit]; facets of the whole surface; thickness as in `channel_matrix`. Returns rows
     (m, r) [unit of the channel], and which gauges (gauges,), of bridges any arm, a sharp edge has limited in their movement. K_t
-    as in `sensitivity_rows`. Raises InfeasibleError if the grid of a gauge crosses a sharp edge.
-    """
+    as in `sensitivity_rows`. Raises InfeasibleError if the grid of a gauge crosses a sharp edge."""
     grids = candidates.grids
     skin, limited = surface_of(position, grids, facets), np.zeros(grids.gauges, dtype=bool)
     if installation.place.any() or installation.angle.any():

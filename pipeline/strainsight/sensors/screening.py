@@ -56,8 +56,7 @@ def screen(
     keep: maximum number, bonded ones included, None for no maximum; minimum_spacing [m] (0: no thinning; gauges of one facet
     have no distance). Of equal gauges the lower number wins.
     Raises InfeasibleError if no gauge remains or more than `keep` are bonded, for noise that is not positive and responses that
-    are not finite.
-    """
+    are not finite."""
     rms, position = np.atleast_2d(np.asarray(rms, dtype=float)), np.asarray(position, dtype=float)
     std = np.broadcast_to(np.asarray(noise_std, dtype=float), rms.shape[1])
     number = np.arange(len(std)) if gauge is None else np.asarray(gauge)

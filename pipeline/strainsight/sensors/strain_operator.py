@@ -131,8 +131,7 @@ def misplaced(
     about the normal. A point gauge stops at a sharp edge; a gauge with grids is moved and rotated by the largest share of the
     target that leaves its grids on the surface.
     position (n, 3) [m]; candidates: grids of bridges are gauges here (`Candidates.grids`); facets of the whole surface (None:
-    those that carry candidates).
-    """
+    those that carry candidates)."""
     gauges = candidates.gauges
     offset = np.zeros((gauges, 2)) if offset is None else np.asarray(offset, dtype=float)
     rotation = np.zeros(gauges) if rotation is None else np.asarray(rotation, dtype=float)
@@ -210,8 +209,7 @@ def channel_rows(
     """Readings of every channel in every displacement field: `channel_matrix` times the field.
 
     field (3n, r) [m per unit], row 3·node + component. An accelerometer has the row of a displacement sensor, to be applied to
-    accelerations. Returns (m, r) [strain or m per unit]. Raises InfeasibleError if the grid of a gauge crosses a sharp edge.
-    """
+    accelerations. Returns (m, r) [strain or m per unit]. Raises InfeasibleError if the grid of a gauge crosses a sharp edge."""
     return channel_matrix(position, candidates, facets, thickness) @ np.asarray(field).reshape(3 * len(position), -1)
 
 
@@ -241,8 +239,7 @@ def channel_matrix(
     position (n, 3) [m]; candidates (m); facets of the whole surface, where a grid may extend over several facets (default: the
     facets that carry candidates); thickness: of shells that are thicker than those of the mesh, whose faces follow the
     displacements of its nodes; gauges keep ξ and facet. Raises InfeasibleError if a grid crosses a sharp edge or the end of the
-    surface.
-    """
+    surface."""
     return matrix_of(position, points_within(position, candidates, facets), len(candidates), thickness)
 
 
@@ -251,8 +248,7 @@ def points_within(position: np.ndarray, candidates: Candidates, facets: Facets |
 
     A channel without a grid has the point ξ. A grid is followed from its centre in both directions, and each of its pieces on one
     facet has two Gauss points, so that the jumps of strain between facets are averaged.
-    Raises InfeasibleError as `channel_matrix`.
-    """
+    Raises InfeasibleError as `channel_matrix`."""
     grids = candidates.grids
     at, which = (np.flatnonzero(each) for each in (grids.length == 0, grids.length > 0))
     columns = (getattr(grids, entry.name)[at] for entry in fields(ChannelPoints)[1:-1])

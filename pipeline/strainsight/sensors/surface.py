@@ -25,8 +25,7 @@ def by_kind(code: np.ndarray, nodes: np.ndarray) -> Iterator[tuple[Kind, np.ndar
 def facet_points(kind: Kind, corners: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """x(ξ) = Σ Nₖ xₖ and its tangents J = ∂x/∂ξ of every facet at its local coordinates ξ.
 
-    corners (m, k, 3) [m] all nodes of the facets; xi (m, 2) [-]. Returns x (m, 3) [m] and J (m, 3, 2) [m].
-    """
+    corners (m, k, 3) [m] all nodes of the facets; xi (m, 2) [-]. Returns x (m, 3) [m] and J (m, 3, 2) [m]."""
     N, dN = kind.functions(xi)
     return np.einsum("mk,mkc->mc", N, corners), np.einsum("mka,mkc->mca", dN, corners)
 
@@ -101,8 +100,7 @@ def on_reference(kind: Kind, xi: np.ndarray, slack: float = 0.0) -> np.ndarray:
 def turned(direction: np.ndarray, n: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """v rotated by α about the unit normal n (Rodrigues): v cos α + n × v sin α + n (n·v)(1 − cos α).
 
-    direction v (m, 3); n (m, 3); angle (m,) [deg], right-handed. Returns (m, 3).
-    """
+    direction v (m, 3); n (m, 3); angle (m,) [deg], right-handed. Returns (m, 3)."""
     a = np.deg2rad(np.asarray(angle, dtype=float))[:, None]
     along = np.sum(n * direction, axis=1)[:, None]
     return np.cos(a) * direction + np.sin(a) * np.cross(n, direction) + (1 - np.cos(a)) * along * n
@@ -113,8 +111,7 @@ def carried(direction: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.
 
         w = n₀ × n₁,     v + w × v + w × (w × v) / (1 + n₀·n₁)
 
-    direction v, before n₀, after n₁ (m, 3), n₁ not opposite to n₀. Tangents stay tangent. Returns (m, 3).
-    """
+    direction v, before n₀, after n₁ (m, 3), n₁ not opposite to n₀. Tangents stay tangent. Returns (m, 3)."""
     w = np.cross(before, after)
     once = np.cross(w, direction)
     return direction + once + np.cross(w, once) / (1 + np.sum(before * after, axis=1))[:, None]

@@ -98,8 +98,7 @@ def walk(
 
     so that the line leaves a facet where one of its edges, a parabola in t, meets the first equation at the smallest u ahead.
     facet (w,) index at the start; origin x₀ (w, 3) [m] on it; normal n (w, 3); ahead e (w, 3) unit, perpendicular to n; length
-    L (w,) [m]. A path stops at a sharp edge, and where the surface normal has rotated by 60°.
-    """
+    L (w,) [m]. A path stops at a sharp edge, and where the surface normal has rotated by 60°."""
     w = len(facet)
     across = np.cross(normal, ahead)
     here, came, u = facet.copy(), np.full(w, -1), np.zeros(w)
@@ -173,8 +172,7 @@ def local_at(
 ) -> tuple[np.ndarray, np.ndarray]:
     """ξ (p, 2) of the point of each facet above a point of a plane, (x(ξ) − x₀)·[e₁, e₂] = target, by Newton's method.
 
-    facet (p,) index; origin x₀ (p, 3) [m]; plane (p, 2, 3) unit e₁, e₂; target (p, 2) [m]. Returns ξ and converged (p,).
-    """
+    facet (p,) index; origin x₀ (p, 3) [m]; plane (p, 2, 3) unit e₁, e₂; target (p, 2) [m]. Returns ξ and converged (p,)."""
     xi, converged = np.zeros((len(facet), 2)), np.zeros(len(facet), dtype=bool)
     for kind, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
         corners, facet_plane = skin.position[nodes], plane[which]
@@ -230,8 +228,7 @@ def locate(skin: Skin, points: np.ndarray) -> Located:
     """The point of the surface nearest to each of the points (p, 3) [m].
 
     The nearest of a few facets bounds the distance; then the points are projected on every facet whose sphere is nearer, so that
-    a large facet next to small ones is found. Of equally near facets (to 1e-9 of their size) the first counts.
-    """
+    a large facet next to small ones is found. Of equally near facets (to 1e-9 of their size) the first counts."""
     centre, _ = facet_centres(skin.position, skin.facets.kind, skin.facets.nodes)
     radius = radius_of(skin, centre)
     tree = cKDTree(centre)
@@ -273,8 +270,7 @@ def project(kind: Kind, corners: np.ndarray, points: np.ndarray) -> tuple[np.nda
     """ξ (k, 2) and x(ξ) (k, 3) of the point of each facet, including its edges, nearest to its point (k, 3).
 
     In the interior, Newton's method for min |x(ξ) − p|² from the nearest of a few samples; on every edge, a parabola in t, the
-    same in one dimension. corners (k, n, 3) [m] all nodes of the facets.
-    """
+    same in one dimension. corners (k, n, 3) [m] all nodes of the facets."""
     local, best = _nearest_in_facet(kind, corners, points)
     x, _ = facet_points(kind, corners, local)
     least = np.linalg.norm(x - points, axis=1)

@@ -23,8 +23,7 @@ def mirror_partners(candidates: Candidates, point: Sequence[float], normal: Sequ
 
     Gauges are mirror images if their positions agree to NEARLY of the extent of the candidates, the directions of their channels
     up to sign and 0.1°, in any order, and if quantity, family, length of the grid and `bonded` are equal. A gauge on the plane
-    can be its own image. Raises UserError for a normal of zero length.
-    """
+    can be its own image. Raises UserError for a normal of zero length."""
     n = unit_vector(normal, "the normal of the symmetry plane")
     first = candidates.first
     partner = np.full(len(first), -1)

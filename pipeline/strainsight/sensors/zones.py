@@ -88,8 +88,7 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
     """Which gauges are in a zone: (m,) bool for their centre (m, 3) [m] and normal (m, 3), zero if unknown.
 
     Without facets there are no edges; a point belongs to the facet with the nearest centre, of two back to back the one with the
-    same orientation. Raises UserError for a set that does not exist, an axis of zero length, and a face without facets.
-    """
+    same orientation. Raises UserError for a set that does not exist, an axis of zero length, and a face without facets."""
     if isinstance(zone, On | ShellFace | OnElements):
         if facets is None:
             raise UserError(
@@ -133,8 +132,7 @@ def _facets_below(mesh: Mesh, facets: Facets, point: np.ndarray, normal: np.ndar
 def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
     """The facets (f,) bool of a face, of an element set, or with all nodes in a node set.
 
-    Raises UserError for a name that does not exist, and for a name of both an element set and a node set.
-    """
+    Raises UserError for a name that does not exist, and for a name of both an element set and a node set."""
     if name in mesh.faces:
         return np.isin(facets.key, facet_key(*mesh.faces[name].T))
     elements, nodes = name in mesh.element_sets, name in mesh.node_sets
@@ -185,8 +183,7 @@ def admissible(
     surface "all" or the name of a face, an element or node set (a facet needs all its nodes in the node set). Facets under
     another element with separate nodes are left out, and unless on_constraints those with an SPC, RBE2 or RBE3 node. include: in
     at least one of these zones, empty: everywhere; exclude: in none of these. key: section of the config, for errors.
-    Raises UserError for a set that does not exist, InfeasibleError if no facet remains.
-    """
+    Raises UserError for a set that does not exist, InfeasibleError if no facet remains."""
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
     remaining = np.ones(len(facets.element_id), dtype=bool)
     trail = [f"{len(remaining)} exterior"]

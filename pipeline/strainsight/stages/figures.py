@@ -40,8 +40,7 @@ def figures_of(
     """Every figure of the pages that these stages of a placement or a bench would write, as far as what they are read from is
     there.
 
-    Raises UserError with the command to run where there is no page yet.
-    """
+    Raises UserError with the command to run where there is no page yet."""
     ready = [page for page in pages if not missing_stages(folder, page.upstream)]
     if not ready:
         raise UserError(

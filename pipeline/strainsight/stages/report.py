@@ -49,8 +49,7 @@ def workshop_files(shop: workshop.Workshop) -> dict[str, bytes]:
 def exported(context: Context[PlacementConfig], shop: workshop.Workshop) -> dict[str, bytes]:
     """File name → content of every export that the config asks for.
 
-    Raises ConfigError where element sets are asked for and no gauge lies on an element.
-    """
+    Raises ConfigError where element sets are asked for and no gauge lies on an element."""
     config, wanted = context.config, context.config.report.exports
     elements = workshop.elements_of(shop)
     if not elements and (sets := [name for name in wanted if name in ("nastran", "abaqus")]):

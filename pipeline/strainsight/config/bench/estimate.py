@@ -82,8 +82,7 @@ class UnknownInput(InputNoise):
 class EstimatedParameter(Section):
     """A parameter that differs between filter and simulated test, and may be estimated.
 
-    It is a Young's modulus under its name in `bodies.*.moduli`, or a property of a bearing under any name.
-    """
+    It is a Young's modulus under its name in `bodies.*.moduli`, or a property of a bearing under any name."""
 
     bearing: BearingName | None = Field(
         None, description="Name of the bearing; null: the parameter is the modulus with the same name."

@@ -51,8 +51,7 @@ def with_contact(
     `with_surface_tie`. Pairs whose interaction has PRESSURE-OVERCLOSURE=TIED (CalculiX), or that are TIED (Abaqus),
     are always bonded; pairs removed by *MODEL CHANGE are open. Nodes farther away than ADJUST or `TOLERANCE` of a
     facet stay open, and so do nodes that already follow other nodes or that the other surface follows. Raises
-    ContactError for a pair without a choice, DeckError for missing surfaces and for bonded surfaces of shells.
-    """
+    ContactError for a pair without a choice, DeckError for missing surfaces and for bonded surfaces of shells."""
     pairs = list(_pairs(surfaces, keywords))
     removed_pairs = [(pair.row.text(0).upper(), pair.row.text(1).upper()) in removed for pair in pairs]
     undecided = [pair for pair, out in zip(pairs, removed_pairs, strict=True) if not (pair.tied or out)]

@@ -96,8 +96,7 @@ def read_abaqus(
     Sets of a part are "INSTANCE.SET" if there are several instances. required: require elements, and sections of shells and
     beams; materials_required: require section and material of all elements; ignore: keywords and element types to leave out;
     include: further folders of included files; contact: treatment of *CONTACT PAIR, see `with_contact`; step: step that defines
-    supports and elements, see `state_of`. Raises DeckError with file:line for unsupported input.
-    """
+    supports and elements, see `state_of`. Raises DeckError with file:line for unsupported input."""
     path = Path(path)
     keywords, included, before, of_files = read_keywords(path, include)
     for keyword in keywords:

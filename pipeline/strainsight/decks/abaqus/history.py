@@ -30,8 +30,7 @@ def preloads(steps: Sequence[Step]) -> dict[str, list[Keyword]]:
 
     "PRELOAD by *STEP, NLGEOM": steps with large displacements before a modal step, which affect the modes in Abaqus,
     and in CalculiX with PERTURBATION. "PRELOAD by *STEP, PERTURBATION": modes that CalculiX computes about the loads
-    of a preceding static step. Abaqus requires NLGEOM for this, and a deck with NLGEOM=NO is an Abaqus deck.
-    """
+    of a preceding static step. Abaqus requires NLGEOM for this, and a deck with NLGEOM=NO is an Abaqus deck."""
     preload_steps: dict[str, list[Keyword]] = {}
     bent: list[Keyword] = []
     loaded = large = False
@@ -93,8 +92,7 @@ class Supports:
         and counted.
 
         rotations: node whose translations are the rotations of another node (CalculiX) → that node; free: leave
-        prescribed displacements free instead of fixing them at zero.
-        """
+        prescribed displacements free instead of fixing them at zero."""
         if self.moves.any():
             ignored[ENFORCED if free else HELD] += len(np.unique(self.line[self.moves]))
         motion = self.motion[~self.moves] if free else self.motion
@@ -123,8 +121,7 @@ def state_of(assembly: Assembly, ignored: Counter[str], chosen: int | None = Non
 
     OP=NEW removes all previous supports, including those of the model. Supports of a perturbation step end with it
     in Abaqus and continue in CalculiX. Raises ChoiceError if steps differ, DeckError if the two programs differ, and
-    for a missing step, motions of a submodel or subroutine, missing nodes and elements, and an unknown support name.
-    """
+    for a missing step, motions of a submodel or subroutine, missing nodes and elements, and an unknown support name."""
     reader = _Reader(assembly, ignored)
     model = State(Supports().then(reader.supports(assembly.keywords("BOUNDARY"))))
     for _, keyword in assembly.keywords("MODELCHANGE"):

@@ -38,8 +38,7 @@ class LoadReader:
         """Loads of *CLOAD, *DLOAD and *DSLOAD as CLOAD-1, CLOAD-2, …, DLOAD-1, …, in the order of the file.
 
         turning: rows of nodes with rotations; moments on other nodes become a note. Raises DeckError for missing
-        nodes, elements and surfaces, and for an incomplete data line.
-        """
+        nodes, elements and surfaces, and for an incomplete data line."""
         assembly = self.surfaces.assembly
         readers = {"CLOAD": self._concentrated, "DLOAD": self._distributed, "DSLOAD": self._on_surfaces}
         loads = {

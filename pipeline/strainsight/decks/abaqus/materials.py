@@ -229,8 +229,7 @@ def solid_stiffness(elastic: Keyword) -> FloatArray:
     """C (6, 6) along the axes of the material in our order, 11 22 33 12 23 31.
 
     ORTHOTROPIC lists D₁₁₁₁, D₁₁₂₂, D₂₂₂₂, D₁₁₃₃, D₂₂₃₃, D₃₃₃₃, D₁₂₁₂, D₁₃₁₃, D₂₃₂₃, ANISOTROPIC the upper triangle of D by
-    columns in the order 11 22 33 12 13 23. Raises DeckError if C is not positive definite, with its smallest eigenvalue.
-    """
+    columns in the order 11 22 33 12 13 23. Raises DeckError if C is not positive definite, with its smallest eigenvalue."""
     kind, rows = anisotropic_type(elastic), elastic.rows()
     if kind == "ENGINEERINGCONSTANTS":
         values = _values(elastic, rows, _CONSTANTS)
@@ -309,8 +308,7 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     RECTANGULAR (a on z, b in the plane xz) or CYLINDRICAL (a and b on the axis; 1 radial, 2 circumferential, 3 axial), defined
     by coordinates; then rotated by an angle [deg] about axis 1, 2 or 3 of the second line. None without a name.
 
-    Raises DeckError for a missing orientation, distributions, and other systems and definitions.
-    """
+    Raises DeckError for a missing orientation, distributions, and other systems and definitions."""
     orientation = named_orientation(assembly, scope, by, name)
     if orientation is None:
         return None

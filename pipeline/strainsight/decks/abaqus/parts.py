@@ -45,8 +45,7 @@ class Cells:
     (c,) array of rows (−1 if missing), first (m + 1,) start of the nodes of each element; data line (m,).
 
     words: position in nodes → entry that is not a number (node of an instance); cut: each line has more nodes than
-    an element and ends in a comma, as the first lines of quadratic elements; the first nodes are used, as in CalculiX.
-    """
+    an element and ends in a comma, as the first lines of quadratic elements; the first nodes are used, as in CalculiX."""
 
     keyword: Keyword
     type: str
@@ -63,8 +62,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     """The elements of an *ELEMENT keyword, on one or more lines each, with the rows of their nodes in `table`.
 
     A beam may have one extra node, which defines its first axis. Raises DeckError for a wrong number of nodes, a
-    missing node and unsupported solids.
-    """
+    missing node and unsupported solids."""
     type_ = keyword.needs("TYPE").upper()
     if type_ not in SOLIDS and type_.startswith("C3D"):
         raise keyword.error(
@@ -174,8 +172,7 @@ class Part:
     """The keywords of a part; node ids (n,), position (n, 3) in the axes of the part, file and line of each node;
     elements likewise.
 
-    rows: id(keyword) → rows of the nodes or elements that this *NODE or *ELEMENT defines.
-    """
+    rows: id(keyword) → rows of the nodes or elements that this *NODE or *ELEMENT defines."""
 
     keywords: tuple[Keyword, ...]
     nodes: IdTable

@@ -127,8 +127,7 @@ class Assembly:
 
     node_ids (n,), position (n, 3); element_ids (m,), kind (m,) index into ELEMENTS or −1, type of each element,
     empty if it is left out; nodes (c,) rows of nodes, −1 if missing, first (m + 1,) start of the nodes of each
-    element; file and line of each; model: keywords outside of steps and parts; notes: messages on ids and sets.
-    """
+    element; file and line of each; model: keywords outside of steps and parts; notes: messages on ids and sets."""
 
     scopes: dict[str, Scope]
     node_ids: IntArray
@@ -351,8 +350,7 @@ def assemble(keywords: list[Keyword]) -> Assembly:
 
     with the translation t and the rotation R about the axis from a to b of each instance. A deck without parts is
     one scope. If ids of instances clash, i·10ᵏ is added to the ids of instance i, with k large enough to make them
-    unique. Raises DeckError for parts and steps without end, and for instances of missing parts.
-    """
+    unique. Raises DeckError for parts and steps without end, and for instances of missing parts."""
     model, parts, instances, steps = read_structure(keywords)
     scopes: dict[str, Scope] = {}
     read: dict[str, Part] = {}

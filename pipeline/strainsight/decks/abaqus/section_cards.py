@@ -49,8 +49,7 @@ def beam_section(
     """Section, offset (2,) of its centroid from the nodes along n1 and n2, and n1 (3,) along the basic axes.
 
     shears: use the shear factors; otherwise the beam is rigid in shear. Raises DeckError for unsupported shapes,
-    missing or inconsistent dimensions, and tapered sections.
-    """
+    missing or inconsistent dimensions, and tapered sections."""
     for parameter in ("NODALTHICKNESS", "TAPER"):
         if parameter in keyword.parameters:
             raise keyword.error(f"{parameter}: tapered sections are not supported", "use constant sections")
@@ -86,8 +85,7 @@ def section_constants(
 
         ν = E/(2 G) − 1
 
-    If no isotropic material has this G, then ν = 0, and J and the shear factors are scaled so that G J and G A are correct.
-    """
+    If no isotropic material has this G, then ν = 0, and J and the shear factors are scaled so that G J and G A are correct."""
     row = keyword.rows()[-1]
     if row.i == 0:
         raise keyword.error("the line with Young's modulus and shear modulus is missing", "add the line, or MATERIAL=…")
@@ -214,8 +212,7 @@ def laminate(keyword: Keyword, materials: Materials, nonstructural: float) -> La
     """Plies from the bottom up, one line each: thickness, integration points, material, angle [deg] about the normal
     from the axis of the section; mirrored by SYMMETRIC.
 
-    Raises DeckError for a ply without thickness or material, or with a separate orientation.
-    """
+    Raises DeckError for a ply without thickness or material, or with a separate orientation."""
     plies = []
     for number, row in enumerate(keyword.rows(), start=1):
         t = row.positive(0, f"the thickness of ply {number}")
@@ -257,8 +254,7 @@ def shell_section(
     OFFSET is the distance of the nodes from the middle surface along the normal in thicknesses, ½ for SPOS, where
     the nodes are on the upper face (*SHELL SECTION in the manuals of Abaqus and CalculiX). With COMPOSITE the section
     is a laminate, with a material TYPE=LAMINA a laminate of one ply. Raises DeckError for variable or non-positive
-    thickness and for *SHELL GENERAL SECTION.
-    """
+    thickness and for *SHELL GENERAL SECTION."""
     if keyword.name != "SHELLSECTION":
         raise keyword.error("this keyword is not supported", "use *SHELL SECTION with thickness and material")
     for parameter, what in REFUSED.items():
@@ -322,8 +318,7 @@ def composite_solid(
     integration points (not used), material, and orientation or angle [deg] relative to the section; mirrored by SYMMETRIC.
 
     The angle is about axis 1, 2 or 3 in the second line of the ORIENTATION. Raises DeckError for a layer without
-    thickness, a material that is missing or plane-stress only, an angle without that axis, and unsupported elements.
-    """
+    thickness, a material that is missing or plane-stress only, an angle without that axis, and unsupported elements."""
     if "MATERIAL" in keyword.parameters:
         raise keyword.error(
             "a COMPOSITE section must not have a MATERIAL",

@@ -51,8 +51,7 @@ class Sections:
     """region (m,) of each element, 0 if it is not imported; properties: the regions, one a section, and their data.
 
     offset: region → offset of the element middle from the nodes, along the normal of a shell, along n1 and n2 of a beam;
-    direction (3,): n1 of a beam, material axis x of a shell; left (k,): rows of shells, beams and rods without section.
-    """
+    direction (3,): n1 of a beam, material axis x of a shell; left (k,): rows of shells, beams and rods without section."""
 
     region: IntArray
     properties: Properties
@@ -74,8 +73,7 @@ def read_sections(
     set_name: (instance, SET) → name in the mesh; required: require supported sections of shells and beams; otherwise elements
     without one are left out and counted; materials_required: require a section of every solid and a material of every section;
     otherwise a region may have no material, and solids without section form one region. Raises DeckError for an element without
-    section or with two, a section of another family, a missing material or set, and an unsupported section or material.
-    """
+    section or with two, a section of another family, a missing material or set, and an unsupported section or material."""
     properties = Properties()
     materials = Materials(definitions(keywords), materials_required, assembly.notes, properties)
     sections = Sections(np.zeros(len(assembly.families), dtype=np.int64), properties)
@@ -264,8 +262,7 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
 
     y is n1 and z is n2; v is the direction n1 of the section, or the vector from the first node to an additional
     node. A B32 has its middle node between its ends. Raises DeckError for nodes that are missing or coincide, and for
-    a direction n1 parallel to the beam.
-    """
+    a direction n1 parallel to the beam."""
     extent = float(np.ptp(assembly.position, axis=0).max()) if len(assembly.position) else 0.0
     blocks = []
     kinds = assembly.thin_kinds

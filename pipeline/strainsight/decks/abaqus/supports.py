@@ -22,8 +22,7 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
         TYPE=R   x ∥ a, z ∥ a × b          TYPE=C   r, θ, z about the axis from a to b
         TYPE=S   r, θ, φ about the centre a with the pole b,   φ = r × θ
 
-    Axes of an instance rotate with it. Raises DeckError for a node with two systems, and for points that define no axes.
-    """
+    Axes of an instance rotate with it. Raises DeckError for a node with two systems, and for points that define no axes."""
     axes: dict[int, FloatArray] = {}
     for scope, keyword in assembly.keywords("TRANSFORM"):
         row = keyword.rows()[0]
@@ -65,8 +64,7 @@ def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[Poin
 
     I = [I11 I12 I13; · I22 I23; · · I33], products with the sign of a tensor, rotated with the instance. rotations:
     see `Supports.pairs`. Raises DeckError for an element without value or node, an element on a ROT NODE, whose
-    motions are rotations, and negative values.
-    """
+    motions are rotations, and negative values."""
     points = []
     for row, (_, keyword) in _with_keyword(assembly, ("MASS",), "MASS"):
         mass = keyword.rows()[0].not_negative(0, "the mass")
@@ -161,8 +159,7 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
 
     i, j are degrees of freedom along the *TRANSFORM of the nodes. rotations: node whose translations are the
     rotations of another node (CalculiX) → that node. Raises DeckError for an element without *SPRING or node,
-    stiffness that is not constant or has an ORIENTATION, and springs between a translation and a rotation.
-    """
+    stiffness that is not constant or has an ORIENTATION, and springs between a translation and a rotation."""
     elements = []
     for row, (_, keyword) in _with_keyword(assembly, tuple(NODES), "SPRING"):
         kind, nodes = assembly.type[row], assembly.nodes_of(row).tolist()
@@ -219,8 +216,7 @@ def equations(assembly: Assembly, rotations: Mapping[int, int], still: Collectio
     rotations: node whose translations are the rotations of another node (CalculiX) → that node; still: rows of nodes
     without rotations. Equations of later steps are left out, with a note. Raises DeckError for options, equations in
     the first step, missing nodes or sets, sets of unequal size or without an order (UNSORTED), degrees of freedom
-    other than 1 to 6, and rotations of nodes without rotations.
-    """
+    other than 1 to 6, and rotations of nodes without rotations."""
     result = Equations()
     for step, keyword in [(step_, k) for step_ in assembly.steps for k in step_.keywords if k.name == "EQUATION"]:
         if step.number == 1:

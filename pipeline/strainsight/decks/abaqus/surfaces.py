@@ -80,8 +80,7 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
     sides of shells) and TYPE=NODE.
 
     Facets of other elements are left out, with a note for beams; other types are counted. The area of a facet and the length of
-    an edge are shared equally among their nodes. Raises DeckError for missing sets and for invalid facet numbers.
-    """
+    an edge are shared equally among their nodes. Raises DeckError for missing sets and for invalid facet numbers."""
     gathered: dict[tuple[str, str], _Parts] = {}
     outside: Facets | None = None
     family = assembly.families

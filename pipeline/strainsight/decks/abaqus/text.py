@@ -1,7 +1,6 @@
 """Abaqus and CalculiX decks as keywords with parameters and data lines; comments, continuations and included files are resolved.
 
-meshio is not used: it merges the instances of an assembly, loses materials and fails at unknown element types.
-"""
+meshio is not used: it merges the instances of an assembly, loses materials and fails at unknown element types."""
 
 from __future__ import annotations
 
@@ -34,8 +33,7 @@ class Keyword:
     """One keyword with its data.
 
     title as in "*SOLID SECTION"; name without asterisk and blanks; parameters in capitals without blanks → value (""
-    if it has no value); file and line of the keyword; texts (n,) of the data lines, with their files and numbers.
-    """
+    if it has no value); file and line of the keyword; texts (n,) of the data lines, with their files and numbers."""
 
     title: str
     parameters: dict[str, str]
@@ -135,8 +133,7 @@ def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keywor
 
     A keyword line that ends in a comma continues if the next line contains parameters; otherwise the comma is ignored, as in
     CalculiX. *INCLUDE and INPUT= may leave the folder of the deck only for the folders in `include`. Raises DeckError for files
-    that are missing, empty, binary or without a keyword, and for numbers before the first keyword.
-    """
+    that are missing, empty, binary or without a keyword, and for numbers before the first keyword."""
     includes = Includes.of(path, include)
     keywords: list[Keyword] = []
     files: dict[str, None] = {}

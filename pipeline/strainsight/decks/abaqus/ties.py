@@ -167,8 +167,7 @@ def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[st
     """*RIGID BODY, *COUPLING with *KINEMATIC or *DISTRIBUTING, *KINEMATIC COUPLING and *MPC of types BEAM, TIE and PIN.
 
     Raises DeckError for references that are not one node, missing sets and surfaces, and single components of nodes
-    with nodal axes or along an ORIENTATION.
-    """
+    with nodal axes or along an ORIENTATION."""
     result = Ties(surfaces, axes, ignored)
     for scope in surfaces.assembly.scopes.values():
         keywords = scope.part.keywords
@@ -235,8 +234,7 @@ def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, 
     farther away than POSITION TOLERANCE or `TOLERANCE` of a facet are left out, with a note, as in Abaqus and CalculiX.
 
     Also returns unsupported *TIE → file:line of each: `OTHER`, and `OF_THIN` if shells or beams are involved. Raises
-    DeckError for missing surfaces, and if no node of the first surface is on the second.
-    """
+    DeckError for missing surfaces, and if no node of the first surface is on the second."""
     assembly, cyclic = surfaces.assembly, [keyword for _, keyword in cyclic_ties(surfaces.assembly)]
     refused: dict[str, list[str]] = {}
     for scope, keyword in assembly.keywords("TIE"):
@@ -299,8 +297,7 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     node follow facets of the second.
 
     Faces of a model with CONTACT press on those through their *CONTACT PAIR and are not sector
-    faces. Raises DeckError for sectors of several numbers or axes (multistage), and for errors of `whole_ring`.
-    """
+    faces. Raises DeckError for sectors of several numbers or axes (multistage), and for errors of `whole_ring`."""
     assembly = surfaces.assembly
     models = list(assembly.keywords(SECTOR))
     if not models:

@@ -1,7 +1,6 @@
 """Nodes, elements and geometrical entities in a gmsh file, formats 2 and 4.
 
-Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)", "version 4" and "Node ordering".
-"""
+Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)", "version 4" and "Node ordering"."""
 
 from __future__ import annotations
 
@@ -70,8 +69,7 @@ LARGEST_NUMBER = 2.0**53
 class Text:
     """Numbers of a text section with body `body`, which begins at line `line` of the file.
 
-    Raises DeckError with the line for entries that are not numbers, and for missing numbers.
-    """
+    Raises DeckError with the line for entries that are not numbers, and for missing numbers."""
 
     def __init__(self, body: bytes, path: str, name: str, line: int):
         self.path, self.name, self.line = path, name, line
@@ -143,8 +141,7 @@ class Text:
 class Binary:
     """Numbers of a binary section that begins at byte `at` of the file; order "<" or ">", size [bytes] of a size_t.
 
-    Raises DeckError with the section for missing numbers.
-    """
+    Raises DeckError with the section for missing numbers."""
 
     def __init__(self, content: bytes, at: int, path: str, name: str, order: str, size: int):
         # a file that ends after its count has no further bytes

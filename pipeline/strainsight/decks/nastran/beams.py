@@ -52,8 +52,7 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         to G0
 
     Raises DeckError for a missing or repeated node, coincident ends, an orientation that is missing or along the
-    axis, a completely released end, and offsets in element axes (OFFT).
-    """
+    axis, a completely released end, and offsets in element axes (OFFT)."""
     extent = float(np.ptp(grids.position, axis=0).max())
     blocks = []
     for kind, names in (("beam", BEAMS), ("rod", RODS)):

@@ -1,8 +1,7 @@
 """Nastran text as cards: sections, includes, comments, continuations and the three field formats, with file and line.
 
 pyyeti's `rdcards` is used only in tests. It ends a card at a comment between its lines and drops the rest of a
-large-field card in free format. It reads past ENDDATA and does not report line numbers.
-"""
+large-field card in free format. It reads past ENDDATA and does not report line numbers."""
 
 from __future__ import annotations
 
@@ -151,8 +150,7 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
 
     Without BEGIN BULK the whole file is bulk data. An INCLUDE may leave the folder of the deck only for the folders
     in `include`; an INCLUDE before CEND is skipped, because it contains no model. ENDDATA may be missing:
-    `Deck.ended`. Raises DeckError for a file that is missing, empty or binary, and for lines that are not cards.
-    """
+    `Deck.ended`. Raises DeckError for a file that is missing, empty or binary, and for lines that are not cards."""
     path = Path(path)
     includes = Includes.of(path, include)
     everything = list(_lines(path, includes, ()))
@@ -185,8 +183,7 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
 def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Generator[Line, None, bool]:
     """Lines of a file and, up to ENDDATA, of its included files; returns whether ENDDATA was found.
     A name without a folder is relative to the including file, other names to the folder of the deck, as in MSC and
-    NX Nastran; in OptiStruct decks (.fem) all names are relative to the including file.
-    """
+    NX Nastran; in OptiStruct decks (.fem) all names are relative to the including file."""
     ended = False
     lines = text_lines(path)
     control = next((i for i, line in enumerate(lines) if _CEND.match(line)), 0)  # executive control contains no model
@@ -287,8 +284,7 @@ def _join_lines(lines: list[Line]) -> Iterator[Line]:
 def _continuations(pieces: list[_Piece]) -> dict[int, int]:
     """Line → its continuation: the next line if its mark matches or is blank, else the line with the same mark.
     Column 1 of a mark is ignored, and all marks are ignored if no line ends in a mark.
-    Raises DeckError for an unmatched mark, an ambiguous mark, and two continuations of one line.
-    """
+    Raises DeckError for an unmatched mark, an ambiguous mark, and two continuations of one line."""
     ending: dict[str, list[int]] = {}
     beginning: dict[str, list[int]] = {}
     for i, piece in enumerate(pieces):

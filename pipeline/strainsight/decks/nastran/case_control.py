@@ -23,8 +23,7 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
     """Ids of a list such as 1, 4, THRU, 9, EXCEPT, 7, BY, 2, restricted to the existing ids.
 
     A range contains only existing ids; a single id need not exist. existing (n,) sorted. Returns (all ids in the
-    order of the list, single ids that do not exist). Raises DeckError for other words.
-    """
+    order of the list, single ids that do not exist). Raises DeckError for other words."""
     words = [token.upper() for token in tokens if token]
     parts: list[IntArray] = []
     i, low, high = 0, 1, 0
@@ -78,8 +77,7 @@ def sets(
     """Node sets and element sets by name.
 
     SET1 contains nodes; SET3 states its type. A SET of the case control is a node set if all its single ids are nodes, an
-    element set if all are elements, and both if both are true. node_ids and element_ids sorted; left_out: ignored cards.
-    """
+    element set if all are elements, and both if both are true. node_ids and element_ids sorted; left_out: ignored cards."""
     nodes: dict[str, IntArray] = {}
     elements: dict[str, IntArray] = {}
     for number, tokens, where in _case_control_sets(deck):

@@ -113,8 +113,7 @@ def read_nastran(
     data "SET1-5". Without a selection in the case control the only support set is used. required: require elements, and
     properties of shells and beams; materials_required: require PSOLID and MAT1 of all elements; ignore: cards to leave out, and
     MISSING ENDDATA to accept a deck with BEGIN BULK and without ENDDATA; spc: support set instead of the selected one; include:
-    further folders of included files. Raises DeckError with file:line for unsupported input.
-    """
+    further folders of included files. Raises DeckError with file:line for unsupported input."""
     path = Path(path)
     deck = read_deck(path, include)
     notes = [*_check_end(deck, ignore), *deck.notes]

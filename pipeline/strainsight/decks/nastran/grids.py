@@ -36,8 +36,7 @@ def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateS
         z = (B − A)/|B − A|,   y = z × (C − A)/|z × (C − A)|,   x = y × z
 
     with A, B, C in the reference system of a CORD2, or the three nodes of a CORD1 in their systems CP, in any order
-    in the deck. Raises DeckError for a duplicate id, a missing or circular reference, and three points on a line.
-    """
+    in the deck. Raises DeckError for a duplicate id, a missing or circular reference, and three points on a line."""
     definitions = _definitions(cards, point_of)
     systems = {0: BASIC}
     for cid in definitions:
@@ -98,8 +97,7 @@ def _resolve(definition: _Definition, systems: dict[int, CoordinateSystem]) -> C
 def to_basic(local: FloatArray, system: IntArray, systems: dict[int, CoordinateSystem]) -> FloatArray:
     """x = x₀ + T x',  x' = (r cos θ, r sin θ, z) in cylinders, (r sin θ cos φ, r sin θ sin φ, r cos θ) in spheres.
 
-    local (n, 3) [length, deg]; system (n,) ids, 0 is basic. Returns (n, 3) [length].
-    """
+    local (n, 3) [length, deg]; system (n,) ids, 0 is basic. Returns (n, 3) [length]."""
     position = local.copy()
     for cid in np.unique(system[system != 0]):
         at = system == cid

@@ -45,8 +45,7 @@ def pressure_forces(cards: Cards, grids: Grids, mesh: Mesh) -> Iterator[tuple[in
 
     A pressure is positive inward on a solid (PLOAD4 with its corners), and along the normal by the right-hand rule
     for the nodes of a PLOAD and for plates (PLOAD2, PLOAD4), which are shells of the model or coat a solid. Raises
-    DeckError for a missing element, node or face, and for loads on edges (SORL = LINE).
-    """
+    DeckError for a missing element, node or face, and for loads on edges (SORL = LINE)."""
     groups: dict[tuple[int, str, int, object], list[Pressed]] = {}
     for facet in _pressed_facets(cards, grids, mesh):
         along = None if facet.along is None else (id(facet.along[0]), facet.along[1])

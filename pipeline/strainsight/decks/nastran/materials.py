@@ -117,8 +117,7 @@ def laminate(card: Card) -> Laminate:
     """PCOMP or PCOMPG: plies from the bottom up, mirrored for LAM SYM; blank material and thickness repeat the previous ply.
 
     `middle_of` computes the offset. Raises DeckError for a card without plies, a ply without material or thickness,
-    and for LAM MEM, BEND, SMEAR and SMCORE.
-    """
+    and for LAM MEM, BEND, SMEAR and SMCORE."""
     kind = card.text(7).upper()
     if kind not in ("", "SYM"):
         raise card.error(

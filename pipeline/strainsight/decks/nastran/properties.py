@@ -39,8 +39,7 @@ def properties(
     """Properties of solids, shells and beams → regions, materials and sections, with the G of a MAT1 that is
     inconsistent with its E and NU. Unless materials are required, a region of solids without PSOLID has no material.
 
-    Raises DeckError for a duplicate id, a missing or unsupported property or material, and fluids.
-    """
+    Raises DeckError for a duplicate id, a missing or unsupported property or material, and fluids."""
     solids, layered = cards.of("PSOLID"), _layered(cards, blocks, ignored)
     used = {(thin_property.card.name, pid) for pid, thin_property in thin.properties.items()}
     of_thin = [card for card in cards.of(*PROPERTIES) if (card.name, card.integer(0, "the id")) in used]

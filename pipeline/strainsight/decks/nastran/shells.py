@@ -89,8 +89,7 @@ def read_shells(
     """One block a kind; properties: of their regions.
 
     Raises DeckError for a missing or repeated node, missing mid-side nodes, a shell without area, folded or warped
-    too much, a corner thickness different from the property, and a material axis along the normal.
-    """
+    too much, a corner thickness different from the property, and a material axis along the normal."""
     if read_as := sorted({card.name for card in elements.cards} & {"CQUADR", "CTRIAR"}):
         notes.append(f"{', '.join(read_as)} are imported as CQUAD4 and CTRIA3")
     blocks = []
@@ -220,8 +219,7 @@ def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[s
 
     The curvature χ of Nastran is −κ, strain ε − zχ, so that G₄ = ∫ −z G dz/T² of plies. Without MID2 the shell has no bending
     stiffness, without MID3 it is rigid in shear. The density is that of MID1. Raises DeckError for a missing or unsupported
-    material, MID3 without MID2, MID4 without both, and a stiffness that is not positive definite.
-    """
+    material, MID3 without MID2, MID4 without both, and a stiffness that is not positive definite."""
     _, plain = shell_section(card)
     named = materials_of(card)
     material_cards = {i: _card(card, what, named[i], known) for i, what in _PLACES.items() if i in named}

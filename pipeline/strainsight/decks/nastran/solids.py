@@ -35,8 +35,7 @@ def read_solids(
     """One block a kind, elements in the order of the deck, and their cards; position (n, 3) of the nodes.
 
     The node order of an element that is left-handed at all corners is mirrored, as in MSC Nastran, with a note. Raises DeckError
-    for unsupported solids, a duplicate id, a missing or repeated node, and two elements with the same nodes.
-    """
+    for unsupported solids, a duplicate id, a missing or repeated node, and two elements with the same nodes."""
     for name, cards_of_name in cards.items():
         if name.startswith(OTHER_SOLIDS) and name not in SOLIDS:
             raise cards_of_name[0].error(
@@ -114,8 +113,7 @@ def composite_solid(
     material axis 1 from axis p of CORDM about axis s, which is material axis 3 and normal to the layers.
 
     anisotropic: ids of anisotropic materials, for which CORDM matters. Raises DeckError for a blank or −1 CORDM, an
-    invalid PSDIR, elements that cannot have layers, and elements whose layers are not normal to the axis.
-    """
+    invalid PSDIR, elements that cannot have layers, and elements whose layers are not normal to the axis."""
     pid = card.integer(0, "the property id")
     elements_by_block = [(block, block.nodes[block.region == pid], block.ids[block.region == pid]) for block in blocks]
     for block, nodes, ids in elements_by_block:
@@ -196,8 +194,7 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
 
     With u_m = ½(u_a + u_b) the side stays straight, and the shape functions are those of the element without that
     node: N_a + ½ N_m, N_b + ½ N_m. Elements with the same side share its node. Raises DeckError for a missing corner.
-    Source: elements with a variable number of nodes, Bathe, Finite Element Procedures (1996), 5.3.
-    """
+    Source: elements with a variable number of nodes, Bathe, Finite Element Procedures (1996), 5.3."""
     side: dict[tuple[int, int], int] = {}
     first: list[Card] = []
     last = partial = 0

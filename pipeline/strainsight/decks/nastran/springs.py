@@ -35,8 +35,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
     with x = (1 − S) x_A + S x_B.
 
     A blank node or component is the ground. Damping becomes a note. Raises DeckError for missing nodes, properties
-    and systems, a spring between a translation and a rotation, and a CBUSH without axes, with OCID, rigid or with mass.
-    """
+    and systems, a spring between a translation and a rotation, and a CBUSH without axes, with OCID, rigid or with mass."""
     elements = cards.of("CELAS1", "CELAS2", "CBUSH")
     unique_ids(elements, "element")
     bushes = _bush_properties(cards, notes)
@@ -204,8 +203,7 @@ def point_masses(
 
     CONM1 as a matrix (6, 6) along the axes of CID, CMASS as a matrix with one entry along the axes of its node. turning: rows of
     the nodes with rotations; at other nodes only the mass is used, with a note. Raises DeckError for a negative mass, an inertia
-    or matrix that is not positive semidefinite, a missing node, system or property, and a CMASS between two motions.
-    """
+    or matrix that is not positive semidefinite, a missing node, system or property, and a CMASS between two motions."""
     mass_cards = cards.of(*MASSES)
     properties = {
         number: card.real(at + 1, "the mass", 0.0) for number, card, at in _packed_properties(cards, "PMASS", 2)
@@ -313,8 +311,7 @@ def fixed_components(
 
     free: leave prescribed displacements free; chosen: the support set. Otherwise the case control selects it; without a
     selection the only set is used. `ignored` contains cards to leave out; notes: set that is used without a selection. Raises
-    ChoiceError for several selections, and for several sets without one, DeckError for missing sets and nodes.
-    """
+    ChoiceError for several selections, and for several sets without one, DeckError for missing sets and nodes."""
     pairs: list[tuple[int, int]] = []
     for card, row, text in permanent:
         pairs += [(row, c) for c in components(text, card)]

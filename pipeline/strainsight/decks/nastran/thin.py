@@ -98,8 +98,7 @@ def read_thin(
     """Shells, beams and rods. Each CONROD with different values is a region.
 
     required: require supported properties; otherwise elements without one are left out. Raises DeckError for a
-    missing property, a duplicate id, and errors of `read_shells` and `read_beams`.
-    """
+    missing property, a duplicate id, and errors of `read_shells` and `read_beams`."""
     bars = with_defaults(cards)
     elements_in_order = sorted(
         (card for name in ELEMENTS for card in bars.get(name, cards.of(name))), key=lambda card: (card.file, card.line)

@@ -158,8 +158,7 @@ def rigid_bars(cards: Cards, grids: Grids) -> Bars:
         RBAR, RBE1   z_D = G_D G_I⁻¹ z_I,  the six independent motions z_I = G_I (u, θ)
         RROD         e·(u_B − u_A) = 0 along the line from A to B
 
-    Raises DeckError for a missing or repeated node, and independent motions that do not constrain a rigid body.
-    """
+    Raises DeckError for a missing or repeated node, and independent motions that do not constrain a rigid body."""
     bars = Bars()
     for card in cards.of("RBAR"):
         a, b = _ends(card, grids)
@@ -286,8 +285,7 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
     """The MPC cards to use: of the set that MPC = n of the case control selects, directly or through MPCADD; without
     a case control of the only set. The others are counted in `ignored`, which contains cards to leave out.
 
-    Raises DeckError for subcases that select different sets, several sets without a case control, and a missing set.
-    """
+    Raises DeckError for subcases that select different sets, several sets without a case control, and a missing set."""
     sets = card_sets(deck, "MPC", ("MPC",), left_out=bool(ignored["MPC"] or ignored["MPCADD"]))
     if not sets.ids:
         return []

@@ -1,7 +1,6 @@
 """Read a mesh with meshio and report its output as messages; meshio prints, exits the process and drops cells.
 
-It runs in a child process, see `child_reader`, because damaged files can make meshio allocate any size or run forever.
-"""
+It runs in a child process, see `child_reader`, because damaged files can make meshio allocate any size or run forever."""
 
 from __future__ import annotations
 

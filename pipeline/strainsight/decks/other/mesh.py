@@ -254,8 +254,7 @@ def read_meshio(
     (region, gmsh:physical, MaterialIds, …). Sets are those of the file, and data that contain only 0 and 1. required:
     require solids if there are no sections; sections: config key → section of regions of triangles, quadrilaterals and
     lines, in the units of the file; sandboxed: run meshio in a child process. Raises DeckError for files that cannot
-    be read or imported, and UserError for a missing region of a section.
-    """
+    be read or imported, and UserError for a missing region of a section."""
     path, sections = Path(path), sections or {}
     loaded = load_sandboxed(path) if sandboxed else load(path)
     raw = loaded.mesh

@@ -119,8 +119,7 @@ def update_considered(V, H, sensed, K, S, channels, whitened, nu, left, slope, W
 
     With slopes s (k, d) of the white innovations e (k,):  L Lᵀ = I + s Λ sᵀ,  W = L⁻¹ s Λ,  ν ← ν + Wᵀ L⁻¹(e − s ν),  Λ ← Λ − WᵀW
 
-    V (n, d); channels: channels with a sample; slope, W (m, d) and small (m + 2, m): work space.
-    """
+    V (n, d); channels: channels with a sample; slope, W (m, d) and small (m + 2, m): work space."""
     n, d = V.shape
     m = len(channels)
     if d == 0:

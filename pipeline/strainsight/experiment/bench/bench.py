@@ -47,8 +47,7 @@ class Bench:
     """Multibody model of a config.
 
     reduced, meshes: of flexible bodies; placed: layouts, None if no sensor uses one; frames, bearings: by name; poses: of the
-    bodies at the start; theta (nθ,): values of the system parameters, those of a bearing named BEARING.PROPERTY.
-    """
+    bodies at the start; theta (nθ,): values of the system parameters, those of a bearing named BEARING.PROPERTY."""
 
     config: BenchConfig
     reduced: Mapping[str, ReducedBody]
@@ -299,8 +298,7 @@ LOCKED = 0.02
 def explained(error: NumericalError, bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError:
     """Explain an error by drives that the joints block, or by steep friction; else return it unchanged.
 
-    q (n,): start; u (T + 1, nu): at 0, h, 2h, …
-    """
+    q (n,): start; u (T + 1, nu): at 0, h, 2h, …"""
     return _out_of_reach(bench, q, u, h) or _sharp(error, bench) or error
 
 

@@ -222,8 +222,7 @@ def instants(count: int, settings: SurfaceField) -> np.ndarray:
 def points(x: np.ndarray, shapes: np.ndarray, q: np.ndarray, modes: int) -> dict[str, np.ndarray]:
     """Displacement Φη in body axes, and motion p − x = r + R(x + Φη) − x in global axes: frames × points × xyz.
 
-    x (n, 3) [m]; shapes Φ (n, 3, modes); q (frames, coordinates of the body).
-    """
+    x (n, 3) [m]; shapes Φ (n, 3, modes); q (frames, coordinates of the body)."""
     u = np.einsum("nck,tk->tnc", shapes, q[:, q.shape[1] - modes :])
     moved = {"displacement": u.astype(np.float32)}
     if q.shape[1] > modes:

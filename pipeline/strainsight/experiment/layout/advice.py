@@ -174,8 +174,7 @@ def best_possible(
 ) -> Iterator[str]:
     """Bound on every other layout of the size: its metric is at least (1 − gap) of ours, the root (sigma) √(1 − gap).
 
-    With several unknowns it does not bound a single σ. Percentages are rounded up, as they are upper bounds.
-    """
+    With several unknowns it does not bound a single σ. Percentages are rounded up, as they are upper bounds."""
     if certificate is None:
         return
     gap = max(certificate.gap, 0.0)

@@ -43,8 +43,7 @@ class RuleComparison:
 def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleComparison:
     """Layouts of the size of `final` by other criteria, by rules based on readings only, and at random.
 
-    greedy: result of the elimination. Only the random layouts satisfy the limits.
-    """
+    greedy: result of the elimination. Only the random layouts satisfy the limits."""
     keep, pools, readings, unknowns = len(final), task.pools, task.readings, task.unknowns
     criterion, fixed, cases = task.settings.criterion, task.limits.fixed, task.cases
     some = _some(np.zeros(len(pools), dtype=int) if cases is None else cases.of)
@@ -78,8 +77,7 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleCompari
 def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarray | None) -> Table:
     """Table of layouts by rule and criterion, with the random layout of median metric.
 
-    names: of the unknowns; scale (u,): of relative σ, None for σ in its unit.
-    """
+    names: of the unknowns; scale (u,): of relative σ, None for σ in its unit."""
     criteria = [criterion_of(name) for name in others.scores["final"].cost]
     chosen = criteria[0].name
     shown = {RULES[rule]: others.scores[rule] for rule in others.sets if rule in RULES}

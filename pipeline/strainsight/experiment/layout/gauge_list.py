@@ -35,8 +35,7 @@ from strainsight.sensors.zones import Box, Cylinder, NearEdges, NearSet, NormalC
 def layout_labels(names: Sequence[str], gauges: np.ndarray) -> tuple[str, ...]:
     """Configured names, else G1, G2, … in the order of the layout, without duplicates.
 
-    names: of every candidate, may be empty; gauges (k,): numbers of the layout.
-    """
+    names: of every candidate, may be empty; gauges (k,): numbers of the layout."""
     used = {name for name in names if name}
     free = (label for label in (f"G{i}" for i in count(1)) if label not in used)
     return tuple(names[gauge] or next(free) for gauge in gauges)
@@ -48,8 +47,7 @@ class GaugeList:
 
     labels: see `layout_labels`; family: "gauges", or the name of the motion sensors, of each gauge; peaks (m,): largest training
     reading of every channel; strained (m,): of any of its grids; limit (m,): measuring range, infinite if not set; notes: on the
-    installation of each gauge, may be empty.
-    """
+    installation of each gauge, may be empty."""
 
     labels: tuple[str, ...]
     channels: Candidates
@@ -149,8 +147,7 @@ def gauge_list(
     """Build the list of gauges (k,).
 
     names: of every candidate gauge, may be empty; families: names of the candidate arrays; peak, strained, limit (m,): of every
-    channel, see `GaugeList`; strained None: `peak`.
-    """
+    channel, see `GaugeList`; strained None: `peak`."""
     used = pool.channels(gauges)
     channels = pool.take(used)
     return GaugeList(
@@ -293,8 +290,7 @@ def strain_candidates(
     """Candidate strain gauges on admissible facets, along an axis or the principal directions.
 
     basis (3 nodes, r); moment: returns the second moment (r, r) of the coordinates for rows (3 f, r) of 0°/45°/90° gauges on the
-    f facets; key: of the sites in the config.
-    """
+    f facets; key: of the sites in the config."""
     axis, turn = direction.axis if isinstance(direction, AxisDirection) else None, None
     zoned = partial(candidates, mesh, facets, axis, **sites_of(sites), key=key)
     if axis is None:

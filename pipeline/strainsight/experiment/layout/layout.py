@@ -48,8 +48,7 @@ def layout_of(
 ) -> OptimisedLayout:
     """Minimise the metric, or the loss after one failure, as set by `place` of the config.
 
-    Raises InfeasibleError for a robust layout with so few gauges that any failure makes an unknown unobservable.
-    """
+    Raises InfeasibleError for a robust layout with so few gauges that any failure makes an unknown unobservable."""
     progress("exchange", 0.5)
     # with a budget, the elimination may not use all of it
     greedy = fill(pools, greedy, limits, aggregate)
@@ -68,8 +67,7 @@ def proved(
 ) -> OptimisedLayout:
     """Search by branch and bound within `place.prove`, and compute the bound over all candidates.
 
-    pools: scenarios of the task by its criterion. With a cheaper search model the bound starts at its relaxed optimum.
-    """
+    pools: scenarios of the task by its criterion. With a cheaper search model the bound starts at its relaxed optimum."""
     limits, settings, aggregate, whole = task.limits, task.settings, task.aggregate, task.whole
     gauges, cost, proof = layout.gauges, layout.cost, None
     if settings.prove > 0:  # not with worst_failure, refused by the config

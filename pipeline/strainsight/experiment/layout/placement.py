@@ -32,8 +32,7 @@ class Placement:
 
     final (k,): pool rows, gauges (k,): numbers of the layout, the most important first; listed: the same as a list; expected: σ
     of a filter on it; loss (k,): metric if each fails, inf if an unknown becomes unobservable, NaN if not solved; others:
-    layouts by other rules; advice: sentences.
-    """
+    layouts by other rules; advice: sentences."""
 
     task: Task
     elimination: Elimination
@@ -70,8 +69,7 @@ class Subject(ABC):
 def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement:
     """Find the layout of smallest expected σ among the tasks of the subject.
 
-    Raises InfeasibleError if no layout within the limits detects every unknown.
-    """
+    Raises InfeasibleError if no layout within the limits detects every unknown."""
 
     @cache
     def expectation_of(gauges: tuple[int, ...]) -> Expectation:
@@ -122,8 +120,7 @@ def _extend_pool(
     task: Task, result: Elimination, layout: OptimisedLayout, progress: Callable[[str, float], None]
 ) -> tuple[Task, Elimination, OptimisedLayout]:
     """Extend the pool by candidates that could improve the layout, in rounds that at most double it, and return the best layout.
-    Exchanges continue from the layout; a new elimination of the extended pool is a second start.
-    """
+    Exchanges continue from the layout; a new elimination of the extended pool is a second start."""
     start, cost, before, rounds = layout.gauges, layout.cost, task, ROUNDS if layout.exchange else 1
     for _ in range(rounds):
         whole = task.whole

@@ -40,8 +40,7 @@ class LoadCases:
             worst   max_c w_c max_s∈c f_s / max_c w_c,  factor  w_c / max w
 
         of (S,): case of each scenario, S_c of them in case c. As metrics are homogeneous, c(αM) = α c(M), elimination, exchange,
-        lower bound and proof remain valid.
-        """
+        lower bound and proof remain valid."""
         weight = self.weight[of]
         if aggregate == "worst":
             return np.asarray(weight / self.weight.max())
@@ -63,8 +62,7 @@ class PoolRows:
     """Pool rows, each a gauge or a mirrored pair.
 
     gauges (p, 1 or 2): gauge numbers, padded with −1; channels (p, c): candidate channels, padded with −1; alone: number of
-    gauges omitted because they have no mirror image.
-    """
+    gauges omitted because they have no mirror image."""
 
     gauges: np.ndarray
     channels: np.ndarray
@@ -96,8 +94,7 @@ def layout_limits(
 ) -> Limits:
     """Limits of a layout from `place`: size, bonded gauges, spacing, zones, budget.
 
-    price (p,): of every pool row; key: config key of the bonded gauges.
-    """
+    price (p,): of every pool row; key: config key of the bonded gauges."""
     gauge, which = pool.flat
     first = candidates.first[gauge]
     part = candidates.take(first)
@@ -127,8 +124,7 @@ def _near(
 ) -> np.ndarray | None:
     """Pairs of pool rows (q, 2) with gauges nearer than the spacing [m].
     position (g, 3): of grids; owner (g,): gauge of each; which: pool row of every gauge; spaced: whether the spacing applies to a
-    gauge, as it does not for sensors off the surface.
-    """
+    gauge, as it does not for sensors off the surface."""
     if spacing <= 0:
         return None
     pairs = owner[cKDTree(position).query_pairs(spacing * (1 - 1e-9), output_type="ndarray")]
@@ -141,8 +137,7 @@ class UnknownStates:
     """Unknowns among the states x* of a linear problem.
 
     names (u,); states: names of the last states of x*; at (u,): indices in x*; scale (u,) [unit]: of x*; size (u,): scaling of
-    each for criteria other than the trace.
-    """
+    each for criteria other than the trace."""
 
     names: tuple[str, ...]
     states: tuple[str, ...]
@@ -179,8 +174,7 @@ class Task:
     pools: scenarios solved with all gauges of the pool, without a metric; price (p,): of the pool rows; settings: `place` of the
     config; seed: of random layouts; aggregate: over scenarios; weights: of the trace; relative: whether σ is relative to `scale`;
     coherence τ [s]: of the noise that replaces installation errors, 0 without; cases: None without load cases; whole: all
-    candidates, None if the pool has all; single: creates pools with one row per gauge (k,), None if rows are single gauges.
-    """
+    candidates, None if the pool has all; single: creates pools with one row per gauge (k,), None if rows are single gauges."""
 
     unknowns: UnknownStates
     pools: tuple[Pool, ...]
@@ -245,8 +239,7 @@ class Task:
     ) -> list[Pool]:
         """Set the metric of scenarios: a criterion (default: of the layout), with unknowns and weight of the load case.
 
-        pools: one per scenario, or for the scenarios `at`. Weights are factors of the metric (`LoadCases.factors`).
-        """
+        pools: one per scenario, or for the scenarios `at`. Weights are factors of the metric (`LoadCases.factors`)."""
         metrics, cases = self.metrics[criterion or self.settings.criterion], self.cases
         if cases is None:
             return [pool.under(of_last_states(metrics[0], len(pool.P))) for pool in pools]

@@ -32,8 +32,7 @@ class BondedPlace:
     """One gauge of g grids (the arms of a bridge).
 
     position [m], direction (g, 3); length [m] of each, None if absent; sign (g,): ±1 of a bridge arm, else 1; normal (3,):
-    outward, zero if absent; kind: in words; line: first line in the file; bridge: whether it is a bridge.
-    """
+    outward, zero if absent; kind: in words; line: first line in the file; bridge: whether it is a bridge."""
 
     position: np.ndarray
     direction: np.ndarray
@@ -57,8 +56,7 @@ def read_bonded(path: Path) -> dict[str, BondedPlace]:
 
     Columns gauge, position_x … z, direction_x … z in metres; optional kind, normal_x … z, grid_length, and sign (1 or −1) of
     bridge arms; others are ignored. Raises DeckError for a missing column, an invalid number, a zero direction, a duplicate
-    gauge, a rosette without a normal, and an invalid bridge.
-    """
+    gauge, a rosette without a normal, and an invalid bridge."""
     rows: dict[str, list[tuple[int, dict[str, str]]]] = {}
     last = ""
     for line, cells in csv_columns(path, NEEDED):
@@ -158,8 +156,7 @@ def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarra
 
     layout (k,): numbers of the gauges of the layout; file: `estimate.gauges_file`, None if not set. G1, G2, … refer to the
     current layout: their positions and directions have to agree with the file within one σ (`tolerances`). Raises ConfigError
-    for an unknown or moved gauge, and if its bonded position is unknown.
-    """
+    for an unknown or moved gauge, and if its bonded position is unknown."""
     assert config.estimate is not None
     named = {name: i for i, name in enumerate(training.name) if name}
     placed = dict(zip(layout_labels(training.name, layout), layout.tolist(), strict=True))
@@ -273,8 +270,7 @@ COLUMNS = ("gauge", "x", "y", "z", "dx", "dy", "dz")
 def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -> ImportedGauges:
     """Read the strain operator ε = R u [1/L on translations, 1/rad on rotations] and the table gauge,x,y,z,dx,dy,dz [L], L [m].
 
-    components (r,) 0-5 of the rows of the matrices. Raises DeckError for files that cannot be read or do not fit together.
-    """
+    components (r,) 0-5 of the rows of the matrices. Raises DeckError for files that cannot be read or do not fit together."""
     number, position, direction = given_table(table)
     R = _rows(rows, components, length)
     if R.shape[0] != len(number):

@@ -86,8 +86,7 @@ class Campaign:
     that the channels cannot determine, in words; tuning: factors on the noises of one record, None if not tuned; together: joint
     estimate, None for one record; posterior: by parameter; damage: of all records; surface: its grid, None if neither damage nor
     fields in time are configured; units: of unknowns and of "the channel" of a dataset; channel_units: of the channels, in
-    order; labels: of the virtual gauges.
-    """
+    order; labels: of the virtual gauges."""
 
     unknowns: Unknowns
     records: dict[str, Estimation]
@@ -125,8 +124,7 @@ def campaign_of(
 
     gauges (k,): numbers of the gauges of the layout. Raises ConfigError if no file is specified, InfeasibleError if the unknowns
     are not observable and this is not allowed, and InconsistentRecordError if every filter diverges on a faulty record or
-    records are inconsistent with each other.
-    """
+    records are inconsistent with each other."""
     settings = config.estimate
     records = () if settings is None else records_of(settings)
     if settings is None or not records:
@@ -327,8 +325,7 @@ def _filtered(
 def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, result: FilteredRecord) -> tuple[str, str]:
     """Return why the filter comparison withholds σ, and a note; each may be empty.
     The compared parameter grid filter has no tolerances and an unknown start. With tolerances its result withholds σ only if the
-    start is settled and a grid filter with the same tolerances and an unknown start excludes the estimate, too.
-    """
+    start is settled and a grid filter with the same tolerances and an unknown start excludes the estimate, too."""
     ends, settled = last_values(record.model, result.smoothed), record.settled is not None
     words = excluded(ends, by_grid(result.compared))
     if not words or tolerances_of(config.tolerances) == NONE:

@@ -50,8 +50,7 @@ class OnSurface(StrainGauges):
     """All channels that the config allows, bonded gauges first.
 
     names: of bonded gauges, empty if unnamed; moved (bonded,) [m]: distance each was moved to the surface; empty: keys of zones
-    that contain no facet.
-    """
+    that contain no facet."""
 
     names: tuple[str, ...] = ()
     moved: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -64,8 +63,7 @@ def candidates_on_surface(
     """Candidate sensors of the config on the exterior facets.
 
     files: `gauges.fixed_file`; basis (3 nodes, n): displacement per reduced coordinate; moment (n, n): mean of q qᵀ in training,
-    for principal directions.
-    """
+    for principal directions."""
     if not mesh.has_surface:
         raise ConfigError(
             "the mesh has no surface, because it has no solids, shells or beams with a cross-section",
@@ -151,8 +149,7 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
 def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
     """Bonded gauges of the config, then those of the file `gauges.fixed_file`.
 
-    Raises ConfigError for a duplicate name, and for a line of the file that is not a strain gauge.
-    """
+    Raises ConfigError for a duplicate name, and for a line of the file that is not a strain gauge."""
     entries = [_bonded_entry(gauges, i, entry) for i, entry in enumerate(gauges.fixed)]
     if file is not None:
         with blame(FILE):
@@ -214,8 +211,7 @@ class CandidateChannels:
 
     rows (m, n): strain or displacement per reduced coordinate at the reference parameters; change: what θ adds if a shell
     thickness is estimated; quantity (m,): 0 strain, 1 acceleration, 2 displacement; noise_std (m,): of one sample at the training
-    time step [unit of the quantity]; gauge (m,): number of the gauge; bridged (m,): whether it is a bridge of several arms.
-    """
+    time step [unit of the quantity]; gauge (m,): number of the gauge; bridged (m,): whether it is a bridge of several arms."""
 
     rows: np.ndarray
     change: AffineOperator
@@ -270,8 +266,7 @@ def reading_sizes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """RMS and largest reading (m,) of every channel without noise: row·q for strain and displacement, row·q̈ for acceleration.
 
-    rows (m, n); quantity (m,); x (s, 2n) = [q, q̇]; u (s, n_u) [N] at the same instants. Some channels at a time.
-    """
+    rows (m, n); quantity (m,); x (s, 2n) = [q, q̇]; u (s, n_u) [N] at the same instants. Some channels at a time."""
     q, moving = x[:, : model.size], quantity == ACCELERATION
     acceleration = accelerations(model, model.reference, x, u) if moving.any() else q
     count = max(1, NUMBERS_AT_A_TIME // len(x))

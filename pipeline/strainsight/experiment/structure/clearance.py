@@ -39,8 +39,7 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
     """Clearance in force (None if disabled), and which gauges (gauges,) violate it.
 
     It applies to strain gauges on the mesh that are not bonded yet. The default is halved twice, then dropped, until it leaves
-    `CHOICE` places at the minimum spacing of screening. Raises InfeasibleError if a configured clearance leaves no place.
-    """
+    `CHOICE` places at the minimum spacing of screening. Raises InfeasibleError if a configured clearance leaves no place."""
     config, mesh, pool, setting = structure.config, structure.mesh, structure.pool, structure.config.gauges.clearance
     first, blocked = pool.first, np.zeros(pool.gauges, dtype=bool)
     free = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first])
@@ -91,8 +90,7 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
 def bent_gauges(structure: Structure) -> np.ndarray:
     """Which strain gauges (gauges,), bonded ones too, lie on a facet with a radius below the bend radius of their type.
 
-    Raises InfeasibleError if all candidates do.
-    """
+    Raises InfeasibleError if all candidates do."""
     gauges, mesh, pool = structure.config.gauges, structure.mesh, structure.pool
     kind = gauge_type(gauges)
     bent = np.zeros(pool.gauges, dtype=bool)
@@ -139,8 +137,7 @@ OBSTACLE_NAMES = {"faces": "face of gauges.exclude", "bends": "bend too tight fo
 def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndarray:
     """Indices (l,) of surface nodes on which loads of the config act, for a nodal moment those that carry its couple.
 
-    Loads that also act inside the body, as weight, and loads distributed over shells are omitted.
-    """
+    Loads that also act inside the body, as weight, and loads distributed over shells are omitted."""
     outside, solid = (np.zeros(len(mesh.position), dtype=bool) for _ in range(2))
     outside[facets.nodes[facets.nodes >= 0]] = True
     for block in mesh.blocks:
@@ -207,8 +204,7 @@ def at_gauges(structure: Structure, gauges: np.ndarray) -> AtGauges | None:
         over grid     L rms_t (d₁ s₁ + d₂ s₂) / rms_t ε                d its direction, L its length
 
     For a bridge the sum is over its arms, and the largest arm counts over the grid. For a rosette the channel with the largest
-    change counts; rms ε is that of the largest channel. NaN for sensors of motion.
-    """
+    change counts; rms ε is that of the largest channel. NaN for sensors of motion."""
     pool, mesh = structure.pool, structure.mesh
     if structure.training.given is not None or not mesh.has_surface:
         return None

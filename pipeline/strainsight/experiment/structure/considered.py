@@ -1,6 +1,5 @@
 """Considered parameters of the filter (Schmidt-Kalman): errors of installation, loads, damping, frequencies and stiffness, with σ
-from the tolerances.
-"""
+from the tolerances."""
 
 from __future__ import annotations
 
@@ -81,8 +80,7 @@ class Tolerated:
     channels (k,): of train.h5, ascending; quantity (k,); channel_of_grid, sign, gauge: of g grids (`Candidates.grids`), gauge is
     common to grids that move together; slope: name → (g, n) per reduced coordinate; unreduced: name → (g, f) per load error
     outside the reduced basis [1/N]; mean (g, n): mean change of the reading; zeros: errors independent of the motion;
-    loads: load errors; damping, frequency, stiffness, learned, discrepancy: see `ConsideredParameters`.
-    """
+    loads: load errors; damping, frequency, stiffness, learned, discrepancy: see `ConsideredParameters`."""
 
     channels: np.ndarray
     quantity: np.ndarray
@@ -143,8 +141,7 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
 
 def _frequency(structure: Structure, rows: np.ndarray) -> np.ndarray:
     """σ (k, n) of ln ω of n modes: one common error, and one for every mode that channels with these rows (m, n) measure.
-    Inertia of mode j adds −q̈ⱼ/λⱼ to its static response.
-    """
+    Inertia of mode j adds −q̈ⱼ/λⱼ to its static response."""
     model, std = structure.reduced.model, structure.tolerances.frequency
     n = model.size
     if std == 0 or structure.config.train.model == "static":
@@ -227,8 +224,7 @@ def build_considered(
     """Considered parameters of a filter with channels (m,) of train.h5.
 
     Direction and point of loads, gain of known loads; position, angles, gain, transverse sensitivity, offset and drift of gauges;
-    temperature. behind: append the static residual of misaligned loads to the smoother states (`field_beyond`).
-    """
+    temperature. behind: append the static residual of misaligned loads to the smoother states (`field_beyond`)."""
     at = np.searchsorted(tolerated.channels, channels)
     m, n, states = len(channels), model.model.size, model.parameter_states.start
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
@@ -333,8 +329,7 @@ def budget_of(
     """Variance budget of the filtered unknowns, linearised along the smoothed motion and parameters; and a sentence for each
     unknown without a budget, because its σ differs by more than HOLDS.
 
-    channels (m,): rows of train.h5. Tolerances are included only for the parameter grid filter.
-    """
+    channels (m,): rows of train.h5. Tolerances are included only for the parameter grid filter."""
     model = record.model
     x = smoothed.mean[:, 0, : model.size]
     if not np.isfinite(x).all():

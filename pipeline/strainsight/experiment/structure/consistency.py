@@ -43,8 +43,7 @@ OTHER_STEP = 100.0
 class Turning:
     """Strain operators of gauges rotated on the surface by ANGLES; NaN where a channel cannot be rotated.
 
-    rows (m, angles, n): per reduced coordinate; missed (m, angles, n_u, misalignments): of misaligned loads.
-    """
+    rows (m, angles, n): per reduced coordinate; missed (m, angles, n_u, misalignments): of misaligned loads."""
 
     rows: np.ndarray
     missed: np.ndarray
@@ -125,8 +124,7 @@ class ConsistencyResult:
 
     words: why the record is inconsistent with the model, else empty; named: the only fault that explains it, with the key that
     corrects it, else empty; check: by channel; disagrees: the record is inconsistent with other records, not with the model;
-    birge_ratio: RMS of the innovations over the predicted value, 1 for a consistent record and where no filter runs.
-    """
+    birge_ratio: RMS of the innovations over the predicted value, 1 for a consistent record and where no filter runs."""
 
     words: str
     named: str
@@ -368,8 +366,7 @@ class Together:
     """Joint estimate of R records.
 
     alone: parameter → most likely value [SI] from each record (R,); shared: from all records; gain: ln likelihood ratio of common
-    against separate parameters and gauges; words: that the records are inconsistent with each other, else empty.
-    """
+    against separate parameters and gauges; words: that the records are inconsistent with each other, else empty."""
 
     alone: dict[str, np.ndarray]
     shared: dict[str, float]
@@ -383,8 +380,7 @@ def together_of(filters: Sequence[RecordFilter], check_records: Sequence[CheckRe
         ln p(y₁ … y_R) − Σᵣ ln p(yᵣ)
 
     It is large for records of one test, and below −MARGIN for records with different parameters or re-bonded gauges. Both terms
-    are computed by `peak_of`.
-    """
+    are computed by `peak_of`."""
     unknowns = filters[0].problem.unknowns
 
     def learning(checked_record: CheckRecord, considered: ConsideredParameters) -> CheckRecord:

@@ -8,8 +8,7 @@ N unknowns before the supports; e elements through the thickness. The exponents 
     seconds = 3.4 + s m (3.9e-3 + 4.1e-6 n² + 8.3e-8 n³)        GiB = 0.15 + 6e-8 s m n
 
 s scenarios, m candidates, n states. n is an estimate, as the reduced basis is known only after `rom`. If materials vary
-independently, half of the shapes of the other samples are counted. Memory: one row of n for every candidate and scenario.
-"""
+independently, half of the shapes of the other samples are counted. Memory: one row of n for every candidate and scenario."""
 
 from __future__ import annotations
 

@@ -63,8 +63,7 @@ def damage_of_test(
 ) -> tuple[Damaged, tuple[str, ...]]:
     """Damage of all records, without interval if σ is withheld, and notes.
 
-    filters_of: filters for a config with other random-walk models of the loads.
-    """
+    filters_of: filters for a config with other random-walk models of the loads."""
     assert config.estimate is not None
     settings = config.estimate.damage
     assert settings is not None
@@ -127,8 +126,7 @@ def damage_in_test(
 
         D = Σᵣ Dᵣ,     over records, of one draw of the constants each (Palmgren and Miner)
 
-    places: "surface", "virtual" or both. If σ is withheld, the interval is, too.
-    """
+    places: "surface", "virtual" or both. If σ is withheld, the interval is, too."""
     of_mean = {name: _of_mean(part, records, settings) for name, part in places.items()}
     # of ranges to the power of the slope
     largest = max(moment.max(initial=0.0) for _, moment in of_mean.values())
@@ -262,8 +260,7 @@ class Places:
     """Places where damage is computed.
 
     position (p, 3) [m]; element (p,): ids; rows (p, c, r): stress at unit modulus per coordinate, c = 1 (uniaxial) or 6
-    [xx yy zz xy yz zx], affine in estimated ply moduli; modulus (p,) [Pa], affine in the parameters.
-    """
+    [xx yy zz xy yz zx], affine in estimated ply moduli; modulus (p,) [Pa], affine in the parameters."""
 
     position: np.ndarray
     element: np.ndarray
@@ -364,8 +361,7 @@ def _walks(
 def histories(record: RecordFilter, result: FilteredRecord, count: int, seed: int) -> Iterator[Paths]:
     """Yield `count` posterior samples of q (N, T + 1, n) with their parameters, in parts, by the parameter grid filter if it ran.
 
-    A drifting parameter is replaced by its mean over the record.
-    """
+    A drifting parameter is replaced by its mean over the record."""
     model, test, q = record.model, record.test, slice(0, record.model.model.size)
     if result.grid_run is not None:
         yield from sample_paths(record.grid_record, result.grid_run, count, seed, q, record.record)
@@ -386,8 +382,7 @@ def walks(
         ln p(y | other walk) − ln p(y | walk so far)
 
     with everything else integrated out. other: the same with the other model of one load, None if the filter diverges;
-    evidence: ln p(y). Returns the best choice, the loads with a changed model, and the undecided loads.
-    """
+    evidence: ln p(y). Returns the best choice, the loads with a changed model, and the undecided loads."""
     best, level = configured, evidence(configured)
     changed, undecided = [], []
     for name in loads:

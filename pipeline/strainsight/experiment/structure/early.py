@@ -27,8 +27,7 @@ def check_files(config: PlacementConfig, base: Path) -> None:
     """Check the files of a config; base: folder for relative paths.
 
     Raises UserError, with key and file, for a load history that is missing, unreadable or too short, for a channel of an unknown
-    gauge, and for a record without a channel or with another unit.
-    """
+    gauge, and for a record without a channel or with another unit."""
     for key, unit, signal, runs in _histories(config):
         path = _existing(f"{key}.file", signal.file, base)
         time = recorded(key, signal, path, (QUANTITY[unit],)).time

@@ -38,8 +38,7 @@ class Estimation:
     """Estimate of one record.
 
     estimated: histories, channels and strains; judgement: consistency with the model; decision: whether σ is reported, from all
-    records; surface: fields in time, None if not configured.
-    """
+    records; surface: fields in time, None if not configured."""
 
     estimated: Estimated
     judgement: ConsistencyResult
@@ -158,8 +157,7 @@ class FilteredGauges:
 
     x̂ˢ, Pˢ: smoothed from the other channels; H: with the column θ ∂H/∂θ q̂ of an estimated thickness; R: of one sample; D, E, o:
     installation errors; σ_b: of an unknown offset. undetectable_by: names the unknowns that channels (k,) of train.h5 cannot
-    determine; withheld: whether σ is withheld (NaN).
-    """
+    determine; withheld: whether σ is withheld (NaN)."""
 
     filters: Sequence[RecordFilter]
     undetectable_by: Callable[[np.ndarray], str]

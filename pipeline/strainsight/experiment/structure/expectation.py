@@ -27,8 +27,7 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
     """σ along the training run from a 100 % prior, tolerances included, and its variance by source.
 
     For a constant parameter the final σ, else the RMS over the last half. gauges (k,): numbers; tolerances: at least of their
-    channels. The failure of a gauge is modelled by very large noise.
-    """
+    channels. The failure of a gauge is modelled by very large noise."""
     channels = problem.channels.of(gauges)
     exists = channels >= 0
     flat, owner = channels[exists], np.nonzero(exists)[0]
@@ -62,8 +61,7 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
 def redundant_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -> list[tuple[int, ...]]:
     """Groups of redundant gauges (k,), by index: they read the same quantity equally in the training run.
 
-    Compared are rows R L with L Lᵀ = cov(q), the covariance (n, n), so that coordinates are uncorrelated with unit variance.
-    """
+    Compared are rows R L with L Lᵀ = cov(q), the covariance (n, n), so that coordinates are uncorrelated with unit variance."""
     values, V = np.linalg.eigh(covariance)
     L = V * np.sqrt(np.maximum(values, 0.0))
     channels = problem.channels.of(gauges)
@@ -79,8 +77,7 @@ def redundant_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarra
 def worst_case(cases: Sequence[Expectation], acts: Sequence[np.ndarray]) -> Expectation:
     """Expectation of every unknown in the load case with the largest relative σ; without a gauge, the maximum over all cases.
 
-    acts (u,) bool: whether an unknown acts in a case; other cases do not count.
-    """
+    acts (u,) bool: whether an unknown acts in a case; other cases do not count."""
     if len(cases) == 1:
         return cases[0]
     std, without, budget = {}, {}, {}

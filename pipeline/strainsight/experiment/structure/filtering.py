@@ -136,8 +136,7 @@ def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str
 def compared(problem: Problem, record: GridRecord) -> Compared | None:
     """Final parameters from the grid filter and the approximate filters, with `expected_ratio`.
 
-    All run without tolerances and with the same process noise. Filters that diverge are NaN. None without parameters.
-    """
+    All run without tolerances and with the same process noise. Filters that diverge are NaN. None without parameters."""
     names, at = record.model.unknowns.parameters, record.model.parameter_states
     if not names:
         return None
@@ -162,8 +161,7 @@ def compared(problem: Problem, record: GridRecord) -> Compared | None:
 def out_of_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
     """Parameter → sentence for values [SI] outside `parameters.*.range`, where the reduced model is not valid.
 
-    A damping factor is exact everywhere and is omitted.
-    """
+    A damping factor is exact everywhere and is omitted."""
     free = [name for name in problem.unknowns.parameters if name != problem.model.damping.parameter]
     ranges = {name: config.parameters[name].range for name in free}
     return out_of_range(values, ranges, unknown_units(config), "rom")

@@ -29,8 +29,7 @@ class RecordSettings:
     """Settings of one record.
 
     name: empty if the test is one file; label: for messages, empty if there is one record; settings: as for a test of this file
-    only; key: of the section with the file; section: of corrections for this record; channels, inputs: keys of the channels.
-    """
+    only; key: of the section with the file; section: of corrections for this record; channels, inputs: keys of the channels."""
 
     name: str
     label: str
@@ -101,8 +100,7 @@ class Measured:
     time (T + 1,) [s] of the samples, the first starts the filter; h [s]: filter step; every: steps per sample; known
     (T·every, HOLD, 2 n_known) [N]: loads and their interpolation errors (`hold_known_loads`); values (T, m): samples after the
     first [strain, m/s² or m], NaN if missing; channels (m,): rows of train.h5; std (m,): noise of a sample, NaN for the default;
-    bias (m,): σ of an unknown offset, 0 for none; notes: sentences; record: settings.
-    """
+    bias (m,): σ of an unknown offset, 0 for none; notes: sentences; record: settings."""
 
     time: np.ndarray
     h: float
@@ -140,8 +138,7 @@ def measured_of(
     """Read and calibrate the channels of a record.
 
     gauges: number of every gauge by name (`bonded_gauges`); units: of the loads. Raises ConfigError for a channel of another
-    quantity and a known load without a channel or with a gap, and UserError for a file that does not match the config.
-    """
+    quantity and a known load without a channel or with a gap, and UserError for a file that does not match the config."""
     settings, entries, m = record.settings, record.settings.channels, len(record.settings.channels)
     channels = np.array([_channel(f"{record.channels}.{i}", entry, problem, gauges) for i, entry in enumerate(entries)])
     if len(np.unique(channels)) < m:
@@ -329,8 +326,7 @@ def _check_strain(key: str, entry: Channel, time: np.ndarray, values: np.ndarray
 def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str) -> Signals:
     """Cut a record to the interval in which all known loads (columns from `first`) have samples; start: of the config.
 
-    Raises ConfigError if a structure that starts at rest would not do so.
-    """
+    Raises ConfigError if a structure that starts at rest would not do so."""
     count, begin, end = len(signals.time), 0, len(signals.time)
     for values, delayed in zip(signals.values[:, first:].T, moved, strict=True):
         known = np.flatnonzero(np.isfinite(values))
@@ -367,8 +363,7 @@ def hold_known_loads(
 
     Loads are interpolated by a spline. The interpolation error has the shape of the difference between spline and straight lines,
     with a constant factor that the filter considers (`tolerated_loads.BETWEEN`). NaN marks missing samples. Raises ConfigError,
-    below `key`, for a long gap or a load too fast for its samples.
-    """
+    below `key`, for a long gap or a load too fast for its samples."""
     curves, lines, notes = [], [], []
     for name, values in zip(known, loads.T, strict=True):
         filled = fill_gaps(values) if (spacing := _spacing(signals, name, values, f"{key}.{name}")) > 1 else values

@@ -138,7 +138,9 @@ def mesh_of(
             ignore=config.ignore,
             spc=config.spc,
             step=config.step,
-            sections={f"{key}.sections.{name}": _assigned_section(section) for name, section in config.sections.items()},
+            sections={
+                f"{key}.sections.{name}": _assigned_section(section) for name, section in config.sections.items()
+            },
             include=include,
             contact=config.contact or ("open" if config.matrices or config.results else None),
         )

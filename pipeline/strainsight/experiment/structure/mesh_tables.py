@@ -38,8 +38,7 @@ def build_mesh_tables(
 ) -> tuple[Table, ...]:
     """Table of nodes, elements, materials, supports, ties, sets, quality, mass, ignored cards, notes and warnings.
 
-    weight: mass [kg] and centre (3,) [m], None without densities.
-    """
+    weight: mass [kg] and centre (3,) [m], None without densities."""
     rows: list[Row] = _geometry(mesh)
     rows += _regions(mesh)
     rows += _constraints(mesh)

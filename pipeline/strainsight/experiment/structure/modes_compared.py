@@ -38,8 +38,7 @@ class Pair:
     """A mode of the file and the computed mode assigned to it.
 
     number, theirs [Hz]: of the file; mode, ours [Hz]: computed; off: ours/theirs − 1, infinite for 0 Hz; mac: share of its shape
-    in the space of the computed modes of equal frequency, NaN without a shape.
-    """
+    in the space of the computed modes of equal frequency, NaN without a shape."""
 
     number: int
     theirs: float
@@ -81,8 +80,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
 
     One to one by the largest sum of MAC_ij = |φᵢ·ψⱼ|²/(φᵢ·φᵢ ψⱼ·ψⱼ) over the translations of common nodes; without shapes in
     the order of frequencies. Rigid-body modes of a free structure are omitted. Raises DeckError if no modes are left, or no node
-    of the file is in the mesh.
-    """
+    of the file is in the mesh."""
     for key in ("matrices", "results"):
         if getattr(config.mesh, key) is not None:
             raise ConfigError(

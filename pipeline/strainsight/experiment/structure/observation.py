@@ -105,8 +105,7 @@ def mat_file(
         A = S F S⁻¹,   C = H S⁻¹,   Q = S Q̃ S,   B = [0; M⁻¹ S_known; 0]
 
     A (n, n, s) [1/s]; B (n, p): known loads, at the guess; C (m, n, s): channels of the layout; Q (n, n, s); R (m, m, s)
-    [unit² s]. channels, units: of the layout's channels, in order; load_units: by load.
-    """
+    [unit² s]. channels, units: of the layout's channels, in order; load_units: by load."""
     from scipy.io import savemat  # slow to import
 
     solved, n = placed.augmented, model.size
@@ -155,8 +154,7 @@ def _unit(name: str, place: int, n: int) -> str:
 def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: int, allowed: bool) -> str:
     """Name the unknowns that channels (k,) cannot determine at any instant of the training run; empty without any.
 
-    Raises InfeasibleError if there are some and this is not allowed.
-    """
+    Raises InfeasibleError if there are some and this is not allowed."""
     p, u = problem, instant_values(problem.u)
     at = linearisation_instants(p.model, p.unknowns, p.model.reference, p.x, u, instants, seed)
     if not any(undetectable_directions(F, H).shape[1] for F, H in zip(*_linearised(p, channels, at), strict=True)):

@@ -73,8 +73,7 @@ class StructurePlacement(Placement):
     """Result of a placement on a structure; σ is relative to the scale of an unknown.
 
     condition: observability by the pool in the worst load case; hot_spots: None without a solid mesh; at_gauges: strain gradient
-    and access, None without a surface; by_case: None without load cases.
-    """
+    and access, None without a surface; by_case: None without load cases."""
 
     problem: Problem
     condition: Observability
@@ -88,8 +87,7 @@ def placement_of(
 ) -> StructurePlacement:
     """Linearise along the training runs, eliminate, exchange, certify, and predict σ of the layout.
 
-    Raises InfeasibleError if no layout within the limits detects every unknown.
-    """
+    Raises InfeasibleError if no layout within the limits detects every unknown."""
     structure = Structure(config, using.files, mesh, reduced, training)
     subject = _OnStructure(structure, screened, using)
     model, unknowns = reduced.model, subject.problem.unknowns
@@ -314,8 +312,7 @@ def pool_of(
     """Screened gauges (k,) as pool rows: single, or with a symmetry plane as mirrored pairs.
 
     Bonded gauges and gauges on the plane stay single; others without a mirror image in the pool are omitted. Raises
-    InfeasibleError if nothing is left.
-    """
+    InfeasibleError if nothing is left."""
     if symmetry is None:
         return PoolRows(selected[:, None], channels.of(selected), 0)
     with blame("place.symmetry"):

@@ -49,8 +49,7 @@ class Problem:
 
     run, x (steps + 1, 2n), loading: training run; Q (n*, n*): process intensity of the filter, frozen_Q: of the placement;
     printed: whether the printed numbers of the thesis are reproduced; channels: of all candidates; scheme, form, iterations: of
-    the extended filter; method: of the filter; drifting: whether parameters drift or are constants.
-    """
+    the extended filter; method: of the filter; drifting: whether parameters drift or are constants."""
 
     model: ReducedModel
     unknowns: Unknowns
@@ -94,8 +93,7 @@ class Problem:
 def problem_of(structure: Structure, screened: Screened, run: TrainingRun | None = None) -> Problem:
     """Set up the estimation problem; run: None for the configured loads.
 
-    The noise applies to samples at train.time_step; other time steps keep the same intensity.
-    """
+    The noise applies to samples at train.time_step; other time steps keep the same intensity."""
     config, files, model = structure.config, structure.files, structure.reduced.model
     run = run or run_as_stated(config, model.inputs, files)
     h, motion, loading = run.time_step, structure.training.motion_in(run.name), run.loading()
@@ -155,8 +153,7 @@ MODEL_ERROR = 0.01
 
 def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, float]:
     """Share of the training acceleration that is noise in the placement, and in the filter.
-    The parameter grid filter with a damping tolerance needs none; this noise would bias its parameters.
-    """
+    The parameter grid filter with a damping tolerance needs none; this noise would bias its parameters."""
     model_error = config.process_noise.model_error
     if model_error is not None:
         return model_error, model_error
@@ -168,8 +165,7 @@ def _model_error(config: PlacementConfig, unknowns: Unknowns) -> tuple[float, fl
 def model_error_intensity(model: ReducedModel, x: np.ndarray, u: np.ndarray, share: float) -> np.ndarray:
     """q_v = (share · rms q̈)² / ω₁ (n,) [kg m²/s³]: white acceleration noise for model errors.
 
-    share [-]: of the RMS training acceleration, correlated over 1/ω₁ of the first mode; x (T + 1, 2n); u (T, n_u) [N].
-    """
+    share [-]: of the RMS training acceleration, correlated over 1/ω₁ of the first mode; x (T + 1, 2n); u (T, n_u) [N]."""
     acceleration = accelerations(model, model.reference, x[: len(u)], u)
     lam, _ = modal_basis(model, model.reference)
     return share**2 * np.mean(acceleration**2, axis=0) / np.sqrt(lam[0])
@@ -185,8 +181,7 @@ def filter_model(
     """Filter model of channels (k,) or (B, k), rows of train.h5, −1 for none, at time step h [s].
 
     noise_factor: scalar or (B,); sigma (k,): σ of a sample at problem.h, NaN for the default. Unknown loads are unconstrained if
-    another load is known. Otherwise, and for a damping factor, only their random-walk model separates them from parameters.
-    """
+    another load is known. Otherwise, and for a damping factor, only their random-walk model separates them from parameters."""
     every = problem.channels
     rows = of_channels(every.rows, channels)
     quantity = np.where(channels >= 0, every.quantity[channels], STRAIN)
@@ -229,8 +224,7 @@ def exactly_damped(problem: Problem, model: FilterModel) -> FilterModel:
 def load_dependence_text(problem: Problem) -> str:
     """Warning that parameters depend on the noise model of the unknown loads; empty if a load is known.
 
-    Without a known load, a different size or speed of the loads explains the readings as well (docs/measured.md, Coverage).
-    """
+    Without a known load, a different size or speed of the loads explains the readings as well (docs/measured.md, Coverage)."""
     unknowns = problem.unknowns
     if problem.known or not unknowns.inputs or not unknowns.parameters:
         return ""
@@ -304,8 +298,7 @@ def scenarios_of(
     """One linearisation per instant and parameter sample, without a metric yet.
 
     channels (pool, c): rows of train.h5 of every pool row, −1 for none; installation (m,) [unit² s]: intensity added to the noise
-    of every channel of train.h5 (`installation_variances`).
-    """
+    of every channel of train.h5 (`installation_variances`)."""
     p, settings = problem, config.place
     ranges = {name: entry.range for name, entry in config.parameters.items()}
     u = instant_values(p.u)

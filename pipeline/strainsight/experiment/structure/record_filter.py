@@ -50,8 +50,7 @@ class RecordFilter:
     """Filter of one record.
 
     tolerances: at least of the channels of the test; start (n*, n*): covariance of x* at t = 0; settled: initial motion, None
-    unless periodic; record: index among `records`, the order of filtering; birge_ratio: see `filter_records`.
-    """
+    unless periodic; record: index among `records`, the order of filtering; birge_ratio: see `filter_records`."""
 
     problem: Problem
     tolerances: Tolerated
@@ -157,8 +156,7 @@ def filter_together(
     """Filter and smooth records with common parameters and gauges: by the parameter grid filter, one record by the configured
     filter. Raises InfeasibleError if the memory is insufficient.
 
-    wanted: covariances that the smoother keeps, None: all; progress: called with the finished share.
-    """
+    wanted: covariances that the smoother keeps, None: all; progress: called with the finished share."""
     first = filters[0]
     _require_memory(filters, some=wanted is not None)
     if first.problem.method != "grid":

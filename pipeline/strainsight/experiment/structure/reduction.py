@@ -64,8 +64,7 @@ def full_model(
     """Assemble the model, or import it from `mesh.matrices` or `mesh.results`; constrained, and affine in the parameters.
 
     config: section `mesh`, of which READS are read; loads: whose static responses are imported with results; by: factorisation of
-    the stiffness. The mesh gets densities and sections of the parameter references.
-    """
+    the stiffness. The mesh gets densities and sections of the parameter references."""
     if config.results is not None:
         full = model_of_results(config, mesh, parameters, files, loads)
         full = replace(full, model=_with_densities(full.model, parameters))
@@ -178,8 +177,7 @@ def modes_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
 def spectrum_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
     """Modes K φ = ω² M φ at the middle of the parameter ranges, so that runs on one mesh share the result.
 
-    Empty if shapes change with the parameters, as for two materials or plies; `validate` then solves at the true values.
-    """
+    Empty if shapes change with the parameters, as for two materials or plies; `validate` then solves at the true values."""
     count, parameters = config.validation.truth.modes, _in_the_middle(config, mesh)
     if any(shapes(mesh, number, parameter.property) for parameter in parameters for number in parameter.regions):
         return NO_MODES  # no assembly needed
@@ -313,8 +311,7 @@ SAMPLES = 4
 def inertia_problems(train: Train, training: Training, first: float) -> Iterator[str]:
     """Warnings that neglected inertia matters, or that the time step does not resolve the dynamics.
 
-    first: frequency of the first mode [Hz]. Raises InfeasibleError if inertia exceeds a tenth of the reading.
-    """
+    first: frequency of the first mode [Hz]. Raises InfeasibleError if inertia exceeds a tenth of the reading."""
     if train.model == "static":
         share = neglected_inertia(training, first)
         words = (

@@ -70,8 +70,7 @@ def parameters_of(
 
     section: the config's `mesh`; with imported matrices parameters have no regions, with imported results they cover all regions.
     Raises ConfigError for an unknown region or spring, a guess far from the value of the file, and a guess not available in the
-    other run.
-    """
+    other run."""
     parameters = []
     for name, entry in config.items():
         value, (low, high) = reference_value(name, entry.guess, files), entry.range
@@ -322,8 +321,7 @@ READS = (*WHAT_IS_FREE, "parameters.*.guess", *WHERE_LOADS_ACT, *WHERE_SENSORS_A
 def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     """Check nodes, sets, faces and deck loads; regions, springs and guesses of parameters; surfaces and zones of sensors.
 
-    Raises UserError with the key of an invalid reference, and for a load that would change with a parameter.
-    """
+    Raises UserError with the key of an invalid reference, and for a load that would change with a parameter."""
     if config.mesh.matrices is None:
         known = {
             name: parameter_entry

@@ -49,8 +49,7 @@ def model_of_results(
 ) -> FullModel:
     """Build the model of `mesh.results`; loads: of the config, None for the modes only.
 
-    Raises UserError with key and step for missing or inconsistent results.
-    """
+    Raises UserError with key and step for missing or inconsistent results."""
     settings = config.results
     assert settings is not None
     names = tuple(loads or ())
@@ -230,8 +229,7 @@ def _modal_mass(settings: ResultsSection, modes: list[Response], unit: float) ->
 
 def _proportional(entry: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
     """Map "stiffness" or "mass" to the parameter that scales it, and the value at which the results were computed.
-    Raises UserError for a property of only a part of the model, and if that value is unknown.
-    """
+    Raises UserError for a property of only a part of the model, and if that value is unknown."""
     scaled = {}
     for parameter in parameters:
         stiffness = of_stiffness(parameter.property)

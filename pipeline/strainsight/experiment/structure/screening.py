@@ -41,8 +41,7 @@ def installation_variances(structure: Structure, gauges: np.ndarray) -> np.ndarr
     qₖ: motion added by one σ of a load misalignment, with its part outside the reduced basis appended in proportion to the load.
     White noise of variance v correlated over τ has the intensity τ v. Correlation between channels of a gauge is neglected.
     gauges: ascending. Returns (cases, m) [unit²] for all channels in every load case, (1, m) without cases; zero for gauges that
-    are not requested.
-    """
+    are not requested."""
     pool, std = structure.pool, structure.installation
     moments = [_moments(structure, run) for run in structure.runs]
     v = np.zeros((len(moments), len(pool)))
@@ -129,8 +128,7 @@ def _screened(
 ) -> Screening:
     """Screen every kind of sensor separately.
     ratio (k, m) [-]: signal-to-noise ratios, used in turn; near (gauges,): violates the clearance; strained (m,): largest reading
-    of any grid of a channel.
-    """
+    of any grid of a channel."""
     keep = None if settings.keep == "all" else settings.keep
     kinds = pool.array[pool.first]
     selected, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")

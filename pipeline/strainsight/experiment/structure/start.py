@@ -23,8 +23,7 @@ class Loading:
     """Loads from t = 0, and during the settling time before.
 
     coefficients (steps, HOLD, n_u) [N]: hold coefficients at every step h [s]; tones: of all loads if the motion is periodic
-    from the start; lead (k, HOLD, n_u) [N]: steps from rest before t = 0.
-    """
+    from the start; lead (k, HOLD, n_u) [N]: steps from rest before t = 0."""
 
     coefficients: np.ndarray
     h: float
@@ -44,8 +43,7 @@ def loading_of(settle: Settle, signals: Sequence[Signal], h: float, steps: int) 
     none     from rest
     seconds  from rest this time before t = 0, rounded up to whole steps, under the same signals
 
-    h [s]; steps: from t = 0. Raises ConfigError if a signal is unknown before t = 0, InfeasibleError if it ends too early.
-    """
+    h [s]; steps: from t = 0. Raises ConfigError if a signal is unknown before t = 0, InfeasibleError if it ends too early."""
     coefficients = hold_coefficients(signals, 0.0, h, steps)
     lead, tones = np.zeros((0, HOLD, coefficients.shape[-1])), None
     if settle == "auto":
@@ -71,8 +69,7 @@ def _lead(settle: float, signals: Sequence[Signal], h: float) -> np.ndarray:
 def tones_in(coefficients: np.ndarray, h: float, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Fit W (k, HOLD, n) complex: Σₖ Re Wₖ exp(iωₖjh) approximates the hold coefficients of step j (least squares).
 
-    coefficients (T, HOLD, n); h [s]; frequency ω (k,) [rad/s]. Returns W and the relative RMS residual of the loads (n,).
-    """
+    coefficients (T, HOLD, n); h [s]; frequency ω (k,) [rad/s]. Returns W and the relative RMS residual of the loads (n,)."""
     phase = np.outer(h * np.arange(len(coefficients)), frequency)
     columns = np.hstack([np.cos(phase), -np.sin(phase)])
     flat = coefficients.reshape(len(coefficients), -1)

@@ -211,8 +211,7 @@ def sweeps_of(trial: Trial, settings: Validate, seed: int, sweep: Sweep = serial
     """Run `validate.sweeps`, None without points; errors are NaN if the filter diverged.
 
     Measurements are simulated again for other time steps, with the same noise intensity. Raises ConfigError for a wrong parameter
-    that is estimated or unknown.
-    """
+    that is estimated or unknown."""
     points = _points(trial, settings.sweeps)
     if not points:
         return None

@@ -168,8 +168,7 @@ def surface_grid(
     """Surface grid with fields in time and damage, None without either.
 
     settings: of the fields (displacement, strain and stress of every exterior facet, with σ unless withheld); damage: of
-    the facets. Stress and its σ are linearised in the coordinates and the estimated moduli.
-    """
+    the facets. Stress and its σ are linearised in the coordinates and the estimated moduli."""
     if settings is None:
         return None if damage is None else damage_grid(skin, damage)
     displacing = skin.field.states(smoothed.mean)
@@ -257,8 +256,7 @@ def largest(record: RecordFilter, last: np.ndarray) -> tuple[int, int]:
 def largest_reading(values: np.ndarray, offset: np.ndarray, scale: np.ndarray) -> tuple[int, int]:
     """Sample and channel of the largest |reading − offset|/scale, the first of equals, (0, 0) without samples.
 
-    values (T, m), NaN if missing; offset, scale (m,).
-    """
+    values (T, m), NaN if missing; offset, scale (m,)."""
     size = np.abs(values - offset) / scale
     size = np.where(np.isfinite(size), size, -1.0)
     k, channel = np.unravel_index(int(np.argmax(size)), size.shape)
@@ -307,8 +305,7 @@ def displaced(reduced: Reduced, record: RecordFilter) -> Displaced:
 def skin_in_test(structure: Structure, field: Displaced) -> tuple[Skin | None, tuple[str, ...]]:
     """Surface, or None with the reason if it is not available.
 
-    Raises ConfigError if a result on the surface is configured and the mesh has no surface, DeckError if it has no material.
-    """
+    Raises ConfigError if a result on the surface is configured and the mesh has no surface, DeckError if it has no material."""
     config, mesh, settings = structure.config, structure.mesh, structure.config.estimate
     assert settings is not None
     keys = [f"estimate.{name}" for name in ("field", "damage") if getattr(settings, name) is not None]
@@ -358,8 +355,7 @@ class SurfaceStrain:
     """Signed principal strain of largest magnitude at every exterior facet centre (f,).
 
     load: single load, "" for all of a training run; size [unit]: of that load; case: load case, "" for the configured loads;
-    instant [s]: of that run; free: whether the structure is free.
-    """
+    instant [s]: of that run; free: whether the structure is free."""
 
     strain: np.ndarray
     load: str = ""
@@ -376,8 +372,7 @@ def surface_strains(
     """Strain ε = B Ψ q at the guess under every single load and in every training run; empty without a surface.
 
     Single load: q = K⁻¹ S u, u = 1 unit or a power of 1000 that reaches 1 µm/m, with inertia relief for a `free` structure.
-    Training run: at the instant of the largest strain energy ½ qᵀKq.
-    """
+    Training run: at the instant of the largest strain energy ½ qᵀKq."""
     if not mesh.has_surface:
         return ()
     try:

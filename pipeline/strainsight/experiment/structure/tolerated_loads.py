@@ -114,8 +114,7 @@ def of_loads(
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     """Yield source, D (m, states), E (m, n_known) and change of the input shape (n, n_u) of each error, at the guess.
 
-    at (m,): rows of `missed`; moving (m,): whether a channel is an accelerometer.
-    """
+    at (m,): rows of `missed`; moving (m,): whether a channel is an accelerometer."""
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
     for each, i in enumerate(inputs_changed(loads, model).tolist()):
         if i < 0:

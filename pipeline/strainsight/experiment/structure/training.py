@@ -47,8 +47,7 @@ class TrainingRun:
     """One training run.
 
     name: of its load case, "" for the configured loads; key: config section; weight [-]: of the case; duration, time_step [s];
-    settle: start of the motion; signals: by load; silent: loads that do not act.
-    """
+    settle: start of the motion; signals: by load; silent: loads that do not act."""
 
     name: str
     key: str
@@ -292,8 +291,7 @@ def refuse_damping(damping: Damping, frequency: np.ndarray) -> None:
 def refuse_times(frequency: np.ndarray, duration: float, step: float, section: str = "train") -> None:
     """Raises InfeasibleError if a training run is too short or its time step too long for all modes.
 
-    frequency (modes,) [Hz], ascending; duration, step [s]: of the config `section`.
-    """
+    frequency (modes,) [Hz], ascending; duration, step [s]: of the config `section`."""
     first, last = float(frequency[0]), float(frequency[-1])
     units = "Check mesh.length_unit, mesh.mass_unit, modulus and density"
     if last * duration < LEAST_PERIODS:
@@ -327,8 +325,7 @@ def refuse_readings(readings: np.ndarray) -> None:
 def refuse_noise(best: Mapping[str, tuple[float, float]]) -> None:
     """Raises InfeasibleError if the noise exceeds all readings, or is negligibly small.
 
-    best: config key of a kind of sensors → its largest RMS reading and σ of its noise [strain, m/s², m].
-    """
+    best: config key of a kind of sensors → its largest RMS reading and σ of its noise [strain, m/s², m]."""
     low, high = SIGNAL_TO_NOISE
     key, (signal, noise) = max(best.items(), key=lambda item: item[1][0] / item[1][1] if item[1][1] else np.inf)
     if signal > high * noise:

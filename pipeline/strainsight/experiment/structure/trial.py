@@ -42,8 +42,7 @@ class Trial:
     h [s], time (T + 1,) [s]; known (T, HOLD, n_known) [N]: known loads; truth, motion: simulated; history: unknown →
     (T + 1,) [SI]; gauges: numbers of the layout, chosen (k,): their channels; stopped: number of gauges whose position error was
     limited by a sharp edge; covariance P₀ (n*, n*); settled: initial motion if known; units: by unknown; tolerated: tolerances of
-    the channels; again: realisation → readings without noise (T + 1, k) of a resampled truth, None without sampling.
-    """
+    the channels; again: realisation → readings without noise (T + 1, k) of a resampled truth, None without sampling."""
 
     problem: Problem
     h: float
@@ -234,8 +233,7 @@ def real_and_claimed(
     """Real and claimed relative error of every unknown: two mappings name → (B,).
 
     Parameter: |estimate − truth| and σ at the end, for drifting parameters their means over the last half. Load: RMS error and
-    RMS σ after the first tenth. All relative to `Trial.scale`. mean, std (T + 1, B, n*): of x*.
-    """
+    RMS σ after the first tenth. All relative to `Trial.scale`. mean, std (T + 1, B, n*): of x*."""
     values = physical(model, mean, std)
     real, claimed = {}, {}
     for name in trial.names:

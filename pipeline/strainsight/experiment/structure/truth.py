@@ -1,6 +1,5 @@
 """Simulated truth of a validation: a model other than the filter's, with errors of installation, loads, damping and stiffness
-sampled from the tolerances; its motion and gauge readings.
-"""
+sampled from the tolerances; its motion and gauge readings."""
 
 from __future__ import annotations
 
@@ -53,8 +52,7 @@ class LoadError:
 def installation_of(config: PlacementConfig, pool: Candidates, realisation: int) -> Installation:
     """Sample installation errors, number `realisation` of the config's seed (0 for the layout).
 
-    A position or angle error set by `validate.truth` has this size, in a direction sampled once for all realisations.
-    """
+    A position or angle error set by `validate.truth` has this size, in a direction sampled once for all realisations."""
     settings = config.validation.truth
     rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
     installation = sample_installation(pool, installation_std(tolerances_of(config.tolerances)), rng)
@@ -97,8 +95,7 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
     """Sample damping ζᵢ = ζ exp(sᵢ ln f), frequencies ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by modal mass, and stiffness K exp(s σ).
 
     s, sᵢ: standard normal, sᵢ per mode. `damping_factor` of `validate.truth` replaces sampled damping. The stiffness is unchanged
-    if a modulus is estimated.
-    """
+    if a modulus is estimated."""
     tolerances, damping_factor = tolerances_of(config.tolerances), config.validation.truth.damping_factor
     rng = np.random.default_rng([config.seed, realisation, MODEL])
     scale = np.exp(tolerances.model * rng.standard_normal())
@@ -184,8 +181,7 @@ class ModalMotion:
     """Motion in reduced coordinates.
 
     q, acceleration (T + 1, r); rows (m, r): strain operator; moving (m,): accelerometers; offset (m,), drift (m,) at the end of
-    the run [unit of the channel].
-    """
+    the run [unit of the channel]."""
 
     q: np.ndarray
     acceleration: np.ndarray
@@ -206,8 +202,7 @@ class SimulatedTruth:
 
     theta: true parameters [SI]; limited (gauges,): whether a sharp edge limited the position error; motion: maps a loading to a
     simulated motion; again: maps realisation and gauges to a resampled truth of these gauges, None without sampling; field:
-    displacement of all nodes per coordinate of a `ModalMotion` (3 nodes, r), else None.
-    """
+    displacement of all nodes per coordinate of a `ModalMotion` (3 nodes, r), else None."""
 
     theta: Mapping[str, float]
     description: str
@@ -225,8 +220,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     perturbed   the same with damping, loads and gauge installation sampled from the tolerances
     full   transient solution of the full finite-element model, gauges in their exact positions
 
-    spectrum: modes valid for all parameter values, used instead of new ones.
-    """
+    spectrum: modes valid for all parameter values, used instead of new ones."""
     config, mesh, training, reduced = structure.config, structure.mesh, structure.training, structure.reduced
     settings = config.validation.truth
     theta = {**problem.model.reference, **settings.parameters}
@@ -297,8 +291,7 @@ Installed = Callable[[np.ndarray, Installation | None], tuple[np.ndarray, np.nda
 
 def _installed(structure: Structure, built: FullModel, basis: np.ndarray, thickness: Thickness | None) -> Installed:
     """Return a function: gauges (k,) and installation (None: nominal) → strain operator (m, r), and whether an edge limits each.
-    An imported strain operator has gain errors only.
-    """
+    An imported strain operator has gain errors only."""
     training, pool, position = structure.training, structure.pool, structure.mesh.position
     if training.given is not None:
         strain_operator = training.given @ (built.motion @ basis)

@@ -81,8 +81,7 @@ class Validation:
 
     trial: truth and data of the filter; validated: histories, studies and field; accuracy: by unknown; whiteness: correlation of
     consecutive innovations; innovation_text: result of the innovation check; diverged: number of diverged study runs; without:
-    sentences on unknowns without a variance budget.
-    """
+    sentences on unknowns without a variance budget."""
 
     trial: Trial
     validated: Validated
@@ -108,8 +107,7 @@ def validation_of(
 ) -> Validation:
     """Simulate the truth, add noise, filter and smooth; then run noise levels, repeats, random layouts and sweeps.
 
-    spectrum: from `spectrum_of` for a truth of modes; gauges (k,): numbers of the layout.
-    """
+    spectrum: from `spectrum_of` for a truth of modes; gauges (k,): numbers of the layout."""
     config = structure.config
     seed, settings = config.seed, config.validation
     using.progress("simulated test", 0.0)
@@ -258,8 +256,7 @@ class Accuracy:
     estimate [SI]: final parameter (mean of the last half if drifting) or RMS of a load; error, std: real and claimed error of the
     filter, smoothed, smoothed_std: of the smoother, all relative to scale [SI]; zero: whether a load is zero, so that scale is
     its amplitude; draws, smoothed_draws: number of independent samples in the RMS, 1 for a parameter; settling_time [s]: until
-    the error of a parameter stays within SETTLED, None for a load; rank, benefit: among random layouts, None for too few.
-    """
+    the error of a parameter stays within SETTLED, None for a load; rank, benefit: among random layouts, None for too few."""
 
     estimate: float
     error: float
@@ -312,8 +309,7 @@ def _draws(error: np.ndarray, std: np.ndarray) -> int:
 
 def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
     """CSV of time, channels ("G2.3 [m/m]" is the third grid of G2) and known loads; the first row has loads only.
-    labels (k,): of the gauges; measured (T, m): of their channels; units: of the loads.
-    """
+    labels (k,): of the gauges; measured (T, m): of their channels; units: of the loads."""
     channels = trial.problem.channels.of(trial.gauges)
     which, grid = np.nonzero(channels >= 0)
     quantity = trial.problem.channels.quantity[channels[which, grid]]

@@ -1,7 +1,6 @@
 """Stiffness, mass and strain of shells on their middle surfaces and at their nodes; classical lamination theory.
 
-Strain in the order xx, yy, xy, γ_xy = 2 ε_xy; z from the middle of the laminate along its normal.
-"""
+Strain in the order xx, yy, xy, γ_xy = 2 ε_xy; z from the middle of the laminate along its normal."""
 
 from __future__ import annotations
 
@@ -58,8 +57,7 @@ def laminate_resistance(
 
     thickness (n,) [m]; angle (n,) [rad] of axis 1 from x; Q (n, 3, 3) [Pa] along the axes of each ply; shear_flexibility
     (n, 2) 1/G₁z, 1/G₂z [1/Pa], 0 if rigid. Source: K. Rohwer, Improved transverse shear stiffnesses for layered
-    finite elements, DFVLR-FB 88-32 (1988).
-    """
+    finite elements, DFVLR-FB 88-32 (1988)."""
     T, r = strain_rotation(angle), _shear_rotation(angle)
     Q = T.swapaxes(1, 2) @ Q @ T
     flexible = r.swapaxes(1, 2) @ (shear_flexibility[:, :, None] * r)
@@ -332,8 +330,7 @@ def quad_strains(xy: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray
     ones, and |J| (e, q) [m²]. Sources: R. L. Taylor et al., A non-conforming element for stress analysis, Int. J. Numer. Meth.
     Engng 10 (1976) 1211-1219; K.-J. Bathe & E. N. Dvorkin, A four-node plate bending element based on Mindlin/Reissner plate
     theory and a mixed interpolation, ibid. 21 (1985) 367-383; T. J. R. Hughes & F. Brezzi, On drilling degrees of freedom,
-    Comput. Methods Appl. Mech. Engrg. 72 (1989) 105-121.
-    """
+    Comput. Methods Appl. Mech. Engrg. 72 (1989) 105-121."""
     e, q = len(xy), at.shape[1]
     N, slopes = quad_shape(at)
     inverse, det = _inverse(np.matmul(slopes.swapaxes(2, 3), xy[:, None]))

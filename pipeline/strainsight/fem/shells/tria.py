@@ -28,8 +28,7 @@ def tria_strains(
 
     xy (e, 3, 2) [m] anticlockwise; at (e or 1, q, 2) area coordinates r, s of the second and third node; nu (e,) Poisson's
     ratio; twist d (e,), see `_shear`; along_beams (e, 3), nodes whose rotation about the normal has no effect. Returns
-    (e, q, 8, 18 + 2), columns 6·node + component and the inner ones, and the area (e,) [m²].
-    """
+    (e, q, 8, 18 + 2), columns 6·node + component and the inner ones, and the area (e,) [m²]."""
     e, q = len(xy), at.shape[1]
     area, mean, varying = _membrane(xy, np.maximum((1 - 4 * nu**2) / 2, LEAST_BETA0), along_beams)
     J = xy[:, 1:] - xy[:, :1]
@@ -64,8 +63,7 @@ def _membrane(
     its plane as a beam of any slenderness if β₀ = (1 − 4ν²)/2. Sides of a node whose θ has no effect stay straight, so that
     constant stress passes next to other triangles, and its θ̃ is zero.
     Returns area (e,) [m²], ε̄ (e, 3, 9) and εᵢ (e, 3, 3, 9) with i second, columns u₁ v₁ θ₁ u₂ …. Source: C. A. Felippa,
-    A study of optimal membrane triangles with drilling freedoms, Comput. Methods Appl. Mech. Engrg. 192 (2003) 2125-2168.
-    """
+    A study of optimal membrane triangles with drilling freedoms, Comput. Methods Appl. Mech. Engrg. 192 (2003) 2125-2168."""
     e = len(xy)
     side = np.roll(xy, -1, axis=1) - np.roll(xy, -2, axis=1)
     X, Y = side[..., 0], side[..., 1]  # x₂₃, x₃₁, x₁₂: the side opposite each node
@@ -122,8 +120,7 @@ def _shear(xy: np.ndarray, at: np.ndarray, inverse: np.ndarray, twist: np.ndarra
 
     A (1/6, 2/3), B (2/3, 1/6), C (1/6, 1/6). Only d resists rotations θ = c (x, y) about the centre of a triangle; with d = 1,
     as in MITC3, it locks. Source: Y. Lee, P.-S. Lee & K.-J. Bathe, The MITC3+ shell element and its performance, Comput.
-    Struct. 138 (2014) 12-23, with d = 10⁻⁴ for all elements.
-    """
+    Struct. 138 (2014) 12-23, with d = 10⁻⁴ for all elements."""
     A, B, C = (_covariant(xy, r, s) for r, s in ((1 / 6, 2 / 3), (2 / 3, 1 / 6), (1 / 6, 1 / 6)))
     ends = _covariant(xy, 0.0, 0.0), _covariant(xy, 1.0, 0.0), _covariant(xy, 0.0, 1.0)
     vary = twist[:, None] * ((ends[2][:, 0] - ends[0][:, 0]) - (ends[1][:, 1] - ends[0][:, 1]))
@@ -164,8 +161,7 @@ def shell_axes(position: np.ndarray, ids: np.ndarray) -> np.ndarray:
     the first node to the second, projected on the plane across z, and y = z × x.
 
     position (e, k, 3) [m], of second-order elements the corners first; ids (e,) for the error message. Returns (e, 3, 3), an
-    axis in a column. Raises DeckError for an element without area, or with a reentrant corner.
-    """
+    axis in a column. Raises DeckError for an element without area, or with a reentrant corner."""
     position = position[:, : CORNERS[position.shape[1]]]
     size = np.linalg.norm(position - np.roll(position, 1, axis=1), axis=2).max(axis=1)
     first, second = _across(position)
@@ -185,8 +181,7 @@ def plane_of(position: np.ndarray, offset: np.ndarray, ids: np.ndarray) -> Plane
     """The mean plane of elements: the nodes of a warped one are alternately h above and below it.
 
     position (e, k, 3) [m]; offset (e,) [m] of the middle surface from the nodes along the normal; ids (e,). Raises what
-    `shell_axes` does.
-    """
+    `shell_axes` does."""
     axes = shell_axes(position, ids)
     local = np.matmul(position - position.mean(axis=1, keepdims=True), axes)
     return Plane(axes, np.ascontiguousarray(local[:, :, :2]), offset[:, None] - local[:, :, 2])
@@ -198,8 +193,7 @@ def to_basic(K: np.ndarray, plane: Plane) -> np.ndarray:
 
         u = Rᵀ(u_a + φ_a × d z),    φ = Rᵀ φ_a
 
-    Rigid motions cause no strain for any warp and offset. Returns (e, 6k, 6k).
-    """
+    Rigid motions cause no strain for any warp and offset. Returns (e, 6k, 6k)."""
     return rows_to_basic(rows_to_basic(K, plane).swapaxes(1, 2), plane).swapaxes(1, 2)
 
 

@@ -95,8 +95,7 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
     """A real matrix from a file; `name` selects one of several (OP4, .npz), None the only one.
 
     Raises DeckError for a file that is missing, damaged or unsupported, for complex numbers, NaN or text, and for a
-    missing or required name. Raises UserError for an archive that does not fit into memory.
-    """
+    missing or required name. Raises UserError for an archive that does not fit into memory."""
     ending = "".join(path.suffixes[-2:]).lower()
     reader = next((r for suffix, r in _READERS.items() if ending.endswith(suffix)), None)
     if reader is None:
@@ -158,8 +157,7 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Node id (r,) and component 0-5 (r,) of each matrix row, from the lines of a CSV below its header, or a .dof of CalculiX.
 
     Raises DeckError with file:line for lines other than "node,component" or "node.component", a scalar point
-    (component 0) and a duplicate pair.
-    """
+    (component 0) and a duplicate pair."""
     rows, lines = [], []
     calculix = path.suffix.lower() == ".dof"
     for number, cells in read_dofs(path) if calculix else csv_lines(path, ("node", "component")):

@@ -1,7 +1,6 @@
 """Readers of OUTPUT4 (text and binary), Matrix Market and CalculiX matrices.
 
-SciPy's Matrix Market reader crashes with a segmentation fault at an invalid line (seen with SciPy 1.17).
-"""
+SciPy's Matrix Market reader crashes with a segmentation fault at an invalid line (seen with SciPy 1.17)."""
 
 from __future__ import annotations
 

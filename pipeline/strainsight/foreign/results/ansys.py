@@ -74,8 +74,7 @@ def ansys_responses(path: Path) -> Iterator[Response]:
     """Modes or static displacements of the file, along the global Cartesian axes.
 
     The step is the load step; the number of a mode or static result is its substep. Raises DeckError if the library
-    is not installed, for other analyses, cyclic and complex results, and a damaged file.
-    """
+    is not installed, for other analyses, cyclic and complex results, and a damaged file."""
     with path.open("rb"):
         pass
     if not _installed():

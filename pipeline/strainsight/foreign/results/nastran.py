@@ -7,8 +7,7 @@ consists of pairs of records: 146 words of header, then the rows. A row is ten t
 type, and six components. Source: DMAP Programmer's Guide, data blocks OUG (displacements) and LAMA (eigenvalues).
 
 Punch: lines of 80 columns, with the line number in the last 8. A block is header comments, then two lines a point. The first has
-id (ten columns), type (eight), three components (eighteen each), the second -CONT- and the three rotations.
-"""
+id (ten columns), type (eight), three components (eighteen each), the second -CONT- and the three rotations."""
 
 from __future__ import annotations
 
@@ -161,8 +160,7 @@ def op2_responses(path: Path) -> Iterator[Response]:
 
     The step is the subcase; if it has tables in nodal and in basic axes, the first is used. The frequency of a mode comes from
     its eigenvalue λ = ω², its modal mass from a preceding table LAMA. Load steps of a nonlinear subcase are numbered from 1.
-    Raises DeckError for a damaged file, other kinds of displacements, and displacements written node by node (SORT2).
-    """
+    Raises DeckError for a damaged file, other kinds of displacements, and displacements written node by node (SORT2)."""
     with open_file(path) as file:
         op2 = Op2File(file, path)
         head: _Head | None = None
@@ -296,8 +294,7 @@ def punch_responses(path: Path) -> Iterator[Response]:
 
     The step is the subcase; the frequency of a mode comes from its eigenvalue λ = ω². Displacements of one subcase
     are numbered from 1. The format does not distinguish vibration and buckling modes. Raises DeckError with the line
-    for unreadable numbers, complex results, results over time or frequency, and results written point by point (SORT2).
-    """
+    for unreadable numbers, complex results, results over time or frequency, and results written point by point (SORT2)."""
     counts: Counter[int] = Counter()
     for block in _blocks(path):
         yield _punch_response(block, counts, path)

@@ -1,8 +1,7 @@
 """Read modes and static responses from any result file, one after the other; with readers of .frd, universal and VTU files.
 
 A universal file has lines of -1 around every dataset; after its header, each node has two lines: its number, and its
-values in columns of 13. Source: the UFF pages of the University of Cincinnati (SDRL).
-"""
+values in columns of 13. Source: the UFF pages of the University of Cincinnati (SDRL)."""
 
 from __future__ import annotations
 
@@ -173,8 +172,7 @@ def universal_responses(path: Path) -> Iterator[Response]:
 
     The step is the load case (dataset 55) or the load set (2414), 1 if it is 0; static responses of a step are
     numbered from 1. They are along the basic axes, as the format requires. Raises DeckError with file:line for
-    datasets without end, unreadable numbers, and for complex, transient, frequency and buckling results.
-    """
+    datasets without end, unreadable numbers, and for complex, transient, frequency and buckling results."""
     counts: Counter[int] = Counter()
     for dataset in _datasets(path):
         response = _universal_response(dataset, counts, path)
@@ -297,8 +295,7 @@ def vtu_responses(path: Path) -> Iterator[Response]:
     "mode_1" is mode 1 of step 1; its frequency is part of the name, "mode_1 12.5 Hz", or entry 1 of the field data
     "frequencies" [Hz]; "displacement" and "displacement_2" are static steps 1 and 2. Other data are skipped. Node
     numbers are those of a mesh file of these formats. The whole file is read into memory. Raises DeckError for a file
-    that cannot be read, and a mode without frequency.
-    """
+    that cannot be read, and a mode without frequency."""
     with path.open("rb"):
         pass
     raw = load_sandboxed(path).mesh
@@ -357,8 +354,7 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     """The modes and static responses of a file in order; only one is in memory, so the file may be larger than the memory.
 
     The ending of the name, without .gz, selects the reader. Raises DeckError for an unknown ending, a file that is
-    missing, damaged or not a plain file, and errors of the reader.
-    """
+    missing, damaged or not a plain file, and errors of the reader."""
     path = Path(path)
     endings = (ending.lower() for ending in reversed(path.suffixes))
     reader = readers.get(next((ending for ending in endings if ending != ".gz"), ""))

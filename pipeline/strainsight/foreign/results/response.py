@@ -1,8 +1,7 @@
 """Mode shapes and static responses of other programs, and natural frequencies in printed output.
 
 Source: Nastran Quick Reference Guide, tables of real eigenvalues and real eigenvectors. CalculiX manual, *FREQUENCY,
-eigenvalue output.
-"""
+eigenvalue output."""
 
 from __future__ import annotations
 
@@ -33,8 +32,7 @@ class Response:
     node (CD of a GRID) instead of the basic axes; rounding: largest relative error of a number, 5e-6 for 1.23457E+00,
     6e-8 in single precision, 1e-16 in double; scalar_points: number of scalar and fluid points that are left out;
     where: file and step, or line, for messages; position (n, 3) of the nodes along the basic axes, if available.
-    Raises DeckError for a repeated node, and for motions and frequencies that are not finite.
-    """
+    Raises DeckError for a repeated node, and for motions and frequencies that are not finite."""
 
     kind: Literal["mode", "static"]
     step: int
@@ -159,8 +157,7 @@ def printed_modes(path: Path) -> Iterator[Response]:
     """Every mode of the file, step by step; without shapes it has no nodes.
 
     The step is the subcase of Nastran, or the number of the frequency step of CalculiX. Shapes of an .f06 are along nodal axes
-    (CD); scalar points are left out. Raises DeckError with the line for unreadable data, and for a file without modes.
-    """
+    (CD); scalar points are left out. Raises DeckError with the line for unreadable data, and for a file without modes."""
     is_f06 = ".f06" in (ending.lower() for ending in path.suffixes)
     steps = _of_nastran(path) if is_f06 else _of_calculix(path)
     steps_with_modes = [step for step in steps if step.eigenvalue]

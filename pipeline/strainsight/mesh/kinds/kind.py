@@ -37,8 +37,7 @@ class Kind:
     side of the strain at each of nine points, 0 and 1 from the first corner to the second and third, 2 between these; it is
     interpolated linearly from the three points of a side.
     Reference domains: simplices 0 ≤ ξᵢ, Σξᵢ ≤ 1; squares and cubes [−1, 1]ᵈ; wedges triangle × [−1, 1]; pyramids
-    |ξ|, |η| ≤ 1 − ζ, 0 ≤ ζ.
-    """
+    |ξ|, |η| ≤ 1 − ζ, 0 ≤ ζ."""
 
     name: str
     nodes: FloatArray
@@ -82,8 +81,7 @@ class ElementKind(Kind):
     of every program use both directions; bubble_gradient: ξ (q, 3) → ∂P_i/∂ξ_d (q, p, 3) of incompatible modes, condensed in
     each element. nastran: the card; gmsh: the number of the type; abaqus: types in VTK order → how each is reinterpreted;
     meshio: names of the cell → order of its nodes; orders: formats whose order meshio does not convert. A program without such
-    an element is left out.
-    """
+    an element is left out."""
 
     family: str
     facets: tuple[tuple[Kind, Order], ...]

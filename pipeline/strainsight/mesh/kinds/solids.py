@@ -1,7 +1,6 @@
 """Solid elements: tetrahedra, hexahedra (linear ones with incompatible modes), wedges, and pyramids between them.
 
-Nodes 0, 1, 2 of a wedge lie at ζ = −1, as in Nastran, gmsh and vtkWedge's own interpolation.
-"""
+Nodes 0, 1, 2 of a wedge lie at ζ = −1, as in Nastran, gmsh and vtkWedge's own interpolation."""
 
 from __future__ import annotations
 
@@ -296,8 +295,7 @@ BASE, APEX = QUADRANGLE_CORNERS, np.array([0.0, 0.0, 1.0])
 def pyramid_linear(xi: FloatArray) -> Values:
     """Base ¼(1 − ζ)(1 + ξ_a u)(1 + η_a v) with u = ξ/(1 − ζ), v = η/(1 − ζ); apex ζ (Bedrosian 1992).
 
-    At the apex, where the gradient depends on the direction, it is the limit along the axis, u = v = 0.
-    """
+    At the apex, where the gradient depends on the direction, it is the limit along the axis, u = v = 0."""
     t = 1 - xi[:, 2:]
     u, v = np.divide(xi[:, :2], t, out=np.zeros_like(xi[:, :2]), where=t != 0).T[:, :, None]
     a, b = BASE.T
@@ -308,8 +306,7 @@ def pyramid_linear(xi: FloatArray) -> Values:
 
 def _pyramid_rule(points: int) -> Rule:
     """Gauss-Legendre in u and v, Gauss-Jacobi in ζ with the weight (1 − ζ)²: exact for degree 3 in u and v.
-    ∂N/∂ξ and the Jacobian do not depend on ζ at u, v: one point in ζ is exact for the stiffness of any shape.
-    """
+    ∂N/∂ξ and the Jacobian do not depend on ζ at u, v: one point in ζ is exact for the stiffness of any shape."""
     plane, weight = gauss(2, 2)
     x, w = roots_jacobi(points, 2.0, 0.0)
     t = 0.5 * (1 - np.repeat(x, len(plane)))

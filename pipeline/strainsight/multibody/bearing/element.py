@@ -63,8 +63,7 @@ def bearing_load(bearing: Bearing, q: np.ndarray, slopes: bool = True) -> Bearin
     q (5,) [m, m, m, rad, rad]: axial x, radial y and z, tilt about y and about z, small, of the inner ring relative to the
     outer; F_4, F_5 are the moments T_kᵀ gives, so that (1.24-1.25) hold with the signs + and −.
     Raises UserError for a q that is no five numbers, NumericalError where a ball finds no equilibrium.
-    Source: thesis (1.18-1.25) after Halpin and Tran, Journal of Tribology 138 (2016).
-    """
+    Source: thesis (1.18-1.25) after Halpin and Tran, Journal of Tribology 138 (2016)."""
     q = _five("displacement", q, "two tilts")
     force, tangent, slope = np.zeros(5), np.zeros((5, 5)), np.zeros((5, len(PARAMETERS)))
     contacts = bearing.contacts
@@ -139,8 +138,7 @@ def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = 
     ring free, one of its many positions. Returns q (5,) [m, m, m, rad, rad], with F to 1e-9 of itself and of z K (FLOOR D)^1.5.
     Raises UserError for a load or start that is no five numbers, InfeasibleError for a load that is beyond the bearing,
     NumericalError where no equilibrium was reached.
-    Source: Conn, Gould and Toint, Trust-Region Methods, algorithm 6.1.1; the tangent is that of `bearing_load`.
-    """
+    Source: Conn, Gould and Toint, Trust-Region Methods, algorithm 6.1.1; the tangent is that of `bearing_load`."""
     F, y = _five("load", load), np.zeros(5) if start is None else _five("start", start)
     # tilts as motions of the pitch circle, so that all five are lengths
     unit = np.array([1.0, 1.0, 1.0, 2 / bearing.pitch_diameter, 2 / bearing.pitch_diameter])
@@ -247,8 +245,7 @@ class Drag:
     moment T₀ [N m], of seals and preload; coefficient µ [-]; viscous c [N m s/rad]; speed ω₀ [rad/s]; F_a, F_r, M axial and
     radial force and tilting moment that the balls carry, D the pitch diameter. damping (5,): of the five displacements
     [N s/m, N s/m, N s/m, N m s/rad, N m s/rad].
-    Source: thyssenkrupp rothe erde, slewing bearings, starting torque of ball bearings.
-    """
+    Source: thyssenkrupp rothe erde, slewing bearings, starting torque of ball bearings."""
 
     moment: float = 0.0
     coefficient: float = 0.0

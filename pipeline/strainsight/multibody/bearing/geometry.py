@@ -25,8 +25,7 @@ def point_contact(along: float, across: float, modulus: float) -> tuple[float, f
     approach: a change of the gap ρᵢ xᵢ²/2 does the work of the pressure on it, and ⟨xᵢ²⟩ = aᵢ²/5 under half an ellipsoid.
 
     along, across [1/m] > 0: relative principal curvatures; modulus E* [Pa]: 1/E* = Σ (1 − ν²)/E of the two bodies.
-    Returns K [N/m^1.5] and s₁ of `along`. Source: Johnson, Contact Mechanics, section 4.2; Hertz 1881.
-    """
+    Returns K [N/m^1.5] and s₁ of `along`. Source: Johnson, Contact Mechanics, section 4.2; Hertz 1881."""
     long, short = min(along, across), max(along, across)
     ratio = _axis_ratio(short / long)
     integral, share = _elliptic(ratio)
@@ -79,8 +78,7 @@ def groove_curvatures(ball: float, groove: float, pitch: float, cosine: float, s
         ρ_along = 2/(D (1 ∓ D cos α/d_m)),   upper sign at the inner ring,      ρ_across = 2/D − 1/r
 
     ball D, groove r, pitch d_m [m]; cosine: cos α at the free angle; side: +1 inner, −1 outer ring. Returns two [1/m].
-    Source: Harris, Rolling Bearing Analysis, chapter 2 (curvature sum and difference).
-    """
+    Source: Harris, Rolling Bearing Analysis, chapter 2 (curvature sum and difference)."""
     return 2 / (ball * (1 - side * ball * cosine / pitch)), 2 / ball - 1 / groove
 
 
@@ -145,8 +143,7 @@ class Bearing:
     interference; nominal: (D, r_il, r_ir, r_ol, r_or) [m] that the grooves were cut for, by default the bearing's own;
     youngs_modulus [Pa], poisson_ratio: of balls and rings; density [kg/m³]: of the balls, for their centrifugal force;
     speed [rad/s] of the inner ring; first_ball [rad].
-    Raises UserError where no such bearing can be built, with the values.
-    """
+    Raises UserError where no such bearing can be built, with the values."""
 
     balls: int
     pitch_diameter: float

@@ -63,8 +63,7 @@ def contact_state(table: np.ndarray, c: np.ndarray, px: float, pr: float, state:
 
         Q = K δ^1.5,   n = (c − p)/d,   H = 1.5 K √δ n nᵀ + (Q/d)(I − n nᵀ),   d = |c − p|
 
-    Returns Σ Q [N] and what rounding of the distances makes of the forces [N].
-    """
+    Returns Σ Q [N] and what rounding of the distances makes of the forces [N]."""
     total, rounding = 0.0, 0.0
     for k in range(4):
         dx, dr = c[k, 0] - px, c[k, 1] - pr
@@ -215,8 +214,7 @@ def ring_load(
     B (3, 5) from q to (u, w, τ). Fills force (5,), tangent (5, 5) and slopes (5, 6), given as zeros; turns (z, 2): cos φ, sin φ.
     memory (0,), or (6 + KEPT z,) of another displacement nearby, whose balls are followed to here and kept: it saves most of the
     work, and the energy is not computed. Returns the energy [J], the ball that did not settle (−1: none), and its excess as in
-    `ball_centre`.
-    """
+    `ball_centre`."""
     soft, loose = floors(table, ball)
     c, state = np.empty((4, 2)), np.empty((4, 8))
     A, S, X, Y = np.zeros((2, 2, 3)), np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))

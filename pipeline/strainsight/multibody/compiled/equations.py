@@ -1,6 +1,5 @@
 """The equations of motion with all their derivatives: of an implicit step at a trial state in minimal coordinates, and of a state
-in natural ones.
-"""
+in natural ones."""
 
 from __future__ import annotations
 

@@ -28,8 +28,7 @@ class LinearBench:
     B (r, nu) [m √kg/s² per unit of an input]; increment (nu,) σ of the change of every input in a step of h [s]; force (n,)
     variances of the generalised force on q that is drawn in every step for 1 m/s² of white acceleration; method of the step;
     corrected: whether the filter makes up for what the step leaves out (`left_out`); printed: whether its noise is the thesis's
-    Q*, by which a load that changes in a step moves nothing in it.
-    """
+    Q*, by which a load that changes in a step moves nothing in it."""
 
     T: np.ndarray
     C: np.ndarray
@@ -102,8 +101,7 @@ def linearise(
         M = TᵀM(q)T,   C = Tᵀ(∂f/∂v)T,   K = Tᵀ(∂f/∂q − Σ λ ∇²φ)T symmetrised,   B_u = −Tᵀ ∂f/∂u
 
     T orthonormal in the metric of the mass, so y is in m √kg. u holds all inputs of the system, B_u a column for each, and behind
-    them for each of ξ, by_xi (nθ, p) = ∂θ/∂ξ.
-    """
+    them for each of ξ, by_xi (nθ, p) = ∂θ/∂ξ."""
     q, still = np.asarray(q, dtype=float), np.zeros(system.size)
     tangent = tangent_space(system, q, still, u, theta)
     M, C, K = tangent.matrices
@@ -121,8 +119,7 @@ def build_continuous_model(
         F = [0  I  0; −diag λ  −C  B; 0  0  0],   Q = diag(0, h W, increment²/h)
 
     W the covariance of the white force in a step, of a white acceleration [m/s²] of every body; drawn (nu,): in place of
-    increment.
-    """
+    increment."""
     r, nu = bench.B.shape
     changes = bench.increment if changes is None else changes
     F, Q = np.zeros((2, 2 * r + nu, 2 * r + nu))
@@ -144,8 +141,7 @@ def build_discrete_model(
     z = (η, η̇), u' = u + δ, the step with δ = 0 where `printed`. scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇
     in what stores the energy that the largest increment does at rest. There no motion grows in a step, whatever the units, and
     one that no input moves has no unit of rounding. drawn (nu,): σ of the changes in a step, where it is not the increment, which
-    then is a unit.
-    """
+    then is a unit."""
     r, nu = bench.B.shape
     std = bench.increment if changes is None else changes
     frequency = np.sqrt(np.abs(bench.stiffness))
@@ -197,8 +193,7 @@ def indistinct(model: AugmentedStep, x: np.ndarray, k: int, names: Sequence[str]
 
     of the bench linearised there. Loads are constants in it whatever their model: a stationary one dies away and is called
     detectable, and two on one line of action are no better known for that. `undetectable_directions` balances the units, readings
-    count in σ of their noise.
-    """
+    count in σ of their noise."""
     system, nu = model.system, len(model.inputs)
     u = np.array(model.known[k], dtype=float)
     u[model.inputs] = x[model.u]

@@ -80,8 +80,7 @@ def step_responses(
         Φ₂ₛ = Φₛ Φₛ,   Q₂ₛ = Qₛ + Φₛ Qₛ Φₛᵀ,   X₂ₛ = Xₛ + Φₛ Xₛ,   Y₂ₛ = Yₛ + Φₛ Yₛ + s Xₛ
 
     from the series of φ₂(A) = A⁻²(eᴬ − 1 − A) of a part p, A = F p, by powers of A⁴ (Paterson, Stockmeyer), Φ = 1 + A + A² φ₂,
-    X = p (1 + A φ₂) G, Y = p² φ₂ G, and a Gauss rule for the noise; Q None: of none.
-    """
+    X = p (1 + A φ₂) G, Y = p² φ₂ G, and a Gauss rule for the noise; Q None: of none."""
     n, k = G.shape
     A = F * part
     low = np.empty((4, n, n))

@@ -57,8 +57,7 @@ class AugmentedStep:
     w/d² the rate that a force gives a coordinate alone [1/s²], d its metric: no joint is asked, so that a disturbed state leaves
     the constraints, and a load that changes in a step moves nothing in it.
     A step that fails leaves NaN in its run. Runs are stepped one after the other; the last two steps of each are remembered.
-    Source: thesis (1.40-1.56), with the noise before the step in place of (1.45) unless `printed`.
-    """
+    Source: thesis (1.40-1.56), with the noise before the step in place of (1.45) unless `printed`."""
 
     system: System
     sensors: CompiledSensors

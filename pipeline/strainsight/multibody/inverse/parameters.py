@@ -188,8 +188,7 @@ def start_covariance(
     q (n,) in equilibrium under all inputs u and θ (nθ,); inputs (nu,): places of the unknown ones; std_u (nu,) [N, N m];
     std_xi (p,) [-], or the covariance (p, p) of ξ; spread: σ_q [m √kg], σ_v [m √kg/s] of further motions (one number: both)
     in the metric of the mass, along all that the constraints leave (T). P has its range in the tangent space.
-    Raises InfeasibleError for deviations of the wrong number, and where nothing holds a motion of the system.
-    """
+    Raises InfeasibleError for deviations of the wrong number, and where nothing holds a motion of the system."""
     n, inputs = system.size, np.asarray(inputs, dtype=int)
     std_u, std_xi = np.atleast_1d(np.asarray(std_u, dtype=float)), np.asarray(std_xi, dtype=float)
     if std_u.shape != inputs.shape or std_xi.shape[:1] != (coordinates.size,):
@@ -253,8 +252,7 @@ def zero_at_rest(
         f(q₀, 0, u, θ(ξ)) = Bᵀλ,   φ(q₀) = 0,   from q (n,), under the loads u (all inputs,) at which they were zeroed.
 
     A sensor that was zeroed at rest tells nothing of what deformed the bench then, whatever its stiffness. The last answers
-    are remembered, and every equilibrium is followed from the nearest.
-    """
+    are remembered, and every equilibrium is followed from the nearest."""
     still = np.zeros(system.size)
     answers: OrderedDict[bytes, tuple[Equilibrium, np.ndarray, np.ndarray]] = OrderedDict()
 
@@ -299,8 +297,7 @@ def follow_equilibrium(system: System, known: Equilibrium, u: np.ndarray, theta:
         [B   0 ] [λ'  ∂λ] = − [φ  0    ]
 
     from q + ∂q Δθ; where that does not end it is sought as by `rest_at`. Raises InfeasibleError, as
-    that does, where nothing holds some motion at θ.
-    """
+    that does, where nothing holds some motion at θ."""
     return _newton(system, known, u, theta) or rest_at(system, known.q, u, theta)
 
 

@@ -93,8 +93,7 @@ def linearise(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray])
 
     The step takes loads for straight lines and modes for what implicit stages make of them; this is exact in both for a bench
     that is linear as long as the step lasts. ε is the path of the loads between its ends, a bridge, which no reading of c
-    tells: independent of δ, and of other steps. f₀: what accelerates the bench at the start along its motions.
-    """
+    tells: independent of δ, and of other steps. f₀: what accelerates the bench at the start along its motions."""
     system, method, loads, _ = plant
     h, n, k = loads.h, system.size, loads.size
     flow = _flow(plant, start, middle)
@@ -232,8 +231,7 @@ def _by_ends(cross: np.ndarray, squares: np.ndarray) -> np.ndarray:
 class Begun:
     """Step k begins where left.change was found; by_xi (2n, p): slopes of that by the parameters; stale (2n, 2n): mean square of
     what it changes by when linearised where it was not; left None: it cannot be had. at: what the step is linearised as, since
-    step `since`, for `serves` steps.
-    """
+    step `since`, for `serves` steps."""
 
     k: int
     x: np.ndarray

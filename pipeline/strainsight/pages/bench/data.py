@@ -1,7 +1,6 @@
 """Contents of the page of a bench.
 
-Numbers have the names of the stage summaries ("error.Fz") and SI units.
-"""
+Numbers have the names of the stage summaries ("error.Fz") and SI units."""
 
 from __future__ import annotations
 
@@ -23,8 +22,7 @@ class BenchUnknown(History):
     """Estimated load or parameter; the truth of a parameter is constant.
 
     errors, stds (runs,): error [unit] of every run over seeds and starts, and claimed σ [unit] of a parameter or None;
-    there: load [unit] on the bench with the measurements, or None.
-    """
+    there: load [unit] on the bench with the measurements, or None."""
 
     kind: Literal["input", "parameter"] = "input"
     errors: FloatArray | None = None
@@ -92,8 +90,7 @@ class PageRun:
 
     name: of its config; label, note, study, group: as in the suite; at: value of the key varied by its study;
     reached: last stage; page: relative link to its page or None; numbers: stage → summary; seeds: numbers (seeds,) of its
-    estimates by seed; warnings: sentences.
-    """
+    estimates by seed; warnings: sentences."""
 
     name: str
     label: str = ""
@@ -123,8 +120,7 @@ class BenchPageRun(PageRun):
     """Run of a bench, as far as it was computed.
 
     loads: of the simulation, name → (unit, history (T,)); readings: of its sensors; turning: drives whose motion is an angle;
-    hold_out: channels predicted from the other channels.
-    """
+    hold_out: channels predicted from the other channels."""
 
     simulated: Simulated | None = None
     loads: Mapping[str, tuple[str, FloatArray]] = field(default_factory=dict)

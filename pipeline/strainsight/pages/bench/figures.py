@@ -1,7 +1,6 @@
 """Figures of estimated unknowns and sensors of benches, for one run or several runs.
 
-Thesis figures 2.2 to 2.8, 3.2 to 3.9 and 4.1 to 4.6.
-"""
+Thesis figures 2.2 to 2.8, 3.2 to 3.9 and 4.1 to 4.6."""
 
 from __future__ import annotations
 
@@ -57,8 +56,7 @@ def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown
     """Estimates and truth of one unknown; below, errors relative to the largest true value on a logarithmic axis.
 
     lines: label of the run and its unknown. A single line also has the ±2σ band, the claimed σ in the error panel, unless σ is
-    withheld, and the smoothed estimate.
-    """
+    withheld, and the smoothed estimate."""
     (_, first), alone = lines[0], len(lines) == 1
     name, load = first.name, first.kind == "input"
     factor, unit = shown_unit(*(history for _, history in lines))

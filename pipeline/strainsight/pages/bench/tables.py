@@ -132,8 +132,7 @@ SHARED: tuple[tuple[str, Callable[[BenchPageRun], str]], ...] = (
 def runs_table(name: str, entries: Sequence[tuple[str, BenchPageRun]], *, explained: bool = True) -> str:
     """Table with a block per run and a row per unknown; entries: heading as HTML, run.
 
-    name: as in `markup.table`; explained: whether a caption explains the columns. Columns without any number are omitted.
-    """
+    name: as in `markup.table`; explained: whether a caption explains the columns. Columns without any number are omitted."""
     estimated = [run for _, run in entries if run.is_estimated]
     columns = [
         (heading, of)

@@ -91,8 +91,7 @@ def ink_on(colour: str) -> str:
 def visible_instants(columns: FloatArray, buckets: int = 360) -> IntArray:
     """Indices (k,) of instants that represent curves: first, last, and the extremes of every bucket and column.
 
-    columns (T, c), equally spaced in time. No peak is lost or moved. Short histories are kept completely.
-    """
+    columns (T, c), equally spaced in time. No peak is lost or moved. Short histories are kept completely."""
     steps = len(columns)
     if steps <= 2 * buckets:
         return np.arange(steps)
@@ -112,8 +111,7 @@ WIDE, SMALL = 5.2, 4.0
 def figure(height: float = 3.4, ratios: tuple[float, ...] = (1.0,), shared: bool = True, width: float = WIDE) -> Any:
     """Empty figure with panels one above the other, to be used inside `styled()`.
 
-    height, width [inch]; ratios: of panel heights; shared: whether panels share the x axis.
-    """
+    height, width [inch]; ratios: of panel heights; shared: whether panels share the x axis."""
     matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -87,8 +87,7 @@ def table(
 ) -> str:
     """Table of HTML cells; the first cell of a row is its heading, `numeric` columns are right-aligned.
 
-    name: unique on the page; title, caption: HTML above it.
-    """
+    name: unique on the page; title, caption: HTML above it."""
     right = frozenset(numeric)
 
     def line(cells: Sequence[str]) -> str:

@@ -33,8 +33,7 @@ def document(
     """HTML text of a page.
 
     kind ("gauge placement"), name of the run, title: plain text; answer, sections, footer: HTML; style: file with additional
-    rules; turned: whether a section has a 3D view.
-    """
+    rules; turned: whether a section has a 3D view."""
     css = "".join(map(text_of, ["page/page.css", *filter(None, [style]), *[SPACE_STYLE] * turned]))
     running = [text_of("page/tables.js"), *["\n".join(map(text_of, SPACE_SCRIPTS))] * turned]
     return "\n".join(

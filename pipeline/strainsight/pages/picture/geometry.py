@@ -76,8 +76,7 @@ def seen_from(
 ) -> IntArray:
     """Visibility (g,) 0 or 1 of gauges from direction `view` (3,): facing it and not hidden.
 
-    position, normal (g, 3); a zero normal faces every direction.
-    """
+    position, normal (g, 3); a zero normal faces every direction."""
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     visible = (normal @ view > 0.12) | ~np.any(normal, axis=1)
     if not visible.any():
@@ -97,8 +96,7 @@ def seen_from(
 def views(points: FloatArray, triangle: IntArray, position: FloatArray, normal: FloatArray) -> tuple[FloatArray, ...]:
     """One or two view directions: the corner that shows most gauges, and another one for hidden gauges.
 
-    Corners above the structure are preferred.
-    """
+    Corners above the structure are preferred."""
     extent = np.ptp(points, axis=0)
     long = int(np.argmax(extent))
     # view slender structures from the side
@@ -217,8 +215,7 @@ def shape(kind: str) -> str:
 
 def marker(gauge: Gauge, length: float) -> list[Any]:
     """Meshes of one sensor: bars for strain gauges, rosettes and bridge arms, a block with rods for accelerometers, cones for
-    displacement sensors; a ball for an unknown direction. length [m]: of a bar.
-    """
+    displacement sensors; a ball for an unknown direction. length [m]: of a bar."""
     import pyvista as pv
 
     known = [grid for grid in gauge.grids if gauge.arms or np.any(grid[1])]

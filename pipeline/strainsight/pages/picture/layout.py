@@ -36,8 +36,7 @@ class Gauge:
     refined, spread: relative change of its strain with a refined mesh, and with distributed nodal forces, None if not tested;
     hot: whether it is a hot spot; arms: of a bridge, the first at `position`; edges (1 or arms, 2, 2): distance [m] and angle
     [deg] to the nearest edge and to the nearest transverse edge, NaN without an edge, empty if not measured; notes: on
-    installation, separated by "; "; foil: length and width of the carrier [m], zero if unknown.
-    """
+    installation, separated by "; "; foil: length and width of the carrier [m], zero if unknown."""
 
     label: str
     element: int
@@ -94,8 +93,7 @@ class PictureLayout:
 
     points (n, 3) [m]; faces (f, 8): indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8 by number of
     valid entries, VTK order, outward; pool (m, 3) [m]: candidates; fixed (k, 3) [m]: supported nodes; loose (l, 3) [m]: nodes
-    without solids; bars (b, 2): end points of rods and pinned beams; frame: coordinate axes for positions.
-    """
+    without solids; bars (b, 2): end points of rods and pinned beams; frame: coordinate axes for positions."""
 
     points: FloatArray
     faces: IntArray

@@ -2,8 +2,7 @@
 
 Without OpenGL, VTK ends its process with a segmentation fault (VTK 9.7 without EGL, X and OSMesa). In a child process only the
 picture is lost, not the run. Scenes are sent by stdin and pictures returned by stdout, both pickled. So no file remains if a
-process is interrupted or killed.
-"""
+process is interrupted or killed."""
 
 from __future__ import annotations
 
@@ -38,8 +37,7 @@ DEBIAN_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libgl1"
 def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
     """Run `python -m module off-screen`, which draws `what` by `answer`: the pictures; limit [s].
 
-    Raises StrainsightError that names the Debian packages where nothing can render.
-    """
+    Raises StrainsightError that names the Debian packages where nothing can render."""
     output, environments = "no output", [inherited()]
     if sys.platform.startswith("linux"):
         # off-screen first, whatever DISPLAY says; then as VTK itself would choose (an X display, OSMesa)
@@ -103,8 +101,7 @@ def render(layout: PictureLayout) -> bytes:
 
     Shows facets with edges, candidates as dots, labelled sensors (`geometry.marker`), loads as arrows, supported nodes as
     squares; two views if one does not show every gauge. Raises StrainsightError with the required Debian packages if rendering
-    fails.
-    """
+    fails."""
     return render_all([layout])[0]
 
 
@@ -306,8 +303,7 @@ def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size:
     """Positions (k, 2) of labels near their anchors, inside the picture and without overlap.
 
     anchors (k, 2) [pixel]; away (k, 2): preferred directions. Each label in turn takes the first free position on rings of
-    increasing distance.
-    """
+    increasing distance."""
     half = np.array([[MARGIN + WIDE * len(name), HIGH] for name in names]).reshape(-1, 2)
     places: list[FloatArray] = []
 

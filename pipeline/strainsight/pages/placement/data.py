@@ -1,8 +1,7 @@
 """Data of a placement page.
 
 Errors and standard deviations without a unit are relative (0.01 is one per cent). The reference is the true value of a parameter,
-and the RMS of a load, or its amplitude if the load is zero.
-"""
+and the RMS of a load, or its amplitude if the load is zero."""
 
 from __future__ import annotations
 
@@ -98,8 +97,7 @@ class Trend:
     """Metric during elimination.
 
     count (s,): remaining gauges, descending; value (s,): metric, dimensionless; blocks: unknown → (s,) scaled variance; final:
-    metric after exchange; lower_bound: for layouts of the final size; gap = 1 − lower_bound / final.
-    """
+    metric after exchange; lower_bound: for layouts of the final size; gap = 1 − lower_bound / final."""
 
     count: IntArray
     value: FloatArray
@@ -115,8 +113,7 @@ class Criteria:
     """One layout scored by every criterion (inf: an unknown is unobservable).
 
     rule: its origin ("elimination, exchange", "log-determinant", "effective independence", "random, median of 10"); values: by
-    metric, in the order of `PlacementReport.metrics`; std: unknown → steady-state σ [SI], only for ranking.
-    """
+    metric, in the order of `PlacementReport.metrics`; std: unknown → steady-state σ [SI], only for ranking."""
 
     rule: str
     values: tuple[float, ...]
@@ -145,8 +142,7 @@ class RandomSetErrors:
     """Estimates of one unknown with random layouts.
 
     pool_label: their pool; error (sets,): relative, NaN if the filter diverged; history (sets, T) [unit]: or None; chosen_error:
-    relative, of the placed layout.
-    """
+    relative, of the placed layout."""
 
     name: str
     pool_label: Literal["all candidates", "screened"]
@@ -190,8 +186,7 @@ class PlacementReport:
     advice, warnings, not_tested: sentences; posteriors: by parameter; filters: comparison; truth_description: simulated truth;
     test: result of the test of this layout, may be empty;
     facts: mesh, mass, pool sizes; seconds: stage → computing time [s]; provenance: versions, seed, keys; assumes: rows of model
-    assumptions.
-    """
+    assumptions."""
 
     name: str
     title: str

@@ -68,8 +68,7 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
 def elbow(count: IntArray, value: FloatArray) -> int | None:
     """Gauge count at the elbow of the trend: the point furthest below the chord on normalised logarithmic axes.
 
-    count (s,), value (s,) > 0. None for a straight trend (distance below a tenth), as with independent noise only.
-    """
+    count (s,), value (s,) > 0. None for a straight trend (distance below a tenth), as with independent noise only."""
     if len(count) < 3 or not np.all(np.isfinite(value)) or value.min() <= 0 or np.ptp(value) == 0:
         return None
     x, y = (np.log(values / values.min()) / np.log(values.max() / values.min()) for values in (count, value))

@@ -284,8 +284,7 @@ def placement_page(
     """Self-contained HTML text of a placement page.
 
     drawings: from `figures.placement_figures`; scene: PNG bytes from `scene.render`, or None with the reason `scene_problem`;
-    shapes: states of the 3D view; sheets: drawing sheets as SVG.
-    """
+    shapes: states of the 3D view; sheets: drawing sheets as SVG."""
     link = f'<a href="{TEST_PAGE}">page of the test</a>'
     words = f"<p>{escape(report.test)}. See the {link}.</p><p>The rest of this page refers to a simulated test.</p>"
     assumption_rows = [[*map(escape, row)] for row in report.assumes]

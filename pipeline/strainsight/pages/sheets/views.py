@@ -1,6 +1,5 @@
 """Views of a gauge on a drawing sheet: the part from outside and from the side with dimensions of the gauge, and the enlarged
-gauge. Lengths and axes are those of the datum.
-"""
+gauge. Lengths and axes are those of the datum."""
 
 from __future__ import annotations
 
@@ -195,8 +194,7 @@ class Sheet:
     position, normal (3,); directions (c, 3) of the grids; strain: whether it is a bonded strain sensor; grid [unit], 0: unknown;
     grid_width [unit], 0: unknown; carrier: length and width of the foil [unit]; carrier_of: gauge type or "assumed";
     distance (2,), angle (2,) [deg], foot (2, 3), along (2, 3) of the edges, NaN without an edge; element, facet: 0 without one;
-    front: view along the normal from outside; side: transverse view with the normal upward.
-    """
+    front: view along the normal from outside; side: transverse view with the normal upward."""
 
     name: str
     kind: str

@@ -70,8 +70,7 @@ class Space:
 
     position (v, 3) [m]; normal (v, 3), zero for vertices without shading; colour (v, 3) 0 to 255; source (v,): point of the
     structure that a vertex moves with; surface: number of vertices of the surface, which are first; parts: in drawing order;
-    anchor: a vertex of every gauge of every layout; eye (3,): direction of the first view; thinned: as in `DrawnSurface`.
-    """
+    anchor: a vertex of every gauge of every layout; eye (3,): direction of the first view; thinned: as in `DrawnSurface`."""
 
     position: FloatArray
     normal: FloatArray
@@ -87,8 +86,7 @@ class Space:
 def space(layouts: Sequence[PictureLayout]) -> Space:
     """View of a structure with loads and clamps, and gauges and candidates of one or more layouts.
 
-    Common content is from the first layout.
-    """
+    Common content is from the first layout."""
     layouts = [thinned(layout) for layout in layouts]
     shared = layouts[0]
     body = surface(shared.points, shared.faces)
@@ -196,8 +194,7 @@ class DrawnSurface:
 def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> DrawnSurface:
     """Displayed surface of points (n, 3) [m] and faces (f, 8), padded with −1, with at most about `largest` triangles.
 
-    For more, mid-side nodes are removed, then triangles are merged by quadric errors (Garland and Heckbert, 1997).
-    """
+    For more, mid-side nodes are removed, then triangles are merged by quadric errors (Garland and Heckbert, 1997)."""
     triangle = geometry.triangles(faces)
     if not len(triangle):
         nothing, none = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)

@@ -50,8 +50,7 @@ def space_section(
     """View with buttons, a chip for every gauge, and details of the selected gauge, as HTML.
 
     layouts: caption and layout on one structure; shapes: selectable states by group; name: of the body, if there are several;
-    first: initial state, −1: undeformed without colours. The section is hidden until its script runs.
-    """
+    first: initial state, −1: undeformed without colours. The section is hidden until its script runs."""
     if not layouts or not len(layouts[0][1].points):
         return ""
     model = space([layout for _, layout in layouts])
@@ -126,8 +125,7 @@ def _choices(captions: Sequence[str], shapes: Sequence[ShownState], first: int) 
 def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[ShownState], first: int) -> str:
     """Data of the script as JSON: numbers, texts, and all arrays as compressed, base64-coded bytes.
     Positions are 16-bit fractions of the bounding box; normals and shifts have 8 bits, about a pixel. A contour has one byte per
-    vertex: position on the scale from 0 to 254, 255 without a value.
-    """
+    vertex: position on the scale from 0 to 254, 255 without a value."""
     low, span = model.position.min(axis=0), np.ptp(model.position, axis=0)
     span = np.where(span > 0, span, 1.0)
     arrays = [

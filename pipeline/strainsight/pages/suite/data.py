@@ -1,8 +1,7 @@
 """Contents of the page of a suite: runs, studies, statements and comparisons with their results, sentences and tables.
 
 Errors and standard deviations of placements are relative, as in `pages.placement.data`; numbers of stage summaries have SI
-units and the names of the stages ("error.Fz").
-"""
+units and the names of the stages ("error.Fz")."""
 
 from __future__ import annotations
 
@@ -36,8 +35,7 @@ class PlacementRun(PageRun):
     """Run of a placement.
 
     unknowns: with numbers after `validate`; pool: number of candidates, None before `place`, as are trend and layout;
-    histories, cases, frequencies [Hz] and truth_description: as in `PlacementReport`.
-    """
+    histories, cases, frequencies [Hz] and truth_description: as in `PlacementReport`."""
 
     unknowns: tuple[Unknown, ...] = ()
     pool: int | None = None
@@ -79,8 +77,7 @@ class Statement:
     """Statement about numbers of runs.
 
     numbers: (index of the run, name of the number, value), one per seed if there are several; above, below: bounds or None;
-    equals: required value of a true or false number; compared: name of the divisor; why: explanation.
-    """
+    equals: required value of a true or false number; compared: name of the divisor; why: explanation."""
 
     text: str
     numbers: tuple[tuple[int, str, float], ...]

@@ -1,7 +1,6 @@
 """Figures of a suite: observability, metric over gauges, estimates of all runs, and studies.
 
-Thesis figures 6.9; 6.10b, 6.12b and 6.14b in one; 6.11b, 6.13b and 6.15b.
-"""
+Thesis figures 6.9; 6.10b, 6.12b and 6.14b in one; 6.11b, 6.13b and 6.15b."""
 
 from __future__ import annotations
 

@@ -47,8 +47,7 @@ Cards = Mapping[str, str]
 def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, bytes]) -> str:
     """Self-contained HTML page with links to the pages of the runs.
 
-    drawings: from `figures.suite_figures`; scenes: name of a run → PNG bytes of its gauges on the structure.
-    """
+    drawings: from `figures.suite_figures`; scenes: name of a run → PNG bytes of its gauges on the structure."""
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
     tables = (data.comparisons_table(suite), data.statements_table(suite))
     first = "".join(tables) + (summary.runs_table(suite) if suite.placements else "")
@@ -165,8 +164,7 @@ def _facts(suite: Suite) -> str:
 def suite_space(report: Suite) -> str:
     """3D view of the structure of the first run with gauges, with a selection of the layouts of all runs on this structure.
 
-    Equal layouts occur once, with the numbers of their runs.
-    """
+    Equal layouts occur once, with the numbers of their runs."""
     layouts: dict[bytes, tuple[list[int], PictureLayout]] = {}
     placed = [(index, run.layout) for index, run in report.placements if run.layout is not None]
     for index, layout in placed:

@@ -130,8 +130,7 @@ class Result:
     """Result for one unknown of one run.
 
     error, std: relative, of the filtered parameter or the smoothed load (`smoothed`; else the filtered load), None without an
-    estimate.
-    """
+    estimate."""
 
     unknown: Unknown
     smoothed: bool

@@ -1,7 +1,6 @@
 """Contents of the page of a test, as arrays and names.
 
-Unknown contents are None or empty, e.g. loads in a test with parameters only. σ is NaN or None if it is withheld.
-"""
+Unknown contents are None or empty, e.g. loads in a test with parameters only. σ is NaN or None if it is withheld."""
 
 from __future__ import annotations
 
@@ -115,8 +114,7 @@ class Findings:
     filter does not use; checked: every channel compared with the others; damage: hot spots and virtual gauges, None if not
     requested; moment: None without a surface; facts: results by stage; record: its name if the test has several;
     other_records: (name, page) of them; page: of this record; inside: share of the innovations within 2σ;
-    consistency: of the record with the model and the others.
-    """
+    consistency: of the record with the model and the others."""
 
     name: str
     title: str

@@ -1,7 +1,6 @@
 """Self-contained HTML page of a test: results, figures, model and provenance.
 
-Contents of the sections are in `Findings`, figures in `figures_of_test`.
-"""
+Contents of the sections are in `Findings`, figures in `figures_of_test`."""
 
 from __future__ import annotations
 
@@ -196,8 +195,7 @@ def page_of_test(
 ) -> str:
     """Self-contained HTML page.
 
-    drawings: from `figures_of_test`; pictures: PNG files of `views_of`, empty with the reason in `problem`.
-    """
+    drawings: from `figures_of_test`; pictures: PNG files of `views_of`, empty with the reason in `problem`."""
     links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.other_records)
     parts = (
         f'<p class="lead">Record {escape(report.record)}. Other records: {links}.</p>' * bool(links),

@@ -49,8 +49,7 @@ class View:
 
     layout: structure, gauges, loads, grey dots (its pool); panels: with equal numbers of values; quantity, unit: of the scalar
     bar; on: "points", "facets" or "dots"; dots (d, 3) [m]: coloured dots, if values are on dots; size: width and height of the
-    picture [px]; bar: whether it includes the scalar bar.
-    """
+    picture [px]; bar: whether it includes the scalar bar."""
 
     title: str
     layout: PictureLayout
@@ -273,8 +272,7 @@ LOOK = 500
 def draw(view: View, off_screen: bool) -> Any:
     """Plotter with all panels.
 
-    A screenshot of one panel has a second view if a gauge is hidden in the first.
-    """
+    A screenshot of one panel has a second view if a gauge is hidden in the first."""
     import pyvista as pv
 
     layout, triangle = view.layout, geometry.triangles(view.layout.faces)

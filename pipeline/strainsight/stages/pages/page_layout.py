@@ -56,8 +56,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
 def measured(layout: PictureLayout, shop: Workshop, gauges: Typed) -> PictureLayout:
     """The layout in the axes of the workshop, its gauges with their distances to edges and the size of their foils.
 
-    gauges: the section of the config, which may name a type.
-    """
+    gauges: the section of the config, which may name a type."""
     pairs = np.stack([shop.edges.distance, shop.edges.angle], axis=2)
     marks = []
     for i, gauge in enumerate(layout.gauges):
@@ -96,8 +95,7 @@ def layout_of_test(
     """The structure with the gauges that a test used, and which of them each channel belongs to.
 
     labels of the channels, and channels (m,): their rows of train.h5. A gauge is called by the shortest of its channels'
-    labels, without the number of a grid.
-    """
+    labels, without the number of a grid."""
     training, screened = read(Training, up["train"]), read(Screened, up["screen"])
     owner = training.candidates.gauge[channels]
     numbers = list(dict.fromkeys(owner.tolist()))

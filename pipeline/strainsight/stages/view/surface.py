@@ -75,8 +75,7 @@ def surface_view(title: str, artefact: Artefact, layout: PictureLayout, at: floa
     displacement exaggerated.
 
     layout: what else is drawn. at [s]: the instant nearest to it is taken; None:
-    that of the largest stress. Raises UserError for a time outside the record.
-    """
+    that of the largest stress. Raises UserError for a time outside the record."""
     time, nodes = artefact["/VTKHDF/Steps/Values"], artefact["/VTKHDF/Connectivity"]
     count = np.diff(artefact["/VTKHDF/Offsets"])
     faces = np.full((len(count), 8), -1)

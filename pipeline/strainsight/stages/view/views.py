@@ -321,8 +321,7 @@ def view_of(
     config, stages: of a placement or a bench; folder: of its results; what: one of `WHAT`, None: the layout where there is one,
     else the mesh, and a field where `at`, `of` or `record` is given; at [s]: instant of a field in time; body: of a bench; of:
     "test" or "validation", whose field, None: the test's where there is one; record: of a test of several, None: the first.
-    Raises UserError for what the run does not have or has not computed yet.
-    """
+    Raises UserError for what the run does not have or has not computed yet."""
     if body is not None and not isinstance(config, BenchConfig):
         raise UserError(f"--body {body}: a placement has a single body", where=config_file, remedy="omit the option")
     if of is not None and (isinstance(config, BenchConfig) or what not in (None, "field")):

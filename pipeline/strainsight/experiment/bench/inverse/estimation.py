@@ -1,6 +1,5 @@
 """Estimate loads and parameters of a bench by Kalman filters on the implicit step (thesis 2-4), with hold-out test and
-observability check.
-"""
+observability check."""
 
 from __future__ import annotations
 
@@ -45,8 +44,7 @@ class FilteredBench:
         ŷ = h(x̂),     σ² = H P Hᵀ + R + Σₖ (H Sₖ − Dₖ x̂ − oₖ)²
 
     x̂, P: filtered from the other channels up to this sample, with the prior of its offset; R: of one sample; S: error of x̂ by
-    installation of the others; D x̂ + o: error of the reading by its installation (`considered`).
-    """
+    installation of the others; D x̂ + o: error of the reading by its installation (`considered`)."""
 
     trial: BenchTrial
     y: np.ndarray
@@ -137,8 +135,7 @@ def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.nd
     """Notes on loads that the time step does not resolve, and bodies that rotate too far per step; mean, std (T + 1, size) of the
     first run. Raises ConfigError unless the config allows them.
 
-    Limits: MISSED for a known load; for an estimated load also its σ, as its spectrum includes errors.
-    """
+    Limits: MISSED for a known load; for an estimated load also its σ, as its spectrum includes errors."""
     config, h = trial.problem.config, trial.model.h
     doubts = [
         f"{name} rotates by {turn:.2g} rad in a step of {h:g} s; the limit of linearisation is {TURN:g} rad"
@@ -189,8 +186,7 @@ class BenchEstimation:
     """Result of an estimate.
 
     measured (T, B, m); reading (T + 1, seeds, all channels): predicted readings at the first start of each seed; rings: bearings
-    in the first run of an extended filter; without: hold-out test, None if not configured; notes: sentences.
-    """
+    in the first run of an extended filter; without: hold-out test, None if not configured; notes: sentences."""
 
     trial: BenchTrial
     reality: Reality

@@ -57,8 +57,7 @@ def smoothed_loads(model: AugmentedStep, whole: StepModel, run: FilterRun) -> Sm
     """Smoothed loads, None without stored data or if the first run diverged; whole: model of the run with offsets.
 
     σ of smooth loads is withheld if the filter estimates the step error, as it assumes independent step errors; real errors were
-    up to twice σ.
-    """
+    up to twice σ."""
     if run.covariance is None or run.jacobian is None or run.lost[0] >= 0:
         return None
     if not (np.isfinite(run.covariance).all() and np.isfinite(run.jacobian).all()):
@@ -81,8 +80,7 @@ class FilteredRuns:
 
     mean, std (T + 1, B, size): of [x, offsets], NaN after divergence; joint (T + 1, b, k, k): covariance of loads and parameters;
     nis (T, B): per channel; lost (B,): step of divergence, −1 for none; compared: parameters of the first run by both filters;
-    smoothed: loads of the first run of an extended filter; notes: sentences.
-    """
+    smoothed: loads of the first run of an extended filter; notes: sentences."""
 
     mean: np.ndarray
     std: np.ndarray
@@ -129,8 +127,7 @@ def considered(run: FilterRun, y: np.ndarray, R: np.ndarray, D: np.ndarray, o: n
         Sₖ₊₁ = (1 − K H) A Sₖ + K (D x̂ + o),     K = P Hᵀ R⁻¹,     σ² = diag(P + S Sᵀ)
 
     run: with all data kept; y (T, B, m), NaN if missing; R (m,); D (m, k, n): on the first n states; o (m, k).
-    Source: Schmidt; Gelb, Applied Optimal Estimation (1974), section 7.2.
-    """
+    Source: Schmidt; Gelb, Applied Optimal Estimation (1974), section 7.2."""
     assert run.covariance is not None
     assert run.jacobian is not None
     assert run.rows is not None
@@ -273,8 +270,7 @@ class RingWatch:
     """Record displacements d = ρ(q) of every bearing and parameters ξ in the first run, with covariance J P Jᵀ, J = [∇ρ on q, 1
     on ξ].
 
-    By force name: rows; mean (T + 1, 5 + p), covariance (T + 1, 5 + p, 5 + p).
-    """
+    By force name: rows; mean (T + 1, 5 + p), covariance (T + 1, 5 + p, 5 + p)."""
 
     model: AugmentedStep
     rows: Mapping[str, slice]
@@ -335,8 +331,7 @@ def spread(mean: np.ndarray, covariance: np.ndarray, carried: Carried) -> tuple[
         σ² = Σ_k ¼ (g(m + s_k) − g(m − s_k))²,     Σ_k s_k s_kᵀ = P
 
     by differences over one σ of d and ξ, to include contacts that open. mean (5 + p,), covariance P (5 + p, 5 + p). NaN if a
-    displaced bearing is infeasible.
-    """
+    displaced bearing is infeasible."""
     force, pressure = 0.0, 0.0
     for s in covariance_factor(covariance).T:
         try:

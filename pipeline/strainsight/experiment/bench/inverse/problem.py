@@ -37,8 +37,7 @@ class BenchUnknowns:
 
     inputs (nu,): indices of the unknown loads in `system.inputs`, std_u, increment_u: σ at the start and per step [N, N m];
     loads: random-walk models; parameters: name in the config → name in the system; free: estimated ones; starts (s, nθ): initial
-    θ, one row per start; std, increment (p,): of estimated parameters [m, Pa]; coordinates: of these.
-    """
+    θ, one row per start; std, increment (p,): of estimated parameters [m, Pa]; coordinates: of these."""
 
     inputs: np.ndarray
     std_u: np.ndarray
@@ -166,8 +165,7 @@ class BenchProblem:
 
     sensors: all, used: of the filter; errors: installation errors of its gauges; h [s]: filter step; loads, drives: configured
     histories; known (T + 1, width): all loads, guesses for unknown ones; heaviest (width,): loads for the observability check;
-    zeroing (width,): loads at which gauges were zeroed.
-    """
+    zeroing (width,): loads at which gauges were zeroed."""
 
     bench: Bench
     sensors: Sensors
@@ -257,8 +255,7 @@ def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, n
 
     min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs without a configured guess
 
-    first y₀ (m,), NaN if not measured.
-    """
+    first y₀ (m,), NaN if not measured."""
     bench, unknowns = problem.bench, problem.unknowns
     free = [i for i, entry in enumerate(problem.estimate.inputs.values()) if entry.guess is None]
     measured, columns = np.isfinite(first), unknowns.inputs[free]

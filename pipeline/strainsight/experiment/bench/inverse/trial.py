@@ -97,8 +97,7 @@ class BenchTrial:
 
     available (m,): channels that are measured; start (B, size), covariance (B, size, size): of every run, seeds outer and starts
     inner, offsets appended to the states of the model; guess (width,): loads at the start; noise (m,): σ of the readings;
-    installed: D, o of `rows_of`; notes: sentences.
-    """
+    installed: D, o of `rows_of`; notes: sentences."""
 
     problem: BenchProblem
     available: np.ndarray
@@ -135,8 +134,7 @@ def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | Non
 
     largest (m,): largest reading of every channel without noise; first (m,): first readings, for open guesses of loads at rest;
     available (m,): channels that are measured. Every start is that of the simulation with the filter's parameters and loads; at
-    an equilibrium the covariance includes their uncertainty.
-    """
+    an equilibrium the covariance includes their uncertainty."""
     config, estimate, bench, unknowns = problem.config, problem.estimate, problem.bench, problem.unknowns
     used, errors, guess, runs = problem.used, problem.errors, problem.known[0].copy(), problem.estimate.runs
     rates = np.abs(problem.known[:, bench.system.drives.rates])
@@ -232,8 +230,7 @@ def _felt(
     """Refuse an unknown without effect on any sensor at rest, and return notes on sensors without any effect.
     moved (m, nu + p): effect in σ of the noise; available (m,): measured channels; unsolved: error raised instead, if no
     equilibrium was found under some loads. Not applicable without an initial equilibrium, with sensors of velocity or
-    acceleration, or if drives or gravity change the pose; then `undistinguished` checks along the run.
-    """
+    acceleration, or if drives or gravity change the pose; then `undistinguished` checks along the run."""
     config, estimate, unknowns, channels = problem.config, problem.estimate, problem.unknowns, problem.used.channels
     sensors = [config.sensors[name] for name, part in channels.items() if available[part].any()]
     moving = any(

@@ -48,8 +48,7 @@ class Reality:
 
     inputs (T + 1, r, nu): of the system, r = 1 or per run [N, N m]; theta (r, nθ); readings (T, r, all channels): at h, 2h, …,
     NaN if missing; q (T + 1, r, n): if simulated; first (m,): readings at 0, if measured; elsewhere: loads of the other bench (T
-    + 1,) by input; done: notes on measurements from a file.
-    """
+    + 1,) by input; done: notes on measurements from a file."""
 
     inputs: np.ndarray
     theta: np.ndarray
@@ -143,8 +142,7 @@ def sample(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.nda
     """Sample truths of the filter's own model: start from N(x̂, P), then process noise in every step.
 
     start (B, size), P (B, size, size), known (T + 1, width). Starts are projected onto the constraints. Raises NumericalError if
-    a step cannot be solved.
-    """
+    a step cannot be solved."""
     steps = len(known) - 1
     x = np.empty((runs, model.size))
     draws = [np.random.default_rng((seed, run, TRUTH_STREAM)) for run in range(runs)]
@@ -184,8 +182,7 @@ def from_run(
     by the filter are read for comparison if they match.
 
     Lengths, velocities and accelerations are multiplied by `scale`. Raises ConfigError for a missing sensor or instant, and for a
-    sensor of another kind.
-    """
+    sensor of another kind."""
     key, clock, h, steps = "estimate.measured.from", other.time, problem.h, problem.steps
     pace = clock[1] - clock[0]
     every = round(h / pace)
@@ -246,8 +243,7 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
     """Readings at 0, h, … (T + 1, components) of every sensor from a file, NaN if not measured, and notes.
 
     The first sample of the file is the start. Raises ConfigError for a channel of another quantity, a wrong number of components,
-    and a file that is too short.
-    """
+    and a file that is too short."""
     wanted: dict[str, Channel] = {}
     steps, counts = problem.steps, {name: problem.used.count(name) for name in problem.used.channels}
     for name, count in counts.items():

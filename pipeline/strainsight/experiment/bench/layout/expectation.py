@@ -30,8 +30,7 @@ DISTURBED = 1e-3
 class PlacedBody:
     """Bench with the body on which gauges are placed, at the parameter guess.
 
-    files: of the config; unknowns: of the filter; mesh: of the body; basis (3 nodes, r): displacement per coordinate.
-    """
+    files: of the config; unknowns: of the filter; mesh: of the body; basis (3 nodes, r): displacement per coordinate."""
 
     config: BenchConfig
     place: BenchPlace
@@ -109,8 +108,7 @@ def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarr
     """Prior with parameters, None without parameters; and increments (unknowns,) for the ranking, loads before ξ, where a
     constant parameter gets the increment that accumulates to σ of its guess over the run.
 
-    The run stays in each pose until half-way to the next; time (poses,) [s].
-    """
+    The run stays in each pose until half-way to the next; time (poses,) [s]."""
     unknowns, theta = body.unknowns, body.bench.theta
     order = [list(body.config.estimator.inputs).index(name) for name in body.loads]
     of_loads = unknowns.increment_u[order]
@@ -146,8 +144,7 @@ def scenario_of(
     """Continuous-time scenario with reading intensity σ²h, without weights.
 
     H (k, n*): readings of (η, η̇, unknowns); noise (k,) or scalar: σ of a sample at step h; acceleration [m/s²]: of the white
-    force, at least `DISTURBED`; white (k,): variance of a reading for 1 m/s², added as independent noise.
-    """
+    force, at least `DISTURBED`; white (k,): variance of a reading for 1 m/s², added as independent noise."""
     acceleration = max(acceleration, DISTURBED)
     F, Q = build_continuous_model(bench, acceleration)
     variance = np.broadcast_to(np.asarray(noise) ** 2 + acceleration**2 * np.asarray(white), len(H))
@@ -162,8 +159,7 @@ def expected_std(
         S = (1 − K H) A S + K diag(off),     K = P Hᵀ R⁻¹,     σ² = diag(P + S Sᵀ)
 
     H (k, n*), noise, acceleration: see `scenario_of`; inf if the gauges do not detect all inputs. Raises InfeasibleError and
-    NumericalError as `steady_factor`.
-    """
+    NumericalError as `steady_factor`."""
     A, N, scale = build_discrete_model(bench, acceleration)
     L = steady_factor(A, H * scale / _column(noise), N)
     unknown = slice(len(A) - len(bench.increment), len(A))
@@ -192,8 +188,7 @@ def factors_along(
 
     Π maps body motion from the modes of one pose to those of the next, so that the change of pose causes no motion. benches,
     steps: per pose; readings: H of each; increment (unknowns,): σ per step, 0 for a constant; start (unknowns, any): initial
-    factor of c; others: see `scenario_of`.
-    """
+    factor of c; others: see `scenario_of`."""
     factors: list[np.ndarray] = []
     L = np.zeros((0, 0))
     for k, (bench, count) in enumerate(zip(benches, steps, strict=True)):

@@ -50,8 +50,7 @@ def placement_output(
     """Linearise about the static equilibria, screen, eliminate, exchange, prove, and sample layouts for comparison.
 
     σ is in the unit of each unknown, inputs before parameters; gauges.csv has σ without each gauge, and the strain at the start
-    as peak. Raises InfeasibleError if no layout within the limits detects every unknown in every pose.
-    """
+    as peak. Raises InfeasibleError if no layout within the limits detects every unknown in every pose."""
     subject = _subject(config, meshes, reduced, using)
     body, pool, inputs = subject.body, subject.pool, subject.body.inputs
     placement = place(subject, using.progress)

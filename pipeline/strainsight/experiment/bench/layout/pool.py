@@ -37,8 +37,7 @@ class CandidatePool:
 
     names (m,): "sensor.axis", "" for a gauge; price (m,); noise (m,): σ of a sample [unit of each]; readings: of every pose (m,
     n*) on (η, η̇, unknowns); response (poses, m, unknowns): at rest, per unit; peak (m,): largest reading at rest; white (poses,
-    m): variance by the white force for 1 m/s²; off (poses, m): σ of the installation error; selected (p,): pool, ascending.
-    """
+    m): variance by the white force for 1 m/s²; off (poses, m): σ of the installation error; selected (p,): pool, ascending."""
 
     candidates: Candidates
     names: tuple[str, ...]
@@ -80,8 +79,7 @@ def gauge_pool(
     minimum spacing.
 
     time (poses,) [s]; for zeroed gauges: zero (r,): η at zeroing, zero_slope (r, unknowns): its change per unit of every unknown.
-    Raises InfeasibleError if no facet is left, or an input causes no strain.
-    """
+    Raises InfeasibleError if no facet is left, or an input causes no strain."""
     mesh, basis, place, inputs, modal = body.mesh, body.basis, body.place, body.inputs, body.modal
     facets, static = exterior_facets(mesh), np.array([linear.static[modal] for linear in benches]) - zero_slope
 
@@ -156,8 +154,7 @@ PERIODS = (1e-6, 1e6)
 
 def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -> None:
     """Raises InfeasibleError if increments, noise or time step differ by too many orders of magnitude.
-    response (m, nu): strain per unit of every unknown load, at rest.
-    """
+    response (m, nu): strain per unit of every unknown load, at rest."""
     noise = float(body.place.noise)
     felt = np.abs(response).max(axis=0) * linear.increment[: len(body.loads)] / noise
     for name, share in zip(body.loads, felt, strict=True):
@@ -188,8 +185,7 @@ AXES = "xyz"
 def motion_pool(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[LinearBench]) -> CandidatePool:
     """Candidates of `place.sensors` in poses at rest, all of which enter the elimination.
 
-    An accelerometer reads v̇ of the linear bench, which includes direct feed-through of loads, and gravity by tilt.
-    """
+    An accelerometer reads v̇ of the linear bench, which includes direct feed-through of loads, and gravity by tilt."""
     config, bench, place, (inputs, by_xi) = body.config, body.bench, body.place, body.columns
     system, names = bench.system, list(place.sensors)
     # compiled sensors have accelerometers last
@@ -257,8 +253,7 @@ def installation_offs(
         vⱼ = Σₖ σₖ² mean_t (sₖⱼ (η − η₀))²,     η = η_pose + ∂η/∂u (u(t) − u_pose)
 
     averaged over the part of the run nearest to the pose, quasi-static. time (poses,) [s]; zero (r,): η₀ of zeroed gauges, else
-    0. Zeros without tolerances.
-    """
+    0. Zeros without tolerances."""
     bench, sigma = body.bench, linear_tolerances(body.config)
     v = np.zeros((len(poses), len(gauges)))
     if not sigma:
