@@ -16,7 +16,7 @@ from tests.multibody.inverse.benches import bench
 
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.smoother import smooth_first
-from strainsight.experiment.bench.inverse.truth import drawn as drawn_truth
+from strainsight.experiment.bench.inverse.truth import sample as drawn_truth
 from strainsight.loads.input_models import InputModel, Matern, RandomWalk
 from strainsight.multibody.inverse.loads import load_process
 from strainsight.multibody.inverse.model import AugmentedStep

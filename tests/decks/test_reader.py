@@ -65,9 +65,9 @@ def test_pound_units_follow_from_the_international_pound_and_standard_gravity():
 @pytest.mark.parametrize(
     ("function", "unit", "key", "hint"),
     [
-        (length_factor, "mmm", "mesh.length_unit", "did you mean 'mm'"),
+        (length_factor, "mmm", "mesh.length_unit", "Did you mean 'mm'"),
         (length_factor, "parsec", "mesh.length_unit", "Known units: m, "),
-        (mass_factor, "kgs", "mesh.mass_unit", "did you mean 'kg'"),
+        (mass_factor, "kgs", "mesh.mass_unit", "Did you mean 'kg'"),
     ],
 )
 def test_unknown_unit_lists_known_units(function, unit, key, hint):

@@ -66,7 +66,7 @@ def test_a_material_that_the_run_cannot_show_is_refused(tmp_path, modulus, densi
 
 
 BENCHES = [
-    ("place.noise", "times the noise of 1e-30", {"place.noise": 1e-30}),
+    ("place.noise", "one increment of down changes", {"place.noise": 1e-30}),
     ("place.noise", "one increment of side", {"estimate.inputs.side.increment": 1e30}),
     ("estimate.sensors.gauges.noise", "1e-30 is below the smallest noise of 1e-12", {"estimate.sensors.gauges.noise": 1e-30}),
     ("estimate.sensors.gauges.noise", "effect of one σ of an unknown", {"estimate.inputs.side.std": 1e30}),

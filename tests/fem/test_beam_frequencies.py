@@ -332,6 +332,6 @@ def test_sides_have_the_strain_of_beam_theory(bar, component, force):
 
 def test_a_node_outside_of_the_middle_half_is_refused_with_its_line(bar):
     mesh = bar(DECK.replace("2, .25, 0., 0.", "2, .4, 0., 0."))
-    with pytest.raises(DeckError, match=r"node 2 of beam3 element 11 lies at 0.8 of its side") as error, mesh.located():
+    with pytest.raises(DeckError, match=r"node 2 of beam3 element 11 lies at 0.8 of the side") as error, mesh.located():
         check_mesh(mesh)
     assert error.value.where.endswith("bar.inp:8")

@@ -168,9 +168,9 @@ def test_axes_follow_the_nodes():
     [
         ([[0, 0], [1, 0], [1, 0], [0, 0]], "no area"),
         ([[0, 0], [1, 0], [0, 1], [1, 1]], "no area"),  # crossed: its diagonals are parallel
-        ([[0, 0], [2, 0], [0.3, 1.5], [1, 1]], "reentrant corner"),  # crossed
-        ([[0, 0], [1, 0], [0.2, 0.2], [0, 1]], "reentrant corner"),  # re-entrant
-        ([[0, 0], [1, 0], [0.5, 0.5], [0, 1]], "reentrant corner"),  # a straight corner
+        ([[0, 0], [2, 0], [0.3, 1.5], [1, 1]], "corner of more than 180°"),  # crossed
+        ([[0, 0], [1, 0], [0.2, 0.2], [0, 1]], "corner of more than 180°"),  # re-entrant
+        ([[0, 0], [1, 0], [0.5, 0.5], [0, 1]], "corner of more than 180°"),  # a straight corner
         ([[0, 0], [1, 0], [2, 0]], "no area"),
     ],
 )

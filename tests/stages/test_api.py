@@ -242,7 +242,7 @@ def test_zones_take_rows_and_table_alike(files):
     left = without(given, None, None, [Box((0.15, -1, -1), (0.25, 1, 1)), NearEdges(1.0)])
     assert left.pool.element.tolist() == [7, 5]
     assert np.array_equal(left.rows.toarray(), given.rows.toarray()[[0, 2]])
-    with pytest.raises(InfeasibleError, match="none of the 3 imported gauges"):
+    with pytest.raises(InfeasibleError, match="all 3 imported gauges"):
         without(given, None, None, [Box((-1, -1, -1), (1, 1, 1))])
 
 

@@ -125,7 +125,7 @@ TURNED = "x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre"
         ({"duration: 1.0": "duration: 1.0003"}, "simulate.time_step", ""),
         ({TURNED: TURNED.replace("[1, 0", "[0, 2")}, "frames.hinge", "parallel"),
         ({TURNED: TURNED.replace("[0, 1", "[0, -1")}, "joints.hinge", "opposite"),  # constraints hold for half a turn, too
-        ({"pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"}, "bodies.bob.velocity", "remove 100 % of them"),
+        ({"pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"}, "bodies.bob.velocity", "100 %"),
         ({"start: as_given": "start: equilibrium", "pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"},
          "bodies.bob.spin", ""),
         ({"simulate:": "cases: {a: {force: [1, 2, 3]}}\nsimulate:"}, "cases", ""),

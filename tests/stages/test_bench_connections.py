@@ -140,7 +140,7 @@ def test_what_a_step_gets_wrong_of_a_load_is_named_where_it_is_much():
     done = run(text.replace("duration: 0.5", "duration: 10.0"))
     assert done.code == 0, done.output
     said = " ".join(done.output.split())
-    assert re.search(r"the time step does not resolve \d+ % of quick", said)
+    assert re.search(r"the time step does not resolve \d+ % of the RMS of quick", said)
     assert "of slow" not in said
 
 

@@ -96,7 +96,7 @@ ALONG = [CHANNELS["tip"][1] | {"channel": "y"}, None, CHANNELS["tip"][2]]
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "1 channel for 2 components"),
+        ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "1 channel listed for 2 components"),
         ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})], "1 channel is not enough for 2 unknown loads"),
         ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "component 1 of gauges is a strain"),
         ([measured(), "estimate.duration=0.3", "simulate.duration=0.3"], "the file ends after 0.2 s"),

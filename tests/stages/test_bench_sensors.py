@@ -158,13 +158,13 @@ ONE_SMOOTH = "estimate.inputs={side: {std: 100.0, model: matern}, again: {std: 1
 @pytest.mark.parametrize(
     ("config", "change", "says"),
     [
-        (RIG, BOTH, ("cannot determine side and again together", "set one of them as known",
+        (RIG, BOTH, ("cannot determine side and again together", "set one of these unknowns as known",
                      "estimate.allow_unobservable: true")),
         (RIG, ONE_SMOOTH, ("side and again together",)),
         (RIG, "estimate.inputs={side: {std: 100.0, model: matern, increment: 1.0}}",
          ("has no effect with the model matern",)),
         (FELT, "estimate.disturbance=1.0e-3",
-         ("felt would measure the white acceleration", "model error in the noise of felt")),
+         ("felt would measure this white acceleration", "model error in the noise of felt")),
         (FELT, "estimate.sensors={hinge: {noise: 1.0}}", ("it can be simulated only",)),
         (FELT, "estimate.sensors={gauges: {noise: 1.0e-6, bias: [1.0e-6, 2.0e-6]}}",
          ("estimate.sensors.gauges.bias: 2 offsets are set for 3 components",)),

@@ -97,7 +97,7 @@ def test_a_default_that_leaves_no_choice_is_halved_with_a_word_and_a_stated_one_
     assert found.distance == 0
     assert not blocked.any()
     assert "no clearance is used" in clearance_warning(found)
-    with pytest.raises(InfeasibleError, match=r"gauges\.clearance: all \d+ candidates are nearer than 51"):
+    with pytest.raises(InfeasibleError, match=r"gauges\.clearance: none of \d+ candidates is at least 51"):
         beam("gauges.clearance=0.051")
 
 

@@ -145,7 +145,7 @@ def test_a_truth_has_as_many_modes_as_there_are(folder):
     [
         (("mesh.results={file: found.frd, loads: {top: {step: 1}}}",), "mesh.results.loads.top", "no load"),
         (("mesh.results={file: found.frd, modes: {step: 7}}",), "mesh.results.modes", "no modes of step 7 in the file"),
-        ((OF_RESULTS.replace("step: 1", "step: 1, applied: 0.9"),), "mesh.results.loads.tip", "of mode 1"),
+        ((OF_RESULTS.replace("step: 1", "step: 1, applied: 0.9"),), "mesh.results.loads.tip", "mode 1 with the amplitude"),
         (("mesh.results={file: found.frd, modal_mass: mesh, at: {E: 2.0e+12}}",), "parameters.E.guess", "the results"),
         ((OF_RESULTS, "rom.modes=15"), "rom.modes", "12 .*\n *Request 1 to 12 modes"),
         ((OF_RESULTS, "mesh.free=true"), "mesh.free", "a supported structure"),

@@ -57,7 +57,7 @@ def test_units_that_make_no_sense_are_left_blank(tmp_path):
 
 
 def places(path, kind):
-    return [(own.name, own.held) for own in suggestion(path).places if own.kind == kind]
+    return [(own.name, own.supported) for own in suggestion(path).places if own.kind == kind]
 
 
 @pytest.mark.parametrize(
@@ -121,6 +121,6 @@ def test_a_frame_of_beams_has_its_sides_and_its_sets(tmp_path):
     (tmp_path / "frame.bdf").write_text("\n".join(lines), encoding="ascii")
     found = suggestion(tmp_path / "frame.bdf")
     assert found.solids
-    assert [(place.name, place.held) for place in found.places if place.kind == "set"] == [("SET1-7", True)]
+    assert [(place.name, place.supported) for place in found.places if place.kind == "set"] == [("SET1-7", True)]
     faces = [place for place in found.places if place.kind == "face"]
     assert len(faces) == 4

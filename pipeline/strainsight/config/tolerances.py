@@ -40,7 +40,7 @@ class GaugeTolerances(Section):
         le=45,
         description="Standard deviation of the direction of a gauge, or of an accelerometer about each axis [deg].",
     )
-    gain: Annotated[float, GAIN] = expert(
+    gain: Annotated[float, GAIN] = Field(
         0.01,
         ge=0,
         le=0.5,
@@ -60,7 +60,7 @@ class Tolerances(GaugeTolerances):
     offset: Annotated[NotNegative, STRAIN] = expert(
         0.0, description="Standard deviation of a constant offset of every strain channel [strain]."
     )
-    drift: Annotated[NotNegative, STRAIN] = expert(
+    drift: Annotated[NotNegative, STRAIN] = Field(
         0.0,
         description="Standard deviation of the zero drift of a strain channel at the end of the record, linear in time "
         "[strain]. Use 0 for records that are short compared to the warm-up time of the amplifier.",

@@ -176,10 +176,10 @@ class FromRun(Section):
 class FromFile(RecordedFile):
     """Measurements from a test of this bench; the first sample is the start."""
 
-    file: Text = expert(
+    file: Text = Field(
         description="Measurement file in CSV, HDF5, UFF58, MDF4, TDMS or MAT format, relative to the folder of the config."
     )
-    channels: Annotated[dict[Name, tuple[Channel | None, ...]], Field(min_length=1)] = expert(
+    channels: Annotated[dict[Name, tuple[Channel | None, ...]], Field(min_length=1)] = Field(
         description="Sensor → list of channels, one for each component in order: {channel: NAME, unit: um/m}, or null for a "
         "component that is not measured."
     )
