@@ -95,14 +95,14 @@ def test_api_reference_formats_formulas_code_and_fields():
 
 
 @pytest.mark.slow
-def test_the_tutorial_does_what_it_says(tmp_path):
+def test_the_tutorial_does_what_it_reports(tmp_path):
     few = [f"--set=validate.{own}" for own in ("repeats=2", "random_sets=2", "noise_factors=[]")]
     less = {"run": few, "status": few, "place": ["--set", "place.instants=3"]}
     run_page(DOCS / "tutorial.md", tmp_path, less)
 
 
 @pytest.mark.slow
-def test_the_pages_of_a_bench_do_what_they_say(tmp_path):
+def test_the_pages_of_a_bench_do_what_they_report(tmp_path):
     folder = DOCS / "stages" / "bench"
     listed = re.search(r"```{toctree}\n(.*?)```", (folder / "index.md").read_text(encoding="utf-8"), re.DOTALL)
     names = ["index", *listed[1].split()]

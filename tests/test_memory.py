@@ -32,7 +32,7 @@ def system(tmp_path, monkeypatch):
     return write
 
 
-def test_a_system_that_says_nothing_has_no_limit(tmp_path, monkeypatch):
+def test_a_system_that_reports_nothing_has_no_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(memory, "PROC", tmp_path)
     monkeypatch.setattr(memory, "CGROUP", tmp_path)
     assert available_memory() == math.inf

@@ -104,7 +104,7 @@ def there(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", gallery.names())
-def test_a_page_says_what_comes_out(name, there):
+def test_a_page_reports_what_comes_out(name, there):
     gallery.run(name, there, pictures=False)
 
 

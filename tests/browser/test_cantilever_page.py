@@ -48,7 +48,7 @@ def test_strain_and_modes_can_be_chosen(look, report):
     space.moves_in_its_shapes(found)
 
 
-def test_a_picked_gauge_tells_its_id_position_and_direction(look, report, gauges):
+def test_a_picked_gauge_determines_its_id_position_and_direction(look, report, gauges):
     found = look(report)
     space.picks_gauges(found, gauges)
 

@@ -69,7 +69,7 @@ def test_a_beam_of_another_size_is_the_same_beam_in_slower_time(tmp_path, usual)
 
 
 @pytest.mark.parametrize(("modulus", "force"), [(1e-3, 2.9e24), (3.7e30, 1e12)])
-def test_modulus_and_density_of_another_size_move_alike(tmp_path, usual, modulus, force):
+def test_modulus_and_density_of_another_size_move_equally(tmp_path, usual, modulus, force):
     """E → s E, ρ → s ρ leave the frequencies, F → f F scales strain by f/s, and noise is a share of the strain."""
     s, f = modulus / E, force / 1000.0
     changes = of_material(modulus) | {"loads.tip.signal.amplitude": force}
@@ -96,7 +96,7 @@ SIZE = {"side": 1000.0, "down": 5.0, "along": 0.0}
 """Amplitude of the true load [N]; the filter takes 20 N for the last one."""
 
 
-def test_each_load_is_judged_by_its_own_size_and_one_that_is_zero_by_its_amplitude(tmp_path):
+def test_each_load_is_evaluated_by_its_own_size_and_one_that_is_zero_by_its_amplitude(tmp_path):
     """RMS of error and σ after the first tenth, read off the histories."""
     (tmp_path / "zero.csv").write_text("time [s],force [N]\n0,0\n0.05,0\n0.1,0\n", encoding="ascii")
     loads = {
@@ -281,7 +281,7 @@ def test_an_undamped_bench_has_no_steady_filter(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_bench_without_noise_says_what_it_takes_instead(tmp_path):
+def test_a_bench_without_noise_reports_what_it_takes_instead(tmp_path):
     quick = {"estimate.sensors.gauges.noise": 0.0, "simulate.time_step": 2e-3}
     estimate = finished(tmp_path, "estimate", bricks((4, 2, 2)), quick, BENCH_CONFIG)["estimate"]
     for name in ("side", "down"):

@@ -188,7 +188,7 @@ def test_strain_of_a_tapered_cantilever_with_I12():
         assert strains(frame, u, at, y, z)[0] == pytest.approx(exact, rel=1e-9)
 
 
-def test_strain_of_an_offset_beam_beside_a_pin():
+def test_strain_of_an_offset_beam_with_a_pin():
     """Clamped at A, pinned to its node at B, 0.1 above both: a force at the node reaches the beam without a moment."""
     offset, released = np.tile([0.0, 0.1, 0.0], (1, 2, 1)), np.zeros((1, 2, 6), bool)
     released[0, 1, 5] = True

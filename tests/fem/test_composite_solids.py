@@ -283,7 +283,7 @@ def test_a_long_cantilever_bends_as_layered_beam_theory_has_it(box, kind, theory
     assert tip * 3 * EI == pytest.approx(1.0, rel=theory)
 
 
-def test_a_soft_core_is_too_stiff_in_shear_across_and_import_says_so(box):
+def test_a_soft_core_is_too_stiff_in_shear_across_and_import_reports_it(box):
     """Skins a hundred times as stiff as the core: Σ sG Σ s/G times what layers with one stress of shear have."""
     layers = [(1.0, STEEL, 0), (8.0, replace(STEEL, youngs_modulus=2.1e9), 0), (1.0, STEEL, 0)]
     mesh = layered(box("hex8", (1, 1, 1)), layers)

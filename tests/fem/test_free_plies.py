@@ -213,7 +213,7 @@ def tip_of(model, theta, load):
     return T @ spsolve(model.stiffness.at(theta).tocsc(), T.T @ load)
 
 
-def test_each_factor_acts_on_its_own_motion_and_exactly():
+def test_each_factor_acts_alone_motion_and_exactly():
     """u = PL/(EA), v = PL³/(3EI₁), φ = ML/(GJ), each over its factor; affine, so that one term each is enough."""
     model = build_model(straight(section=BAR), free("area_factor", "bending_factor", "torsion_factor"))
     assert len(model.stiffness.terms) <= 3

@@ -52,7 +52,7 @@ def test_any_override_of_a_sound_config(tmp_path_factory, key, value):
 
 @FEW
 @given(JSON)
-def test_json_is_read_as_what_it_says(value):
+def test_json_is_read_as_what_it_reports(value):
     with suppress(YamlProblem):
         assert parse(json.dumps({"a": value})).data == {"a": value}
 

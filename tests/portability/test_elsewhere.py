@@ -45,7 +45,7 @@ def start(system: str, *words: str) -> subprocess.Popen[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("system", ["windows", "bare"])
-def test_an_import_works_and_the_log_says_what_is_not_known(system, project):
+def test_an_import_works_and_the_log_reports_what_is_not_known(system, project):
     results = project / system
     done = call(system, "import", str(project / "beam.yaml"), "--results", str(results))
     assert (done.returncode, done.stderr) == (0, "")
@@ -53,7 +53,7 @@ def test_an_import_works_and_the_log_says_what_is_not_known(system, project):
     assert not (results / "beam" / ".lock").exists()
 
 
-def test_without_pardiso_a_warning_says_what_that_costs():
+def test_without_pardiso_a_warning_reports_what_that_costs():
     done = call("windows", "factorise")
     assert done.stdout == f"SuperLU {[float(x) for x in range(1, 10)]}\n"
     assert done.stderr.startswith("warning: PARDISO is not available; SuperLU is used instead")

@@ -191,7 +191,7 @@ def test_a_load_that_no_step_follows_is_reported_and_its_page_is_written(tmp_pat
     assert (code == 0 and "F is overconfident" in said) or (code == 2 and "estimate" in said), said
 
 
-def test_a_body_of_no_weight_to_speak_of_hangs_as_any_other(tmp_path):
+def test_a_body_of_no_weight_to_mention_hangs_as_any_other(tmp_path):
     code, said = simulated(tmp_path, bodies=bob(mass="2.0e-30", moment="3.0e-31"))
     assert code == 0, said
     found = Artefact(tmp_path / "r" / "own" / "simulate.h5")

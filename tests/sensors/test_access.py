@@ -258,7 +258,7 @@ def test_below_a_part_that_touches_there_is_no_room(shift):
     assert np.isinf(found).all(), "where no hand gets at no gauge is a candidate"
 
 
-def test_over_a_shallow_groove_and_beside_one_wall_alone_a_hand_comes_in():
+def test_over_a_shallow_groove_and_with_one_wall_alone_a_hand_comes_in():
     for mesh, first, width in ((*channel("hex8", 2, 1), 2), (*channel("hex8", 2, 3, (True, False)), 2)):
         gauges, found = over(mesh)
         floor = floor_of(gauges, first, width)

@@ -89,7 +89,7 @@ def test_the_axis_of_a_bend_means_its_inner_face_and_a_radius_both_of_that_radiu
 
 
 @pytest.mark.parametrize("sense", [1, -1])
-def test_of_two_faces_as_near_the_normal_says_which(strip, sense):
+def test_of_two_faces_as_near_the_normal_reports_which(strip, sense):
     _, mesh, facets, faces = strip
     up = tuple(TURNED @ [0.0, 0.0, float(sense)])
     middle = tuple(TURNED @ [1.0, -0.5, 0.55] + SHIFT)

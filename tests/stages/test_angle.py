@@ -210,7 +210,7 @@ def test_gauges_are_predicted_by_the_others_within_two_sigma(tolerances):
 @pytest.mark.slow
 @pytest.mark.parametrize("tolerances", [EXACT, {}], ids=["exact", "default"])
 @pytest.mark.parametrize("gauge", [1, 3, 5])
-def test_a_gauge_turned_by_15_degrees_is_the_one_that_the_others_contradict_most(gauge, tolerances):
+def test_a_gauge_turned_by_15_degrees_is_the_one_that_the_others_disagree_with_most(gauge, tolerances):
     found = estimate("alone", guess=TRUE_E, tolerances=tolerances, held_out=True, turned={gauge: 15.0})
     off = np.sqrt(np.mean(found.held_out**2, axis=0))
     assert np.argmax(off) == gauge - 1
@@ -231,7 +231,7 @@ def test_a_modulus_three_per_cent_off_has_to_be_stated():
 
 
 @pytest.mark.slow
-def test_the_modulus_is_found_beside_a_known_shaker():
+def test_the_modulus_is_found_with_a_known_shaker():
     found = estimate("shaken", guess=1e6 * GUESS, tolerances={"frequency": 0}, also=("E",))
     assert abs(found.E - 1) < 3 * found.E_std
     assert abs(found.E - 1) < 0.005

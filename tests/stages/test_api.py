@@ -237,7 +237,7 @@ def test_rows_and_positions_are_converted_and_directions_made_unit(files):
     assert np.all(given.pool.nodes == -1)
 
 
-def test_zones_take_rows_and_table_alike(files):
+def test_zones_take_rows_and_table_equally(files):
     given = read_given(*files, COMPONENTS, 1e-3)
     left = without(given, None, None, [Box((0.15, -1, -1), (0.25, 1, 1)), NearEdges(1.0)])
     assert left.pool.element.tolist() == [7, 5]

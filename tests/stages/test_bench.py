@@ -154,7 +154,7 @@ def test_damping_is_that_of_the_free_modes_of_a_free_body(law):
     np.testing.assert_allclose(np.diag(Phi.T @ C @ Phi)[1:], 2 * ratio * omega, rtol=1e-9)
 
 
-def test_a_slow_mode_beside_a_stiff_residual_vector_is_damped():
+def test_a_slow_mode_with_a_stiff_residual_vector_is_damped():
     """Eigenvalues 1 and 1e11 (rad/s)² of a held body: neither is rigid."""
     lam = np.array([1.0, 1e11])
     body = CraigBampton(AffineOperator(np.diag(lam), {}), np.eye(2), np.eye(2), {}, np.array([1.0]), 5.0)

@@ -31,7 +31,7 @@ def found(stage, text, *changes):
     return ended(stage, text, *changes).artefact(stage)
 
 
-def test_statics_says_where_a_bench_hangs_and_what_its_joint_carries():
+def test_statics_reports_where_a_bench_hangs_and_what_its_joint_carries():
     """Sideways load F: it hangs along the resultant, whatever `start` says."""
     text = ARM.replace("POSE", DOWN).replace("value: 0.0", "value: 5.0").replace("0.01}", "0.01, start: as_given}")
     rest = found("statics", text)
@@ -74,7 +74,7 @@ def test_a_pendulum_on_its_head_is_refused_until_it_is_allowed(stage):
     assert done.code == 0, done.output
 
 
-def test_modes_of_what_topples_say_so():
+def test_modes_of_what_topples_report_it():
     own = found("modes", ARM.replace("POSE", UP))
     assert own["/growth"] == pytest.approx(-0.2 / J + np.sqrt((0.2 / J) ** 2 + OMEGA**2), rel=1e-9)
     assert own.summary["toppling"] == 1

@@ -79,7 +79,7 @@ def test_loads_on_a_turning_arm_are_known_to_their_sigma():
          "joints.motor.drive: the angle changes by 1.57 rad in a step"),
     ],
 )  # fmt: skip
-def test_what_a_filter_has_no_equations_for_beside_a_drive_is_refused(changes, says):
+def test_what_a_filter_has_no_equations_for_with_a_drive_is_refused(changes, says):
     done = run(*changes)
     assert done.code == 2
     assert says in done.stderr
@@ -88,7 +88,7 @@ def test_what_a_filter_has_no_equations_for_beside_a_drive_is_refused(changes, s
 QUICK = ("place.random=0", "place.certificate=false", "place.pool=4", "place.keep=2")
 
 
-def test_the_filter_claims_what_was_expected_of_gauges_beside_a_drive():
+def test_the_filter_claims_what_was_expected_of_gauges_with_a_drive():
     """A motor that stands still on the small beam: placement and filter both take the step for true."""
     text = BENCH.replace("frames:", "  arm: {type: rigid, mass: 0.1, inertia: {xx: 1.0e-3, yy: 1.0e-3, zz: 1.0e-3}, "
                          "pose: {origin: [1.0, 0.05, 0.04]}}\nframes:\n  eye: {body: arm}")  # fmt: skip

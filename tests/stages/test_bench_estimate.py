@@ -25,7 +25,7 @@ GROOVES = tuple(
 )
 
 
-def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
+def test_diameter_and_preload_or_a_grid_filter_of_three_are_accepted():
     job_of(DIAMETER, ROOT, PRELOAD)
     job_of(DIAMETER, ROOT, GRID_FILTER, *GROOVES[:2])
 
@@ -36,7 +36,8 @@ def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
         (LOADS, "sensors.gauges.gauges=[{position: [0.918, 0.94, -1.372], direction: [0, 0, 1]}]", "estimate.sensors",
          "1 channel is not enough for 3 unknown loads"),
         (LOADS, "estimate.inputs.weight={std: 1.0, increment: 1.0}", "estimate.inputs.weight", "no force or moment"),
-        (LOADS, "estimate.sensors.gauges.noise=[1.0e-7, 1.0e-7]", "estimate.sensors.gauges.noise", "2 noise values are set for 4"),
+        (LOADS, "estimate.sensors.gauges.noise=[1.0e-7, 1.0e-7]", "estimate.sensors.gauges.noise",
+         "2 noise values are set for 4"),
         (LOADS, "estimate.time_step=0.07", "estimate.time_step", "does not divide"),
         (DIAMETER, "estimate.parameters.diameter.guess=0.066", "estimate.parameters.diameter.guess", "not larger than"),
         (LOADS, "estimate.parameters.Fx={bearing: pitch-bearing, property: preload, std: 1.0e-6}", "estimate.parameters.Fx",
@@ -54,7 +55,7 @@ def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
          "parameters are constant in the grid filter"),
     ],
 )  # fmt: skip
-def test_contradictions_are_refused_with_their_place(config, change, key, what):
+def test_inconsistencies_are_refused_with_their_place(config, change, key, what):
     with pytest.raises(ConfigError) as refused:
         job_of(config, ROOT, *((change,) if isinstance(change, str) else change))
     assert refused.value.key == key

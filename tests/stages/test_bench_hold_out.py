@@ -70,7 +70,7 @@ def ratios(found):
     return {name: found.summary[f"hold_out.ratio.{name}"] for name in CHANNELS}
 
 
-def test_the_others_say_of_a_gauge_what_a_filter_says_that_has_never_had_it():
+def test_the_others_report_of_a_gauge_what_a_filter_reports_that_has_never_had_it():
     exact = "estimate.truth={model: own, noise: false}"
     held, _ = estimated(exact, EACH)
     predicted = held["/sensors/gauges/predicted"][:, 3]
@@ -109,7 +109,7 @@ def test_a_sound_record_is_borne_out_by_what_was_left_out(record):
     assert "disagree" not in said
 
 
-def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_it_is_accepted(record):
+def test_a_record_that_disagrees_with_the_model_ends_with_3_and_has_no_sigma_until_it_is_accepted(record):
     record = scaled(record, 1.1)
     found, said = of_test(record, ends=3)
     assert (found.summary["trusted"], found.summary["accepted"]) == (False, False)
@@ -138,7 +138,7 @@ def test_a_suite_with_such_a_record_ends_with_3_too(record):
     assert (end.folder / "report.html").exists()
 
 
-def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_model(record, tmp_path, monkeypatch):
+def test_what_leaves_its_range_does_not_hide_that_the_record_disagrees_with_the_model(record, tmp_path, monkeypatch):
     beyond = "E was estimated as 2 Pa, but reduce built the model for 0 to 1"
     monkeypatch.setattr(consistency, "bench_out_of_range", lambda *_: {"E": beyond})
     sensors = json.dumps(SENSORS | {"tip": {"noise": 1e-6, "bias": 1e-6}})
@@ -179,6 +179,6 @@ def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason():
     assert "hold_out.inside" not in found.summary
 
 
-def test_a_bank_refuses():
+def test_a_grid_filter_refuses():
     _, said = estimated(EACH, "estimate.method.parameters=grid", ends=2)
     assert "does not support hold_out" in said

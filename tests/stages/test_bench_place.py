@@ -170,7 +170,7 @@ def test_a_disturbance_as_printed_is_refused_where_gauges_are_placed(tmp_path):
         job_of(written(tmp_path), tmp_path, "estimate.method.noise=as_printed", "estimate.disturbance=0.1")
 
 
-def test_one_gauge_less_is_what_the_file_says_of_it(beam):
+def test_one_gauge_less_is_what_the_file_reports_of_it(beam):
     place = beam["place"]
     without, whole = place["/layouts/place/without"], place["/layouts/place/std"]
     assert np.all(without > whole * (1 - 1e-9))

@@ -210,7 +210,7 @@ def logged(zero):
 
 
 @pytest.mark.slow
-def test_error_of_loads_is_what_sigma_says_of_a_record_from_elsewhere(folder):
+def test_error_of_loads_is_what_sigma_reports_of_a_record_from_elsewhere(folder):
     """Loads that move within the filter's step of 10 ms; gauges off by 40, −25 and 60 µm/m, zeroed over 0.2 s at rest."""
     code, said = command(folder, "reduce")
     assert code == 0, said

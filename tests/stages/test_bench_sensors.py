@@ -73,7 +73,7 @@ def test_loads_from_gauges_and_an_accelerometer_keep_to_their_sigma_by_another_i
     assert found["mismatch.felt"] < 0.01
 
 
-def test_an_accelerometer_beside_gauges_knows_the_load_across_the_spring_better():
+def test_an_accelerometer_with_gauges_estimates_the_load_across_the_spring_better():
     once = ("estimate.truth={model: own}", "estimate.runs=1", "simulate.duration=0.3")
     found = run(FELT, *once).artefact("estimate").summary
     assert found["mismatch.felt"] < 0.01
@@ -88,7 +88,7 @@ BIAS = "estimate.sensors={gauges: {noise: 1.0e-6, bias: 2.0e-5}, felt: {noise: 0
 
 
 @pytest.mark.slow
-def test_loads_beside_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs():
+def test_loads_with_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs():
     """Eight histories by Radau's method, offsets of twenty times the noise, which the loads at the start tell from loads."""
     truth = "estimate.truth={model: other, step: 0.01, histories: 8, within: 10.0}"
     end = run(FELT, BIAS, truth, "estimate.runs=8", "simulate.duration=0.3")
@@ -108,7 +108,7 @@ def test_loads_beside_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs
 
 @pytest.mark.slow
 @pytest.mark.parametrize("update", ["iterated", "one_shot"])
-def test_drifting_offsets_beside_loads_that_walk_are_estimated_as_well_as_claimed(update):
+def test_drifting_offsets_with_loads_that_walk_are_estimated_as_well_as_claimed(update):
     sensors = "estimate.sensors={gauges: {noise: 1.0e-6, bias: 1.0e-5, drift: 2.0e-5}, felt: {noise: 0.02}}"
     how = ("estimate.truth={model: walk}", "estimate.runs=10", "simulate.duration=0.2", f"estimate.method.update={update}")
     found = run(FELT, sensors, *how).artefact("estimate").summary

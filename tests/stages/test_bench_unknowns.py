@@ -26,7 +26,7 @@ ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
 ) + "}"  # fmt: skip
 
 
-def test_without_noise_on_its_own_step_the_iterated_filter_has_the_loads_to_1e_7(estimate):
+def test_without_noise_alone_step_the_iterated_filter_has_the_loads_to_1e_7(estimate):
     when = ("estimate.time_step=0.1", "estimate.duration=1.0", *EXACT)
     iterated = estimate(LOADS, *when)
     one_shot = estimate(LOADS, *when, "estimate.method.update=one_shot")
@@ -59,7 +59,7 @@ def test_a_wrong_bearing_leaves_the_loads_right_and_its_own_displacements_wrong(
     assert not found["/sensors/relative/used"]
 
 
-def test_every_seed_has_a_history_of_its_own_by_another_integrator(estimate):
+def test_every_seed_has_a_history_that_is_separate_by_another_integrator(estimate):
     """Radau's truth for two seeds: the first is the stated history, which the fine truth has to 1e-3; all begin alike."""
     when = ("estimate.time_step=0.05", "estimate.duration=0.25", "estimate.truth.noise=false")
     other = ("estimate.runs=2", "estimate.truth={model: other, step: 0.025, histories: 2, within: 40.0, noise: false}")
@@ -117,7 +117,7 @@ def test_loads_are_written_as_a_command_history_and_a_noise_of_zero_is_raised(es
     assert "the noise of gauges was raised from 0" in str(found.tables)
 
 
-def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):
+def test_a_diverged_estimate_writes_no_command_history_and_reports_it(estimate):
     found = estimate(
         DIAMETER, "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
         "estimate.duration=1.0", "estimate.time_step=0.2", "estimate.method.update=undamped",
@@ -171,7 +171,7 @@ def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone
     assert alone.summary["std.E"] > 10 * both.summary["std.E"]
 
 
-def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate):
+def test_where_a_parameter_is_well_seen_grid_filter_and_extended_filter_agree(estimate):
     """Two draws of noise: every history to a tenth of σ at the end, and the joints kept to rounding."""
     when = ("estimate.duration=0.45", "estimate.runs=2", "estimate.truth.model=own")
     grid_run, extended = estimate(DIAMETER, *when, GRID_FILTER), estimate(DIAMETER, *when)

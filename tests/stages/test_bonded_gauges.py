@@ -56,7 +56,7 @@ def test_unnamed_gauges_are_numbered_past_the_names_that_are_taken():
     assert layout_labels(names, np.array([3, 2, 0, 1, 4])) == ("G1", "root", "G3", "G2", "G4")
 
 
-def test_a_name_of_the_layout_alone_does_not_say_where_a_gauge_was_bonded(project):
+def test_a_name_of_the_layout_alone_does_not_report_where_a_gauge_was_bonded(project):
     code, said = run(project, BEFORE)
     assert code == 2
     assert "estimate.gauges_file" in said
@@ -72,13 +72,13 @@ def test_the_file_of_the_day_of_bonding_stands_for_the_layout(project):
     np.testing.assert_array_equal(result(project)["/smoothed/E"], as_placed)
 
 
-def test_the_file_that_every_placement_writes_anew_says_of_no_gauge_where_it_was_bonded(project):
+def test_the_file_that_every_placement_writes_anew_reports_of_no_gauge_where_it_was_bonded(project):
     code, said = run(project, BEFORE, f"estimate.gauges_file={project / 'results' / 'test' / 'gauges.csv'}")
     assert code == 2
     assert "gauges.csv in the results folder is overwritten with every new layout" in " ".join(said.split())
 
 
-def test_a_layout_that_is_ranked_anew_is_refused_and_says_where_the_gauge_was(project, tmp_path):
+def test_a_layout_that_is_ranked_anew_is_refused_and_reports_where_the_gauge_was(project, tmp_path):
     """The file of the day of bonding has the places of G1 and G2 the other way round."""
     rows = lines(project / "bonded.csv")
     rows[0]["gauge"], rows[1]["gauge"] = "G2", "G1"

@@ -106,7 +106,7 @@ def test_bridges_come_back_from_the_file_of_their_layout_as_they_were(project):
         ({"gauge": "alone"}, "1 arm"),
     ],
 )
-def test_a_file_with_a_bridge_that_is_none_says_so(project, tmp_path, change, what):
+def test_a_file_with_a_bridge_that_is_none_reports_it(project, tmp_path, change, what):
     rows = [row for row in lines(project / "results" / "edge" / "gauges.csv") if row["gauge"] == "torsion"]
     if change == {"sign": ""}:
         rows = [row | change for row in rows]

@@ -55,7 +55,7 @@ def found(project):
 
 
 @pytest.mark.slow
-def test_one_modulus_is_found_by_all_records_and_each_has_loads_of_its_own(found):
+def test_one_modulus_is_found_by_all_records_and_each_has_loads_that_is_separate(found):
     said, numbers, arrays = found
     assert numbers["records"] == 3
     assert numbers["trusted"]
@@ -69,7 +69,7 @@ def test_one_modulus_is_found_by_all_records_and_each_has_loads_of_its_own(found
 
 
 @pytest.mark.slow
-def test_status_and_view_say_which_record(project, found, tmp_path):
+def test_status_and_view_report_which_record(project, found, tmp_path):
     config, results = str(project / "campaign.yaml"), ["--results", str(project / "results")]
     status = CliRunner().invoke(app, ["status", config, *results])
     assert "3 records (low, mid, high)" in " ".join(status.output.split())
@@ -133,7 +133,7 @@ def test_a_channel_that_is_wrong_in_one_record_is_named_with_it_and_can_be_put_r
     assert artefact.summary["trusted"]
 
 
-def test_records_of_different_parts_contradict_each_other(project):
+def test_records_of_different_parts_disagree_with_each_other(project):
     """The known load is 10 % too small in one: alone it says a tenth less of the modulus."""
     shortened(project, "other", "mid", 101, "tip", 0.9)
     shortened(project, "half", "low", 101)
@@ -177,7 +177,7 @@ def test_a_channel_that_one_file_lacks_is_named_with_the_record(project):
     assert "record 'high': " in said
 
 
-def test_a_file_on_the_command_line_is_not_put_beside_records(project):
+def test_a_file_on_the_command_line_is_not_put_with_records(project):
     code, said, _ = run(project, RECORDS, "--measurements", str(project / "low.csv"))
     assert code == 2
     assert "'file' (low.csv) and 'records' are both set" in said

@@ -49,7 +49,7 @@ def warned(*changes):
 
 
 @pytest.mark.slow
-def test_the_import_says_what_leaves_the_underside_out_and_then_no_more():
+def test_the_import_reports_what_leaves_the_underside_out_and_then_no_more():
     (said,) = warned()
     assert said.startswith("the flat face of 0.023 m² at (0, 0, 0) m is supported at 4 bores")
     lines = dict(part.split(": ", 1) for part in said.split("exclude it from gauges: ")[1].split(" and "))
@@ -61,7 +61,7 @@ def test_the_import_says_what_leaves_the_underside_out_and_then_no_more():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seat", [True, False])
-def test_each_gauge_on_that_face_says_what_holds_it(seat):
+def test_each_gauge_on_that_face_reports_what_holds_it(seat):
     mesh, facets, _ = lug()
     pool = candidates(mesh, facets, None, (0.0,))
     below = pool.normal[:, 2] < -0.99

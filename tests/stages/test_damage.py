@@ -114,7 +114,7 @@ LEVEL = {
 @pytest.mark.parametrize(
     ("loads", "best", "undecided"), [("", "", ""), ("a", "a", ""), ("ab", "a", "b"), ("ac", "a", ""), ("ad", "a", "")]
 )
-def test_a_load_walks_otherwise_where_the_samples_say_so_by_far(loads, best, undecided):
+def test_a_load_walks_otherwise_where_the_samples_report_it_by_far(loads, best, undecided):
 
     def other(so_far, name):
         return None if name == "d" else so_far ^ {name}

@@ -73,7 +73,7 @@ def test_the_factor_moves_nothing_but_the_damping(tmp_path):
         ),
     ],
 )
-def test_what_contradicts_it_is_named(tmp_path, change, words):
+def test_what_disagrees_with_it_is_named(tmp_path, change, words):
     with pytest.raises(StrainsightError, match=words):
         finished(tmp_path, "import", BRICKS, {**FREE, **change})
 
@@ -113,7 +113,7 @@ def beam(tmp_path_factory):
     return beam_in(tmp_path_factory.mktemp("beam"))
 
 
-def test_each_mode_that_gauges_read_has_a_tolerance_of_its_own_beside_that_of_all(beam):
+def test_each_mode_that_gauges_read_has_a_tolerance_that_is_separate_with_that_of_all(beam):
     """The first two bend the beam, at 66 and 82 Hz by beam theory; the others are beyond 400 Hz."""
     n = beam(OF_E).reduced.model.size
     np.testing.assert_allclose(beam(OF_E).tolerated.frequency, 0.01 * np.vstack([np.ones(n), 0.5 * np.eye(n)[:2]]))

@@ -162,7 +162,7 @@ def test_a_motion_under_an_unknown_load_is_not_known_to_have_settled(project):
 
 
 @pytest.mark.slow
-def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_are_as_stated(project):
+def test_a_modulus_with_unknown_loads_alone_has_no_sigma_but_for_loads_that_are_as_stated(project):
     sigmas = "/std/E", "/std/side", "/smoothed_std/E", "/smoothed_std/side", "/virtual/std"
     estimates = "/estimate/E", "/smoothed/side", "/virtual/strain"
     results, found = changed(project, "alone", ALONE), {}
@@ -224,7 +224,7 @@ def test_validate_ranks_the_layout_and_sweeps_the_filter(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_biased_time_step_says_what_it_does(project):
+def test_a_biased_time_step_reports_what_it_does(project):
     """The trapezoidal rule lengthens the period by (ωh)²/12: E comes out about twice that too large, and the notes say so."""
     file = project / "results" / "test" / "measured.csv"
     assert estimated(project, file, COMPARED)[0] == 0

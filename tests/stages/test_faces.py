@@ -56,7 +56,7 @@ def test_a_face_holds_loads_and_carries_gauges(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_unknown_pressure_is_placed_for_in_pascal_and_a_known_pin_beside_it(tmp_path):
+def test_an_unknown_pressure_is_placed_for_in_pascal_and_a_known_pin_with_it(tmp_path):
     own = changes(True) | {
         "mesh.faces": FACES | {"below": {"near": [0.5, 0.05, 0.0]}},
         "loads": {
@@ -174,7 +174,7 @@ def of_density(loads):
     }
 
 
-def test_a_load_of_the_deck_on_mass_beside_a_density_that_is_a_parameter_is_refused(tmp_path):
+def test_a_load_of_the_deck_on_mass_with_a_density_that_is_a_parameter_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"would change with the parameter rho \(density\)") as caught:
         finished(tmp_path, "import", MESH, of_density({"deck": LOADS["deck"]}))
     assert caught.value.key == "loads.deck"
@@ -218,7 +218,7 @@ def on_end(**load):
         ({"loads.deck.deck_load": None, "loads.deck.node": 3, "loads.deck.direction": [1, 0, 0]}, "loads.deck.factor"),
     ],
 )
-def test_keys_of_a_load_that_contradict_each_other_are_named(tmp_path, change, key):
+def test_keys_of_a_load_that_disagree_with_each_other_are_named(tmp_path, change, key):
     path = tmp_path / "own.yaml"
     path.write_text(yaml.safe_dump(config_of(config_of(PLACEMENT_CONFIG, CHANGES), change)))
     with pytest.raises(ConfigError) as caught:

@@ -144,7 +144,7 @@ def test_where_gauges_were_bonded_is_known_after_the_layout(project):
     refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: file not found: ", "folder of the config")
 
 
-def test_a_record_beside_the_config_is_named(project, monkeypatch):
+def test_a_record_with_the_config_is_named(project, monkeypatch):
     (project / "elsewhere").mkdir()
     monkeypatch.chdir(project / "elsewhere")
     words = ["estimate", "../test.yaml", "--measurements", "test.csv"]

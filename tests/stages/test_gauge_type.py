@@ -77,7 +77,7 @@ def test_what_bends_tighter_than_the_type_may_is_left_out_and_nothing_else(beam,
     assert not np.any(api.screen(wide, mesh, beam.reduced, training).reason == BEND)
 
 
-def test_beside_such_a_bend_a_gauge_keeps_its_clearance(beam, training):
+def test_with_such_a_bend_a_gauge_keeps_its_clearance(beam, training):
     """The flanks at the inside are nearer than half the carrier's diagonal to it, and that counts as `bends`."""
     case, mesh = beam.load(*tight(0.24)), curled(beam.mesh)
     pool = training.candidates

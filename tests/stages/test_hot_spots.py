@@ -48,7 +48,7 @@ def beam(tmp_path_factory):
     return own, placed(own)
 
 
-def test_the_gauge_beside_a_load_on_one_node_is_named_and_the_others_are_not(beam):
+def test_the_gauge_with_a_load_on_one_node_is_named_and_the_others_are_not(beam):
     _, found = beam
     listed = found.listed
     np.testing.assert_array_equal(found.hot_spots.hot, listed.bonded)

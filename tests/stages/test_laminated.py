@@ -94,7 +94,7 @@ OTHER = {"regions": "all", "youngs_modulus": 1e9, "poisson_ratio": 0.3, "density
         ({"mesh.materials": {"m": OTHER}}, "is a laminate, whose plies", "mesh.materials.m.regions"),
     ],
 )
-def test_what_is_of_no_laminate_is_refused(tmp_path, changes, what, key):
+def test_what_has_no_laminate_is_refused(tmp_path, changes, what, key):
     with pytest.raises(StrainsightError, match=what) as caught:
         finished(tmp_path, "import", DECK, STRIP | changes | {"validate.truth.parameters": {}})
     assert caught.value.key == key
@@ -141,7 +141,7 @@ def test_axes_of_a_config_are_those_of_the_tensor(tmp_path):
         ("[2.1e+11, 2.1e+11, 2.1e+11], poisson_ratio: [0.3, 0.3, 0.3], shear", "2.1e+11, poisson_ratio: 0.3, x", "x_modulus"),
     ],
 )
-def test_a_contradiction_is_named(tmp_path, old, new, what):
+def test_a_inconsistency_is_named(tmp_path, old, new, what):
     assert old in ALIKE
     with pytest.raises(StrainsightError, match=what):
         with_additions(read_mesh(COARSE), mesh_config(tmp_path, ALIKE.replace(old, new)))

@@ -27,7 +27,7 @@ from ..placement.conftest import beam_of, last, oracle, scenarios_of
 from ..placement.whole_pools import eliminate
 
 
-def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what():
+def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_report_what():
     pools = eliminate(scenarios_of(beam_of(12, 3, seed=0), (), ("E",)), 3).pools
 
     def layout(optimise):

@@ -179,7 +179,7 @@ def test_without_a_proof_the_relaxation_bounds_all_layouts(beam):
     assert found.layout.cost == pytest.approx(best, rel=1e-6)
 
 
-def test_two_cases_that_are_alike_give_what_one_gives_whatever_their_weights(with_modulus):
+def test_two_cases_that_are_equally_give_what_one_gives_whatever_their_weights(with_modulus):
     one = with_modulus.placed(None, keep=3, aggregate="worst")
     two = with_modulus.placed({"a": {"weight": 0.3}, "b": {"weight": 0.7}}, keep=3, aggregate="worst")
     np.testing.assert_array_equal(two.gauges, one.gauges)
@@ -244,7 +244,7 @@ def test_a_case_takes_a_recorded_load(beam):
     np.testing.assert_allclose(ramp.load[:, at], 15000 * ramp.time, rtol=1e-6, atol=1e-6)
 
 
-def test_a_run_says_what_is_expected_in_every_case_and_where_it_is_worst(tmp_path):
+def test_a_run_reports_what_is_expected_in_every_case_and_where_it_is_worst(tmp_path):
     cases = {"steering": BRAKING, "down": DOWN | {"weight": 2.0}}
     short = {"place.load_cases": cases, "place.keep": 3, "place.certificate": False}
     own = finished(tmp_path, "place", bricks((6, 2, 2)), TWO | short)

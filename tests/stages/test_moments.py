@@ -191,7 +191,7 @@ BEND = {**FREE, "loads.bend": LOADS["bend"]}
         ({"mesh.matrices": READY, "parameters.E.region": None}, "mesh.free", "a free structure needs an assembled model"),
     ],
 )
-def test_what_contradicts_a_moment_or_a_free_structure_is_refused(tmp_path, changes, key, says):
+def test_what_disagrees_with_a_moment_or_a_free_structure_is_refused(tmp_path, changes, key, says):
     path = tmp_path / "edge.yaml"
     path.write_text(yaml.safe_dump(config_of(config_of(PLACEMENT_CONFIG, BEND), changes)), encoding="utf-8")
     with pytest.raises(ConfigError) as caught:

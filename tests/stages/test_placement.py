@@ -49,7 +49,7 @@ def test_readings_are_sized_some_channels_at_a_time(artefacts, config, results, 
     np.testing.assert_allclose(found["/peak"], np.abs(strain).max(axis=0), rtol=1e-12)
 
 
-def test_the_list_of_gauges_says_what_the_artefacts_say(artefacts):
+def test_the_list_of_gauges_reports_what_the_artefacts_say(artefacts):
     place, train = artefacts["place"], artefacts["train"]
     lines = list(csv.DictReader((place.path.parent / "gauges.csv").read_text().splitlines()))
     rows = place["/pool/candidate"][place["/selected/final/gauge"]]

@@ -154,7 +154,7 @@ def test_a_truth_has_as_many_modes_as_there_are(folder):
         ((OF_RESULTS, "mesh.file=parts.bdf", "parameters.E.region=1"), "parameters.E", "E does not scale all regions"),
     ],
 )
-def test_what_the_results_lack_or_contradict(folder, overrides, key, said):
+def test_what_the_results_lack_or_disagree_with(folder, overrides, key, said):
     text = (folder / "beam.bdf").read_text()
     (folder / "sprung.bdf").write_text(text.replace("ENDDATA", "CELAS2,77,1.+5,101,2,702,2\nENDDATA"))
     (folder / "parts.bdf").write_text(in_two(text))

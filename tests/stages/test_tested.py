@@ -130,7 +130,7 @@ def test_status_has_the_estimate_whether_it_is_up_to_date_and_a_file_that_is_gon
 
 
 @pytest.mark.slow
-def test_the_field_is_that_of_the_test_and_says_so(project, found):
+def test_the_field_is_that_of_the_test_and_reports_it(project, found):
     def view(*overrides, **asked):
         job = job_of(project / "test.yaml", project / "results", *overrides)
         return view_of(job.model, ("import", "place"), job.folder, "own.yaml", "field", **asked)[0]

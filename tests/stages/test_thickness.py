@@ -132,7 +132,7 @@ def validation_in(folder, truth, repeats, **changes):
     ],
     ids=["exact gauges and loads", "default tolerances"],
 )
-def test_thickness_beside_an_unknown_load_is_found_within_its_sigma(tmp_path, truth, repeats, changes, low, high):
+def test_thickness_with_an_unknown_load_is_found_within_its_sigma(tmp_path, truth, repeats, changes, low, high):
     """RMS error over σ of 24 draws lies within 0.72 and 1.28 at 95 %. Under a load that is to walk as stated it was 1.8."""
     found = validation_in(tmp_path, truth, repeats, **changes).repeats
     ratio = found.error["t"] / found.std["t"]
@@ -169,7 +169,7 @@ def test_what_is_no_thickness_is_refused_with_its_key_and_a_remedy(tmp_path, cha
 
 
 @pytest.mark.slow
-def test_what_a_test_says_of_other_places_knows_of_the_thickness(tmp_path):
+def test_what_a_test_reports_of_other_places_knows_of_the_thickness(tmp_path):
     """A virtual gauge where one is bonded, and each gauge by the others."""
     changes = CHANGES | {
         "validate.truth.model": "modes",

@@ -82,7 +82,7 @@ def beam(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_parameter_of_which_the_samples_say_nothing_keeps_the_sigma_of_its_start_which_holds(beam):
+def test_a_parameter_of_which_the_samples_report_nothing_keeps_the_sigma_of_its_start_which_holds(beam):
     """The guess is one σ off, which is no fault of σ."""
     found = beam.validated("validate.repeats=40").validated
     assert found.posterior["E"].left > 0.99

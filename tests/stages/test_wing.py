@@ -136,7 +136,7 @@ def estimated(folder, seed):
 
 
 @pytest.mark.slow
-def test_three_loads_and_the_modulus_along_the_fibres_are_found_beside_a_known_shaker(folder):
+def test_three_loads_and_the_modulus_along_the_fibres_are_found_with_a_known_shaker(folder):
     """Under the default tolerances, but of frequencies, 0.1 % too high by the mesh. σ of E1 is of loads that are free."""
     found, histories = estimated(folder, seed=1)
     for name, off in (("lift", 0.01), ("drag", 0.03), ("twist", 0.02)):

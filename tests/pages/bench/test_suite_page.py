@@ -97,7 +97,7 @@ def test_every_fault_of_a_run_is_counted(numbers, word):
     assert word in found
 
 
-def test_the_runs_that_contradict_a_statement_are_named():
+def test_the_runs_that_disagree_with_a_statement_are_named():
     page = statements_table(
         suite([run("one"), run("two")], (Statement("t", ((0, "n", 1.0), (1, "n", 9.0)), below=2.0),))
     )
@@ -136,7 +136,7 @@ def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
         assert "F$z: not identified." in page
 
 
-def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reported():
+def test_a_layout_stands_with_random_ones_and_one_that_loses_a_load_is_reported():
     without = np.array([[1e3], [2e3], [np.inf]])
     best = SimpleNamespace(position=np.eye(3), direction=np.eye(3), std=np.array([1e3]), without=without)
     placed = SimpleNamespace(

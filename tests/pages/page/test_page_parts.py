@@ -60,7 +60,7 @@ def test_the_exact_value_comes_back_to_the_last_digit(value):
     assert float(re.findall(r'value="([^"]+)"', data(np.float64(value), "shown"))[0]) == value
 
 
-def test_what_is_no_number_says_so_and_whole_numbers_stay_whole():
+def test_what_is_no_number_reports_it_and_whole_numbers_stay_whole():
     assert '"nan"' in data(math.nan, "–")
     assert count(12345) == '<data value="12345">12\u202f345</data>'
     assert share(None) == measure(None) == "–"

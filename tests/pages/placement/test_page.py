@@ -117,7 +117,7 @@ def test_what_does_not_hold_leads_the_page_and_its_headline(full):
     assert "estimate tip to within" in words(good)
 
 
-def test_a_placement_without_benefit_leads_what_the_gauges_tell(full):
+def test_a_placement_without_benefit_leads_what_the_gauges_determine(full):
     load, modulus = full().unknowns
     none, some, shown = (Benefit(count, 10, word) for count, word in ((6, "none"), (3, "not shown"), (0, "shown")))
 

@@ -175,7 +175,7 @@ def row(theirs, ours):
         (None, None, UNMEASURED),
     ],
 )
-def test_the_verdict(theirs, ours, verdict):
+def test_the_result(theirs, ours, verdict):
     assert row(theirs, ours).result == verdict
 
 
@@ -206,7 +206,7 @@ def test_a_smoothed_load_is_measured_by_its_smoothed_claim(suite):
     assert modulus.std == run.unknowns[1].std
 
 
-def test_the_claim_that_decides_is_the_verdict(suite):
+def test_the_claim_that_decides_is_the_result(suite):
     run = suite().runs[0]
     held, repeated = run.unknowns[0].claims
     for claims, verdict, wrong in (

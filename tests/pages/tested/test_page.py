@@ -45,7 +45,7 @@ def test_page_is_whole_in_every_case_and_fetches_nothing(case, figures):
         assert f">{own.label}</h3>" in text
 
 
-def test_the_first_screen_has_every_unknown_with_its_sigma_and_the_verdict():
+def test_the_first_screen_has_every_unknown_with_its_sigma_and_the_result():
     text = page(figures=True)
     first = text[: text.index("Measured and reconstructed")]
     rms = float(np.sqrt(np.mean(load() ** 2)))

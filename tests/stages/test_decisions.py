@@ -157,7 +157,7 @@ def test_sigma_is_held_against_repeats_the_draws_of_the_test_and_the_smoothed_er
         ((), ("x",), ("E", "zeta"), "the estimates of E, zeta depend on", ""),
     ],
 )
-def test_parameters_rest_on_loads_where_none_is_known_or_beside_a_damping_factor(known, inputs, parameters, alone, together):
+def test_parameters_rest_on_loads_where_none_is_known_or_with_a_damping_factor(known, inputs, parameters, alone, together):
     unknowns = SimpleNamespace(inputs=inputs, parameters=parameters)
     model = SimpleNamespace(damping=SimpleNamespace(parameter="zeta"))
     own = SimpleNamespace(known=known, unknowns=unknowns, model=model)
