@@ -28,7 +28,7 @@ quoted = script("docs/quoted.py")
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("manual")
-    options = ["-q", "-W", "--keep-going", "-D", "run_examples=0"]
+    options = ["-q", "-W", "--keep-going", "-D", "run_examples=0", "-D", "nb_execution_mode=off"]
     command = [sys.executable, "-m", "sphinx", *options, "-d", folder / "doctrees", DOCS, folder / "site"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

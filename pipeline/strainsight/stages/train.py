@@ -241,17 +241,18 @@ SCREEN = Stage(
 
 
 def run_observe(context: Context[PlacementConfig]) -> Output:
-    """The cases, and which is the worst at the training motion, of load cases in the one where it is worst."""
+    """Condition of every case, and the worst one at the training motion; of load cases in the worst of them."""
     reduced, training, screened = inputs.reduced(context), inputs.training(context), inputs.screened(context)
     observed = observed_of(context.config, reduced, training, screened, context)
     trained = observed.condition[: len(training.motions)]
     condition = trained.max(axis=0)
     worst = index_of_largest(condition)
     where = f" in {observed.excitation[index_of_largest(trained[:, worst])]}" * bool(training.cases)
+    cases = "1 case" if len(condition) == 1 else f"{len(condition)} cases"
     return Output(
         datasets=written(observed),
         summary={f"condition.{case}": float(value) for case, value in zip(observed.case, condition, strict=True)},
-        message=f"{len(condition)} cases, worst condition {condition[worst]:.2g} for {_unknowns(observed, worst)}{where}",
+        message=f"{cases}, worst condition {condition[worst]:.2g} for {_unknowns(observed, worst)}{where}",
         tables=(_table(observed),),
     )
 
