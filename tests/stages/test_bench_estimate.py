@@ -80,8 +80,8 @@ def test_the_page_of_a_bench_shows_its_estimate_and_its_balls(estimate):
     output = report(Context(load_config(DIAMETER, changes).model, upstream, {}, lambda *_: None))
     page = output.files["report.html"].decode()
     words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
-    assert f"{found.summary['channels']} channels tell Fx" in words
-    assert "Force on each of the 112 balls of bearing by the estimate" in words
+    assert f"{found.summary['channels']} channels estimate Fx" in words
+    assert "stimated force on each of the 112 balls of " in words
     assert "with ±2 claimed standard deviations, and smoothed (green)" in words
     assert page.count("<figure") == output.summary["figures"] > 10
 

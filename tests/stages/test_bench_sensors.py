@@ -93,13 +93,13 @@ def test_loads_with_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs()
     truth = "estimate.truth={model: other, step: 0.01, histories: 8, within: 10.0}"
     end = run(FELT, BIAS, truth, "estimate.runs=8", "simulate.duration=0.3")
     assert end.code == 0
-    assert "offsets at the end sensor component offset σ unit gauges 1" in end.text
+    assert "final offsets sensor component offset σ unit gauges 1" in end.text
     found = end.artefact("estimate")
     for name in ("side", "down"):
         assert 0.6 < found.summary[f"ratio.{name}"] < 1.4
     # what the estimate says that channels read has their offsets in it
     assert found.summary["mismatch.gauges"] < 0.3
-    drawn = ChannelOffsets(np.arange(6), np.array([2e-5] * 3 + [0.05, 0.05, 0.5]), np.zeros(6)).drawn(1, 1, 6, 0)[0, 0]
+    drawn = ChannelOffsets(np.arange(6), np.array([2e-5] * 3 + [0.05, 0.05, 0.5]), np.zeros(6)).sample(1, 1, 6, 0)[0, 0]
     own = [found[f"/sensors/{sensor}/{what}"] for what in ("bias", "bias_std") for sensor in ("gauges", "felt")]
     score = (np.concatenate(own[:2]) - drawn) / np.concatenate(own[2:])
     assert np.abs(score).max() < 3.5

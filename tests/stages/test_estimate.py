@@ -173,7 +173,7 @@ def test_a_modulus_with_unknown_loads_alone_has_no_sigma_but_for_loads_that_are_
         own = Artefact(results / "estimate.h5")
         found[stated] = {path: own[path].copy() for path in own.paths()}, dict(own.summary), said
     (withheld, numbers, words), (given, all_numbers, other) = found["false"], found["true"]
-    assert "σ is withheld: no load is known: E rests on what process_noise states of side" in " ".join(words.split())
+    assert "no load is known, so the estimates of E depend on the process_noise of side" in " ".join(words.split())
     assert "σ is withheld, so filters are not compared" in " ".join(words.split())
     assert "/compared/ratio/E" in given
     assert not any(path.startswith("/compared") for path in withheld)
