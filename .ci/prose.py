@@ -29,6 +29,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 WORDS = Path(__file__).with_name("words.toml")
 GENERATED = ("docs/config/", "docs/history/", "docs/api/")
+LAYOUT = r"(upper|lower|outside|center|best) (left|right|upper|lower|center).*|tight|-"
 LONGEST_SENTENCE = 30
 LONGEST_LINE = 120
 LONGEST_PARAGRAPH = 5
@@ -97,16 +98,30 @@ def split_name(name):
     return re.sub(r"(?<=[a-z])(?=[A-Z])|_+", " ", name).strip()
 
 
-def joined(node):
-    """The text of a string or f-string, with {…} for each value; None for other nodes."""
+def joined(node, texts={}):  # noqa: B006  # never changed
+    """The text of a string, f-string or local variable in `texts`, with {name} for each other value; None for other nodes."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return node.value
     if isinstance(node, ast.JoinedStr):
-        return "".join(part.value if isinstance(part, ast.Constant) else "{…}" for part in node.values)
+        return "".join(p.value if isinstance(p, ast.Constant) else placeholder(p.value, texts) for p in node.values)
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        parts = [joined(node.left), joined(node.right)]
-        return "".join("{…}" if part is None else part for part in parts) if any(parts) else None
+        parts = [joined(node.left, texts), joined(node.right, texts)]
+        return "".join(part or "{…}" for part in parts) if any(parts) else None
+    if isinstance(node, ast.IfExp):
+        parts = [joined(node.body, texts), joined(node.orelse, texts)]
+        return None if None in parts else f"[{'|'.join(parts)}]"
+    if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
+        return texts.get(node.id)
     return None
+
+
+def placeholder(node, texts):
+    """A value in an f-string: its text if it has one, else `{name}`."""
+    text = joined(node, texts)
+    while isinstance(node, (ast.Call, ast.Subscript, ast.Starred)):
+        is_function = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args
+        node = node.args[0] if is_function else node.func if isinstance(node, ast.Call) else node.value
+    return "{" + getattr(node, "attr", getattr(node, "id", "…")) + "}" if text is None else text
 
 
 def strings(tree):
@@ -133,16 +148,53 @@ def is_sentence(text):
     return len(re.findall(r"(?<![\w/.-])[A-Za-z]{2,}(?![\w/-])", text)) >= 3
 
 
+def local_texts(function):
+    """Texts of the local variables of a function that are set to nothing else."""
+    values, texts = {}, {}
+    for node in ast.walk(function):
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            values.setdefault(node.targets[0].id, []).append(joined(node.value, texts))
+            if None not in (parts := values[node.targets[0].id]):
+                texts[node.targets[0].id] = parts[0] if len(parts) == 1 else f"[{'|'.join(parts)}]"
+            else:
+                texts.pop(node.targets[0].id, None)
+    return texts
+
+
+def entries(node, texts={}, key=""):  # noqa: B006  # never changed
+    """(line, text) of what a reader meets together: a message with its remedy, a key with its description."""
+    if isinstance(node, ast.FunctionDef):
+        texts = local_texts(node)
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+        return
+    is_call = isinstance(node, ast.Call)
+    nodes = [*node.args, *(word.value for word in node.keywords)] if is_call else [node]
+    parts = [" ".join(text.split()) for part in nodes if (text := joined(part, texts))]
+    if any(map(is_sentence, parts)):
+        parts = [part for part in parts if is_sentence(part) or not re.fullmatch(LAYOUT, part)]
+        yield node.lineno, " → ".join(filter(None, (key, *parts)))
+        nodes = [part for part in nodes if joined(part, texts) is None] if is_call else []
+    elif isinstance(node, ast.Dict):
+        for name, value in zip(node.keys, node.values, strict=True):
+            yield from entries(value, texts, (name and joined(name)) or "")
+        return
+    elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id in texts:
+        return
+    else:
+        key = node.target.id if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) else ""
+        nodes = list(ast.iter_child_nodes(node))
+    for child in nodes:
+        yield from entries(child, texts, key)
+
+
 def user_sentences():
     """(file, line, text) of every sentence that a user can meet: messages, remedies, help, headings, page texts."""
     for top in ("pipeline", "cli"):
         for path in sorted((ROOT / top).rglob("*.py")):
             tree = ast.parse(path.read_text(encoding="utf-8"))
             name = path.relative_to(ROOT).as_posix()
-            for node in strings(tree)[1]:
-                text = " ".join(joined(node).split())
-                if is_sentence(text):
-                    yield name, node.lineno, text
+            for line, text in entries(tree):
+                yield name, line, text
             if "/config/" in name:  # printed in the schema and in the reference of the config
                 for node in ast.walk(tree):
                     if isinstance(node, ast.ClassDef) and (text := ast.get_docstring(node)):

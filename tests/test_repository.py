@@ -138,12 +138,24 @@ def test_problem_of_prose_is_reported_at_its_line(prose, tmp_path, name, text, p
     assert all(message.startswith(start) for (_, _, message), (_, start) in zip(reported, problems, strict=True))
 
 
-def test_user_sentences_are_messages_and_help_without_code(prose, tmp_path, monkeypatch):
-    source = 'raise E(f"the mass {m:g} kg is negative", remedy="Set a positive mass.")\nx = "a.b(c) d e"\n"""Not a message."""\n'
+def test_listed_are_messages_with_their_remedies_and_keys_with_their_help(prose, tmp_path, monkeypatch):
+    source = """
+def check(m):
+    what = f"the mass {m.value:g} kg is negative" if m.value < 0 else "the mass is not a number"
+    raise E(what, remedy="Set a positive mass.")
+mass: float = Field(description="Mass of the hub [kg].")
+axes.legend(handles, "the two hubs", loc="upper left")
+x = "a.b(c) d e"
+\"\"\"Not a message.\"\"\"
+"""
     (tmp_path / "pipeline").mkdir()
     (tmp_path / "pipeline" / "a.py").write_text(source, encoding="utf-8")
     monkeypatch.setattr(prose, "ROOT", tmp_path)
-    assert [text for *_, text in prose.user_sentences()] == ["the mass {…} kg is negative", "Set a positive mass."]
+    assert list(prose.user_sentences()) == [
+        ("pipeline/a.py", 4, "[the mass {value} kg is negative|the mass is not a number] → Set a positive mass."),
+        ("pipeline/a.py", 5, "mass → Mass of the hub [kg]."),
+        ("pipeline/a.py", 6, "the two hubs"),
+    ]
 
 
 def test_changed_files_are_those_of_the_last_commit_and_later_edits(prose, tmp_path):
