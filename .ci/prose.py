@@ -44,8 +44,8 @@ def sentences(text):
 
 
 def count_words(sentence):
-    """Number of words of a sentence without formulas and code in backticks."""
-    sentence = re.sub(r"`[^`]*`|\$[^$]*\$", "", sentence)
+    """Number of words of a sentence without formulas, values and code in backticks."""
+    sentence = re.sub(r"`[^`]*`|\$[^$]*\$|\{[^}]*\}", "", sentence)
     return sum(bool(re.search(r"\w", word)) for word in sentence.split())
 
 

@@ -24,7 +24,7 @@ from strainsight.runner.artefact import Artefact
 
 DOCS = Path(__file__).parent
 CONFIGS = DOCS.parent / "configs"
-RESULTS = {"contradicted": "does not hold", "holds under its settings only": "holds as printed only"}
+RESULTS = {"contradicted": "does not hold"}
 """Result of a row → how the manual prints it, where that differs."""
 RANGE = re.compile(r" \([^()]* to [^()]*\)")
 """10 and 90 % quantiles of the histories."""
@@ -37,10 +37,10 @@ def comparisons(numbers: SuiteNumbers) -> str:
     text = [
         f"{len(numbers.runs.name)} runs. {counted(rows.verdict)}",
         "",
-        *head("", "thesis", "printed", "as printed", "ours", "result"),
+        *head("", "thesis", "published", "published settings", "other settings", "result"),
     ]
     for source, says, printed, theirs, ours, verdict, why in zip(
-        rows.source, rows.says, rows.printed, rows.as_printed, rows.ours, rows.verdict, rows.why, strict=True
+        rows.source, rows.statement, rows.published, rows.published_settings, rows.other_settings, rows.verdict, rows.why, strict=True
     ):
         text.append(line([source, says, printed, *without_repetition(theirs, ours), cell(verdict, why)]))
     return "\n".join(text) + "\n"

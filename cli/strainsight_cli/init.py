@@ -110,7 +110,7 @@ def init(
             first = "fill in the blank lines and check the other lines marked ←"
         if not hints.solids:
             nothing = "the deck has no surface for gauges (solids, shells, sides of beams)"
-            first = f"{nothing}; set mesh.matrices and gauges.given. Then {first}"
+            first = f"{nothing}; set mesh.matrices and gauges.strain_operator. Then {first}"
         say(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 
 

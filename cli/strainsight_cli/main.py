@@ -211,7 +211,7 @@ def estimate(
     if allow_unobservable:
         overrides.append("estimate.allow_unobservable=true")
     if accept:
-        overrides.append("estimate.accept=true")
+        overrides.append("estimate.accept_inconsistent=true")
     work = pipelines.work_of_one(config, options.results, overrides, "estimate")
     if "estimate" not in [stage.name for stage in work.stages]:
         raise ConfigError(

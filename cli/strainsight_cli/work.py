@@ -165,7 +165,7 @@ def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None
     texts = {same_text(text): text for text in warning_texts(warned)}
     render.print_tables([*(table for table in chosen if table not in warned), *warnings_table([*texts.values()])])
     for artefact in artefacts:
-        for name in artefact.header.beside or {}:
+        for name in artefact.header.side_files or {}:
             if not name.endswith(GRID):  # the artefact's own grid under a name that ParaView takes
                 say(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
 

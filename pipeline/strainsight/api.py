@@ -207,7 +207,7 @@ class BenchCase(_Checked[BenchConfig]):
         settings = self.config.estimate
         assert settings is not None
         truths = None
-        if settings.truth.model == "other" and settings.measured is None:
+        if settings.truth.model == "independent" and settings.measured is None:
             duration = settings.truth.duration or self.config.filter_duration
             truths = truths_of(bench_of(self.config, bodies, meshes, placed), settings.truth, duration, self)
         bench = bench_of(self.config, bodies, meshes, placed, free_properties(settings))

@@ -129,7 +129,7 @@ EXAMPLES = {
         "coincidence": f"{PAIR}, components: [x]",
         "perpendicular": f"{PAIR}, axis: x, to: z",
         "distance": f"{PAIR}, length: 1.0",
-        "generic": f"{PAIR}, held: [x, about_y]",
+        "generic": f"{PAIR}, fixed: [x, about_y]",
         **dict.fromkeys(("driven_angle", "driven_displacement", "driven_distance"), f"{PAIR}, {DRIVE}"),
     },
     "forces": {

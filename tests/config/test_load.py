@@ -249,7 +249,7 @@ def test_the_benches_of_chapter_2_have_its_update_and_its_noise(runs):
     benches = {run.model.name: run.model for run in runs if run.data["kind"] == "bench"}
     estimates = {name: own.estimate for name, own in benches.items() if own.estimate is not None}
     printed = {name: own for name, own in estimates.items() if name.startswith("thesis-") and own.measured is None}
-    assert all(own.method.update in ("one_shot", "as_printed") and own.truth.model == "own" for own in printed.values())
+    assert all(own.method.update in ("one_shot", "as_printed") and own.truth.model == "filter_step" for own in printed.values())
     second = [name for name in printed if re.match(r"thesis-(loads|step|noise|wrong)", name)]
     assert {name for name in second if printed[name].method.noise != "as_printed"} == {"thesis-loads-before"}
     ours = [own.method for name, own in estimates.items() if name.startswith("ours-")]
@@ -260,7 +260,7 @@ def test_the_page_of_the_manual_has_every_row(suite):
     """docs/reproduction.md is made by `python docs/reproduction.py` from the numbers of this suite as it stands."""
     page = (SUITE.parents[2] / "docs" / "reproduction.md").read_text(encoding="utf-8").split("## Figure by figure")[1]
     rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")][2:]
-    said = [(row.source, row.says, row.printed) for row in suite.model.comparisons]
+    said = [(row.source, row.statement, row.published) for row in suite.model.comparisons]
     assert [tuple(cell.strip() for cell in row[:3]) for row in rows] == said
 
 
@@ -273,3 +273,21 @@ def test_old_value_is_accepted_with_a_warning(write, key, old, new):
     with pytest.warns(UserWarning, match=f"--set {key}  {key}: '{old}' is now called '{new}'"):
         loaded = load_config(path, [f"{key}={old}"])
     assert loaded.data == load_config(path, [f"{key}={new}"]).data
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "new"),
+    [
+        ("bench/loads.yaml", "estimate.allow_unfollowed", "allow_unresolved_steps"),
+        ("thesis/suite.yaml", "comparisons.0.says", "statement"),
+        ("thesis/suite.yaml", "comparisons.1.as_printed", "published_settings"),
+    ],
+)
+def test_old_key_is_accepted_with_a_warning_at_its_line(write, name, key, new):
+    text, old = (CONFIGS / name).read_text(encoding="utf-8"), key.rpartition(".")[2]
+    path = write(text.replace(f" {new}:", f" {old}:", 1))
+    line = text[: text.index(f" {new}:")].count("\n") + 1
+    with pytest.warns(UserWarning, match=rf"own.yaml:{line}:\d+  {key}: '{old}' is now called '{new}'"):
+        loaded = load_config(path)
+    assert loaded.data == load_config(CONFIGS / name).data
+    assert not any(place.startswith(key) for place in loaded._places)

@@ -34,7 +34,7 @@ loads:
   tip: {deck_load: FORCE-1, known: true, signal: {type: sine, frequency: 20.0, amplitude: 1.0}}
 damping: {type: modal, ratio: 0.01}
 train: {duration: 1.0, time_step: 1.0e-3}
-gauges: {given: {rows: b.mtx, table: gauges.csv}, noise_std: {value: 1.0e-7}}
+gauges: {strain_operator: {rows: b.mtx, table: gauges.csv}, noise_std: {value: 1.0e-7}}
 place: {estimate: [E], keep: 1}
 validate: {time_step: 1.0e-3, duration: 1.0, initial_std: {E: 0.1}}
 """
@@ -54,7 +54,7 @@ def sections(text: str) -> str:
     start, end = CONFIG.index("  matrices:"), CONFIG.index("  materials:")
     plain = CONFIG[:start] + f"  sections: {text}\n" + CONFIG[end:]
     return plain.replace("youngs_modulus, guess", "youngs_modulus, region: 1, guess").replace(
-        "given: {rows: b.mtx, table: gauges.csv}", "direction: {type: axis, axis: [1, 0, 0]}"
+        "strain_operator: {rows: b.mtx, table: gauges.csv}", "direction: {type: axis, axis: [1, 0, 0]}"
     )
 
 
@@ -86,7 +86,7 @@ CHANGES = [
     ("property: youngs_modulus, guess", "property: youngs_modulus, region: 1, guess", "parameters.E.region"),
     ("deck_load: FORCE-1", "deck_load: FORCE-1, node: 3", "loads.tip"),
     ("deck_load: FORCE-1", "deck_load: FORCE-1, direction: [0, 0, 1]", "loads.tip.direction"),
-    ("given: {rows: b.mtx, table: gauges.csv}", "surface: all", "gauges.direction"),
+    ("strain_operator: {rows: b.mtx, table: gauges.csv}", "surface: all", "gauges.direction"),
     ("table: gauges.csv}", "table: gauges.csv}, direction: {type: axis, axis: [1, 0, 0]}", "gauges.direction"),
 ]
 SECTIONS = [
@@ -120,7 +120,7 @@ def test_without_matrices_a_parameter_needs_its_region(load):
     start, end = CONFIG.index("  matrices:"), CONFIG.index("  materials:")
     with pytest.raises(ConfigError) as caught:
         load(CONFIG[:start] + CONFIG[end:])
-    assert {caught.value.key, *(error.key for error in caught.value.others)} == {"parameters.E.region", "gauges.given"}
+    assert {caught.value.key, *(error.key for error in caught.value.others)} == {"parameters.E.region", "gauges.strain_operator"}
 
 
 # What a config may say of load cases.

@@ -63,14 +63,14 @@ claims:
 COMPARISONS = """\
 comparisons:
   - source: figure 1
-    says: It takes few steps.
-    as_printed: {run: long, stage: simulate, number: steps, below: 9}
+    statement: It takes few steps.
+    published_settings: {run: long, stage: simulate, number: steps, below: 9}
   - source: figure 2
-    says: E is found.
-    printed: 1 %
-    ours: {run: other, number: error.E, below: 0.01}
+    statement: E is found.
+    published: 1 %
+    other_settings: {run: other, number: error.E, below: 0.01}
   - source: figure 3
-    says: It is drawn.
+    statement: It is drawn.
     why: A drawing.
 """
 COMPARED = STUDIES.replace("bench.yaml, name: other", "beam.yaml, name: other").split("claims:")[0] + COMPARISONS
@@ -225,10 +225,10 @@ MISTAKES = {
         ("long, stage: simulate, ", "long, ", "claims[0].run", "does not have the stage 'estimate'"),
     ],
     COMPARED: [
-        (", below: 9}", "}", "comparisons[0].as_printed", "no limit is set"),
-        ("run: other", "run: otter", "comparisons[1].ours.run", "unknown run 'otter'"),
+        (", below: 9}", "}", "comparisons[0].published_settings", "no limit is set"),
+        ("run: other", "run: otter", "comparisons[1].other_settings.run", "unknown run 'otter'"),
         ("    why: A drawing.\n", "", "comparisons[2]", "no result and no explanation is set"),
-        ("says: It is drawn.", 'says: "It is\\ndrawn."', "comparisons[2].says", "a line break"),
+        ("statement: It is drawn.", 'statement: "It is\\ndrawn."', "comparisons[2].statement", "a line break"),
     ],
 }
 
@@ -249,10 +249,10 @@ def test_placements_and_benches_share_page_with_separate_result_stages(write):
     suite = load_config(write(text))
     given = suite_config(suite, runs_of(suite), [["simulate"], ["simulate"], ["import", "place", "validate"]])
     first, second, third = given["comparisons"]
-    assert first["as_printed"]["stage"] == "simulate"
-    assert (second["ours"]["runs"], second["ours"]["stage"]) == ([2], "validate")
-    assert second["as_printed"] is None
-    assert (third["ours"], third["as_printed"]) == (None, None)
+    assert first["published_settings"]["stage"] == "simulate"
+    assert (second["other_settings"]["runs"], second["other_settings"]["stage"]) == ([2], "validate")
+    assert second["published_settings"] is None
+    assert (third["other_settings"], third["published_settings"]) == (None, None)
 
 
 def test_placements_have_studies_and_claims_too(write):

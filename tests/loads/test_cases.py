@@ -77,7 +77,7 @@ def test_cases_follow_the_order_of_the_tables():
     found = at(model, 0.5)
     assert tuple(found) == SEVEN
     assert found["input+E+rho"].unknowns == ("tip", "E", "rho")
-    assert all(case.found.condition < 1e9 and case.instants == 15 for label, case in found.items() if label != "input")
+    assert all(case.result.condition < 1e9 and case.instants == 15 for label, case in found.items() if label != "input")
     assert found["input"].instants == 1
     assert tuple(at(model, 0.5, densities=())) == ("input", "E", "input+E")
     assert tuple(at(model, 0.5, inputs=(), moduli=())) == ("rho",)
@@ -89,25 +89,25 @@ def test_cases_follow_the_order_of_the_tables():
 @pytest.mark.parametrize("ratio", [0.02, 0.9])
 def test_load_modulus_and_density_of_one_material_are_an_exact_null_vector_and_named(ratio):
     found = at(chain_of(ground=0.0, extra=0.0), ratio)
-    assert found["input+E+rho"].found.condition > 1e12
-    assert found["input+E+rho"].found.sigma_min < 1e-12
+    assert found["input+E+rho"].result.condition > 1e12
+    assert found["input+E+rho"].result.sigma_min < 1e-12
     expected = "tip, E and rho together: fix or measure one of them"
-    assert found["input+E+rho"].found.null_direction == expected
-    assert all(case.found.condition < 1e8 for label, case in found.items() if label != "input+E+rho")
-    assert at(chain_of(), ratio)["input+E+rho"].found.condition < 1e6
+    assert found["input+E+rho"].result.null_direction == expected
+    assert all(case.result.condition < 1e8 for label, case in found.items() if label != "input+E+rho")
+    assert at(chain_of(), ratio)["input+E+rho"].result.condition < 1e6
 
 
 @pytest.mark.parametrize("ratio", [1 / 20, 1 / 50])
 def test_slow_load_leaves_modulus_and_density_unobservable(ratio):
     slow, near = (at(chain_of(ground=0.0, extra=0.0), r) for r in (ratio, 0.9))
-    condition = {label: (slow[label].found.condition, near[label].found.condition) for label in SEVEN}
+    condition = {label: (slow[label].result.condition, near[label].result.condition) for label in SEVEN}
 
     def worse(label, which):
         one, other = label.split("+")
         return condition[label][which] / max(condition[one][which], condition[other][which])
 
     assert worse("input+E", 0) > 1000 > 100 > worse("input+E", 1)
-    assert slow["input+E"].found.null_direction.startswith("tip and E together")
+    assert slow["input+E"].result.null_direction.startswith("tip and E together")
     # the density acts by (ω/ω₁)² of the load: it is badly known by itself, and not much worse with another
     assert condition["rho"][0] > 100 * condition["rho"][1]
     for label in ("input+rho", "E+rho"):
@@ -128,10 +128,10 @@ def test_units_of_force_and_modulus_change_the_raw_number_only():
     there = ask(other, x, u / kilo, given, amplitude={"tip": 1.0})
     for label in SEVEN:
         a, b = here[label], there[label]
-        np.testing.assert_allclose(b.found.condition, a.found.condition, rtol=1e-6)
-        np.testing.assert_allclose(b.found.sigma_min, a.found.sigma_min, rtol=1e-6)
+        np.testing.assert_allclose(b.result.condition, a.result.condition, rtol=1e-6)
+        np.testing.assert_allclose(b.result.sigma_min, a.result.sigma_min, rtol=1e-6)
         if label not in ("rho", "input+rho"):  # ruled by the density, whose unit stays
-            assert not 0.5 < b.found.condition_raw / a.found.condition_raw < 2
+            assert not 0.5 < b.result.condition_raw / a.result.condition_raw < 2
 
 
 def test_a_gauge_that_reads_in_other_units_changes_the_raw_number_only():
@@ -143,20 +143,20 @@ def test_a_gauge_that_reads_in_other_units_changes_the_raw_number_only():
     other = given | {"sensed": Sensed(rows * units[:, None], quantity), "largest": given["largest"] * units}
     here, there = ask(model, x, u, given), ask(model, x, u, other)
     for label in SEVEN:
-        np.testing.assert_allclose(there[label].found.condition, here[label].found.condition, rtol=1e-6)
-        assert there[label].found.condition_raw != pytest.approx(here[label].found.condition_raw, rel=0.1)
+        np.testing.assert_allclose(there[label].result.condition, here[label].result.condition, rtol=1e-6)
+        assert there[label].result.condition_raw != pytest.approx(here[label].result.condition_raw, rel=0.1)
 
 
 def test_an_accelerometer_leaves_the_null_space():
     model = chain_of(ground=0.0, extra=0.0)
     x, u = motion(model, 0.9)
     bare, with_them = (ask(model, x, u, sensors(model, x, u, accelerometers=count)) for count in (0, 5))
-    assert with_them["input+E+rho"].found.sigma_min < 1e-12
-    assert with_them["input+E+rho"].found.null_direction == bare["input+E+rho"].found.null_direction
+    assert with_them["input+E+rho"].result.sigma_min < 1e-12
+    assert with_them["input+E+rho"].result.null_direction == bare["input+E+rho"].result.null_direction
     # at λ = 0 nothing accelerates: they add to what F* says already, and next to nothing to what is nearly lost
     x, u = motion(model, 0.01)
     bare, with_them = (ask(model, x, u, sensors(model, x, u, accelerometers=count)) for count in (0, 5))
-    np.testing.assert_allclose(with_them["input+E"].found.sigma_min, bare["input+E"].found.sigma_min, rtol=0.2)
+    np.testing.assert_allclose(with_them["input+E"].result.sigma_min, bare["input+E"].result.sigma_min, rtol=0.2)
 
 
 def test_case_uses_the_median_instant():
@@ -177,7 +177,7 @@ def test_case_uses_the_median_instant():
         H = np.vstack([np.hstack([strain, np.zeros((8, n + 2))]), force @ F[n : 2 * n]])
         pbh = np.vstack([np.linalg.inv(D) @ F @ D / omega.min(), H @ D / given["largest"][:, None]])
         condition.append(np.linalg.cond(pbh))
-    np.testing.assert_allclose(case.found.condition, np.median(condition), rtol=1e-8)
+    np.testing.assert_allclose(case.result.condition, np.median(condition), rtol=1e-8)
     np.testing.assert_allclose(condition[chosen.tolist().index(case.instant)], np.median(condition), rtol=1e-8)
 
 
@@ -185,11 +185,11 @@ def test_a_parameter_that_never_acts_is_unobservable_with_its_reason():
     model = chain_of()
     idle = replace(model, reference=dict(model.reference) | {"E_blade": 7e10})
     found = at(idle, 0.5, moduli=("E", "E_blade"))
-    assert found["E"].found.condition == np.inf
-    assert found["E"].found.sigma_min == 0.0
+    assert found["E"].result.condition == np.inf
+    assert found["E"].result.sigma_min == 0.0
     assert found["input+E+rho"].reason == "the training motion never depends on E_blade"
     assert found["input+rho"].reason == ""
-    assert np.isfinite(found["input+rho"].found.condition)
+    assert np.isfinite(found["input+rho"].result.condition)
 
 
 def test_a_quantity_that_reads_nothing_is_refused():

@@ -79,7 +79,7 @@ def test_what_is_held_is_part_of_a_layout_inside_what_is_left(monkeypatch, seed)
             spared = super().lets_go(*arguments)
             layout = self._witness.units
             assert limits.allows(layout)
-            assert np.all(self.there[layout])
+            assert np.all(self.remaining[layout])
             assert np.all(layout[self.held])
             assert not self.detection.loses(np.flatnonzero(layout))
             held.append(self.held.sum())
@@ -154,7 +154,7 @@ def test_the_surplus_is_the_gauge_worth_least_that_a_broken_limit_counts_and_no_
         bounds = bounds[index != out]
         index = index[index != out]
     assert not guard.broken
-    assert np.flatnonzero(guard.there).tolist() == [0, 2, 5]
+    assert np.flatnonzero(guard.remaining).tolist() == [0, 2, 5]
     assert not guard.held.any()
 
 

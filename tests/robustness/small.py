@@ -32,7 +32,7 @@ place: {estimate: [E], keep: 3, instants: 2, aggregate: mean, certificate: true}
 estimate:
   file: measured.csv
   as_placed: true
-  accept: true  # the record is made up
+  accept_inconsistent: true  # the record is made up
   time: {channel: time}
   channels:
     - {gauge: G1, channel: G1, unit: um/m}

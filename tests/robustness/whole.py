@@ -34,7 +34,7 @@ def compared(folder: Path, undisturbed: Path) -> Iterator[str]:
         for name in own.paths():
             np.testing.assert_array_equal(own[name], other[name], err_msg=f"{path.name}:{name}", strict=True)
         assert (own.digest, own.key) == (other.digest, other.key)
-        for name, digest in own.header.beside.items():
+        for name, digest in own.header.side_files.items():
             assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
 
 

@@ -141,7 +141,7 @@ def test_only_plain_files_of_the_stated_size_and_digest_are_copied(tmp_path, cas
     outside.write_bytes(SECRET)
     (results / "first" / "page.html").unlink()
     make(results / "first" / name, outside)
-    sealed_anew(results / "first" / "look.h5", beside={name: digest}, sizes={name: size})
+    sealed_anew(results / "first" / "look.h5", side_files={name: digest}, sizes={name: size})
     assert source_of(job_of(results, "second")) == ""
     assert {path.name for path in (results / "second").iterdir()} == {"look.h5", "page.html"}
     assert (results / "second" / "page.html").read_bytes() == b"<html>"
@@ -161,7 +161,7 @@ def test_an_artefact_has_nothing_outside_its_folder_removed(tmp_path):
     outside.write_bytes(SECRET)
     source_of(job_of(tmp_path / "results", "first"))
     artefact = tmp_path / "results" / "first" / "look.h5"
-    sealed_anew(artefact, beside={"../../outside": digest_of(SECRET)}, sizes={"../../outside": len(SECRET)})
+    sealed_anew(artefact, side_files={"../../outside": digest_of(SECRET)}, sizes={"../../outside": len(SECRET)})
     with pytest.raises(ArtefactError, match="additional file"):
         header_of(artefact)
     source_of(job_of(tmp_path / "results", "first"))

@@ -117,7 +117,7 @@ def config_of(kind, guess, tolerances, sigma, also, held_out, turned):
             "file": "angle.csv",
             "time": {"channel": "time"},
             "start": "rest",
-            "accept": True,
+            "accept_inconsistent": True,
             "hold_out": "each" if held_out else None,
             "channels": [{"channel": f"s{i}", "gauge": f"A{i}", "unit": "um/m", "noise_std": sigma} for i in channels],
             "inputs": {name: {"channel": name, "unit": "N"} for name in acting[1:]},

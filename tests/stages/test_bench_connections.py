@@ -292,7 +292,7 @@ def test_what_a_generic_joint_leaves_free_is_free_and_the_rest_is_held(free):
         f"""
 bodies: {{block: {{type: rigid, mass: 3.0, inertia: {{xx: 1, yy: 1, zz: 1}}, spin: {[2.0 * own for own in axis]}}}}}
 frames: {{wall: {{body: ground}}, at: {{body: block}}}}
-joints: {{guide: {{type: generic, frames: [wall, at], held: [{", ".join(held)}]}}}}
+joints: {{guide: {{type: generic, frames: [wall, at], fixed: [{", ".join(held)}]}}}}
 sensors: {{x: {{type: motion, frame: at, quantity: x_axis}}, y: {{type: motion, frame: at, quantity: y_axis}}}}
 simulate: {{duration: 1.0, time_step: 0.005, start: as_given}}
 """,

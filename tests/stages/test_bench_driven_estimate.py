@@ -112,7 +112,7 @@ forces:
   push: {type: torque, frames: [wall, root], axis: y, signal: {type: SIGNAL}}
 sensors: {tip: {type: motion, frame: tip}}
 simulate: {duration: 0.01, time_step: 0.005}
-estimate: {sensors: {tip: {noise: 1.0e-5}}, inputs: {push: {std: 1000}}, truth: {model: own}}
+estimate: {sensors: {tip: {noise: 1.0e-5}}, inputs: {push: {std: 1000}}, truth: {model: filter_step}}
 """
 
 

@@ -71,7 +71,7 @@ def ratios(found):
 
 
 def test_the_others_report_of_a_gauge_what_a_filter_reports_that_has_never_had_it():
-    exact = "estimate.truth={model: own, noise: false}"
+    exact = "estimate.truth={model: filter_step, noise: false}"
     held, _ = estimated(exact, EACH)
     predicted = held["/sensors/gauges/predicted"][:, 3]
     assert held["/sensors/gauges/left_in"].tolist() == [""] * 4
@@ -86,14 +86,14 @@ def test_the_others_report_of_a_gauge_what_a_filter_reports_that_has_never_had_i
 @pytest.mark.slow
 def test_sigma_covers_readings_of_truths_that_the_filter_could_have_made_offsets_and_all():
     offsets = {"gauges": {"noise": 2e-8, "bias": 5e-8, "drift": 1e-7}, "tip": {"noise": 1e-6, "bias": 2e-6}}
-    found, _ = estimated(EACH, "estimate.truth={model: walk}", "estimate.runs=16", sensors=offsets)
+    found, _ = estimated(EACH, "estimate.truth={model: sampled}", "estimate.runs=16", sensors=offsets)
     assert all(0.8 < ratio < 1.2 for ratio in ratios(found).values())
 
 
 @pytest.mark.slow
 def test_sigma_covers_gauges_that_are_installed_anew_for_every_seed():
     loose = "estimate.tolerances={position: 0.004, angle: 3.0, gain: 0.03, transverse: 0.01}"
-    how = "estimate.truth={model: own}", "estimate.runs=40", "forces.side.signal.phase=1.0"
+    how = "estimate.truth={model: filter_step}", "estimate.runs=40", "forces.side.signal.phase=1.0"
     small = "estimate.inputs={side: {std: 1.0, increment: 20.0}, down: {std: 1.0, increment: 10.0}}"
     found, _ = estimated(EACH, loose, small, *how, sensors={"gauges": {"noise": 1e-8}})
     held = [found.summary[f"hold_out.ratio.gauges.{i}"] for i in (1, 2, 3, 4)]
@@ -120,7 +120,7 @@ def test_a_record_that_disagrees_with_the_model_ends_with_3_and_has_no_sigma_unt
     assert not any(key.startswith("rms_std") for key in found.summary)
     # the claim that was tested
     assert np.isfinite(found["/sensors/gauges/predicted_std"]).any()
-    accepted, said = of_test(record, "estimate.accept=true")
+    accepted, said = of_test(record, "estimate.accept_inconsistent=true")
     assert "accepted: the measurements are inconsistent with the model" in said
     assert all(np.isfinite(accepted[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
     np.testing.assert_array_equal(accepted["/inputs/side/estimate"], found["/inputs/side/estimate"])
@@ -158,8 +158,8 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_disagrees_with_the_
 
 
 def test_there_is_nothing_to_accept_where_the_truth_is_simulated():
-    _, said = estimated("estimate.accept=true", ends=2)
-    assert "estimate.accept: has no effect without the measurements of a test" in said
+    _, said = estimated("estimate.accept_inconsistent=true", ends=2)
+    assert "estimate.accept_inconsistent: has no effect without the measurements of a test" in said
 
 
 @pytest.mark.slow

@@ -39,8 +39,8 @@ def test_a_step_of_implicit_euler_that_its_loads_outrun_is_refused_unless_allowe
     end = run(RIG, *thesis)
     assert end.code == 2
     assert "resolves loads up to" in end.text
-    assert "estimate.allow_unfollowed: true" in end.text
-    end = run(RIG, *thesis, "estimate.allow_unfollowed=true")
+    assert "estimate.allow_unresolved_steps: true" in end.text
+    end = run(RIG, *thesis, "estimate.allow_unresolved_steps=true")
     assert end.code == 0
     assert "σ does not include this error" in end.text
     assert run(RIG, *thesis, "estimate.method.step_error=estimated").code == 0
@@ -59,7 +59,7 @@ FELT = (
     .replace("duration: 0.8", "duration: 0.5")
 ) + """estimate:
   sensors: {gauges: {noise: 1.0e-6}, felt: {noise: 0.02}}
-  truth: {model: other, step: 0.005, histories: 4, within: 10.0}
+  truth: {model: independent, step: 0.005, histories: 4, within: 10.0}
   runs: 4
   inputs: {side: {std: 1.0, increment: 24.0}, down: {std: 1.0, increment: 9.0}}
 """  # fmt: skip
@@ -74,7 +74,7 @@ def test_loads_from_gauges_and_an_accelerometer_keep_to_their_sigma_by_another_i
 
 
 def test_an_accelerometer_with_gauges_estimates_the_load_across_the_spring_better():
-    once = ("estimate.truth={model: own}", "estimate.runs=1", "simulate.duration=0.3")
+    once = ("estimate.truth={model: filter_step}", "estimate.runs=1", "simulate.duration=0.3")
     found = run(FELT, *once).artefact("estimate").summary
     assert found["mismatch.felt"] < 0.01
     alone = run(FELT, "estimate.sensors={gauges: {noise: 1.0e-6}}", *once).artefact("estimate")
@@ -90,7 +90,7 @@ BIAS = "estimate.sensors={gauges: {noise: 1.0e-6, bias: 2.0e-5}, felt: {noise: 0
 @pytest.mark.slow
 def test_loads_with_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs():
     """Eight histories by Radau's method, offsets of twenty times the noise, which the loads at the start tell from loads."""
-    truth = "estimate.truth={model: other, step: 0.01, histories: 8, within: 10.0}"
+    truth = "estimate.truth={model: independent, step: 0.01, histories: 8, within: 10.0}"
     end = run(FELT, BIAS, truth, "estimate.runs=8", "simulate.duration=0.3")
     assert end.code == 0
     assert "final offsets sensor component offset σ unit gauges 1" in end.text
@@ -110,7 +110,7 @@ def test_loads_with_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs()
 @pytest.mark.parametrize("update", ["iterated", "one_shot"])
 def test_drifting_offsets_with_loads_that_walk_are_estimated_as_well_as_claimed(update):
     sensors = "estimate.sensors={gauges: {noise: 1.0e-6, bias: 1.0e-5, drift: 2.0e-5}, felt: {noise: 0.02}}"
-    how = ("estimate.truth={model: walk}", "estimate.runs=10", "simulate.duration=0.2", f"estimate.method.update={update}")
+    how = ("estimate.truth={model: sampled}", "estimate.runs=10", "simulate.duration=0.2", f"estimate.method.update={update}")
     found = run(FELT, sensors, *how).artefact("estimate").summary
     assert found["nis"] == pytest.approx(1.0, abs=0.15)
     for name in ("side", "down"):
@@ -128,8 +128,8 @@ ON_TOP = "sensors.gauges.gauges=[" + ", ".join(
 @pytest.mark.parametrize("zeroed", ["false", "true"])
 def test_sigma_of_loads_covers_gauges_that_are_drawn_anew_for_every_seed(zeroed):
     """Read where they are drawn, without linearisation, on the filter's own step; exact gauges claim half of that σ or less."""
-    noise = "estimate.sensors={gauges: {noise: 1.0e-8}}"
-    how = (ON_TOP, noise, "estimate.truth={model: own}", f"sensors.gauges.zeroed={zeroed}", "forces.side.signal.phase=1.0")
+    noise, truth = "estimate.sensors={gauges: {noise: 1.0e-8}}", "estimate.truth={model: filter_step}"
+    how = (ON_TOP, noise, truth, f"sensors.gauges.zeroed={zeroed}", "forces.side.signal.phase=1.0")
     found, exact = (run(KNOWN_AT_FIRST, *how, *more).artefact("estimate") for more in ((LOOSE, "estimate.runs=60"), ()))
     for name in ("side", "down"):
         assert 0.8 < found.summary[f"ratio.{name}"] < 1.2
@@ -142,7 +142,7 @@ def test_what_a_gain_leaves_of_a_load_is_its_share():
     none = [f"forces.{name}.signal={{type: constant, value: 0.0}}" for name in ("side", "again")]
     how = (
         one, *none, "estimate.inputs={down: {std: 1.0, increment: 10.0}}",
-        "estimate.sensors={gauges: {noise: 1.0e-8}}", "estimate.truth={model: own, noise: false}",
+        "estimate.sensors={gauges: {noise: 1.0e-8}}", "estimate.truth={model: filter_step, noise: false}",
     )  # fmt: skip
     found = []
     for tolerances in ("{position: 0.0, angle: 0.0, gain: 0.03, transverse: 0.0}", "null"):
@@ -168,7 +168,7 @@ ONE_SMOOTH = "estimate.inputs={side: {std: 100.0, model: matern}, again: {std: 1
         (FELT, "estimate.sensors={hinge: {noise: 1.0}}", ("it can be simulated only",)),
         (FELT, "estimate.sensors={gauges: {noise: 1.0e-6, bias: [1.0e-6, 2.0e-6]}}",
          ("estimate.sensors.gauges.bias: 2 offsets are set for 3 components",)),
-        (KNOWN_AT_FIRST, f"{LOOSE}|estimate.truth={{model: walk}}", ("gauges are exact in measurements",)),
+        (KNOWN_AT_FIRST, f"{LOOSE}|estimate.truth={{model: sampled}}", ("gauges are exact in measurements",)),
     ],
 )  # fmt: skip
 def test_what_a_filter_cannot_do_is_refused(config, change, says):

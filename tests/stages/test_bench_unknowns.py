@@ -16,7 +16,7 @@ from strainsight.records.record import read
 
 from .conftest import DIAMETER, GRID_FILTER, LOADS, MODULUS
 
-EXACT = ("estimate.sensors={gauges: {noise: 0.0}}", "estimate.truth={model: own, noise: false}")
+EXACT = ("estimate.sensors={gauges: {noise: 0.0}}", "estimate.truth={model: filter_step, noise: false}")
 ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
     f"{name}: {{bearing: pitch-bearing, property: {name}, guess: {1.1 * value:.6g}}}"
     for name, value in (
@@ -62,7 +62,7 @@ def test_a_wrong_bearing_leaves_the_loads_right_and_its_own_displacements_wrong(
 def test_every_seed_has_a_history_that_is_separate_by_another_integrator(estimate):
     """Radau's truth for two seeds: the first is the stated history, which the fine truth has to 1e-3; all begin alike."""
     when = ("estimate.time_step=0.05", "estimate.duration=0.25", "estimate.truth.noise=false")
-    other = ("estimate.runs=2", "estimate.truth={model: other, step: 0.025, histories: 2, within: 40.0, noise: false}")
+    other = ("estimate.runs=2", "estimate.truth={model: independent, step: 0.025, histories: 2, within: 40.0, noise: false}")
     found, fine = estimate(LOADS, *when, *other), estimate(LOADS, *when)
     truth = estimate(LOADS, *when, *other, stage="truth")
     assert truth["/begin"][0] == 0
@@ -80,7 +80,7 @@ def test_every_seed_has_a_history_that_is_separate_by_another_integrator(estimat
 @pytest.mark.slow
 def test_a_drawn_truth_is_estimated_as_well_as_claimed(hub_estimate):
     found = hub_estimate(
-        LOADS, "estimate.truth.model=walk", "estimate.runs=6", "estimate.duration=2.0", "estimate.disturbance=1.0e-3"
+        LOADS, "estimate.truth.model=sampled", "estimate.runs=6", "estimate.duration=2.0", "estimate.disturbance=1.0e-3"
     )
     assert found.summary["nis"] == pytest.approx(1.0, abs=0.2)
     for name in ("Fx", "Fy", "Fz"):
@@ -91,10 +91,10 @@ def test_a_drawn_truth_is_estimated_as_well_as_claimed(hub_estimate):
 
 
 def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
-    step = estimate(LOADS, "estimate.duration=0.2", "estimate.truth.model=own")
+    step = estimate(LOADS, "estimate.duration=0.2", "estimate.truth.model=filter_step")
     inputs = ", ".join(f"F{k}: {{std: 1.0e+4, increment: 4.0e+4}}" for k in "xyz")
     second = estimate(
-        LOADS, "estimate.duration=0.2", "estimate.truth.model=own", "estimate.increments=second",
+        LOADS, "estimate.duration=0.2", "estimate.truth.model=filter_step", "estimate.increments=second",
         f"estimate.inputs={{{inputs}}}",
     )  # fmt: skip
     np.testing.assert_allclose(second["/inputs/Fz/estimate"], step["/inputs/Fz/estimate"], rtol=1e-9)
@@ -102,8 +102,9 @@ def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
 
 def test_gauges_zeroed_under_known_loads_serve_whatever_is_guessed_of_the_test(estimate):
     found = estimate(
-        LOADS, "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9", "estimate.duration=0.3",
-        "sensors.gauges.zeroed=true", *(f"estimate.inputs.F{k}={{guess: 0.0, std: 3.0e+4, increment: 2.0e+3}}" for k in "xyz"),
+        LOADS, "estimate.truth={model: filter_step, noise: false}", "estimate.sensors.gauges.noise=1.0e-9",
+        "estimate.duration=0.3", "sensors.gauges.zeroed=true",
+        *(f"estimate.inputs.F{k}={{guess: 0.0, std: 3.0e+4, increment: 2.0e+3}}" for k in "xyz"),
     )  # fmt: skip
     assert max(found.summary[f"error.F{k}"] for k in "xyz") < 1e-3
     assert found.summary["mismatch.gauges"] < 1e-3
@@ -119,7 +120,7 @@ def test_loads_are_written_as_a_command_history_and_a_noise_of_zero_is_raised(es
 
 def test_a_diverged_estimate_writes_no_command_history_and_reports_it(estimate):
     found = estimate(
-        DIAMETER, "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
+        DIAMETER, "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: filter_step, noise: false}",
         "estimate.duration=1.0", "estimate.time_step=0.2", "estimate.method.update=undamped",
         "estimate.parameters.diameter.guess=0.0624", "estimate.parameters.diameter.std=2.4e-3",
     )  # fmt: skip
@@ -173,7 +174,7 @@ def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone
 
 def test_where_a_parameter_is_well_seen_grid_filter_and_extended_filter_agree(estimate):
     """Two draws of noise: every history to a tenth of σ at the end, and the joints kept to rounding."""
-    when = ("estimate.duration=0.45", "estimate.runs=2", "estimate.truth.model=own")
+    when = ("estimate.duration=0.45", "estimate.runs=2", "estimate.truth.model=filter_step")
     grid_run, extended = estimate(DIAMETER, *when, GRID_FILTER), estimate(DIAMETER, *when)
     for of in ("/parameters/diameter", "/inputs/Fy", "/inputs/Fz"):
         std = extended[f"{of}/std"][-1]

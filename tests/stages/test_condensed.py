@@ -70,7 +70,7 @@ def test_a_condensed_model_gives_the_layout_of_the_whole(config, tmp_path):
     matrices = "numbering: rows.csv, stiffness: [{file: k.npz, parameter: E, at: 2.1e+11}], mass: [{file: m.npz}]"
     text = text.replace("mass_unit: kg}", f"mass_unit: kg, matrices: {{{matrices}}}}}")
     text = text.replace("  surface: all\n", "").replace(
-        "  direction: {type: axis, axis: [1, 0, 0], angles: [0]}\n", "  given: {rows: strain.npz, table: gauges.csv}\n"
+        "  direction: {type: axis, axis: [1, 0, 0], angles: [0]}\n", "  strain_operator: {rows: strain.npz, table: gauges.csv}\n"
     )
     (tmp_path / "condensed.yaml").write_text(text)
     job = job_of(tmp_path / "condensed.yaml", tmp_path / "results", *SHORT, *PLACED_EXACTLY, *UNSTUDIED)

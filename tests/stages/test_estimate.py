@@ -167,7 +167,7 @@ def test_a_modulus_with_unknown_loads_alone_has_no_sigma_but_for_loads_that_are_
     estimates = "/estimate/E", "/smoothed/side", "/virtual/strain"
     results, found = changed(project, "alone", ALONE), {}
     for stated in ("false", "true"):
-        settings = f"estimate.loads_as_stated={stated}", "estimate.field={every: 0.1}", COMPARED
+        settings = f"estimate.loads_follow_model={stated}", "estimate.field={every: 0.1}", COMPARED
         code, said = estimated(project, results / "measured.csv", *settings, config="alone.yaml")
         assert code == 0, said
         own = Artefact(results / "estimate.h5")

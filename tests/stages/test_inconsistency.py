@@ -97,7 +97,7 @@ def test_what_is_accepted_has_its_sigma_and_ends_with_0(project):
     assert "accepted: the measurements are inconsistent with the model: G2 has the opposite sign" in said
     assert np.all(found["/std/side"] > 0)
     assert not found["/trusted"]
-    assert found_of(project, file, "estimate.accept=true")[0] == 0
+    assert found_of(project, file, "estimate.accept_inconsistent=true")[0] == 0
 
 
 @pytest.mark.slow

@@ -59,7 +59,7 @@ damping: {type: modal, ratio: 0.01}
 rom: {modes: 4, parameter_samples: 2, tolerance: 1.0e-8}
 train: {duration: 0.4, time_step: 1.0e-3}
 gauges:
-  given: {rows: strain.mtx, table: gauges.csv}
+  strain_operator: {rows: strain.mtx, table: gauges.csv}
   noise_std: {relative_to_strongest: 0.01}
   exclude: [{box: [[-0.01, -1, -1], [0.15, 1, 1]]}]
 screen: {keep: 6, minimum_spacing: 0.05}
@@ -175,7 +175,7 @@ def edited(name, old, new):
         (edited("rows.csv", "\n11,1\n", "\n10,1\n"), "mesh.matrices.numbering", "rows.csv:62"),
         (edited("beam.yaml", "at: 2.1e+11", "at: 2.1e+5"), "mesh.matrices.stiffness.0.at", "computed at 2.1e+05"),
         (edited("beam.bdf", "SPC1,1,123456,1\n", ""), "mesh.matrices", "is not constrained in translation x"),
-        (edited("beam.yaml", "rows: strain.mtx", "rows: k.npz"), "gauges.given", "66 rows, but gauges.csv has 20"),
+        (edited("beam.yaml", "rows: strain.mtx", "rows: k.npz"), "gauges.strain_operator", "66 rows, but gauges.csv has 20"),
     ],
 )
 def test_matrices_that_do_not_fit_are_a_message_with_key_and_file(beam, spoil, key, says):
@@ -224,7 +224,7 @@ def test_modes_of_another_program_give_the_layout_of_the_whole_model(config, tmp
         (r"^mesh: .*\n", MESH),
         (r"region: 1, ", ""),
         (r"node: 2, direction: \[0, 0, 1\]", "node: 1, direction: [1, 0, 0]"),
-        (r"^  surface: all\n", "  given: {rows: strain.npz, table: gauges.csv}\n"),
+        (r"^  surface: all\n", "  strain_operator: {rows: strain.npz, table: gauges.csv}\n"),
         (r"^  direction: .*\n", ""),
     )
     (tmp_path / "own.yaml").write_text(text)

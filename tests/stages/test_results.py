@@ -145,7 +145,7 @@ def test_a_truth_has_as_many_modes_as_there_are(folder):
     [
         (("mesh.results={file: found.frd, loads: {top: {step: 1}}}",), "mesh.results.loads.top", "no load"),
         (("mesh.results={file: found.frd, modes: {step: 7}}",), "mesh.results.modes", "no modes of step 7 in the file"),
-        ((OF_RESULTS.replace("step: 1", "step: 1, applied: 0.9"),), "mesh.results.loads.tip", "mode 1 with the amplitude"),
+        ((OF_RESULTS.replace("step: 1", "step: 1, magnitude: 0.9"),), "mesh.results.loads.tip", "mode 1 with the amplitude"),
         (("mesh.results={file: found.frd, modal_mass: mesh, at: {E: 2.0e+12}}",), "parameters.E.guess", "the results"),
         ((OF_RESULTS, "rom.modes=15"), "rom.modes", "12 .*\n *Request 1 to 12 modes"),
         ((OF_RESULTS, "mesh.free=true"), "mesh.free", "a supported structure"),
@@ -215,7 +215,7 @@ def test_units_of_the_mesh_and_size_of_the_load(folder, mesh, response):
     """In mm and t a mode of unit mass is √1000 times as large a number, and the motion under 250 N 250 000 times."""
     in_mm = replace(response, shapes=np.sqrt(1000.0) * response.shapes, static=250.0 * 1000.0 * response.static)
     write_frd(folder / "mm.frd", replace(mesh, position=1000.0 * mesh.position), in_mm, form=3)
-    results = OF_RESULTS.replace("step: 1", "applied: 250.0")
+    results = OF_RESULTS.replace("step: 1", "magnitude: 250.0")
     a = model_of(folder, mesh, "found.frd")
     b = model_of(folder, mesh, "mm.frd", results, "mesh.length_unit=mm", "mesh.mass_unit=t")
     assert np.allclose(b.constraint.transform.toarray(), a.constraint.transform.toarray(), rtol=1e-9, atol=1e-14)

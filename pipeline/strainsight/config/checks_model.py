@@ -57,7 +57,7 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
         "mesh.matrices": config.mesh.matrices is not None,
         "mesh.free": config.mesh.free,
         "mesh.sections": bool(config.mesh.sections),
-        "gauges.given": config.gauges.given is not None,
+        "gauges.strain_operator": config.gauges.strain_operator is not None,
     }
     for key in (key for key, is_set in others.items() if is_set):
         what = "cannot be combined with mesh.results, which apply to a supported structure with the nodes of the mesh"
@@ -70,9 +70,9 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
     for name, entry in results.loads.items():
         key = f"mesh.results.loads.{name}"
         yield from known(key, name, config.loads, "load", at_key=True)
-        if entry.applied == 0:
+        if entry.magnitude == 0:
             what = "the load magnitude is zero"
-            yield Problem(f"{key}.applied", what, "set the load magnitude of that step, in the unit of the load")
+            yield Problem(f"{key}.magnitude", what, "set the load magnitude of that step, in the unit of the load")
     for name in results.at:
         yield from known(f"mesh.results.at.{name}", name, config.parameters, "parameter", at_key=True)
     yield from _second_results(config, results)
@@ -115,8 +115,10 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
         return
     for name, load in second.loads.items():
         yield from known(f"{key}.loads.{name}", name, config.loads, "load", at_key=True)
-        if load.applied == 0:
-            yield Problem(f"{key}.loads.{name}.applied", "the load magnitude is zero", "set the magnitude in that step")
+        if load.magnitude == 0:
+            yield Problem(
+                f"{key}.loads.{name}.magnitude", "the load magnitude is zero", "set the magnitude in that step"
+            )
 
 
 MODULI = ("youngs_modulus", "e1", "e2", "g12", "g1z", "g2z")
@@ -280,15 +282,21 @@ def channels_of_a_gauge(config: PlacementConfig) -> int:
 def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
     """Check for keys that need a mesh surface, if candidates are rows of the strain operator."""
     gauges = config.gauges
-    if gauges.given is None:
+    if gauges.strain_operator is None:
         if gauges.direction is None:
             yield Problem(
-                "gauges.direction", "missing", "set {type: axis, axis: [1, 0, 0]}, or gauges.given", at_key=True
+                "gauges.direction",
+                "missing",
+                "set {type: axis, axis: [1, 0, 0]}, or gauges.strain_operator",
+                at_key=True,
             )
         return
     if config.mesh.matrices is None:
         yield Problem(
-            "gauges.given", "rows of the strain operator need imported matrices", "set mesh.matrices", at_key=True
+            "gauges.strain_operator",
+            "rows of the strain operator need imported matrices",
+            "set mesh.matrices",
+            at_key=True,
         )
     for key, is_set in (
         ("gauges.direction", gauges.direction is not None),
@@ -307,7 +315,7 @@ def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
                 "gauges.direction": "the candidates already have directions",
                 "gauges.bridge": "the row of a bridge already contains the sum of its arms",
             }.get(key, "this key needs a mesh surface")
-            yield Problem(key, f"cannot be combined with gauges.given: {what}", "remove the key", at_key=True)
+            yield Problem(key, f"cannot be combined with gauges.strain_operator: {what}", "remove the key", at_key=True)
 
 
 def _bridges(config: PlacementConfig) -> Iterator[Problem]:

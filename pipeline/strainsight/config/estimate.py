@@ -190,8 +190,8 @@ class GaugeChannel(Channel):
     """A channel of a gauge."""
 
     gauge: Text | Id = Field(
-        description="Name of the gauge in gauges.fixed, its number in the table of gauges.given, or its label in the layout "
-        "(G1, as in gauges.csv)."
+        description="Name of the gauge in gauges.fixed, its number in the table of gauges.strain_operator, or its label in the "
+        "layout (G1, as in gauges.csv)."
     )
     grid: Annotated[int, Plausible(1, 3)] = expert(
         1, ge=1, description="Number of the grid of a rosette or of the axis of a sensor, from 1 [-]."
@@ -311,7 +311,7 @@ class EstimateOptions(Section):
         "readings with the prediction from the others. This costs one more filter run per gauge, and for a structure a "
         "smoother run.",
     )
-    accept: bool = expert(
+    accept_inconsistent: bool = expert(
         False,
         description="`true`: report uncertainties even if the measurements are inconsistent with the model. `estimate "
         "--accept` has the same effect for one run.",
@@ -374,7 +374,7 @@ class Estimate(RecordedFile, EstimateOptions):
         description="Fatigue damage at the surface and at virtual gauges, with its uncertainty interval; null: none.",
     )
     tune: Tune = expert(default_factory=Tune, description="Tuning of noise levels from the measurements.")
-    loads_as_stated: bool = expert(
+    loads_follow_model: bool = expert(
         False,
         description="`true`: the unknown loads follow the model of process_noise. With `false`: the unknown loads "
         "are arbitrary. Then only strains that no unknown load can cause carry information on parameters, and σ is "

@@ -156,7 +156,11 @@ def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
     carrier), report.gauge_factor, report.resistance, and tolerances.gain (`type_gain`) if all sensors are strain gauges.
     Clearance and bend radius are read where they are used. Invalid data remain unchanged."""
     gauges = data.get("gauges")
-    if not isinstance(gauges, Mapping) or not isinstance(gauges.get("type"), str) or gauges.get("given") is not None:
+    if (
+        not isinstance(gauges, Mapping)
+        or not isinstance(gauges.get("type"), str)
+        or gauges.get("strain_operator") is not None
+    ):
         return data
     kind = _named(gauges["type"], gauges.get("types"))
     if kind is None:
@@ -416,7 +420,7 @@ class Gauges(GaugeSites, Noisy):
         "and the faces of `exclude` [m], or 'none'. Null: half the diagonal of the carrier of `type`, or of the carrier "
         "assumed for the grid (4.6 mm for grid_length 0). The default is reduced if the part is too small for it.",
     )
-    given: GaugeRows | None = Field(
+    strain_operator: GaugeRows | None = Field(
         None, description="Candidates defined by rows of the strain operator, instead of a surface."
     )
     range: Annotated[Positive | None, STRAIN_RANGE] = expert(

@@ -72,7 +72,7 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
             del places[stale], key_places[stale]
         for new in (*sections, key):
             places[new] = key_places[new] = override.where
-    _rename_values(data, places)
+    _rename(data, places, key_places)
     model, wrong = _validated(data)
     if model is None:
         if data.get("kind") == "suite":
@@ -83,27 +83,64 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
     return LoadedConfig(path, model, put_over, places)
 
 
-RENAMED = {
-    "filter.method": ("bank", "grid"),
-    "validate.truth.model": ("rich", "perturbed"),
-    "estimate.method.parameters": ("bank", "grid"),
+RENAMED_KEYS = {
+    "gauges.given": "strain_operator",
+    "estimate.accept": "accept_inconsistent",
+    "estimate.allow_unfollowed": "allow_unresolved_steps",
+    "estimate.loads_as_stated": "loads_follow_model",
+    "mesh.results.loads.*.applied": "magnitude",
+    "mesh.results.second.loads.*.applied": "magnitude",
+    "joints.*.held": "fixed",
+    "comparisons.*.says": "statement",
+    "comparisons.*.printed": "published",
+    "comparisons.*.as_printed": "published_settings",
+    "comparisons.*.ours": "other_settings",
 }
-"""Key → its old value and the new one. Old values are accepted until the first release."""
+"""Old key → its new name. Old keys are accepted until the first release."""
+
+RENAMED_VALUES = {
+    "filter.method": {"bank": "grid"},
+    "validate.truth.model": {"rich": "perturbed"},
+    "estimate.method.parameters": {"bank": "grid"},
+    "estimate.truth.model": {"own": "filter_step", "other": "independent", "walk": "sampled"},
+}
+"""Key → its old values and their new names. Old values are accepted until the first release."""
 
 
-def _rename_values(data: dict[str, Any], places: Mapping[str, str]) -> None:
-    """Replace old values by new ones, with a warning."""
-    for key, (old, new) in RENAMED.items():
-        *sections, last = key.split(".")
-        section: Any = data
-        for name in sections:
-            section = section.get(name) if isinstance(section, dict) else None
-        if isinstance(section, dict) and section.get(last) == old:
-            section[last] = new
-            warnings.warn(
-                f"{_locate(places, key)}  {key}: '{old}' is now called '{new}'. Use the new name; the old one will be removed.",
-                UserWarning,
-            )
+def _rename(data: dict[str, Any], *tables: dict[str, str]) -> None:
+    """Replace old keys and values by new ones, with a warning; tables: locations by dotted key."""
+    for key, name in RENAMED_KEYS.items():
+        for section, above, old in list(_entries(data, key.split("."))):
+            if name not in section:
+                _warn_renamed(tables[0], f"{above}{old}", old, name)
+                section[name] = section.pop(old)
+                for table in tables:
+                    for place in [place for place in table if f"{place}.".startswith(f"{above}{old}.")]:
+                        table[f"{above}{name}{place.removeprefix(above + old)}"] = table.pop(place)
+    for key, names in RENAMED_VALUES.items():
+        for section, above, last in _entries(data, key.split(".")):
+            value = section[last]
+            if isinstance(value, str) and value in names:
+                _warn_renamed(tables[0], f"{above}{last}", value, names[value])
+                section[last] = names[value]
+
+
+def _entries(node: Any, path: Sequence[str], above: str = "") -> Iterator[tuple[dict[str, Any], str, str]]:
+    """Yield (section, dotted key above with a final dot, key) of every entry at a path; `*` is any key or list index."""
+    first, *rest = path
+    entries: dict[Any, Any] = dict(enumerate(node)) if isinstance(node, list) else node if isinstance(node, dict) else {}
+    for key in entries if first == "*" else [first] if first in entries else []:
+        if rest:
+            yield from _entries(entries[key], rest, f"{above}{key}.")
+        else:
+            yield entries, above, str(key)
+
+
+def _warn_renamed(places: Mapping[str, str], key: str, old: str, new: str) -> None:
+    warnings.warn(
+        f"{_locate(places, key)}  {key}: '{old}' is now called '{new}'. Use the new name; the old one will be removed.",
+        UserWarning,
+    )
 
 
 def kind_of(path: Path | str) -> Any:

@@ -301,7 +301,7 @@ class ModesOfResults(InResults):
 class ResponseOfLoad(InResults):
     """Location of the static response to one load."""
 
-    applied: Annotated[float, Plausible(1e-9, 1e12, "unit of the load")] = Field(
+    magnitude: Annotated[float, Plausible(1e-9, 1e12, "unit of the load")] = Field(
         1.0,
         description="Load magnitude in that step, in the unit of the load [N, N m, Pa …]. Example: 500 for 500 N along the "
         "direction of the load, −500 for the opposite direction.",

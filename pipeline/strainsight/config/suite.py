@@ -77,14 +77,14 @@ class ComparisonSection(WithReason):
     """A comparison of a published result with runs under the settings of the source and under other settings."""
 
     source: Text = Field(description="Location in the source, as in figure 2.4.")
-    says: Text = Field(description="Statement of the source.")
-    printed: str = Field("", description="Published number, as text.")
-    as_printed: Measure | None = Field(None, description="Results of runs with the settings of the source.")
-    ours: Measure | None = Field(None, description="Results of runs with other settings.")
+    statement: Text = Field(description="Statement of the source.")
+    published: str = Field("", description="Published number, as text.")
+    published_settings: Measure | None = Field(None, description="Results of runs with the settings of the source.")
+    other_settings: Measure | None = Field(None, description="Results of runs with other settings.")
 
     def problems(self) -> Iterator[Problem]:
-        if self.as_printed is None and self.ours is None and not self.why:
-            remedy = "set as_printed or ours, or explain under why that nothing can be measured"
+        if self.published_settings is None and self.other_settings is None and not self.why:
+            remedy = "set published_settings or other_settings, or explain under why that nothing can be measured"
             yield Problem("", "no result and no explanation is set", remedy, at_key=True)
 
 
@@ -97,7 +97,7 @@ def measures_of(claims: Sequence[ClaimSection], comparisons: Sequence[Comparison
     """Every measure of a suite by dotted key: its claims, then both columns of its comparisons."""
     measures: dict[str, Measure] = {f"claims.{i}": claim for i, claim in enumerate(claims)}
     for i, row in enumerate(comparisons):
-        sides = {"as_printed": row.as_printed, "ours": row.ours}
+        sides = {"published_settings": row.published_settings, "other_settings": row.other_settings}
         measures |= {f"comparisons.{i}.{side}": measure for side, measure in sides.items() if measure is not None}
     return measures
 
@@ -194,7 +194,9 @@ def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
     for i, claim in enumerate(config.claims):
         yield from _lines({f"claims.{i}.{key}": getattr(claim, key) for key in ("text", "why")})
     for i, row in enumerate(config.comparisons):
-        yield from _lines({f"comparisons.{i}.{key}": getattr(row, key) for key in ("source", "says", "printed", "why")})
+        yield from _lines(
+            {f"comparisons.{i}.{key}": getattr(row, key) for key in ("source", "statement", "published", "why")}
+        )
     yield from _lines(
         {f"{key}.unit": measure.unit for key, measure in measures_of(config.claims, config.comparisons).items()}
     )

@@ -248,7 +248,7 @@ ORDER = tuple(chosen for count in range(1, GROUPS + 1) for chosen in combination
 class Case:
     """PBH at λ = 0 of one set of unknowns, at the instant with the median of its scaled condition.
 
-    label: "input+E+rho"; unknowns: their names; found: condition, σ_min, raw condition of the thesis and the null direction, all
+    label: "input+E+rho"; unknowns: their names; result: condition, σ_min, raw condition of the thesis and the null direction, all
     at that instant; instant: its index in the motion, −1 without any; instants: number of instants of the median; reason: why it
     is unobservable without a computation, else empty.
 
@@ -256,7 +256,7 @@ class Case:
 
     label: str
     unknowns: tuple[str, ...]
-    found: Observability
+    result: Observability
     instant: int
     instants: int
     reason: str = ""

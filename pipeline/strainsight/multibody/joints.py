@@ -232,12 +232,12 @@ def distance(name: str, i: Frame, j: Frame, length: float) -> Joint:
     return Joint(name, (distance_squared(i, j, length**2),))
 
 
-def generic(name: str, i: Frame, j: Frame, held: Sequence[str]) -> Joint:
+def generic(name: str, i: Frame, j: Frame, fixed: Sequence[str]) -> Joint:
     """Some of x, y, z, displacements of j along the axes of i, and about_x, about_y, about_z, turns there: a relation each.
-    One turn that is held keeps two axes at right angles (about_x y_j·z_i, about_y x_j·z_i, about_z x_j·y_i), two keep the
+    One turn that is fixed keeps two axes at right angles (about_x y_j·z_i, about_y x_j·z_i, about_z x_j·y_i), two keep the
     third axis of both parallel, three all axes."""
-    relations: list[Relation] = [offset(i, k, j) for k in range(3) if "xyz"[k] in held]
-    turns = [k for k in range(3) if f"about_{'xyz'[k]}" in held]
+    relations: list[Relation] = [offset(i, k, j) for k in range(3) if "xyz"[k] in fixed]
+    turns = [k for k in range(3) if f"about_{'xyz'[k]}" in fixed]
     parallel: list[int] = []
     if len(turns) == 1:
         a, b = ((2, 1), (2, 0), (1, 0))[turns[0]]

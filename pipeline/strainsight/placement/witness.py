@@ -124,23 +124,25 @@ class Witness:
 
 class Guard:
     """Interface of the limits to an elimination: broken limits, gauges that may leave for them, and gauges that have to stay.
-    there, held (pool,) bool: remaining gauges, and those of the witness that cannot be replaced."""
+    remaining, held (pool,) bool: remaining gauges, and those of the witness that cannot be replaced."""
 
     def __init__(self, limits: Limits, detection: Detection, names: Sequence[str]):
         """Raises InfeasibleError if the bonded gauges alone break a limit."""
         self.limits, self.names, self.detection = limits, names, detection
-        self.there = np.ones(len(limits.size), dtype=bool)
+        self.remaining = np.ones(len(limits.size), dtype=bool)
         self.held = np.zeros(len(limits.size), dtype=bool)
         self._witness: Witness | None = None
         # of a limit of nothing, what the whole pool takes
-        self._whole = np.where(limits.most > 0, limits.most, np.maximum(limits.used(self.there), np.finfo(float).eps))
+        self._whole = np.where(
+            limits.most > 0, limits.most, np.maximum(limits.used(self.remaining), np.finfo(float).eps)
+        )
         if np.any(limits.used(np.array(sorted(limits.fixed), dtype=int)) > limits.most):
             raise refusal(limits, detection, names)
 
     @property
     def excess(self) -> np.ndarray:
         """Excess over each limit (constraints,)."""
-        return np.maximum(self.limits.used(self.there) - self.limits.most, 0.0)
+        return np.maximum(self.limits.used(self.remaining) - self.limits.most, 0.0)
 
     @property
     def broken(self) -> bool:
@@ -157,20 +159,20 @@ class Guard:
         a gauge counted by that limit is not part of the witness. Raises InfeasibleError if no layout existed initially."""
         worth = self._worth(index, bounds)
         witness = self._get_witness(worth)
-        spared = witness.spares(gauge, self.there, worth)
+        spared = witness.spares(gauge, self.remaining, worth)
         self.held[gauge] = not spared
         self.held &= witness.units
-        self.there[gauge] = not spared
+        self.remaining[gauge] = not spared
         return spared
 
     def surplus(self, index: np.ndarray, bounds: np.ndarray) -> int:
         """The least valuable gauge that a broken limit counts and the witness does not need; as in `lets_go`."""
         worth = self._worth(index, bounds)
-        out = np.flatnonzero(self.there & ~self._get_witness(worth).units & (self.relief > 0))
+        out = np.flatnonzero(self.remaining & ~self._get_witness(worth).units & (self.relief > 0))
         return int(out[tied_order(worth[out])[0]])
 
     def _worth(self, index: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-        worth = np.zeros(len(self.there))
+        worth = np.zeros(len(self.remaining))
         worth[index] = np.maximum(bounds, 0.0)
         return worth
 

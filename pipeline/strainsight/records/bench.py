@@ -274,7 +274,7 @@ class LoadHistory:
         "<unit>", "/time", "standard deviation of the smoothed estimate of <what>", default=None
     )
     true: np.ndarray | None = dataset("<unit>", "/time", "true <what>", default=None)
-    there: np.ndarray | None = dataset("<unit>", "/time", "<what> on the measured bench", default=None)
+    unscaled: np.ndarray | None = dataset("<unit>", "/time", "<what> on the measured bench", default=None)
 
 
 @record

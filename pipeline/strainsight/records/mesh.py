@@ -210,7 +210,7 @@ class Imported:
     """import.h5 of a structure."""
 
     mesh: MeshColumns = group(path="")
-    found: Faces | None = group(path="/faces/found", default=None)
+    detected_faces: Faces | None = group(path="/faces/detected", default=None)
 
 
 STRAIN = "m/m"

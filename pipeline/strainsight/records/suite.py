@@ -86,10 +86,12 @@ class NumberRows:
 @record
 class ComparisonRows:
     source: tuple[str, ...] = dataset("1", "/source", "location of the statement in the source")
-    says: tuple[str, ...] = dataset("1", "/source", "statement of the source")
-    printed: tuple[str, ...] = dataset("1", "/source", "published number, as text")
-    as_printed: tuple[str, ...] = dataset("1", "/source", "results with the settings of the source, with limits")
-    ours: tuple[str, ...] = dataset("1", "/source", "results with other settings, with limits")
+    statement: tuple[str, ...] = dataset("1", "/source", "statement of the source")
+    published: tuple[str, ...] = dataset("1", "/source", "published number, as text")
+    published_settings: tuple[str, ...] = dataset(
+        "1", "/source", "results with the settings of the source, with limits"
+    )
+    other_settings: tuple[str, ...] = dataset("1", "/source", "results with other settings, with limits")
     verdict: tuple[str, ...] = dataset("1", "/source", "result of the comparison, with the settings used")
     why: tuple[str, ...] = dataset("1", "/source", "explanation of the comparison")
 

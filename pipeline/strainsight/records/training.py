@@ -130,7 +130,7 @@ class Training:
         "static strain, or displacement [m], of load misalignments outside the reduced basis",
         path="/gauges/missed",
     )
-    given: sparse.csr_array | None = group(StrainOperatorRows, path="/gauges/given", default=None)
+    strain_operator: sparse.csr_array | None = group(StrainOperatorRows, path="/gauges/strain_operator", default=None)
     moved: np.ndarray | None = dataset(
         "m",
         "bonded gauge",

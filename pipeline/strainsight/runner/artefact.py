@@ -59,7 +59,7 @@ def is_intact(path: Path) -> bool:
 
 FORMAT = "strainsight"
 FORMAT_VERSION = 1
-MAPPINGS = ("config", "upstream", "files", "found", "beside", "sizes")
+MAPPINGS = ("config", "upstream", "files", "resolved", "side_files", "sizes")
 """Header fields stored as JSON."""
 GRID = ".vtkhdf"
 """File extension of a grid file next to an artefact, for ParaView and PyVista."""
@@ -82,8 +82,8 @@ class ArtefactHeader:
     upstream  stage → content digest of its artefact
     files     dotted key → digest of that input file
     seed      seed of the run, if the stage reads it
-    found     input files found while running (path relative to the config's folder → digest)
-    beside    additional file of the stage → sha256
+    resolved  input files found while running (path relative to the config's folder → digest)
+    side_files additional file of the stage → sha256
     sizes     the same files → their length [bytes]
     seconds   run time of the stage [s]; not part of key or digest
     code      digest of the code of the stage (`workflow.code`), or ""; not part of key or digest
@@ -96,8 +96,8 @@ class ArtefactHeader:
     upstream: Mapping[str, str]
     files: Mapping[str, str]
     seed: int | None = None
-    found: Mapping[str, str] | None = None
-    beside: Mapping[str, str] | None = None
+    resolved: Mapping[str, str] | None = None
+    side_files: Mapping[str, str] | None = None
     sizes: Mapping[str, int] | None = None
     seconds: float | None = None
     code: str = ""
@@ -297,7 +297,7 @@ def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
         code=str(attributes.get("code", "")),
         **{name: json.loads(attributes.get(name, "{}")) for name in MAPPINGS},
     )
-    if foreign := [name for name in header.beside or {} if not is_plain_name(name)]:
+    if foreign := [name for name in header.side_files or {} if not is_plain_name(name)]:
         raise damaged(path, f"the header refers to an invalid additional file {foreign[0]!r}")
     return header, str(attributes["digest"]), str(attributes["message"])
 

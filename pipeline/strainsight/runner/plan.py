@@ -233,10 +233,10 @@ def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finishe
     reasons += [_change(job, *change) for change in differences(header.config, inputs.config)]
     changed = [name for name, digest in upstream.items() if digest != header.upstream.get(name)]
     changed += [_shown(inputs.files[key]) for key, now in inputs.digests.items() if now != header.files.get(key)]
-    found_files = {job.base / name: digest for name, digest in (header.found or {}).items()}
+    found_files = {job.base / name: digest for name, digest in (header.resolved or {}).items()}
     changed += [_shown(path) for path, digest in found_files.items() if digest_or_none(path) != digest]
     reasons += [f"{name} changed" for name in changed]
-    for name, digest in (header.beside or {}).items():
+    for name, digest in (header.side_files or {}).items():
         sibling = artefact.path.parent / name
         if digest_or_none(sibling) != digest:
             reasons.append(f"{name} {'was altered' if sibling.exists() else 'is missing'}")

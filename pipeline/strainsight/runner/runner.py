@@ -127,7 +127,7 @@ def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
             continue
         try:
             header = header_of(path)
-            inputs = (header.found or {}).items()
+            inputs = (header.resolved or {}).items()
             if header.key != key or any(digest_or_none(job.base / name) != digest for name, digest in inputs):
                 continue
             artefact = _copied(path, job.folder, header, stage.records)
@@ -146,7 +146,7 @@ def _copied(source: Path, folder: Path, header: ArtefactHeader, records: tuple[s
         artefact = Artefact(parts[0][0])
         if artefact.header != header:
             raise ArtefactError("the results file was replaced during the copy", where=str(source))
-        for name, digest in (artefact.header.beside or {}).items():
+        for name, digest in (artefact.header.side_files or {}).items():
             size = (artefact.header.sizes or {}).get(name, -1)
             parts.append(
                 (temporary(folder / name, partial(_copy_sibling, source.parent / name, size, digest)), folder / name)
@@ -309,7 +309,7 @@ def _execute(
         upstream={name: artefact.digest for name, artefact in upstream.items()},
         files=inputs.digests,
         seed=inputs.config.get("seed"),
-        found={os.path.relpath(path, job.base): file_digest(Path(path)) for path in output.inputs},
+        resolved={os.path.relpath(path, job.base): file_digest(Path(path)) for path in output.inputs},
         seconds=seconds,
         code=code_of(stage.run),
     )

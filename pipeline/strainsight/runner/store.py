@@ -117,7 +117,7 @@ def write_artefact(path: Path, output: Output, header: ArtefactHeader, records: 
         output = replace(output, files={**output.files, f"{path.stem}{GRID}": _grid_of(path.name, output)})
     checksums = {name: hashlib.sha256(content).hexdigest() for name, content in output.files.items()}
     sizes = {name: len(content) for name, content in output.files.items()}
-    header = replace(header, beside=checksums, sizes=sizes, found=header.found or {})
+    header = replace(header, side_files=checksums, sizes=sizes, resolved=header.resolved or {})
     size = _most_bytes(output, header)
 
     def write(part: Path) -> None:
@@ -134,7 +134,7 @@ def write_artefact(path: Path, output: Output, header: ArtefactHeader, records: 
 
     obsolete: dict[str, str] = {}
     with suppress(StrainsightError):  # where it cannot be read nothing is known to be its own
-        before = (header_of(path).beside or {}) if path.is_file() else {}
+        before = (header_of(path).side_files or {}) if path.is_file() else {}
         obsolete = {name: digest for name, digest in before.items() if name not in output.files}
     with kept_on_disk(path), replace_together() as parts:
         make_folder(path.parent)

@@ -59,7 +59,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     computed = config.matrices is None and config.results is None
     assumed = assumed_table(mesh, program, config.free) if computed else None
     return Output(
-        datasets=written(Imported(mesh=MeshColumns.of(mesh), found=faces)) | grid,
+        datasets=written(Imported(mesh=MeshColumns.of(mesh), detected_faces=faces)) | grid,
         attributes=grid_attributes,
         summary=summary,
         message=", ".join(part for part in parts if part),

@@ -163,10 +163,11 @@ def statements_of(claims: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Stat
 
 
 def _comparison(row: Any, runs: Sequence[SuiteRun]) -> SourceComparison:
-    as_printed, ours = (
-        None if measure is None else _statement(measure, row.says, "", runs) for measure in (row.as_printed, row.ours)
+    published_settings, other_settings = (
+        None if measure is None else _statement(measure, row.statement, "", runs)
+        for measure in (row.published_settings, row.other_settings)
     )
-    return SourceComparison(row.source, row.says, row.printed, as_printed, ours, row.why)
+    return SourceComparison(row.source, row.statement, row.published, published_settings, other_settings, row.why)
 
 
 def _statement(measure: Any, text: str, why: str, runs: Sequence[SuiteRun]) -> Statement:
@@ -214,7 +215,7 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
 
 OF_A_LOAD = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")
 """Numbers of a bench's unknown that the file keeps."""
-SAID = ("source", "printed", "as_printed", "ours", "verdict")
+SAID = ("source", "published", "published_settings", "other_settings", "verdict")
 OF_PLACEMENTS = ("error", "smoothed", "claimed σ", "expected σ", "repeats", "verdict")
 OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "verdict")
 
@@ -251,10 +252,10 @@ def numbers_of(suite: Suite) -> SuiteNumbers:
 
 def _comparison_cells(row: SourceComparison) -> Mapping[str, str]:
     return {
-        **{key: getattr(row, key) for key in ("source", "says", "printed", "why")},
+        **{key: getattr(row, key) for key in ("source", "statement", "published", "why")},
         "verdict": row.result,
-        "as_printed": side(row.as_printed),
-        "ours": side(row.ours),
+        "published_settings": side(row.published_settings),
+        "other_settings": side(row.other_settings),
     }
 
 

@@ -29,7 +29,7 @@ TRUE = 1e4 * np.sin(3 * TIME)
 
 def load(error=0.01, there=None, truth=True):
     history = ("F$z", "N", TIME, TRUE if truth else None, TRUE * (1 + error), np.full(len(TIME), 50.0))
-    return BenchUnknown(*history, kind="input", there=there)
+    return BenchUnknown(*history, kind="input", unscaled=there)
 
 
 def sensor(name="relative", off=0.0, used=True):

@@ -15,8 +15,8 @@ from strainsight.pages.page.sections import text_of
 from strainsight.pages.suite.data import (
     CONTRADICTED,
     HOLDS,
-    OURS_ONLY,
-    THEIRS_ONLY,
+    OTHER_ONLY,
+    PUBLISHED_ONLY,
     UNDECIDED,
     UNMEASURED,
     SourceComparison,
@@ -162,8 +162,8 @@ def row(theirs, ours):
         (0.5, 0.5, HOLDS),
         (0.5, None, HOLDS),
         (None, 0.5, HOLDS),
-        (0.5, 2.0, THEIRS_ONLY),
-        (2.0, 0.5, OURS_ONLY),
+        (0.5, 2.0, PUBLISHED_ONLY),
+        (2.0, 0.5, OTHER_ONLY),
         (2.0, 2.0, CONTRADICTED),
         (2.0, None, CONTRADICTED),
         (None, 2.0, CONTRADICTED),
@@ -183,10 +183,10 @@ def test_the_answer_counts_rows_and_links_those_that_do_not_simply_hold():
     own = row(0.5, 0.5), row(0.5, 2.0), row(2.0, 2.0)
     suite = Suite("s", "t", (), comparisons=own)
     text = re.sub(r"</?data[^>]*>", "", comparisons_answer(suite))
-    assert "3 comparisons</strong>: 1 holds, 1 holds under its settings only" in text
+    assert "3 comparisons</strong>: 1 holds, 1 holds with the published settings only" in text
     assert '1 contradicted (<a href="#comparison-3">3</a>)' in text
     twice = Suite("s", "t", (), comparisons=(*own, *own))
-    assert "2 hold, 2 hold under its settings only" in re.sub(r"</?data[^>]*>", "", comparisons_answer(twice))
+    assert "2 hold, 2 hold with the published settings only" in re.sub(r"</?data[^>]*>", "", comparisons_answer(twice))
     assert comparisons_answer(Suite("s", "t", ())) == ""
 
 

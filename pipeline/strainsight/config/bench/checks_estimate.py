@@ -12,7 +12,7 @@ from strainsight.config.bench.connections import Load
 from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter, FromFile
 
 KEYS_OF_OTHER = ("step", "duration", "histories", "within")
-"""Keys that apply to truth.model: other only."""
+"""Keys that apply to truth.model: independent only."""
 CLOCK_SHARE = 1e-6
 """Relative tolerance for equal time steps."""
 
@@ -20,15 +20,15 @@ CLOCK_SHARE = 1e-6
 def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     """Check `estimate.truth` with the step of the filter and the joints."""
     truth, key = estimate.truth, "estimate.truth"
-    if truth.model == "walk" and estimate.tolerances is not None and estimate.measured is None:
-        what = "gauges are exact in measurements simulated with truth.model: walk"
-        remedy = "use truth.model: fine or other, or remove tolerances"
+    if truth.model == "sampled" and estimate.tolerances is not None and estimate.measured is None:
+        what = "gauges are exact in measurements simulated with truth.model: sampled"
+        remedy = "use truth.model: fine or independent, or remove tolerances"
         yield Problem("estimate.tolerances", what, remedy, at_key=True)
-    if truth.model != "other":
+    if truth.model != "independent":
         for name in KEYS_OF_OTHER:
             if name in truth.model_fields_set and getattr(truth, name) != type(truth).model_fields[name].default:
                 what = f"has no effect with truth.model: {truth.model}"
-                yield Problem(f"{key}.{name}", what, "remove it, or set estimate.truth.model: other", at_key=True)
+                yield Problem(f"{key}.{name}", what, "remove it, or set estimate.truth.model: independent", at_key=True)
         return
     if config.driven:
         yield Problem(f"{key}.model", "this simulation does not support driven joints", "set truth.model: fine")
@@ -75,10 +75,10 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         yield Problem("estimate.method.step_error", what, remedy)
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
         yield Problem("estimate", "the config has no unknowns", "add inputs, or parameters with std", at_key=True)
-    if estimate.accept and not isinstance(estimate.measured, FromFile):
+    if estimate.accept_inconsistent and not isinstance(estimate.measured, FromFile):
         what = "has no effect without the measurements of a test"
         remedy = "remove the key or --accept, or set the measurement file under estimate.measured"
-        yield Problem("estimate.accept", what, remedy)
+        yield Problem("estimate.accept_inconsistent", what, remedy)
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
@@ -168,8 +168,8 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
         if name in estimate.inputs:
             what = "a load of the estimate has the same name"
             yield Problem(key, what, "use another name for the parameter", at_key=True)
-        if entry.starts and estimate.truth.model == "walk":
-            what = "with truth.model: walk, the initial value is sampled from its distribution in the filter"
+        if entry.starts and estimate.truth.model == "sampled":
+            what = "with truth.model: sampled, the initial value is sampled from its distribution in the filter"
             yield Problem(f"{key}.starts", what, "remove starts, or use another truth.model")
         if (bearing is None) != (entry.property is None):
             continue

@@ -149,7 +149,7 @@ class Generic(Between):
     """Selected components of the relative motion of two frames are fixed, the others are free."""
 
     type: Literal["generic"] = Field(description="Kind of joint.")
-    held: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = expert(
+    fixed: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = expert(
         description="Fixed components: displacements along the axes of the first frame, and rotations about them. One fixed "
         "rotation keeps two axes perpendicular, as in a Cardan joint; two fixed rotations keep an axis of both frames parallel."
     )

@@ -124,31 +124,33 @@ class EstimatedParameter(Section):
 class BenchTruth(Section):
     """Simulation of the measurements, with the parameter values of the config."""
 
-    model: Literal["fine", "other", "own", "walk"] = Field(
+    model: Literal["fine", "independent", "filter_step", "sampled"] = Field(
         "fine",
-        description="Simulation of the measurements. With `fine`: integration with a smaller step. With `other`: "
-        "independent integrator of fifth order (Radau). With `own`: integration with the step of the filter. With "
-        "`walk`: as `own`, with inputs, parameters and disturbance sampled from the model of the filter.",
+        description="Simulation of the measurements. With `fine`: integration with a smaller step. With `independent`: "
+        "independent integrator of fifth order (Radau). With `filter_step`: integration with the step of the filter. With "
+        "`sampled`: as `filter_step`, with inputs, parameters and disturbance sampled from the model of the filter.",
     )
     substeps: int = expert(20, ge=1, le=10_000, description="`fine`: number of simulation steps per filter step [-].")
     noise: bool = Field(
         True, description="`false`: simulated readings without noise; the noise in the filter is unchanged."
     )
-    step: TimeStep = Field(0.01, description="`other`: time step of the simulation [s]; loads are linear in each step.")
+    step: TimeStep = Field(
+        0.01, description="`independent`: time step of the simulation [s]; loads are linear in each step."
+    )
     duration: Duration | None = Field(
         None,
-        description="`other`: duration of the simulation [s]; null: duration of the estimate. With a common "
+        description="`independent`: duration of the simulation [s]; null: duration of the estimate. With a common "
         "duration, runs with shorter estimates share one simulation.",
     )
     histories: int = Field(
         1,
         ge=1,
         le=10_000,
-        description="`other`: number of load histories, one for each seed (`runs`); 1: the same history for all seeds [-].",
+        description="`independent`: number of load histories, one for each seed (`runs`); 1: the same history for all seeds [-].",
     )
     within: Annotated[NotNegative, INSTANT] = Field(
         0.0,
-        description="`other`: largest start of further load histories [s]. Each further history is a part of the "
+        description="`independent`: largest start of further load histories [s]. Each further history is a part of the "
         "configured history from a random instant, shifted to the same initial loads.",
     )
 
@@ -256,7 +258,7 @@ class BenchEstimateSection(EstimateOptions):
     )
     method: Method = with_defaults(Method, "Options of the filter.")
     runs: int = Field(1, ge=1, le=10_000, description="Number of runs, each with another noise seed [-].")
-    allow_unfollowed: bool = Field(
+    allow_unresolved_steps: bool = Field(
         False,
         description="`true`: continue although the time step does not resolve the effect of the loads; σ does not include this "
         "error.",

@@ -180,14 +180,14 @@ def campaign_of(
         judgements.append(check_consistency(record.test, problem, check_records[-1], tolerances.discrepancy, checking))
     together = None if len(records) == 1 else together_of(filters, check_records)
     conflict = together.words if together is not None and all(one.trusted for one in judgements) else ""
-    if conflict and not settings.accept:
+    if conflict and not settings.accept_inconsistent:
         raise InconsistentRecordError(
             conflict,
             key="estimate.records",
             remedy="Remove records of another part or of re-bonded gauges, or correct the known loads and units.",
         )
-    uncertain_loads = "" if settings.loads_as_stated else load_dependence_text(problem)
-    uncertain_loads += ", or set estimate.loads_as_stated if the loads are exact" * bool(uncertain_loads)
+    uncertain_loads = "" if settings.loads_follow_model else load_dependence_text(problem)
+    uncertain_loads += ", or set estimate.loads_follow_model if the loads are exact" * bool(uncertain_loads)
 
     def of_records(texts: Sequence[str]) -> str:
         named = zip(records, texts, strict=True)
@@ -196,7 +196,7 @@ def campaign_of(
     decision = Decision(
         conflict or of_records([one.words for one in judgements]),
         of_records([one.named for one in judgements]),
-        settings.accept,
+        settings.accept_inconsistent,
         (uncertain_loads,),
     )
 

@@ -69,7 +69,7 @@ def candidates_on_surface(
             "the mesh has no surface, because it has no solids, shells or beams with a cross-section",
             key="gauges.surface",
             remedy="Use beams without pin flags instead of rods, or import matrices (mesh.matrices) and strain operators "
-            "(gauges.given).",
+            "(gauges.strain_operator).",
         )
     facets, parts, distance = exterior_facets(mesh), [], np.zeros(0)
     fixed = fixed_gauges(config.gauges, files.get("gauges.fixed_file"))

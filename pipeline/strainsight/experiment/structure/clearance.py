@@ -43,7 +43,7 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
     config, mesh, pool, setting = structure.config, structure.mesh, structure.pool, structure.config.gauges.clearance
     first, blocked = pool.first, np.zeros(pool.gauges, dtype=bool)
     free = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first])
-    if setting == "none" or structure.training.given is not None or not len(free):
+    if setting == "none" or structure.training.strain_operator is not None or not len(free):
         return None, blocked
     facets, part = structure.skin.facets, pool.take(first[free])
     points, places = part.position, part.grids.position
@@ -95,7 +95,7 @@ def bent_gauges(structure: Structure) -> np.ndarray:
     kind = gauge_type(gauges)
     bent = np.zeros(pool.gauges, dtype=bool)
     straining = np.flatnonzero(pool.quantity[pool.first] == STRAIN)
-    if kind is None or kind.bend_radius == 0 or structure.training.given is not None or not len(straining):
+    if kind is None or kind.bend_radius == 0 or structure.training.strain_operator is not None or not len(straining):
         return bent
     facets, part = structure.skin.facets, pool.take(pool.first[straining])
     bent[straining] = _lies_on(part, facets, tight(mesh.position, facets, kind.bend_radius))
@@ -206,7 +206,7 @@ def at_gauges(structure: Structure, gauges: np.ndarray) -> AtGauges | None:
     For a bridge the sum is over its arms, and the largest arm counts over the grid. For a rosette the channel with the largest
     change counts; rms ε is that of the largest channel. NaN for sensors of motion."""
     pool, mesh = structure.pool, structure.mesh
-    if structure.training.given is not None or not mesh.has_surface:
+    if structure.training.strain_operator is not None or not mesh.has_surface:
         return None
     part, skin = pool.take(pool.channels(gauges)), structure.skin
     in_place, over_grid = _steep(structure, part)
@@ -333,7 +333,7 @@ def tested_hot_spots(structure: Structure, gauges: np.ndarray) -> HotSpots | Non
     """Hot-spot test of gauges (k,) on solids at the guess along the training run, NaN for others; None without solids."""
     config, mesh, reduced, pool = structure.config, structure.mesh, structure.reduced, structure.pool
     if (
-        structure.training.given is not None
+        structure.training.strain_operator is not None
         or reduced.matrices is not None
         or reduced.results is not None
         or not mesh.blocks

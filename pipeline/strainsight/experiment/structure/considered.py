@@ -171,7 +171,9 @@ def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
 def not_held_in_words(structure: Structure) -> tuple[str, ...]:
     """Sentences on tolerances that σ does not include."""
     sentences, tolerances, loads = [], structure.tolerances, structure.config.loads
-    if structure.training.given is not None and (tolerances.position or tolerances.angle or tolerances.transverse):
+    if structure.training.strain_operator is not None and (
+        tolerances.position or tolerances.angle or tolerances.transverse
+    ):
         sentences.append(
             "σ does not include position, angle and transverse sensitivity errors of imported gauges, because their strain "
             "operator has no strain gradient (tolerances.position, angle, transverse)"

@@ -57,7 +57,9 @@ def turning_of(structure: Structure, channels: np.ndarray) -> Turning:
     rows = np.full((len(channels), len(ANGLES), n), np.nan)
     more = np.zeros((*rows.shape[:2], *missed.shape[1:]))
     pool, position = structure.pool, structure.mesh.position
-    single = np.flatnonzero((pool.quantity == STRAIN)[channels] & ~pool.bridged[channels] & (training.given is None))
+    single = np.flatnonzero(
+        (pool.quantity == STRAIN)[channels] & ~pool.bridged[channels] & (training.strain_operator is None)
+    )
     if len(single):
         for k, angle in enumerate(ANGLES):
             # every channel as a gauge of one grid

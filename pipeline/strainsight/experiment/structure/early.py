@@ -76,9 +76,9 @@ def _check_gauges(config: PlacementConfig, base: Path) -> None:
     settings, gauges, keep = config.estimate, config.gauges, config.place.keep
     assert settings is not None
     named, labels, places = [str(entry.name) for entry in gauges.fixed if entry.name], list[str](), None
-    if gauges.given is not None:
-        table = _existing("gauges.given.table", gauges.given.table, base)
-        with blame("gauges.given"):
+    if gauges.strain_operator is not None:
+        table = _existing("gauges.strain_operator.table", gauges.strain_operator.table, base)
+        with blame("gauges.strain_operator"):
             named = [str(number) for number in given_table(table)[0]]
     else:
         if gauges.fixed_file is not None:
@@ -110,7 +110,7 @@ def _check_records(config: PlacementConfig, base: Path) -> None:
             noise = [entry.noise_std or (None if config.motion_sensors else noise_std) for entry in channels]
             for text in odd_channels(config, signals, list(wanted), noise):
                 warnings.warn(f"{text}.", stacklevel=2)
-            if not config.motion_sensors and gauges.given is None:
+            if not config.motion_sensors and gauges.strain_operator is None:
                 check_quantities(wanted, signals, ["strain"] * len(channels), known, units)
 
 

@@ -134,7 +134,7 @@ def _notes(
         others = "σ is withheld, so filters are not compared (filter.compare)"
     elif not withheld and record.long and config.filter.compare is None and comparable:
         others = f"filters are not compared above {LONGEST_COMPARED} steps; set filter.compare: true to compare them"
-    as_stated = config.estimate is not None and config.estimate.loads_as_stated
+    as_stated = config.estimate is not None and config.estimate.loads_follow_model
     notes = (
         *record.test.notes,
         clock_in_words(record.test, config.train.time_step),

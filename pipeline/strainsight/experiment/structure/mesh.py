@@ -366,7 +366,7 @@ def _assigned_section(entry: ElementSection) -> GivenSection:
 def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces: Faces) -> Iterator[str]:
     """Warnings about faces that are probably in contact but admissible for gauges, with the exclusion for the config."""
     gauges = config.gauges
-    if gauges.given is not None:
+    if gauges.strain_operator is not None:
         return
     free = np.zeros(0, dtype=int)
     with suppress(InfeasibleError):  # no facet at all: reported by `train`

@@ -70,10 +70,10 @@ def observed_of(
         excitation=tuple(label for label, _, _ in excitations),
         case=tuple(case.label for case in table[0]),
         unknowns=tuple(", ".join(case.unknowns) for case in table[0]),
-        condition=np.array([[case.found.condition for case in row] for row in table]),
-        condition_raw=np.array([[case.found.condition_raw for case in row] for row in table]),
-        sigma_min=np.array([[case.found.sigma_min for case in row] for row in table]),
-        lost=np.array([[case.reason or case.found.null_direction for case in row] for row in table], dtype=np.str_),
+        condition=np.array([[case.result.condition for case in row] for row in table]),
+        condition_raw=np.array([[case.result.condition_raw for case in row] for row in table]),
+        sigma_min=np.array([[case.result.sigma_min for case in row] for row in table]),
+        lost=np.array([[case.reason or case.result.null_direction for case in row] for row in table], dtype=np.str_),
     )
 
 

@@ -138,7 +138,7 @@ def record_filters(
             sigma = test.std * np.sqrt(test.step / problem.h)
             model = replace(filter_model(problem, test.channels, test.h, sigma=sigma), every=test.every)
             model = with_interpolation_errors(model)
-            if settings.loads_as_stated:
+            if settings.loads_follow_model:
                 model = replace(model, free_loads=False)
             if settings.tune.parts:
                 with blame("estimate.tune"):

@@ -310,7 +310,7 @@ WHERE_SENSORS_ARE = (
     "gauges.surface",
     "gauges.include",
     "gauges.exclude",
-    "gauges.given",
+    "gauges.strain_operator",
     "motion_sensors.*.surface",
     "motion_sensors.*.include",
     "motion_sensors.*.exclude",
@@ -351,7 +351,7 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
                     _check_mass(config, mesh, forces)
             else:
                 loaded_nodes(mesh, load)
-    if not mesh.has_surface or config.gauges.given is not None:
+    if not mesh.has_surface or config.gauges.strain_operator is not None:
         return
     facets = exterior_facets(mesh)
     for key, sensors in families(config).items():

@@ -96,7 +96,7 @@ def _set_of(
     notes = _gather([modes, *static.values()], f"{key}.file", mesh, L, files)
     order = sorted(range(len(modes.responses)), key=lambda i: modes.responses[i].frequency)
     responses = [modes.responses[i] for i in order] + [wanted.responses[0] for wanted in static.values()]
-    size = [1.0] * len(order) + [load.applied for load in loads.values()]
+    size = [1.0] * len(order) + [load.magnitude for load in loads.values()]
     motion = [modes.motion[i] for i in order] + [wanted.motion[0] for wanted in static.values()]
     for wanted in (modes, *static.values()):
         wanted.motion.clear()

@@ -78,7 +78,7 @@ class Structure:
     def sensitivity(self, channels: np.ndarray) -> Sensitivity:
         """Sensitivity of channels to installation errors, per column of `field`."""
         training = self.training
-        if training.given is not None:
+        if training.strain_operator is not None:
             return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
         std, part = self.installation.position, self.pool.take(channels)
         return sensitivity_rows(self.mesh.position, part, self.field, std, facets=self.skin, thickness=self.thickness)

@@ -159,7 +159,7 @@ def trained(
     using.progress("candidates", 0.3)
     surface, given_rows, change, free = None, None, NO_CHANGE, free_thicknesses(config, mesh, model.reference)
     names: tuple[str, ...] = ()
-    if config.gauges.given is None:
+    if config.gauges.strain_operator is None:
         with np.errstate(over="ignore", invalid="ignore"):  # infinite readings are refused below
             moments = [moved.x[:, :n].T @ moved.x[:, :n] / len(moved.x) for moved in cases or [nominal]]
         surface = candidates_on_surface(mesh, config, using.files, reduced.basis, np.mean(moments, axis=0))
@@ -189,7 +189,7 @@ def trained(
         rows=rows,
         row_change=change.of_terms(lambda X: X[:, :n]) if change.terms else None,
         missed=missed,
-        given=given_rows,
+        strain_operator=given_rows,
         moved=surface.moved if surface is not None and len(surface.moved) else None,
         time=as_stated.time,
         load=as_stated.load,
@@ -254,13 +254,13 @@ def _imported_gauges(config: PlacementConfig, mesh: Mesh, using: Resources) -> t
         raise ConfigError(
             "imported gauges do not use a surface of the mesh",
             key="gauges.surface",
-            remedy="Remove this key or gauges.given.",
+            remedy="Remove this key or gauges.strain_operator.",
         )
     _, components = read_numbering(using.files["mesh.matrices.numbering"])
-    with blame("gauges.given"):
+    with blame("gauges.strain_operator"):
         gauges_of_file = read_given(
-            using.files["gauges.given.rows"],
-            using.files["gauges.given.table"],
+            using.files["gauges.strain_operator.rows"],
+            using.files["gauges.strain_operator.table"],
             components,
             length_factor(config.mesh.length_unit),
         )

@@ -256,7 +256,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
     if settings.model == "modes":
         rows, limited = installed(np.arange(pool.gauges), None)
         return replace(_modal(theta, words, limited, model, rows, pool), field=partial(nodal, built.model, basis))
-    words += in_words(config, by_rows=training.given is not None)
+    words += in_words(config, by_rows=training.strain_operator is not None)
 
     def sample(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
         installation = installation_of(config, pool, realisation).take(pool, gauges)
@@ -293,8 +293,8 @@ def _installed(structure: Structure, built: FullModel, basis: np.ndarray, thickn
     """Return a function: gauges (k,) and installation (None: nominal) → strain operator (m, r), and whether an edge limits each.
     An imported strain operator has gain errors only."""
     training, pool, position = structure.training, structure.pool, structure.mesh.position
-    if training.given is not None:
-        strain_operator = training.given @ (built.motion @ basis)
+    if training.strain_operator is not None:
+        strain_operator = training.strain_operator @ (built.motion @ basis)
 
         def scaled(gauges: np.ndarray, installation: Installation | None) -> tuple[np.ndarray, np.ndarray]:
             gain = 0.0 if installation is None else installation.gain[:, None]
@@ -359,9 +359,9 @@ def _full(
     else:
         viscous = ViscousDamping(damping.alpha, damping.beta)
     training, pool = structure.training, structure.pool
-    if training.given is not None:
+    if training.strain_operator is not None:
         assert built.motion is not None
-        rows = sparse.csr_array(training.given @ built.motion)
+        rows = sparse.csr_array(training.strain_operator @ built.motion)
     else:
         rows = free_rows(built.model, channel_matrix(structure.mesh.position, pool, structure.skin.facets, thickness))
     moving = pool.quantity == ACCELERATION

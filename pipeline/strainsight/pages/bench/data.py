@@ -22,12 +22,12 @@ class BenchUnknown(History):
     """Estimated load or parameter; the truth of a parameter is constant.
 
     errors, stds (runs,): error [unit] of every run over seeds and starts, and claimed σ [unit] of a parameter or None;
-    there: load [unit] on the bench with the measurements, or None."""
+    unscaled: load [unit] on the bench with the measurements, or None."""
 
     kind: Literal["input", "parameter"] = "input"
     errors: FloatArray | None = None
     stds: FloatArray | None = None
-    there: FloatArray | None = None
+    unscaled: FloatArray | None = None
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
     canvas, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
     text = []
     for place, (label, (run, unknown)) in enumerate(zip(labels, lines, strict=True)):
-        measured, style = unknown.there, line_style(place)
+        measured, style = unknown.unscaled, line_style(place)
         assert measured is not None
         large = np.abs(measured) > LARGE * largest(measured)
         large[0] = False  # the starting value

@@ -179,7 +179,7 @@ def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
             *(
                 ratio_figure(f"ratio-{i}", f"{one.name}: ratio of the loads", [("", one)])
                 for i, one in every
-                if one.there is not None
+                if one.unscaled is not None
             ),
             *(drawing for name, ring in estimate.bearings.items() for drawing in balls_figures(name, ring)),
             *(runs_figure(one) for _, one in every if one.errors is not None),

@@ -231,7 +231,7 @@ def run_answer(run: BenchPageRun) -> str:
     parts, channels = [_estimated(run, unknown) for unknown in run.unknowns], run.number("channels")
     used = sum(len(s.components) for s in run.sensors if s.used) if channels is None else int(channels)
     text = f"{count(used)} channels estimate {', '.join(parts) or 'no unknowns'}."
-    elsewhere = [unknown.name for unknown in run.unknowns if unknown.there is not None]
+    elsewhere = [unknown.name for unknown in run.unknowns if unknown.unscaled is not None]
     if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in run.sensors if sensor.used}
         listed = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]

@@ -22,10 +22,10 @@ from strainsight.text import number
 SEEDS_ASIDE = 0.1
 """Share of seeds that may violate a confirmed statement."""
 CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "no number"
-HOLDS, THEIRS_ONLY, OURS_ONLY, UNMEASURED = (
+HOLDS, PUBLISHED_ONLY, OTHER_ONLY, UNMEASURED = (
     "holds",
-    "holds under its settings only",
-    "holds under ours only",
+    "holds with the published settings only",
+    "holds with other settings only",
     "not measured",
 )
 
@@ -122,20 +122,20 @@ class Statement:
 
 @dataclass(frozen=True)
 class SourceComparison:
-    """Statement of a source with its printed number; as_printed, ours: the same with its settings and with ours, None if not
+    """Statement of a source with its published number; published_settings, other_settings: results, None if not
     computed; why: explanation."""
 
     source: str
-    says: str
-    printed: str
-    as_printed: Statement | None
-    ours: Statement | None
+    statement: str
+    published: str
+    published_settings: Statement | None
+    other_settings: Statement | None
     why: str = ""
 
     @property
     def result(self) -> str:
         """Result: holds if every computed side is confirmed; undecided if one is undecided and none is refuted."""
-        results = [None if side is None else side.result for side in (self.as_printed, self.ours)]
+        results = [None if side is None else side.result for side in (self.published_settings, self.other_settings)]
         measured = [result for result in results if result is not None]
         if not measured:
             return UNMEASURED
@@ -143,7 +143,7 @@ class SourceComparison:
             return UNDECIDED
         if CONTRADICTED not in measured:
             return HOLDS
-        return {CONFIRMED: THEIRS_ONLY}.get(results[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
+        return {CONFIRMED: PUBLISHED_ONLY}.get(results[0] or "", OTHER_ONLY if CONFIRMED in measured else CONTRADICTED)
 
 
 def unexplained(result: str, why: str) -> bool:
@@ -189,11 +189,11 @@ def metric_words(metrics: Sequence[MetricWords]) -> str:
     return "; ".join(f"{metric.symbol}: {metric.meaning}" for metric in metrics)
 
 
-RESULTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
+RESULTS = (HOLDS, PUBLISHED_ONLY, OTHER_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
 """Possible results of a comparison."""
-GOOD = (CONFIRMED, HOLDS, THEIRS_ONLY, OURS_ONLY)
+GOOD = (CONFIRMED, HOLDS, PUBLISHED_ONLY, OTHER_ONLY)
 STATEMENT_HEAD = ("statement", "computed", "target", "result")
-COMPARISON_HEAD = ("source", "statement", "printed", "source settings", "our settings", "result")
+COMPARISON_HEAD = ("source", "statement", "published", "published settings", "other settings", "result")
 """Headings of both tables."""
 FEW = 3
 """Most numbers of a statement that are listed individually."""
@@ -249,9 +249,9 @@ def comparisons_table(suite: Suite) -> str:
 
     rows = [
         f'<tr id="comparison-{i}"><td data-label="{COMPARISON_HEAD[0]}">{i}. {escape(row.source)}</td>'
-        f'<th scope="row">{escape(row.says)}</th><td data-label="{COMPARISON_HEAD[2]}">{escape(row.printed) or "–"}</td>'
-        f'<td data-label="{COMPARISON_HEAD[3]}">{measured_side(row.as_printed)}</td>'
-        f'<td data-label="{COMPARISON_HEAD[4]}">{measured_side(row.ours)}</td>'
+        f'<th scope="row">{escape(row.statement)}</th><td data-label="{COMPARISON_HEAD[2]}">{escape(row.published) or "–"}</td>'
+        f'<td data-label="{COMPARISON_HEAD[3]}">{measured_side(row.published_settings)}</td>'
+        f'<td data-label="{COMPARISON_HEAD[4]}">{measured_side(row.other_settings)}</td>'
         f"<td>{_mark(row.result)}{reason(row.result, row.why)}</td></tr>"
         for i, row in enumerate(suite.comparisons, start=1)
     ]

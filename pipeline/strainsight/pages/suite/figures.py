@@ -72,7 +72,7 @@ def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
     for i, name in enumerate(dict.fromkeys(unknown.name for run in runs for unknown in run.unknowns)):
         lines = [(run.label, unknown) for run in runs for unknown in run.unknowns if unknown.name == name]
         drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", lines))
-        if elsewhere := [(label, unknown) for label, unknown in lines if unknown.there is not None]:
+        if elsewhere := [(label, unknown) for label, unknown in lines if unknown.unscaled is not None]:
             drawings.append(ratio_figure(f"{key}-ratio-{i}", f"{name}: ratio of the loads{behind}", elsewhere))
     sensors = [(run.label, sensor) for run in runs for sensor in run.sensors]
     for i, name in enumerate(dict.fromkeys(sensor.name for _, sensor in sensors)):

@@ -34,7 +34,7 @@ def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
 
         truth = config["estimate"]["truth"]
         estimate = _after(ESTIMATE, "place") if takes_over or _any_layout(config["estimate"]["sensors"]) else ESTIMATE
-        if truth["model"] == "other" and config["estimate"]["measured"] is None:
+        if truth["model"] == "independent" and config["estimate"]["measured"] is None:
             stages.append(truth_stage(truth["duration"] is not None))
             estimate = _after(estimate, "truth")
         stages.append(estimate)

@@ -66,7 +66,9 @@ def _estimated(artefact: Artefact) -> dict[str, Any]:
         values = (load.true, load.estimate, load.std, load.smoothed, load.smoothed_std)
         errors = None if runs is None else runs.error
         unknowns.append(
-            BenchUnknown(name, unit_of(load, "estimate"), time, *values, kind="input", errors=errors, there=load.there)
+            BenchUnknown(
+                name, unit_of(load, "estimate"), time, *values, kind="input", errors=errors, unscaled=load.unscaled
+            )
         )
     for name, parameter in record.parameters.items():
         ends = record.parameter_runs.get(name)

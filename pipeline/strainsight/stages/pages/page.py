@@ -139,7 +139,7 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
         notes.append(
             "Damping, gauges and loads are exact in the simulated test; set validate.truth.model: perturbed to test such errors."
         )
-    elif read(Training, train).given is not None:
+    elif read(Training, train).strain_operator is not None:
         notes.append("Gauge positions are exact: imported rows of the strain operator cannot be moved or rotated.")
     errors = tolerances_of(config.tolerances)
     outside = "temperature" * (errors.temperature == 0), "drift" * (errors.drift == 0), "deformation of the supports"

@@ -18,7 +18,7 @@ DRAWN = (
 """Data of a load in the picture."""
 OF_A_BENCH = ("simulate", "estimate", "place", "report")
 """Stages of a bench with artefacts on the page; of a placement all."""
-SIDES = ("as_printed", "ours")
+SIDES = ("published_settings", "other_settings")
 """Results of a comparison: with the settings of the source, and with other settings."""
 DEFAULT = {"placement": "validate", "bench": "estimate"}
 """Stage of a measure that names none."""

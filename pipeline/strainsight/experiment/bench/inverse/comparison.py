@@ -284,7 +284,7 @@ def _load_history(result: BenchEstimation, name: str) -> LoadHistory:
         smoothed=smoothed,
         smoothed_std=None if smoothed_std is None or np.isnan(smoothed_std).all() else smoothed_std,
         true=None if true is None else true[:, 0],
-        there=result.reality.elsewhere.get(name),
+        unscaled=result.reality.elsewhere.get(name),
     )
 
 

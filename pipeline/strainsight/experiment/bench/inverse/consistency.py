@@ -104,7 +104,7 @@ class Evidence:
             more = "" if estimate.hold_out is not None else ", or find the faulty channel by estimate.hold_out: each"
             check = f"Check channels, units and noise of estimate.measured{more}"
             words = f"{INCONSISTENT}: {self._disagreement}. {check}"
-        return Decision(words, accept=estimate.accept, out_of_range=self.outside_range, remedy=REMEDY)
+        return Decision(words, accept=estimate.accept_inconsistent, out_of_range=self.outside_range, remedy=REMEDY)
 
     @property
     def _disagreement(self) -> str:
@@ -153,7 +153,7 @@ class Evidence:
                 if self.numbers.get(f"identified.{name}") is False
             )
         # slow loads reduce innovations, down to (m − n)/m, so warn only for a truth of the filter's own model
-        if self.size == OVERCONFIDENT or (estimate.truth.model == "walk" and self.size == TOO_CAUTIOUS):
+        if self.size == OVERCONFIDENT or (estimate.truth.model == "sampled" and self.size == TOO_CAUTIOUS):
             nis = self._number("nis")
             off, noises = ("larger", "small") if nis > 1 else ("smaller", "large")
             tolerances = ". Gauge errors (estimate.tolerances) are included in σ, but not in this check"
@@ -280,9 +280,9 @@ METHODS = {
 }
 TRUTHS = {
     "fine": "simulated with time step h/{substeps}",
-    "other": "simulated by the Radau method",
-    "own": "simulated with the time step of the filter",
-    "walk": "sampled from the filter's own model",
+    "independent": "simulated by the Radau method",
+    "filter_step": "simulated with the time step of the filter",
+    "sampled": "sampled from the filter's own model",
 }
 COLUMNS = {
     "inputs": ("slope", "offset", "error", "std", "smoothed_error", "smoothed_std"),
@@ -327,7 +327,7 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
         "runs": estimation.measured.shape[1],
         "lost": int(np.sum(filtered.lost >= 0)),
         "nis": float(np.nanmean(late)) if np.isfinite(late).any() else -1.0,
-        "expected_nis": (m - nu) / m if estimate.truth.model != "walk" else 1.0,
+        "expected_nis": (m - nu) / m if estimate.truth.model != "sampled" else 1.0,
         "violation": float(np.nanmax(result.record.violation)),
         "method": METHODS[estimate.method.update]
         + (", Q* as printed" if estimate.method.noise == "as_printed" else "")

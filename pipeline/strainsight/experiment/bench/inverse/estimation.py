@@ -144,19 +144,19 @@ def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.nd
     ]
     if not corrects(config):
         doubts = list(_missed(trial, reality, mean, std))
-    if doubts and not trial.problem.estimate.allow_unfollowed:
+    if doubts and not trial.problem.estimate.allow_unresolved_steps:
         step_error = "" if corrects(config) or config.driven else "set method.step_error: estimated, "
         raise ConfigError(
             doubts[0],
             key="estimate.time_step",
-            remedy=f"Reduce estimate.time_step, {step_error}or set estimate.allow_unfollowed: true.",
+            remedy=f"Reduce estimate.time_step, {step_error}or set estimate.allow_unresolved_steps: true.",
         )
     yield from (f"{text}; σ does not include this error" for text in doubts)
 
 
 def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
     estimate, model, bench = trial.problem.estimate, trial.model, trial.problem.bench
-    if estimate.measured is None and estimate.truth.model not in ("fine", "other"):
+    if estimate.measured is None and estimate.truth.model not in ("fine", "independent"):
         return
     x = mean[0]
     u = np.array(model.known[0], dtype=float)

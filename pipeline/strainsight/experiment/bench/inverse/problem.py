@@ -54,7 +54,7 @@ class BenchUnknowns:
 def corrects(config: BenchConfig) -> bool:
     """Whether the filter estimates the step error: as in a test, unless the truth uses the same step."""
     estimate = config.estimator
-    by_own_step = estimate.measured is None and estimate.truth.model == "own"
+    by_own_step = estimate.measured is None and estimate.truth.model == "filter_step"
     return corrects_in_a_test(config) and (estimate.method.step_error is not None or not by_own_step)
 
 

@@ -74,7 +74,9 @@ def reality_of(
         return _measured(problem, read, elsewhere=elsewhere)
     if truths is not None:
         return _by_integrator(problem, truths)
-    return None if truth.model == "walk" else _simulated(problem, truth.substeps if truth.model == "fine" else 1, using)
+    return (
+        None if truth.model == "sampled" else _simulated(problem, truth.substeps if truth.model == "fine" else 1, using)
+    )
 
 
 def _measured(problem: BenchProblem, read: Mapping[str, np.ndarray], **more: Any) -> Reality:
