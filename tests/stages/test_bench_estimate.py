@@ -44,7 +44,7 @@ def test_diameter_and_preload_or_a_grid_filter_of_three_are_accepted():
          "a load in estimate.inputs has the same name"),
         (SMALL, "estimate.truth.model=own", "estimate.truth.model", "'own' has no effect with imported measurements"),
         (LOADS, "estimate.truth={model: other, duration: 1.0}", "estimate.truth.duration", "the simulation ends at 1 s"),
-        (LOADS, "estimate.truth.histories=3", "estimate.truth.histories", "has no effect with estimate.truth.model: fine"),
+        (LOADS, "estimate.truth.histories=3", "estimate.truth.histories", "has no effect with truth.model: fine"),
         (DIAMETER, "estimate.parameters.diameter={guess: 0.0606, std: 1.0e-4}", "estimate.parameters.diameter", "no modulus"),
         (LOADS, GRID_FILTER, "estimate.method.parameters", "the grid filter needs an estimated parameter"),
         (DIAMETER, "estimate.method={parameters: grid, update: one_shot}", "estimate.method.update", "not support 'one_shot'"),

@@ -181,4 +181,4 @@ def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason():
 
 def test_a_grid_filter_refuses():
     _, said = estimated(EACH, "estimate.method.parameters=grid", ends=2)
-    assert "does not support estimate.hold_out" in said
+    assert "does not support hold_out" in said

@@ -166,7 +166,7 @@ def test_a_gain_makes_a_gauge_as_noisy_as_its_share_of_what_it_reads_in_the_run(
 
 
 def test_a_disturbance_as_printed_is_refused_where_gauges_are_placed(tmp_path):
-    with pytest.raises(StrainsightError, match="'place' does not support a disturbance with estimate"):
+    with pytest.raises(StrainsightError, match="'place' does not support a disturbance with method"):
         job_of(written(tmp_path), tmp_path, "estimate.method.noise=as_printed", "estimate.disturbance=0.1")
 
 

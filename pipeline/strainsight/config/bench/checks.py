@@ -52,7 +52,7 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
             what = f"the instant {max(place.poses):g} s is after the end of the simulation at {config.simulate.duration:g} s"
             yield Problem("place.poses", what, "use instants before the end of the simulation (simulate.duration)")
         if estimate is not None and estimate.method.noise == "as_printed" and estimate.disturbance > 0:
-            what = "the stage 'place' does not support a disturbance with estimate.method.noise: as_printed"
+            what = "the stage 'place' does not support a disturbance with method.noise: as_printed"
             remedy = "set estimate.disturbance: 0 or estimate.method.noise: before_step, or place the gauges with another config"
             yield Problem("estimate.disturbance", what, remedy)
         free = [name for name, entry in parameters.items() if entry.std is not None]

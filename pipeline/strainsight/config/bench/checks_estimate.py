@@ -21,13 +21,13 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
     """Check `estimate.truth` with the step of the filter and the joints."""
     truth, key = estimate.truth, "estimate.truth"
     if truth.model == "walk" and estimate.tolerances is not None and estimate.measured is None:
-        what = "simulated gauges have no installation errors with estimate.truth.model: walk"
+        what = "simulated gauges have no installation errors with truth.model: walk"
         remedy = "set estimate.truth.model: fine or other, or remove estimate.tolerances"
         yield Problem("estimate.tolerances", what, remedy, at_key=True)
     if truth.model != "other":
         for name in KEYS_OF_OTHER:
             if name in truth.model_fields_set and getattr(truth, name) != type(truth).model_fields[name].default:
-                what = f"has no effect with estimate.truth.model: {truth.model}"
+                what = f"has no effect with truth.model: {truth.model}"
                 yield Problem(f"{key}.{name}", what, "remove the key, or set estimate.truth.model: other", at_key=True)
         return
     if config.driven:
@@ -50,7 +50,7 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
     if truth.histories > 1 and truth.within == 0:
         yield Problem(
             f"{key}.histories",
-            "all load histories are identical: estimate.truth.within is 0",
+            "all load histories are identical: truth.within is 0",
             f"set {key}.within to the latest start of a history [s]",
         )
 
@@ -77,7 +77,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         yield Problem("estimate.method.step_error", what, remedy)
     if estimate.method.step_error == "estimated" and estimate.method.noise == "as_printed":
         what = (
-            "the discretisation error depends on the load change within a step, but with estimate.method.noise: as_printed, "
+            "the discretisation error depends on the load change within a step, but with method.noise: as_printed, "
             "the loads change after the step"
         )
         remedy = "remove the key, or set estimate.method.noise: before_step"
@@ -86,7 +86,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         remedy = "add a load under estimate.inputs, or a parameter with std under estimate.parameters"
         yield Problem("estimate", "the section has no unknown load and no parameter with std", remedy, at_key=True)
     if estimate.accept and not isinstance(estimate.measured, FromFile):
-        what = "has no effect without the measurements of a test (estimate.measured.file)"
+        what = "has no effect without the measurements of a test"
         remedy = "remove the key or the option --accept, or set estimate.measured.file"
         yield Problem("estimate.accept", what, remedy)
     yield from _sensors(config, estimate)
@@ -180,16 +180,16 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
     for name, entry in estimate.parameters.items():
         key, bearing, part = f"estimate.parameters.{name}", entry.bearing, str(entry.property)
         if name in estimate.inputs:
-            what = "a load in estimate.inputs has the same name"
+            what = "a load in estimate.inputs has the same name as the parameter"
             yield Problem(key, what, "rename the parameter; rename a modulus also in bodies.*.moduli", at_key=True)
         if entry.starts and estimate.truth.model == "walk":
-            what = "not supported with estimate.truth.model: walk: the true value is sampled from a distribution about guess"
+            what = "not supported with truth.model: walk: the true value is sampled from a distribution about guess"
             yield Problem(f"{key}.starts", what, "remove the key, or set another estimate.truth.model")
         if (bearing is None) != (entry.property is None):
             continue
         nominal = moduli.get(name)
         if bearing is None:
-            yield from known(key, name, moduli, "modulus under bodies.*.moduli")
+            yield from known(key, name, moduli, "modulus under bodies.*.moduli with the name")
         else:
             if bearing in config.bearings and bearing not in used:
                 what = f"no force of the bench uses the bearing '{bearing}'"
@@ -201,7 +201,7 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
             if (other := names.setdefault((bearing, part), name)) != name:
                 yield Problem(
                     key,
-                    f"'{other}' is the same property of '{bearing}'",
+                    f"the parameter '{other}' is the same property of '{bearing}'",
                     "remove one of the two parameters",
                     at_key=True,
                 )
@@ -263,10 +263,10 @@ def _check_grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
     key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
     extended = "or set estimate.method.parameters: extended"
     if estimate.tolerances is not None:
-        what = "the grid filter (estimate.method.parameters: grid) does not support tolerances"
+        what = "the grid filter does not support tolerances"
         yield Problem("estimate.tolerances", what, f"remove the key, {extended}", at_key=True)
     if estimate.hold_out is not None:
-        what = "the grid filter (estimate.method.parameters: grid) does not support estimate.hold_out"
+        what = "the grid filter does not support hold_out"
         yield Problem("estimate.hold_out", what, f"remove the key, {extended}")
     if not free:
         what = "the grid filter needs an estimated parameter, but no parameter has a std"
@@ -275,11 +275,11 @@ def _check_grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
         what = f"the grid filter supports at most {FEW} estimated parameters, not {len(free)}"
         yield Problem(key, what, f"remove std of {(n := len(free) - FEW)} parameter{'s' * (n > 1)}, {extended}")
     if estimate.method.update != "iterated":
-        what = f"the grid filter (estimate.method.parameters: grid) does not support '{estimate.method.update}'"
+        what = f"the grid filter does not support '{estimate.method.update}'"
         yield Problem("estimate.method.update", what, f"set estimate.method.update: iterated, {extended}")
     for name in free:
         if estimate.parameters[name].increment > 0:
-            what = "parameters are constant in the grid filter (estimate.method.parameters: grid)"
+            what = "parameters are constant in the grid filter"
             yield Problem(f"estimate.parameters.{name}.increment", what, f"remove the key, {extended}")
 
 
@@ -296,23 +296,30 @@ def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[
     for name in estimate.sensors:
         sensor = config.sensors.get(name)
         if sensor is not None and sensor.type == "strain" and sensor.zeroed:
-            what = "the measurements of the other bench were zeroed under unknown loads"
+            what = "the measurements of the bench in measured.from were zeroed under unknown loads"
             yield Problem(
                 f"sensors.{name}.zeroed",
                 what,
                 "set zeroed: false in both benches, or remove the sensor from estimate.sensors",
             )
         if isinstance(sensor, AccelerationSensor) and sensor.gravity and measured.scale != 1:
-            what = f"the reading of gravity does not scale with estimate.measured.scale ({measured.scale:g})"
+            what = f"the reading of gravity does not scale with measured.scale ({measured.scale:g})"
             yield Problem(
                 f"sensors.{name}.gravity",
                 what,
                 "set gravity: false for the sensor in both benches, or set estimate.measured.scale: 1",
             )
     for name in measured.sensors:
-        yield from known(f"estimate.measured.sensors.{name}", name, list(estimate.sensors), "sensor of the filter")
+        yield from known(
+            f"estimate.measured.sensors.{name}",
+            name,
+            list(estimate.sensors),
+            "sensor in estimate.sensors with the name",
+        )
     for name in measured.inputs:
-        yield from known(f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "unknown input")
+        yield from known(
+            f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "load in estimate.inputs with the name"
+        )
     if measured.run == config.name:
         yield Problem(
             "estimate.measured.from", "is the name of this run", "set the name of the run with the measurements"
@@ -327,7 +334,7 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
         )
     for name, channels in measured.channels.items():
         key = f"estimate.measured.channels.{name}"
-        yield from known(key, name, list(estimate.sensors), "sensor of the filter")
+        yield from known(key, name, list(estimate.sensors), "sensor in estimate.sensors with the name")
         count = channels_of(config, name) if name in config.sensors else None
         if count is not None and len(channels) != count:
             what = f"the list length is {len(channels)}, but the number of sensor components is {count}"
