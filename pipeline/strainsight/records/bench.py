@@ -360,9 +360,11 @@ class RingEstimate:
         "/time × 5",
         "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring",
     )
-    std: np.ndarray = dataset("m or rad", "/time × 5", "standard deviation of every displacement and tilt")
+    std: np.ndarray = dataset(
+        "m or rad", "/time × 5", "standard deviation of every displacement and tilt of the inner ring"
+    )
     instants: np.ndarray = dataset("s", "instant", "times at which the ball loads are evaluated")
-    pressure: np.ndarray = dataset("Pa", "instant", "highest contact pressure of all balls at these times")
+    pressure: np.ndarray = dataset("Pa", "instant", "highest contact pressure of all balls at every instant")
     pressure_std: np.ndarray = dataset("Pa", "instant", "standard deviation of the highest contact pressure")
     worst: BallsThen = group()
 
@@ -387,7 +389,9 @@ class BenchEstimated:
     time: np.ndarray = dataset("s", "/time", "time from the start of the run")
     q: np.ndarray = dataset("SI", "/time × coordinate", "estimated generalised coordinates of all bodies")
     violation: np.ndarray = dataset("1", "/time", "largest relative violation of the joint constraints in the estimate")
-    nis: np.ndarray = dataset("1", "instant", "normalised innovation squared (NIS), divided by the number of channels")
+    nis: np.ndarray = dataset(
+        "1", "instant", "normalised innovation squared (NIS) at every instant, divided by the number of channels"
+    )
     lost: np.ndarray = dataset("1", "run", "number of the time step in which the filter run diverged; −1: not diverged")
     inputs: dict[str, LoadHistory] = group(unit="unit of input <name>", what="<name>")
     parameters: dict[str, ParameterHistory] = group(unit="unit of parameter <name>", what="<name>")

@@ -120,7 +120,7 @@ class ChannelOffsets:
     """Channels with an unknown offset."""
 
     channel: np.ndarray = dataset("1", "channel", "indices of the channels with unknown offset, in /gauge/label")
-    mean: np.ndarray = dataset("unit of the channel", "channel", "estimated offset of each of these channels")
+    mean: np.ndarray = dataset("unit of the channel", "channel", "estimated offset of each channel with unknown offset")
     std: np.ndarray = dataset("unit of the channel", "channel", "standard deviation of every estimated offset")
 
 
@@ -175,7 +175,9 @@ class SurfaceMoment:
 
     time: float = dataset("s", "", "time of the largest reading, on the time axis of the test file")
     label: str = dataset("1", "", "channel with the largest reading")
-    displacement: np.ndarray = dataset("m", "node × 3", "smoothed displacement at the nodes of import.h5 at this time")
+    displacement: np.ndarray = dataset(
+        "m", "node × 3", "smoothed displacement at the nodes of import.h5 at the time of the largest reading"
+    )
     strain: np.ndarray = dataset(
         "strain",
         "exterior facet × 6",

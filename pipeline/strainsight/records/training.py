@@ -246,7 +246,7 @@ class Clearance:
 class Screened:
     """screen.h5."""
 
-    kept: np.ndarray = dataset("1", "kept", "gauge numbers of the pool, in ascending order")
+    kept: np.ndarray = dataset("1", "pool gauge", "gauge numbers of the pool, in ascending order")
     snr: np.ndarray = dataset(
         "1",
         "gauge",

@@ -64,7 +64,7 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
         if entry.layout is not None and (place is None or name not in place.sensors):
             what, remedy = (
                 "the sensor is not one of the candidates in place.sensors",
-                f"add it under place.sensors: {{{name}: {{noise: …}}}}",
+                f"add the sensor under place.sensors: {{{name}: {{noise: …}}}}",
             )
             yield Problem(key, what, remedy)
         elif entry.layout == "random" and place is not None and place.random == 0:

@@ -299,7 +299,7 @@ Six = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, Not
 
 
 class Bushing(Between):
-    """Linear springs and dampers for the displacements and small rotations of the second frame in the axes of the first."""
+    """Linear springs and dampers for the displacements and small rotations of the second frame in the axes of the first frame."""
 
     type: Literal["bushing"] = Field(description="Kind of force.")
     stiffness: Annotated[Six, STIFFNESS] = expert(

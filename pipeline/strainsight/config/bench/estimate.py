@@ -168,7 +168,8 @@ class BenchTruth(Section):
     within: Annotated[NotNegative, INSTANT] = Field(
         0.0,
         description="With `model: other`: limit for the start of further load histories [s]. Each further history is a part "
-        "of the configured history. It starts at a random instant before this limit and is shifted to the same initial loads.",
+        "of the configured history. It starts at a random instant before this limit; a constant is added to obtain the same "
+        "initial loads.",
     )
 
 
@@ -246,7 +247,7 @@ class Method(Section):
 
 
 class BenchEstimateSection(EstimateOptions):
-    """Estimation of loads and parameters of the bench from its sensors (thesis 2 to 4)."""
+    """Estimation of loads and parameters of the bench from its sensors (thesis, chapters 2 to 4)."""
 
     time_step: TimeStep | None = Field(
         None, description="Time step of the filter and of the samples [s]; null: `simulate.time_step`."
