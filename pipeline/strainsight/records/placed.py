@@ -91,7 +91,11 @@ class Selection:
     channel: np.ndarray = dataset(
         "1", "gauge × most channels", "candidate numbers of the channels of every gauge; −1: no channel"
     )
-    rank: np.ndarray = dataset("1", "gauge", "rank of every gauge from 1, pool rows <what>")
+    rank: np.ndarray = dataset(
+        "1",
+        "gauge",
+        "rank of every gauge, from 1, with the pool rows <what>; both gauges of a mirrored pair have the same rank",
+    )
     element: np.ndarray = dataset("1", "gauge", "element id of every gauge in the deck")
     facet: np.ndarray = dataset("1", "gauge", "facet number of every gauge in its element, from 1")
     nodes: np.ndarray = dataset("1", "gauge × 8", "node indices of the facet of every gauge; −1: no node")
@@ -123,7 +127,9 @@ class Rules:
     gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every gauge set; −1: no gauge")
     name: tuple[str, ...] = dataset("1", "/name", "name of every criterion; the first is the criterion of the layout")
     value: np.ndarray = dataset("1", "/rule × /name", "value of every criterion for every gauge set, a variance")
-    std: dict[str, np.ndarray] = dataset("SI", "/rule", "steady-state σ of <name> with every set; for ranking only")
+    std: dict[str, np.ndarray] = dataset(
+        "SI", "/rule", "steady-state σ of <name> with every gauge set; for ranking only"
+    )
 
 
 @record
