@@ -45,22 +45,22 @@ REFUSED = [
     (["bodies.blade.mass=1.0e+30"], "bodies.blade.mass", ("radius of gyration of 1.6",)),
     (["bodies.blade.mass=1.0e-30"], "bodies.blade.mass", ("1e-30 kg and moments of inertia",)),
     (["bodies.dust={type: rigid, mass: 1.0e-10, inertia: {xx: 1.0e-10, yy: 1.0e-10, zz: 1.0e-10}}"],
-     "bodies.dust.mass", ("1e-10 kg and 14000 kg of 'blade'",)),
+     "bodies.dust.mass", ("1e-10 kg and the mass of 'blade', 14000 kg",)),
     (["frames.far={body: blades}"], "frames.far.body", ("did you mean blade?",)),
     (["forces.bearing.bearing=pitch"], "forces.bearing.bearing", ("did you mean pitch-bearing?",)),
     (["sensors.gauges.body=blade"], "sensors.gauges.body", ("no flexible body 'blade'",)),
     (["field={body: blade}"], "field.body", ("no flexible body 'blade'",)),
     *(
         ([f"{OF_THE_BEARING}.preload={preload!r}"], f"{OF_THE_BEARING}.preload", (says,))
-        for preload, says in ((-1.0, "-1 m exceeds 0.0012 m, 2 %"), (0.0013, "exceeds"), (1e300, "exceeds"))
+        for preload, says in ((-1.0, "-1 m exceeds ±0.0012 m, 2 %"), (0.0013, "exceeds"), (1e300, "exceeds"))
     ),
     *(
         ([f"curves=[{{along: x, reach: 1.0e-4}}, {{along: {along}, reach: {reach!r}}}]"], "curves[1].reach", says)
         for along, reach, says in (
             ("x", 0.0601, ("0.0601 m is more than", "0.06 m", "use at most 0.06 m")),
-            ("tilt_y", 0.06, ("moves the balls of 'pitch-bearing' by 0.069 m", "use at most 0.05217 rad")),
-            ("z", 5e-11, ("rounding", "6e-11 m")),
-            ("tilt_z", 1e-300, ("rounding", "rad")),
+            ("tilt_y", 0.06, ("moves the balls by up to 0.069 m", "use at most 0.05217 rad")),
+            ("z", 5e-11, ("numerical resolution", "6e-11 m")),
+            ("tilt_z", 1e-300, ("numerical resolution", "rad")),
             ("y", 1e300, ("1e+300 m is more than",)),
         )
     ),
@@ -115,7 +115,7 @@ def test_guess_in_wrong_unit_is_refused_with_location(entry, key, says):
         load_config(FULL.parent / "bench" / "modulus.yaml", [f"estimate.parameters={{{entry}}}"])
     assert not caught.value.others
     assert caught.value.key == f"estimate.parameters.{key}"
-    assert caught.value.what.startswith(f"{says} is far from the bench value of ")
+    assert caught.value.what.startswith(f"{says} is far from the value in the bench, ")
     assert "within a factor of 100" in caught.value.remedy
 
 

@@ -308,7 +308,7 @@ def test_a_start_of_a_drive_that_its_signal_has_is_refused():
     done = run(ARM_ON_MOTOR.replace("drive: {signal", "drive: {start: 1.0, signal"))
     assert done.code == 2, done.output
     assert "joints.motor.drive.start" in done.output
-    assert "already defines the start" in done.output
+    assert "the signal defines the position at t = 0" in done.output
 
 
 def test_a_pitch_bearing_is_turned_against_the_friction_of_its_load():

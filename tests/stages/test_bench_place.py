@@ -166,7 +166,7 @@ def test_a_gain_makes_a_gauge_as_noisy_as_its_share_of_what_it_reads_in_the_run(
 
 
 def test_a_disturbance_as_printed_is_refused_where_gauges_are_placed(tmp_path):
-    with pytest.raises(StrainsightError, match="place does not support a disturbance with noise: as_printed"):
+    with pytest.raises(StrainsightError, match="'place' does not support a disturbance with method"):
         job_of(written(tmp_path), tmp_path, "estimate.method.noise=as_printed", "estimate.disturbance=0.1")
 
 
@@ -217,11 +217,11 @@ GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
     ("change", "key", "says"),
     [
         ({"body: beam\n  keep": "body: bean\n  keep"}, "place.body", "you mean beam?"),
-        ({"keep: 3": "keep: 30"}, "place.pool", "8 candidates for 30"),
-        ({"random: 3": "random: 3\n  poses: [0, 9]"}, "place.poses", "9 s is after the end of the run at 0.05 s"),
-        ({"random: 3": "random: 0"}, "sensors.others.layout", "no random layouts"),
+        ({"keep: 3": "keep: 30"}, "place.pool", "place.keep (30) exceeds the size of the pool (8)"),
+        ({"random: 3": "random: 3\n  poses: [0, 9]"}, "place.poses", "9 s is after the end of the simulation at 0.05 s"),
+        ({"random: 3": "random: 0"}, "sensors.others.layout", "no random layout is computed"),
         ({"body: beam, layout: place": f"body: beam, layout: place, {GLUED}"}, "sensors.gauges", "both"),
-        ({BEAM[BEAM.index("place:\n  body") : BEAM.index("field:")]: ""}, "sensors.gauges.layout", "no section place"),
+        ({BEAM[BEAM.index("place:\n  body") : BEAM.index("field:")]: ""}, "sensors.gauges.layout", "no section 'place'"),
         ({"field: {body: beam, instants: 3}": "field: {body: beam, instants: 3, every: 2}"}, "field.every", "both"),
         ({"keep: 3": "keep: 1"}, "place.keep", "1 gauges cannot observe 2 unknowns"),
         ({"exclude: [": "include: [{box: [[5, 5, 5], [6, 6, 6]]}]\n  exclude: ["}, "place.include", "no admissible facet"),

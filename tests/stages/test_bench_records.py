@@ -96,11 +96,12 @@ ALONG = [CHANNELS["tip"][1] | {"channel": "y"}, None, CHANNELS["tip"][2]]
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "1 channel listed for 2 components"),
-        ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})], "1 channel is not enough for 2 unknown loads"),
+        ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "length is 1, but the number of sensor components is 2"),
+        ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})],
+         "the number of channels, 1, is smaller than the number of unknown loads, 2"),
         ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "component 1 of gauges is a strain"),
         ([measured(), "estimate.duration=0.3", "simulate.duration=0.3"], "the file ends after 0.2 s"),
-        ([measured(), "estimate.runs=3"], "measurements of a test support one run only"),
+        ([measured(), "estimate.runs=3"], "with the measurements of a test, only one run is possible"),
         ([measured(), "estimate.time_step=0.004"], "estimate.measured"),
         ([measured(channels={"tip": ALONG}), "estimate.sensors={tip: {noise: 1.0e-6}}"], "side: no sensor measures this unknown"),
     ],

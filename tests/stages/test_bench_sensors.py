@@ -162,13 +162,13 @@ ONE_SMOOTH = "estimate.inputs={side: {std: 100.0, model: matern}, again: {std: 1
                      "estimate.allow_unobservable: true")),
         (RIG, ONE_SMOOTH, ("side and again together",)),
         (RIG, "estimate.inputs={side: {std: 100.0, model: matern, increment: 1.0}}",
-         ("has no effect with the model matern",)),
+         ("has no effect with model: matern",)),
         (FELT, "estimate.disturbance=1.0e-3",
-         ("felt would measure this white acceleration", "model error in the noise of felt")),
-        (FELT, "estimate.sensors={hinge: {noise: 1.0}}", ("it can be simulated only",)),
+         ("'felt' would measure this acceleration", "increase estimate.sensors.felt.noise by the model error")),
+        (FELT, "estimate.sensors={hinge: {noise: 1.0}}", ("the sensor is for the simulation only",)),
         (FELT, "estimate.sensors={gauges: {noise: 1.0e-6, bias: [1.0e-6, 2.0e-6]}}",
-         ("estimate.sensors.gauges.bias: 2 offsets are set for 3 components",)),
-        (KNOWN_AT_FIRST, f"{LOOSE}|estimate.truth={{model: sampled}}", ("gauges are exact in measurements",)),
+         ("estimate.sensors.gauges.bias: the list length is 2, but the number of sensor components is 3",)),
+        (KNOWN_AT_FIRST, f"{LOOSE}|estimate.truth={{model: sampled}}", ("simulated gauges have no installation errors",)),
     ],
 )  # fmt: skip
 def test_what_a_filter_cannot_do_is_refused(config, change, says):

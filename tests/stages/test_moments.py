@@ -200,7 +200,7 @@ def test_what_disagrees_with_a_moment_or_a_free_structure_is_refused(tmp_path, c
 
 
 def test_the_body_of_a_bench_is_free_in_any_case(tmp_path):
-    with pytest.raises(ConfigError, match="a flexible body of a bench is always free"):
+    with pytest.raises(ConfigError, match="a body without supports is always free"):
         finished(tmp_path, "import", DECK, {"bodies.beam.mesh.free": True}, BENCH_CONFIG)
 
 

@@ -128,7 +128,9 @@ def _rename(data: dict[str, Any], *tables: dict[str, str]) -> None:
 def _entries(node: Any, path: Sequence[str], above: str = "") -> Iterator[tuple[dict[str, Any], str, str]]:
     """Yield (section, dotted key above with a final dot, key) of every entry at a path; `*` is any key or list index."""
     first, *rest = path
-    entries: dict[Any, Any] = dict(enumerate(node)) if isinstance(node, list) else node if isinstance(node, dict) else {}
+    entries: dict[Any, Any] = (
+        dict(enumerate(node)) if isinstance(node, list) else node if isinstance(node, dict) else {}
+    )
     for key in entries if first == "*" else [first] if first in entries else []:
         if rest:
             yield from _entries(entries[key], rest, f"{above}{key}.")

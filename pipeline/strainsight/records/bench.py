@@ -19,10 +19,10 @@ from strainsight.rom.inertia import InertiaInvariants
 class WorstInstant:
     """Ball loads at the instant of the highest contact pressure."""
 
-    time: float = dataset("s", "", "time of the highest contact pressure")
-    force: np.ndarray = dataset("N", "ball × 4", "contact force of every ball (ball × contact)")
-    contact_angle: np.ndarray = dataset("rad", "ball × 4", "contact angle of every ball (ball × contact)")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure of every ball (ball × contact)")
+    time: float = dataset("s", "", "time of the highest contact pressure of the bearing")
+    force: np.ndarray = dataset("N", "ball × 4", "contact force at the four contacts of every ball")
+    contact_angle: np.ndarray = dataset("rad", "ball × 4", "contact angle at the four contacts of every ball")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure at the four contacts of every ball")
 
 
 @record
@@ -30,9 +30,11 @@ class RingMotion:
     """Motion and load of a bearing."""
 
     displacement: np.ndarray = dataset(
-        "m or rad", "/time × 5", "displacement x, y, z and tilts about y, z of the inner ring"
+        "m or rad",
+        "/time × 5",
+        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring",
     )
-    load: np.ndarray = dataset("N or N m", "/time × 5", "force x, y, z and moments about y, z on the inner ring")
+    load: np.ndarray = dataset("N or N m", "/time × 5", "forces along x, y, z and moments about y, z on the inner ring")
     pressure: np.ndarray = dataset("Pa", "/time", "highest contact pressure of the bearing at every instant")
     worst: WorstInstant = group()
 
@@ -41,17 +43,17 @@ class RingMotion:
 class DriveMotion:
     """Motion and force of a driven joint."""
 
-    position: np.ndarray = dataset("m or rad", "/time", "position of the drive")
-    rate: np.ndarray = dataset("m/s or rad/s", "/time", "rate of the drive")
+    position: np.ndarray = dataset("m or rad", "/time", "position of the driven joint: angle, displacement or length")
+    rate: np.ndarray = dataset("m/s or rad/s", "/time", "rate of the position of the driven joint")
     force: np.ndarray = dataset(
-        "N or N m", "/time", "force or torque of the drive; force × rate is the power into the bench"
+        "N or N m", "/time", "force or torque of the driven joint; force × rate: supplied power"
     )
 
 
 @record
 class Violation:
-    position: np.ndarray = dataset("SI", "/time", "largest constraint violation at every instant")
-    velocity: np.ndarray = dataset("SI", "/time", "largest rate of the constraint violation at every instant")
+    position: np.ndarray = dataset("SI", "/time", "largest violation of the joint constraints at every instant")
+    velocity: np.ndarray = dataset("SI", "/time", "largest violation rate of the joint constraints at every instant")
 
 
 @record
@@ -59,10 +61,10 @@ class Simulated:
     """simulate.h5."""
 
     time: np.ndarray = dataset("s", "/time", "time from the start of the run")
-    q: np.ndarray = dataset("SI", "/time × coordinate", "coordinates of all bodies")
-    v: np.ndarray = dataset("SI", "/time × coordinate", "rates of the coordinates of all bodies")
+    q: np.ndarray = dataset("SI", "/time × coordinate", "generalised coordinates of all bodies")
+    v: np.ndarray = dataset("SI", "/time × coordinate", "rates of the generalised coordinates of all bodies")
     violation: Violation = group()
-    frequency: np.ndarray = dataset("Hz", "mode", "undamped natural frequencies of the bench at the start")
+    frequency: np.ndarray = dataset("Hz", "mode", "undamped natural frequencies of the bench at the start of the run")
     coordinates: dict[str, np.ndarray] = dataset("1", "2", "coordinates of <name>: first index, and last index plus 1")
     inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time", "load <name>")
     sensors: dict[str, np.ndarray] = dataset(
@@ -80,7 +82,7 @@ class SurfaceHistory:
     """Data of field.h5 in addition to its grid."""
 
     time: np.ndarray = dataset("s", "/time", "time of every stored surface field")
-    von_mises: np.ndarray = dataset("Pa", "/time", "largest von Mises stress of every stored surface field")
+    von_mises: np.ndarray = dataset("Pa", "/time", "largest von Mises stress on the surface in every stored field")
     moduli: dict[str, np.ndarray] = dataset(
         "Pa", "/time", "Young's modulus <name> used for the stress: the estimate, if <name> was estimated"
     )
@@ -95,18 +97,22 @@ class ReducedBody:
 
     clamped: bool = dataset("1", "", "1 if the body has supports on the ground")
     frequency: np.ndarray = dataset("Hz", "mode", "fixed-interface natural frequencies")
-    cut: float = dataset("Hz", "", "natural frequency of the first truncated mode")
+    cut: float = dataset("Hz", "", "lowest natural frequency of the truncated fixed-interface modes")
     reach: dict[str, np.ndarray] = dataset(
         "Pa", "2", "range of modulus <name> in which static errors of the reduced body are below 1 %"
     )
-    mass: np.ndarray = dataset("kg per unit^2", SQUARE, "reduced mass")
-    stiffness: AffineOperator = group(AffineTerms, "N/m per unit^2", "reduced stiffness")
-    damping: AffineOperator = group(AffineTerms, "N s/m per unit^2", "reduced damping")
+    mass: np.ndarray = dataset("kg per unit^2", SQUARE, "reduced mass matrix")
+    stiffness: AffineOperator = group(AffineTerms, "N/m per unit^2", "reduced stiffness matrix")
+    damping: AffineOperator = group(AffineTerms, "N s/m per unit^2", "reduced damping matrix")
     basis: np.ndarray = dataset(
-        "m per unit", "3 nodes × coordinate", "displacement of the nodes per coordinate (row 3 node + component)"
+        "m per unit",
+        "3 nodes × coordinate",
+        "displacement of the nodes per unit of each reduced coordinate; row = 3 × node index + component",
     )
     interface: dict[str, np.ndarray] = dataset(
-        "m or rad per unit", "6 × coordinate", "translations and rotations of node <name> per coordinate"
+        "m or rad per unit",
+        "6 × coordinate",
+        "translations and rotations of node <name> per unit of each reduced coordinate",
     )
     inertia: InertiaInvariants = group()
 
@@ -130,8 +136,12 @@ class FrameAtRest:
 class RingAtRest:
     """State of a bearing."""
 
-    displacement: np.ndarray = dataset("m or rad", "5", "displacement x, y, z and tilts about y, z of the inner ring")
-    load: np.ndarray = dataset("N or N m", "5", "force x, y, z and moments about y, z on the inner ring")
+    displacement: np.ndarray = dataset(
+        "m or rad",
+        "5",
+        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring",
+    )
+    load: np.ndarray = dataset("N or N m", "5", "forces along x, y, z and moments about y, z on the inner ring")
     pressure: float = dataset("Pa", "", "highest contact pressure of the bearing")
 
 
@@ -139,8 +149,8 @@ class RingAtRest:
 class AtRest:
     """statics.h5: equilibrium under the loads at t = 0."""
 
-    q: np.ndarray = dataset("SI", "coordinate", "coordinates of all bodies")
-    growth: float = dataset("1/s", "", "growth rate of the instability of the equilibrium; 0: stable")
+    q: np.ndarray = dataset("SI", "coordinate", "generalised coordinates of all bodies")
+    growth: float = dataset("1/s", "", "growth rate of a disturbance of the equilibrium; 0: stable equilibrium")
     coordinates: dict[str, np.ndarray] = dataset("1", "2", "coordinates of <name>: first index, and last index plus 1")
     inputs: dict[str, float] = dataset("unit of input <name>", "", "load <name>")
     frames: dict[str, FrameAtRest] = group()
@@ -158,21 +168,23 @@ class AtRest:
 class FrameInModes:
     """Motion of a frame in the modes."""
 
-    displacement: np.ndarray = dataset("m per unit", "mode × 3", "displacement of the frame origin in global axes")
-    rotation: np.ndarray = dataset("rad per unit", "mode × 3", "rotation of the frame about the global axes")
+    displacement: np.ndarray = dataset(
+        "m per unit", "mode × 3", "displacement of the frame origin in every mode, in global axes"
+    )
+    rotation: np.ndarray = dataset("rad per unit", "mode × 3", "rotation of the frame in every mode, about global axes")
 
 
 @record
 class StateSpace:
     """Linearised model ẋ = A x + B Δu, Δy = C x + D Δu about the equilibrium; x: modal coordinates and their rates."""
 
-    A: np.ndarray = dataset("1/s", "state × state", "state matrix: ẋ per x")
-    B: np.ndarray = dataset("SI per unit of the load", "state × input", "input matrix: ẋ per load")
-    C: np.ndarray = dataset("SI per unit of x", "output × state", "output matrix: readings per x")
-    D: np.ndarray = dataset("SI per unit of the load", "output × input", "feedthrough matrix: readings per load")
-    inputs: tuple[str, ...] = dataset("1", "input", "names of the loads")
+    A: np.ndarray = dataset("1/s", "state × state", "state matrix A of ẋ = A x + B Δu, x: modal coordinates and rates")
+    B: np.ndarray = dataset("SI per unit of the load", "state × input", "input matrix B of ẋ = A x + B Δu")
+    C: np.ndarray = dataset("SI per unit of x", "output × state", "output matrix C of Δy = C x + D Δu, y: readings")
+    D: np.ndarray = dataset("SI per unit of the load", "output × input", "feedthrough matrix D of Δy = C x + D Δu")
+    inputs: tuple[str, ...] = dataset("1", "input", "names of the loads u")
     outputs: tuple[str, ...] = dataset(
-        "1", "output", "names of the sensors that depend on the state, with component number"
+        "1", "output", "sensor and component number of every reading y that depends on x"
     )
 
 
@@ -180,15 +192,19 @@ class StateSpace:
 class Coupled:
     """modes.h5 of a bench: small motions about the initial state, with M = 1."""
 
-    frequency: np.ndarray = dataset("Hz", "mode", "undamped natural frequencies; 0: free motion")
+    frequency: np.ndarray = dataset("Hz", "mode", "undamped natural frequencies of the bench; 0: rigid-body motion")
     damping: np.ndarray = dataset("1", "mode", "damping ratios of the modes")
-    stiffness: np.ndarray = dataset("1/s^2", "mode", "ω² of every mode; negative: unstable equilibrium")
-    shape: np.ndarray = dataset("SI per unit", "mode × coordinate", "mode shapes in the coordinates of the bodies")
-    q: np.ndarray = dataset("SI", "coordinate", "coordinates of all bodies in equilibrium")
-    growth: float = dataset("1/s", "", "growth rate of the instability of the equilibrium; 0: stable")
+    stiffness: np.ndarray = dataset(
+        "1/s^2", "mode", "square of the angular frequency of every mode; negative: unstable mode"
+    )
+    shape: np.ndarray = dataset(
+        "SI per unit", "mode × coordinate", "mode shapes in generalised coordinates of all bodies"
+    )
+    q: np.ndarray = dataset("SI", "coordinate", "generalised coordinates of all bodies in equilibrium")
+    growth: float = dataset("1/s", "", "growth rate of a disturbance of the equilibrium; 0: stable equilibrium")
     coordinates: dict[str, np.ndarray] = dataset("1", "2", "coordinates of <name>: first index, and last index plus 1")
     frames: dict[str, FrameInModes] = group()
-    eigenvalue: np.ndarray = dataset("1/s", "state × 2", "eigenvalues of the state matrix A, real and imaginary part")
+    eigenvalue: np.ndarray = dataset("1/s", "state × 2", "eigenvalues of the state matrix A: real and imaginary part")
     system: StateSpace = group()
 
 
@@ -201,11 +217,13 @@ class BearingCase:
 
     load: np.ndarray = dataset("N or N m", "5", f"load on the inner ring {FIVE}")
     displacement: np.ndarray = dataset("m or rad", "5", f"displacement of the inner ring {FIVE}")
-    stiffness: np.ndarray = dataset("N/m to N m/rad", "5 × 5", "stiffness of the bearing, ∂load/∂displacement")
-    station: np.ndarray = dataset("rad", "/station", "angular position of every ball, from the y axis towards z")
-    force: np.ndarray = dataset("N", "/station × 4", "contact force of every ball (ball × contact)")
-    contact_angle: np.ndarray = dataset("rad", "/station × 4", "contact angle of every ball (ball × contact)")
-    pressure: np.ndarray = dataset("Pa", "/station × 4", "peak contact pressure of every ball (ball × contact)")
+    stiffness: np.ndarray = dataset("N/m to N m/rad", "5 × 5", "stiffness matrix of the bearing, ∂load/∂displacement")
+    station: np.ndarray = dataset(
+        "rad", "/station", "angular position of every ball, from the y axis towards the z axis"
+    )
+    force: np.ndarray = dataset("N", "/station × 4", "contact force at the four contacts of every ball")
+    contact_angle: np.ndarray = dataset("rad", "/station × 4", "contact angle at the four contacts of every ball")
+    pressure: np.ndarray = dataset("Pa", "/station × 4", "peak contact pressure at the four contacts of every ball")
 
 
 @record
@@ -213,7 +231,9 @@ class BearingCurve:
     """Load as a function of one displacement."""
 
     displacement: np.ndarray = dataset(
-        "<unit>", "/displacement", "varied displacement of the inner ring; other displacements are zero"
+        "<unit>",
+        "/displacement",
+        "varied displacement or tilt of the inner ring; the other displacements and tilts are zero",
     )
     load: np.ndarray = dataset("N or N m", "/displacement × 5", f"load on the inner ring {FIVE}")
 
@@ -254,16 +274,16 @@ class BenchTruths:
     """Every history starts in the configured initial state, with its loads."""
 
     time: np.ndarray = dataset("s", "/time", "time from the start of the run")
-    begin: np.ndarray = dataset("s", "history", "start time of each history in the load histories")
-    q: np.ndarray = dataset("SI", "/time × history × coordinate", "coordinates of all bodies")
-    v: np.ndarray = dataset("SI", "/time × history × coordinate", "rates of the coordinates of all bodies")
+    begin: np.ndarray = dataset("s", "history", "start time of each load history within the configured load history")
+    q: np.ndarray = dataset("SI", "/time × history × coordinate", "generalised coordinates of all bodies")
+    v: np.ndarray = dataset("SI", "/time × history × coordinate", "rates of the generalised coordinates of all bodies")
     inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time × history", "load <name>")
 
 
 @record
 class LoadHistory:
-    """An unknown load. true: simulated value; there: value on the measured bench; smoothed: smoother of an extended filter that
-    did not diverge; smoothed_std: only if the smoother is consistent."""
+    """An unknown load. true: simulated value; unscaled: value on the measured bench; smoothed: smoother of an extended filter
+    that did not diverge; smoothed_std: only if the smoother is consistent."""
 
     estimate: np.ndarray = dataset("<unit>", "/time", "estimate of <what>")
     std: np.ndarray = dataset("<unit>", "/time", "standard deviation of the estimate of <what>")
@@ -303,7 +323,10 @@ class SensorMatch:
         default=None,
     )
     predicted_std: np.ndarray | None = dataset(
-        "<unit>", "instant × component", "standard deviation of the measured minus the predicted reading", default=None
+        "<unit>",
+        "instant × component",
+        "standard deviation of the difference between measured and predicted reading of <what>",
+        default=None,
     )
     left_in: tuple[str, ...] | None = dataset(
         "1", "component", "reason why <what> was not predicted from the other channels; empty: predicted", default=None
@@ -320,12 +343,12 @@ class SensorMatch:
 class BallsThen:
     """Ball loads at the instant of the highest estimated contact pressure."""
 
-    time: float = dataset("s", "", "time of the highest contact pressure")
-    station: np.ndarray = dataset("rad", "ball", "angular position of every ball")
-    force: np.ndarray = dataset("N", "ball × 4", "contact force of every ball (ball × contact)")
-    force_std: np.ndarray = dataset("N", "ball × 4", "standard deviation of the contact force")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure of every ball (ball × contact)")
-    pressure_std: np.ndarray = dataset("Pa", "ball × 4", "standard deviation of the contact pressure")
+    time: float = dataset("s", "", "time of the highest contact pressure of the bearing")
+    station: np.ndarray = dataset("rad", "ball", "angular position of every ball, from the y axis towards the z axis")
+    force: np.ndarray = dataset("N", "ball × 4", "contact force at the four contacts of every ball")
+    force_std: np.ndarray = dataset("N", "ball × 4", "standard deviation of every contact force")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure at the four contacts of every ball")
+    pressure_std: np.ndarray = dataset("Pa", "ball × 4", "standard deviation of every contact pressure")
 
 
 @record
@@ -333,12 +356,16 @@ class RingEstimate:
     """Estimated bearing motion and loads of the first run; missing with the grid filter."""
 
     displacement: np.ndarray = dataset(
-        "m or rad", "/time × 5", "displacement x, y, z and tilts about y, z of the inner ring"
+        "m or rad",
+        "/time × 5",
+        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring",
     )
-    std: np.ndarray = dataset("m or rad", "/time × 5", "standard deviation of the displacement of the inner ring")
-    instants: np.ndarray = dataset("s", "picture", "times at which the ball loads were evaluated")
-    pressure: np.ndarray = dataset("Pa", "picture", "highest contact pressure of all balls")
-    pressure_std: np.ndarray = dataset("Pa", "picture", "standard deviation of the highest contact pressure")
+    std: np.ndarray = dataset(
+        "m or rad", "/time × 5", "standard deviation of every displacement and tilt of the inner ring"
+    )
+    instants: np.ndarray = dataset("s", "instant", "times at which the ball loads are evaluated")
+    pressure: np.ndarray = dataset("Pa", "instant", "highest contact pressure of all balls at every instant")
+    pressure_std: np.ndarray = dataset("Pa", "instant", "standard deviation of the highest contact pressure")
     worst: BallsThen = group()
 
 
@@ -360,10 +387,12 @@ class BenchEstimated:
     """estimate.h5 of a bench."""
 
     time: np.ndarray = dataset("s", "/time", "time from the start of the run")
-    q: np.ndarray = dataset("SI", "/time × coordinate", "estimated coordinates of all bodies")
-    violation: np.ndarray = dataset("1", "/time", "largest relative constraint violation of the estimate")
-    nis: np.ndarray = dataset("1", "instant", "normalised innovation squared (NIS), divided by the number of channels")
-    lost: np.ndarray = dataset("1", "run", "time step in which the run diverged; −1: not diverged")
+    q: np.ndarray = dataset("SI", "/time × coordinate", "estimated generalised coordinates of all bodies")
+    violation: np.ndarray = dataset("1", "/time", "largest relative violation of the joint constraints in the estimate")
+    nis: np.ndarray = dataset(
+        "1", "instant", "normalised innovation squared (NIS) at every instant, divided by the number of channels"
+    )
+    lost: np.ndarray = dataset("1", "run", "number of the time step in which the filter run diverged; −1: not diverged")
     inputs: dict[str, LoadHistory] = group(unit="unit of input <name>", what="<name>")
     parameters: dict[str, ParameterHistory] = group(unit="unit of parameter <name>", what="<name>")
     sensors: dict[str, SensorMatch] = group(unit="unit of sensor <name>", what="<name>")
@@ -389,7 +418,9 @@ class BenchCandidates:
     element: np.ndarray = dataset("1", "candidate", "element id of every candidate in the deck")
     facet: np.ndarray = dataset("1", "candidate", "facet number of every candidate in its element, from 1")
     response: np.ndarray = dataset(
-        "(strain or m or m/s^2)/SI", "candidate × /inputs", "static reading per unit of every unknown"
+        "(strain or m or m/s^2)/SI",
+        "candidate × /inputs",
+        "static reading of every candidate per unit of each unknown",
     )
 
 
@@ -398,9 +429,7 @@ class BenchLayout:
     """One layout with its gauges in order."""
 
     candidate: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
-    sensor: tuple[str, ...] = dataset(
-        "1", "gauge", "SENSOR.AXIS for a sensor component of the bench; empty for a gauge"
-    )
+    sensor: tuple[str, ...] = dataset("1", "gauge", "SENSOR.AXIS for a component of a bench sensor; empty for a gauge")
     position: np.ndarray = dataset("m", "gauge × 3", "position of every gauge")
     direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction of every gauge")
     length: np.ndarray = dataset("m", "gauge", "grid length of every gauge; 0: strain at the grid centre")
@@ -410,10 +439,10 @@ class BenchLayout:
     std: np.ndarray = dataset(
         "SI",
         "/inputs",
-        "steady-state σ of every load, σ of every parameter at the end of the run; inf: unobservable load; "
+        "σ of every unknown: in the steady state for a load, at the end of the run for a parameter; inf: unobservable load; "
         "NaN: not solved accurately",
     )
-    without: np.ndarray = dataset("SI", "gauge × /inputs", "σ of every unknown without each gauge")
+    without: np.ndarray = dataset("SI", "gauge × /inputs", "σ of every unknown after the failure of each gauge")
 
     @property
     def bonded(self) -> np.ndarray:
@@ -426,7 +455,7 @@ class BenchPlaced(PlacedLayout):
     """place.h5 of a bench. The state is (η, η̇, u, ξ) about the static equilibrium: modal coordinates of the constrained motion,
     their rates, unknown inputs, scaled parameters."""
 
-    inputs: tuple[str, ...] = dataset("1", "/inputs", "names of the unknowns, inputs before parameters")
+    inputs: tuple[str, ...] = dataset("1", "/inputs", "names of the unknowns: loads, then parameters")
     units: tuple[str, ...] = dataset("1", "/inputs", "units of the unknowns")
     candidates: BenchCandidates = group()
     layouts: dict[str, BenchLayout] = group(what="<what>")

@@ -14,16 +14,16 @@ from strainsight.records.record import dataset, group, read, record
 class DamageAt:
     """Fatigue damage at some points."""
 
-    position: np.ndarray = dataset("m", "place × 3", "position of every evaluated point")
-    element: np.ndarray = dataset("1", "place", "element id of every evaluated point")
-    of_mean: np.ndarray = dataset("1", "place", "damage of the smoothed stress history, without uncertainty")
-    damage: np.ndarray = dataset("1", "place", "median damage of the sampled stress histories; NaN: not sampled")
-    low: np.ndarray = dataset("1", "place", "2.5 % quantile of the damage")
-    high: np.ndarray = dataset("1", "place", "97.5 % quantile of the damage")
-    range_of_mean: np.ndarray = dataset("Pa", "place", "equivalent stress range of the smoothed history")
-    range: np.ndarray = dataset("Pa", "place", "median equivalent stress range of the sampled histories")
-    range_low: np.ndarray = dataset("Pa", "place", "2.5 % quantile of the equivalent stress range")
-    range_high: np.ndarray = dataset("Pa", "place", "97.5 % quantile of the equivalent stress range")
+    position: np.ndarray = dataset("m", "point × 3", "position of every evaluated point")
+    element: np.ndarray = dataset("1", "point", "element id of every evaluated point")
+    of_mean: np.ndarray = dataset("1", "point", "damage of the smoothed stress history, without uncertainty")
+    damage: np.ndarray = dataset("1", "point", "median damage of the sampled stress histories; NaN: not sampled")
+    low: np.ndarray = dataset("1", "point", "2.5 % quantile of the damage of the sampled stress histories")
+    high: np.ndarray = dataset("1", "point", "97.5 % quantile of the damage of the sampled stress histories")
+    range_of_mean: np.ndarray = dataset("Pa", "point", "damage-equivalent stress range of the smoothed stress history")
+    range: np.ndarray = dataset("Pa", "point", "median damage-equivalent stress range of the sampled stress histories")
+    range_low: np.ndarray = dataset("Pa", "point", "2.5 % quantile of the sampled damage-equivalent stress ranges")
+    range_high: np.ndarray = dataset("Pa", "point", "97.5 % quantile of the sampled damage-equivalent stress ranges")
 
 
 @record
@@ -35,26 +35,29 @@ class Damaged:
     hot_spot: np.ndarray | None = dataset(
         "1",
         "hot spot",
-        "indices of the points of /surface with the largest damage, largest first, at a minimum distance",
+        "indices of the hot spots in /damage/surface: points with the largest damage at a minimum distance from each other, "
+        "largest damage first",
         default=None,
     )
-    hours: float = dataset("h", "", "duration of the record, times the number of repetitions")
+    hours: float = dataset("h", "", "duration of the test record multiplied by the number of repetitions")
 
 
 @record
 class TestChannels:
     """Channels of the file."""
 
-    time: np.ndarray = dataset("s", "/time", "sampling times of the channels; the filter starts at the first")
+    time: np.ndarray = dataset("s", "/time", "sampling times of the channels; the filter starts at the first time")
     label: tuple[str, ...] = dataset("1", "/label", "gauge and grid of every channel")
-    channel: np.ndarray = dataset("1", "/label", "row of every channel in train.h5")
+    channel: np.ndarray = dataset("1", "/label", "row of every channel in /gauges of train.h5")
     measured: np.ndarray = dataset(
         "unit of the channel", "/time × /label", "calibrated samples of every channel; NaN: missing sample"
     )
     estimated: np.ndarray = dataset("unit of the channel", "/time × /label", "estimated reading of every channel")
-    std: np.ndarray = dataset("unit of the channel", "/time × /label", "standard deviation of the estimated reading")
+    std: np.ndarray = dataset("unit of the channel", "/time × /label", "standard deviation of every estimated reading")
     noise_std: np.ndarray = dataset(
-        "unit of the channel", "/label", "noise standard deviation of one sample, as used by the filter"
+        "unit of the channel",
+        "/label",
+        "noise standard deviation of one sample of every channel, in the filter",
     )
 
 
@@ -65,10 +68,12 @@ class HoldOut:
     predicted: np.ndarray = dataset(
         "unit of the channel",
         "/gauge/time × /gauge/label",
-        "readings predicted from the other gauges; NaN: not predicted",
+        "readings of every channel, predicted from the other gauges; NaN: not predicted",
     )
     std: np.ndarray = dataset(
-        "unit of the channel", "/gauge/time × /gauge/label", "standard deviation of measured minus predicted reading"
+        "unit of the channel",
+        "/gauge/time × /gauge/label",
+        "standard deviation of the difference between measured and predicted reading",
     )
     left_in: tuple[str, ...] = dataset("1", "/gauge/label", "reason why a channel was not predicted; empty: predicted")
 
@@ -77,23 +82,36 @@ class HoldOut:
 class ChannelsChecked:
     """Comparison of every channel with its prediction from the others."""
 
-    by_others: bool = dataset("1", "", "1 if every channel is predicted from all other channels (fault search)")
+    by_others: bool = dataset(
+        "1",
+        "",
+        "1: every channel is predicted from all other channels (fault search); 0: every channel is predicted one step ahead "
+        "from all channels",
+    )
     begin: float = dataset("s", "", "time of the first sample of the channel check")
     end: float = dataset("s", "", "time of the last sample of the channel check")
-    measured: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of the measured reading")
-    predicted: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of the predicted reading")
-    residual: np.ndarray = dataset("1", "/gauge/label", "RMS of (measured − predicted) / σ of the difference")
-    correlation: np.ndarray = dataset("1", "/gauge/label", "correlation of measured and predicted reading")
+    measured: np.ndarray = dataset(
+        "unit of the channel", "/gauge/label", "RMS of the measured readings of every channel"
+    )
+    predicted: np.ndarray = dataset(
+        "unit of the channel", "/gauge/label", "RMS of the predicted readings of every channel"
+    )
+    residual: np.ndarray = dataset("1", "/gauge/label", "RMS of (measured − predicted reading) / σ of the difference")
+    correlation: np.ndarray = dataset("1", "/gauge/label", "correlation coefficient of measured and predicted readings")
     fault: tuple[str, ...] = dataset(
-        "1", "/gauge/label", "most likely fault of every channel; empty: no fault improves the fit"
+        "1",
+        "/gauge/label",
+        "most likely fault of every channel; empty: no fault improves the agreement of measurement and prediction",
     )
     gain: np.ndarray = dataset(
-        "1", "/gauge/label", "logarithm of the likelihood ratio with and without the fault; 0: no fault"
+        "1",
+        "/gauge/label",
+        "logarithm of the ratio of the likelihoods with and without the most likely fault of every channel; 0: no fault",
     )
     candidate: tuple[str, ...] = dataset(
         "1",
         "candidate",
-        "faults that restore consistency, most likely first; the fault is identified if only one is listed",
+        "faults that explain the inconsistency with the model, most likely first; a single entry is the identified fault",
     )
 
 
@@ -101,18 +119,18 @@ class ChannelsChecked:
 class ChannelOffsets:
     """Channels with an unknown offset."""
 
-    channel: np.ndarray = dataset("1", "channel", "indices of the channels with unknown offset")
-    mean: np.ndarray = dataset("unit of the channel", "channel", "estimated offsets")
-    std: np.ndarray = dataset("unit of the channel", "channel", "standard deviation of the estimated offsets")
+    channel: np.ndarray = dataset("1", "channel", "indices of the channels with unknown offset, in /gauge/label")
+    mean: np.ndarray = dataset("unit of the channel", "channel", "estimated offset of each channel with unknown offset")
+    std: np.ndarray = dataset("unit of the channel", "channel", "standard deviation of every estimated offset")
 
 
 @record
 class Resultant:
     """Vector sum of the unknown loads at one location."""
 
-    place: str = dataset("1", "", "node or set on which the loads act")
-    force: np.ndarray = dataset("N", "/time × 3", "vector sum of the loads")
-    magnitude: np.ndarray = dataset("N", "/time", "magnitude of the vector sum of the loads")
+    place: str = dataset("1", "", "node or node set on which the unknown loads act")
+    force: np.ndarray = dataset("N", "/time × 3", "vector sum of the unknown loads")
+    magnitude: np.ndarray = dataset("N", "/time", "magnitude of the vector sum of the unknown loads")
     std: np.ndarray = dataset("N", "/time", "standard deviation of the magnitude of the vector sum")
 
 
@@ -120,10 +138,10 @@ class Resultant:
 class VirtualStrain:
     """Virtual gauges: estimated strain at locations without a gauge."""
 
-    strain: np.ndarray = dataset("strain", "/time × grid", "smoothed strain at every virtual gauge")
-    std: np.ndarray = dataset("strain", "/time × grid", "standard deviation of the smoothed strain")
-    position: np.ndarray = dataset("m", "grid × 3", "position of every virtual gauge")
-    direction: np.ndarray = dataset("1", "grid × 3", "measuring direction of every virtual gauge")
+    strain: np.ndarray = dataset("strain", "/time × grid", "smoothed strain at every grid of the virtual gauges")
+    std: np.ndarray = dataset("strain", "/time × grid", "standard deviation of every smoothed strain")
+    position: np.ndarray = dataset("m", "grid × 3", "position of every grid of the virtual gauges")
+    direction: np.ndarray = dataset("1", "grid × 3", "measuring direction of every grid of the virtual gauges")
 
 
 GRID_FILTER, SIGMA_POINT, EXTENDED = "grid", "sigma-point", "extended"
@@ -144,7 +162,10 @@ class Compared:
         "unit of <name>", "/filter", "standard deviation of the final estimate of <name>"
     )
     ratio: dict[str, np.ndarray] = dataset(
-        "1", "/filter", "expected RMS error of the estimate (under the posterior of the grid filter), divided by its σ"
+        "1",
+        "/filter",
+        "RMS error of the estimate of every filter, expected from the posterior of the grid filter, divided by σ "
+        "of the estimate",
     )
 
 
@@ -152,16 +173,25 @@ class Compared:
 class SurfaceMoment:
     """Surface at the instant of the largest reading; facets as in `exterior_facets` of the mesh of import.h5."""
 
-    time: float = dataset("s", "", "time of the largest reading, in the time of the file")
+    time: float = dataset("s", "", "time of the largest reading, on the time axis of the test file")
     label: str = dataset("1", "", "channel with the largest reading")
-    displacement: np.ndarray = dataset("m", "node × 3", "smoothed displacement at the nodes of import.h5")
-    strain: np.ndarray = dataset("strain", "exterior facet × 6", "smoothed strain at the facet centres, γ for shear")
+    displacement: np.ndarray = dataset(
+        "m", "node × 3", "smoothed displacement at the nodes of import.h5 at the time of the largest reading"
+    )
+    strain: np.ndarray = dataset(
+        "strain",
+        "exterior facet × 6",
+        "smoothed strain at the facet centres; shear components are engineering shear strains γ",
+    )
     principal_strain: np.ndarray = dataset(
-        "strain", "exterior facet", "principal strain of largest magnitude at the facet centres, with sign"
+        "strain", "exterior facet", "principal strain of the largest magnitude at the facet centres, with sign"
     )
     von_mises: np.ndarray = dataset("Pa", "exterior facet", "von Mises stress at the facet centres")
     von_mises_std: np.ndarray | None = dataset(
-        "Pa", "exterior facet", "standard deviation of the von Mises stress; missing if not computed", default=None
+        "Pa",
+        "exterior facet",
+        "standard deviation of the von Mises stress at the facet centres; missing if not computed",
+        default=None,
     )
 
 
@@ -175,23 +205,28 @@ class TestSource:
     format: str = dataset("1", "", "file format: csv, hdf5, uff58, mdf, tdms or mat")
     date: str = dataset("1", "", "date of the test from the config; empty: not set")
     channel: tuple[str, ...] = dataset("1", "/channel", "name of every channel in the file")
-    measures: tuple[str, ...] = dataset("1", "/channel", "gauge and grid, or known load, of the channel")
+    measures: tuple[str, ...] = dataset("1", "/channel", "quantity of every channel: gauge and grid, or known load")
     unit: tuple[str, ...] = dataset("1", "/channel", "unit of the readings of every channel")
     bridge: tuple[str, ...] = dataset("1", "/channel", "bridge arrangement of every channel; empty: no bridge")
     gauge_factor: np.ndarray = dataset("1", "/channel", "gauge factor of every channel; NaN: no bridge")
-    poisson_ratio: np.ndarray = dataset("1", "/channel", "Poisson's ratio for the bridge equation; NaN if not needed")
+    poisson_ratio: np.ndarray = dataset("1", "/channel", "Poisson's ratio in the bridge equation; NaN: not needed")
     sign: np.ndarray = dataset("1", "/channel", "polarity of every channel; −1: reversed wiring")
     scale: np.ndarray = dataset("1", "/channel", "factor on the calibrated signal of every channel")
-    offset: np.ndarray = dataset("unit in /source/unit", "/channel", "offset, which is subtracted from the readings")
+    offset: np.ndarray = dataset(
+        "unit in /source/unit", "/channel", "offset of every channel, subtracted from readings"
+    )
     drift: np.ndarray = dataset(
         "unit in /source/unit, per second",
         "/channel",
-        "drift rate; drift rate × time since the start is subtracted from the readings",
+        "drift rate of every channel; drift rate × time since the start is subtracted from the readings",
     )
     zero: np.ndarray = dataset(
-        "s", "/channel × 2", "zero interval [from, to]; its mean reading is subtracted; NaN: none"
+        "s",
+        "/channel × 2",
+        "zero interval [from, to] of every channel; the mean reading in the interval is subtracted from the "
+        "readings; NaN: no zero interval",
     )
-    delay: np.ndarray = dataset("s", "/channel", "delay that was corrected in every channel; negative: advance")
+    delay: np.ndarray = dataset("s", "/channel", "corrected time delay of every channel; negative: time advance")
 
 
 @record
@@ -213,12 +248,12 @@ class UnknownHistories:
 class Estimated(UnknownHistories):
     """estimate.h5 of a placement."""
 
-    time: np.ndarray = dataset("s", "/time", "time of the estimates, in the time of the file")
+    time: np.ndarray = dataset("s", "/time", "times of the estimates, on the time axis of the test file")
     gauge: TestChannels = group()
     whitened: np.ndarray = dataset(
         "1",
         "/gauge/time × /gauge/label",
-        "innovations divided by their σ; white noise for a consistent model",
+        "innovations of every channel, divided by σ of the innovation; white noise if model and measurements are consistent",
         path="/consistency/whitened",
     )
     hold_out: HoldOut | None = group(default=None)
@@ -231,19 +266,20 @@ class Estimated(UnknownHistories):
     moment: SurfaceMoment | None = group(default=None)
     source: TestSource = group()
     damage: Damaged | None = group(default=None)
-    notes: tuple[str, ...] = dataset("1", "sentence", "notes: corrections of the measurements, and warnings")
+    notes: tuple[str, ...] = dataset("1", "sentence", "sentences on corrections of the measurements, and warnings")
 
 
 @record
 class CampaignRecord:
     """Results common to several records; those of each record are in /record/NAME."""
 
-    name: tuple[str, ...] = dataset("1", "/records", "record names, in the order of the config", path="/records")
+    name: tuple[str, ...] = dataset("1", "/records", "names of the test records, in config order", path="/records")
     alone: dict[str, np.ndarray] = dataset("unit of <name>", "/records", "most likely <name> from each record alone")
     gain: float = dataset(
         "1",
         "",
-        "logarithm of the likelihood ratio: common against separate parameters and gauge errors of the records",
+        "logarithm of the likelihood ratio of two models: common parameters and gauge errors for all records, against separate "
+        "parameters and gauge errors for each record",
     )
     posterior: dict[str, Posterior] = group(unit="unit of <name>", what="<name>")
     damage: Damaged | None = group(default=None)

@@ -41,22 +41,36 @@ class Members:
 
 @dataclass(frozen=True)
 class NamedFacets:
-    facets: Annotated[IntArray, Column("1", "named facet × 2", "element id and facet number in the element")]
+    facets: Annotated[
+        IntArray,
+        Column("1", "named facet × 2", "element id of every facet of the face, and facet number in the element"),
+    ]
 
 
 @dataclass(frozen=True)
 class Axes:
     direction: Annotated[
-        FloatArray, Column("1", "3 × 3", "axes of the local displacement system, as columns (node × xyz × axis)")
+        FloatArray,
+        Column(
+            "1",
+            "3 × 3",
+            "directions of the axes of the local displacement coordinate system of every node, as columns (node × "
+            "xyz × axis)",
+        ),
     ]
 
 
 @dataclass(frozen=True)
 class Ignored:
-    count: Annotated[int, Column("1", "", "number of occurrences of the card in the deck")]
+    count: Annotated[int, Column("1", "", "number of occurrences of the unsupported card in the deck")]
     effect: Annotated[
         str,
-        Column("1", "", "effect of the card: structure (may affect stiffness, mass or ties), none, or empty (unknown)"),
+        Column(
+            "1",
+            "",
+            "effect of the unsupported card on the model: structure (may affect stiffness, mass or ties), none, or "
+            "empty (unknown)",
+        ),
     ]
 
 
@@ -65,10 +79,10 @@ LAMINATE = Key("region", int, "region id of every laminate")
 BEAM_END = Key("region", int, "region id of every beam section; two rows if the ends A and B differ", several=True)
 REGION, NAMED_FACE = (
     Key("region", int, "region id"),
-    Key("name", str, "name of every face, and of the node set of the face"),
+    Key("name", str, "name of every face; the node set of the face has the same name"),
 )
 LOAD, CARD = Key("name", str, "name of every load of the deck"), Key("card", str, "name of every unsupported card")
-TURNED = Key("node", int, "index of nodes with a local displacement system")
+TURNED = Key("node", int, "index of every node with a local displacement coordinate system")
 
 
 @record
@@ -83,7 +97,7 @@ class MeshColumns:
     arms: np.ndarray = dataset(
         "1",
         "arm × 2",
-        "node on a shell face or a beam side, and the shell or beam node to which a rigid arm connects it",
+        "node indices of both ends of every rigid arm: node on a shell face or beam side, and node of the shell or beam",
     )
     regions: Mapping[int, Region] = group(table(Region, "region", "id"))
     shell_sections: Mapping[int, ShellSection] | None = group(
@@ -103,14 +117,14 @@ class MeshColumns:
             CompositeSolid,
             "composite",
             REGION,
-            kind="type of the coordinate system of the axes: rectangular, cylindrical, spherical",
-            turn="axes 1, 2, 3 of the layer in the coordinate system, as columns",
+            kind="type of the coordinate system for the layer axes: rectangular, cylindrical, spherical",
+            turn="directions of the layer axes 1, 2, 3 in this coordinate system, as columns",
         )
     )
     fixed: np.ndarray = dataset(
         "1",
         "held component × 2",
-        "fixed components: [node index, component], 0-2 translations, 3-5 rotations",
+        "fixed components, as [node index, component]; component 0-2: translations, 3-5: rotations",
         path="/constraints/fixed",
     )
     rigid: tuple[RigidElement, ...] = group(table(RigidElement, "rigid element"), path="/constraints/rigid")
@@ -133,9 +147,9 @@ class MeshColumns:
     notes: tuple[str, ...] = dataset("1", "note", "assumptions made in reading the deck")
     doubts: tuple[str, ...] = dataset("1", "doubt", "probable mistakes in the deck")
     contacts: tuple[str, ...] | None = dataset(
-        "1", "pair", "treatment of each contact pair; missing without contact", default=None
+        "1", "pair", "treatment of each contact pair of the deck; missing if the deck has no contact", default=None
     )
-    lumped: int | None = dataset("1", "", "1: lumped mass of solids; missing: consistent mass", default=None)
+    lumped: int | None = dataset("1", "", "1: lumped mass of the solids; missing: consistent mass", default=None)
 
     @classmethod
     def of(cls, mesh: Mesh) -> MeshColumns:

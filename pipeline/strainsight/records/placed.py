@@ -17,17 +17,29 @@ class Augmented:
     """Every scenario as solved, for an independent solution."""
 
     state: tuple[str, ...] = dataset(
-        "1", "/state", "entries of x*: coordinates q, their rates, unknowns, states of load models"
+        "1",
+        "/state",
+        "names of the entries of the augmented state x*: reduced coordinates q, rates of q, unknowns, states of "
+        "the load models",
     )
-    F: np.ndarray = dataset("1/s", "scenario × /state × /state", "augmented state matrix F*")
-    H: np.ndarray = dataset("unit of the channel", "scenario × channel × /state", "strain operator H* of every channel")
-    Q: np.ndarray = dataset("1/s", "scenario × /state × /state", "process noise intensity")
-    R: np.ndarray = dataset("(unit of the channel)^2 s", "scenario × channel", "noise intensity of every channel")
-    weight: np.ndarray = dataset("1", "scenario × /state", "diagonal of the weight matrix W")
+    F: np.ndarray = dataset(
+        "1/s",
+        "scenario × /state × /state",
+        "augmented state matrix F* of every scenario (instant, pose, parameter sample or load case)",
+    )
+    H: np.ndarray = dataset(
+        "unit of the channel",
+        "scenario × channel × /state",
+        "strain operator H* of every scenario: reading of every channel per unit of x*",
+    )
+    Q: np.ndarray = dataset("1/s", "scenario × /state × /state", "process noise intensity Q of the augmented state")
+    R: np.ndarray = dataset("(unit of the channel)^2 s", "scenario × channel", "noise intensity R of every channel")
+    weight: np.ndarray = dataset("1", "scenario × /state", "diagonal of the weight matrix W of the criterion")
     scale: np.ndarray = dataset(
         "x*",
         "scenario × /state",
-        "scale of every entry of x*: x* = scale · scaled state; P of the scaled state of the whole pool has diagonal 1",
+        "scale of every entry of x*: x* = scale · scaled state; with all gauges of the pool, the covariance P of the scaled "
+        "state has the diagonal 1",
     )
 
 
@@ -35,11 +47,15 @@ class Augmented:
 class PoolTable:
     """A unit of the elimination: a gauge, or a mirrored pair."""
 
-    candidate: np.ndarray = dataset("1", "pool row", "candidate number of the first channel of every pool row")
-    channel: np.ndarray = dataset("1", "channel", "candidate number of every row of /augmented/H")
-    row: np.ndarray = dataset("1", "channel", "pool row of every row of /augmented/H")
+    candidate: np.ndarray = dataset(
+        "1", "pool row", "candidate number of the first channel of every pool row (a gauge or a mirrored pair)"
+    )
+    channel: np.ndarray = dataset("1", "channel", "candidate number of every channel in /augmented/H")
+    row: np.ndarray = dataset("1", "channel", "pool row of every channel in /augmented/H")
     gauges: np.ndarray = dataset(
-        "1", "pool row × 1 or 2", "gauge numbers of every pool row; second column −1: single gauge"
+        "1",
+        "pool row × 1 or 2",
+        "gauge numbers of every pool row; −1 in the second column: single gauge, not a mirrored pair",
     )
 
 
@@ -47,7 +63,7 @@ class PoolTable:
 class Removals:
     """The elimination, starting with the whole pool."""
 
-    removed: np.ndarray = dataset("1", "removal", "removed pool rows, in order of removal")
+    removed: np.ndarray = dataset("1", "removal", "removed pool rows of the backward elimination, in order of removal")
     trace: np.ndarray | None = dataset(
         "1",
         "removal + 1",
@@ -58,12 +74,12 @@ class Removals:
         "1", "removal + 1", "<what> of the whole pool and after every removal; only for other criteria", default=None
     )
     rise: np.ndarray = dataset("1", "removal", "increase of <what> with every removal, in full precision")
-    unknowns: tuple[str, ...] = dataset("1", "/unknowns", "names of the unknowns of the criterion, inputs first")
+    unknowns: tuple[str, ...] = dataset("1", "/unknowns", "unknowns in the criterion: loads, then parameters")
     blocks: np.ndarray = dataset(
         "1", "removal + 1 × /unknowns", "weighted variance of every unknown; the sum of a row is tr(W P)"
     )
     solves: np.ndarray = dataset("1", "removal", "number of exact Riccati solutions for every removal")
-    ties: np.ndarray = dataset("1", "removal", "number of equally good alternatives for every removal")
+    ties: np.ndarray = dataset("1", "removal", "number of equally good alternatives for every removal (ties)")
 
 
 @record
@@ -72,15 +88,25 @@ class Selection:
 
     gauge: np.ndarray = dataset("1", "gauge", "pool row of every gauge, <what>")
     number: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
-    channel: np.ndarray = dataset("1", "gauge × most channels", "channels of every gauge; −1: no channel")
-    rank: np.ndarray = dataset("1", "gauge", "rank of every gauge from 1, pool rows <what>")
+    channel: np.ndarray = dataset(
+        "1", "gauge × most channels", "candidate numbers of the channels of every gauge; −1: no channel"
+    )
+    rank: np.ndarray = dataset(
+        "1",
+        "gauge",
+        "rank of every gauge, from 1, with the pool rows <what>; both gauges of a mirrored pair have the same rank",
+    )
     element: np.ndarray = dataset("1", "gauge", "element id of every gauge in the deck")
     facet: np.ndarray = dataset("1", "gauge", "facet number of every gauge in its element, from 1")
     nodes: np.ndarray = dataset("1", "gauge × 8", "node indices of the facet of every gauge; −1: no node")
     position: np.ndarray = dataset("m", "gauge × 3", "position of every gauge")
     direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction of the first channel of every gauge")
     load: np.ndarray | None = dataset(
-        "1", "gauge", "largest training reading of every gauge, divided by its range; NaN: no range", default=None
+        "1",
+        "gauge",
+        "largest reading of every gauge in the training run, divided by the measuring range; NaN: measuring "
+        "range not specified",
+        default=None,
     )
 
 
@@ -90,18 +116,20 @@ class LayoutBound:
 
     lower_bound: float = dataset("1", "", "lower bound on <what> of all permitted layouts")
     gap: float = dataset("1", "", "optimality gap: (<what> of the final set − bound) / <what>")
-    weights: np.ndarray = dataset("1", "pool row", "weight of every pool row in the relaxed problem")
+    weights: np.ndarray = dataset("1", "pool row", "weight of every pool row in the convex relaxation of the placement")
 
 
 @record
 class Rules:
     """The layout and layouts by other criteria, evaluated with the same covariances."""
 
-    rule: tuple[str, ...] = dataset("1", "/rule", "selection rule of every set")
-    gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every set; −1: no gauge")
+    rule: tuple[str, ...] = dataset("1", "/rule", "selection rule of every gauge set")
+    gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every gauge set; −1: no gauge")
     name: tuple[str, ...] = dataset("1", "/name", "name of every criterion; the first is the criterion of the layout")
-    value: np.ndarray = dataset("1", "/rule × /name", "criterion value of every set, a variance")
-    std: dict[str, np.ndarray] = dataset("SI", "/rule", "steady-state σ of <name> with every set; for ranking only")
+    value: np.ndarray = dataset("1", "/rule × /name", "value of every criterion for every gauge set, a variance")
+    std: dict[str, np.ndarray] = dataset(
+        "SI", "/rule", "steady-state σ of <name> with every gauge set; for ranking only"
+    )
 
 
 @record
@@ -111,9 +139,9 @@ class PlacedLayout:
     augmented: Augmented = group()
     pool: PoolTable = group()
     elimination: Removals = group(what="<what>")
-    residual: float = dataset("1", "", "largest relative residual of the Riccati solutions", path="/riccati/residual")
-    greedy: Selection = group(path="/selected/greedy", what="in ascending order")
-    final: Selection = group(path="/selected/final", what="by effect of removal, largest first")
+    residual: float = dataset("1", "", "largest relative residual of all Riccati solutions", path="/riccati/residual")
+    greedy: Selection = group(path="/selected/greedy", what="in ascending order of the pool row")
+    final: Selection = group(path="/selected/final", what="sorted by the effect of the removal, largest effect first")
     loss: np.ndarray = dataset(
         "1",
         "gauge",
@@ -136,7 +164,7 @@ def metric_key(criterion: str) -> str:
 class Budget:
     """Contributions to the variance of every unknown."""
 
-    source: tuple[str, ...] = dataset("1", "/source", "name of every source of variance")
+    source: tuple[str, ...] = dataset("1", "/source", "name of every source of the variance of the estimate")
     share: dict[str, np.ndarray] = dataset("1", "/source", "share of every source in the filtered variance of <name>")
 
     @property
@@ -157,15 +185,17 @@ class Observed:
     """observe.h5."""
 
     excitation: tuple[str, ...] = dataset("1", "/excitation", "name of every excitation")
-    case: tuple[str, ...] = dataset("1", "/case", "unknown groups: input, E (all moduli), rho (all densities)")
+    case: tuple[str, ...] = dataset("1", "/case", "group of unknowns: input, E (all moduli), rho (all densities)")
     unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns of every case")
     condition: np.ndarray = dataset(
-        "1", "/excitation × /case", "condition number of the scaled PBH matrix at λ = 0, median over instants"
+        "1",
+        "/excitation × /case",
+        "condition number of the scaled observability (PBH) matrix at λ = 0, median over instants",
     )
     condition_raw: np.ndarray = dataset(
         "1",
         "/excitation × /case",
-        "condition number of the unscaled PBH matrix, as defined in the thesis; depends on units",
+        "condition number of the unscaled observability (PBH) matrix, as defined in the thesis; depends on units",
     )
     sigma_min: np.ndarray = dataset("1", "/excitation × /case", "smallest singular value of the scaled PBH matrix")
     lost: np.ndarray = dataset("1", "/excitation × /case", "unobservable or weakly observable unknowns; empty: none")
@@ -176,14 +206,18 @@ class HotSpots:
     """Mesh sensitivity of the gauge strains, for the final set or any set; changes relative to the RMS reading in training."""
 
     refined: np.ndarray = dataset(
-        "1", "gauge", "largest strain change with a refined local mesh, relative to the training RMS; NaN: not tested"
+        "1",
+        "gauge",
+        "largest strain change at the gauge with a refined local mesh, relative to the RMS strain of the "
+        "training run; NaN: not tested",
     )
     spread: np.ndarray = dataset(
         "1",
         "gauge",
-        "strain change with nodal forces distributed over facets, relative to the training RMS; NaN: not tested",
+        "strain change at the gauge with nodal forces distributed over facets, relative to the RMS strain of the training run; "
+        "NaN: not tested",
     )
-    share: float = dataset("1", "", "relative strain change above which a location is a hot spot")
+    share: float = dataset("1", "", "limit of the relative strain change; above the limit: hot spot")
 
     @property
     def hot(self) -> np.ndarray:
@@ -197,15 +231,30 @@ class AtGauges:
     """Bonding conditions at the gauge locations, for the final set or any set."""
 
     in_place: np.ndarray = dataset(
-        "1", "gauge", "RMS strain change over one σ of position, relative to the training RMS; NaN: no strain gauge"
+        "1",
+        "gauge",
+        "RMS strain change over one σ of the gauge position, relative to the RMS strain of the training run; "
+        "NaN: no strain gauge",
     )
     over_grid: np.ndarray = dataset(
-        "1", "gauge", "RMS strain change along the grid, relative to the training RMS; NaN: no strain gauge"
+        "1",
+        "gauge",
+        "RMS strain change along the grid, relative to the RMS strain of the training run; NaN: no strain gauge",
     )
-    room: np.ndarray = dataset("m", "gauge", "free height above the gauge; inf: above the search limit")
-    lies_on: tuple[str, ...] = dataset("1", "gauge", "position and support of a probable contact face; empty: none")
-    in_place_limit: float = dataset("1", "", "limit of the strain change over one σ of position; above: steep gradient")
-    over_grid_limit: float = dataset("1", "", "limit of the strain change along the grid; above: steep gradient")
+    room: np.ndarray = dataset("m", "gauge", "free height above the gauge; inf: larger than the search limit")
+    lies_on: tuple[str, ...] = dataset(
+        "1",
+        "gauge",
+        "position and support of the face of the gauge, if the face is probably a contact face; empty: no contact face",
+    )
+    in_place_limit: float = dataset(
+        "1",
+        "",
+        "limit of the relative strain change over one σ of the gauge position; a larger change is a steep gradient",
+    )
+    over_grid_limit: float = dataset(
+        "1", "", "limit of the strain change along the grid; above the limit: steep gradient"
+    )
     room_limit: float = dataset("m", "", "free height required for bonding")
 
     def steep_in_words(self, i: int) -> str:
@@ -213,7 +262,7 @@ class AtGauges:
         changes = [
             f"by {100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
             for value, limit, what in (
-                (self.in_place[i], self.in_place_limit, "over one σ of position"),
+                (self.in_place[i], self.in_place_limit, "over one σ of the gauge position"),
                 (self.over_grid[i], self.over_grid_limit, "along the grid"),
             )
             if value > limit
@@ -237,7 +286,7 @@ class ByCase:
 
     name: tuple[str, ...] = dataset("1", "/name", "name of every load case")
     weight: np.ndarray = dataset("1", "/name", "weight of every load case")
-    scenario: np.ndarray = dataset("1", "scenario", "load case number of every scenario of /augmented")
+    scenario: np.ndarray = dataset("1", "scenario", "load case number of every scenario in /augmented")
     metric: np.ndarray = dataset(
         "1", "/name", "<what> of the final set in every load case, without the weight of the case"
     )

@@ -254,7 +254,7 @@ def _array(value: Any, kind: _Kind) -> np.ndarray:
 def _shape_fault(place: FieldPlace, array: np.ndarray, lengths: dict[str, tuple[int, str]], path: str) -> str:
     """Message for a shape that differs from the axes, or an empty text."""
     if array.ndim != len(place.axes):
-        return f"{path} has {array.ndim} axes instead of {len(place.axes)} ({' × '.join(place.axes) or 'a number'})"
+        return f"{path} has the shape {array.shape} instead of ({' × '.join(place.axes) or 'scalar'})"
     for axis, length in zip(place.axes, array.shape, strict=True):
         counted, more = (axis.removesuffix(" + 1"), 1) if axis.endswith(" + 1") else (axis, 0)
         known = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(counted, (length - more, path))
@@ -347,7 +347,9 @@ def _record(state: Mapping[str, Any], kind: _Kind, path: str, key: str = "") -> 
 
 def _value(state: Mapping[str, Any], place: FieldPlace, kind: _Kind, array: np.ndarray, path: str) -> Any:
     if wrong := _shape_fault(place, array, state["_lengths"], path):
-        raise ArtefactError(f"inconsistent shapes: {wrong}", remedy="run the stage again with --force")
+        raise ArtefactError(
+            f"the datasets have inconsistent shapes: {wrong}", remedy="run the stage again with --force"
+        )
     if kind.leaf == FLAGS:
         return array.astype(bool)
     if np.ndarray in (kind.leaf, get_origin(kind.leaf)):

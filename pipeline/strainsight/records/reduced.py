@@ -103,18 +103,24 @@ def _coefficient(parameters: tuple[str, ...], roots: np.ndarray, weights: np.nda
 class ModelTerms:
     """`ReducedModel` (5.3), with the damping matrix at the reference."""
 
-    mass: AffineOperator = group(AffineTerms, "1", "reduced mass")
-    stiffness: AffineOperator = group(AffineTerms, "1/s^2", "reduced stiffness")
-    damping: AffineOperator = group(AffineTerms, "1/s", "reduced damping at the reference")
+    mass: AffineOperator = group(AffineTerms, "1", "reduced mass matrix")
+    stiffness: AffineOperator = group(AffineTerms, "1/s^2", "reduced stiffness matrix")
+    damping: AffineOperator = group(AffineTerms, "1/s", "reduced damping matrix at the reference parameter values")
     law: Damping = group()
-    input_shape: np.ndarray = dataset("kg^-1/2", "coordinate × /inputs", "input shape S at the reference")
+    input_shape: np.ndarray = dataset(
+        "kg^-1/2",
+        "coordinate × /inputs",
+        "input matrix S at the reference parameter values: modal force per unit of each load",
+    )
     input_slope: dict[str, np.ndarray] = dataset(
-        "SI", "coordinate × /inputs", "derivative ∂S/∂<name> of the input shape, for a density with a body force"
+        "SI", "coordinate × /inputs", "derivative ∂S/∂<name> of the input matrix S, for a density with a body force"
     )
     inputs: tuple[str, ...] = dataset("1", "/inputs", "names of the loads")
     parameters: tuple[str, ...] = dataset("1", "/parameters", "names of the parameters")
     reference: np.ndarray = dataset(
-        "SI", "/parameters", "reference parameter values, at which the coordinates are modal"
+        "SI",
+        "/parameters",
+        "reference values of the parameters; at these values, the reduced coordinates are modal coordinates",
     )
 
     @classmethod
@@ -140,12 +146,18 @@ class ModelTerms:
 class ReductionErrors:
     """Parameter values that the basis was not built from, with the errors there."""
 
-    parameters: np.ndarray = dataset("SI", "point × parameter", "test parameter values, not used for the basis")
+    parameters: np.ndarray = dataset(
+        "SI",
+        "point × parameter",
+        "parameter values of every test point; the test points are not used for the reduction basis",
+    )
     frequency: np.ndarray = dataset(
-        "1", "point × mode", "relative error of the natural frequencies at the test parameter values"
+        "1", "point × mode", "relative error of the natural frequencies of the reduced model at every test point"
     )
     static: np.ndarray = dataset(
-        "1", "point × input", "relative energy-norm error of the static responses at the test parameter values"
+        "1",
+        "point × input",
+        "relative error (energy norm) of the static responses of the reduced model at every test point",
     )
 
 
@@ -153,11 +165,12 @@ class ReductionErrors:
 class ReadyBasis:
     """Data of a model with imported matrices."""
 
-    basis: np.ndarray = dataset("kg^-1/2", "row × coordinate", "reduction basis Ψ on the matrix rows")
+    basis: np.ndarray = dataset("kg^-1/2", "row × coordinate", "reduction basis Ψ in the rows of the imported matrices")
     missed: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "row × input × misalignment",
-        "change of the static response per misalignment outside the span of Ψ, on the matrix rows",
+        "change of the static response per unit misalignment of a load: only the part outside the span of the reduction basis "
+        "Ψ, in the rows of the imported matrices",
     )
     notes: tuple[str, ...] = dataset("1", "note", "assumptions made in reading the matrices")
 
@@ -167,7 +180,7 @@ class FromResults:
     """Data of a model from imported modes and static responses; its free unknowns are the modes and static residuals."""
 
     modes: int = dataset("1", "", "number of modes in the imported results")
-    notes: tuple[str, ...] = dataset("1", "note", "checks of the imported results")
+    notes: tuple[str, ...] = dataset("1", "note", "messages of the checks of the imported modes and static responses")
 
 
 @record
@@ -175,15 +188,20 @@ class Misaligned:
     """Effect of one misalignment of each load, two rotations [rad] and two shifts [m], on its input shape."""
 
     shape: np.ndarray = dataset(
-        "kg^-1/2/rad or kg^-1/2/m", "coordinate × input × misalignment", "change of the input shape S per misalignment"
+        "kg^-1/2/rad or kg^-1/2/m",
+        "coordinate × input × misalignment",
+        "change of the input matrix S per unit misalignment of each load",
     )
     static: np.ndarray = dataset(
-        "m/N/rad or m/N/m", "free unknown × input × misalignment", "change of the static response per misalignment"
+        "m/N/rad or m/N/m",
+        "free unknown × input × misalignment",
+        "change of the static response per unit misalignment of each load",
     )
     missed: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "3 nodes × input × misalignment",
-        "change of the static response per misalignment outside the span of Ψ, on the nodes",
+        "change of the static response at the nodes per unit misalignment of each load: only the part outside the span of the "
+        "reduction basis Ψ",
     )
 
 
@@ -192,12 +210,16 @@ class Reduced:
     """rom.h5."""
 
     model: ReducedModel = group(ModelTerms, path="/reduced")
-    frequency: np.ndarray = dataset("Hz", "/frequency", "natural frequencies of the full model at the reference")
+    frequency: np.ndarray = dataset(
+        "Hz", "/frequency", "natural frequencies of the full model at reference parameter values"
+    )
     basis: np.ndarray = dataset(
-        "kg^-1/2", "3 nodes × coordinate", "reduction basis Ψ on the nodes (row 3 node + component)"
+        "kg^-1/2", "3 nodes × coordinate", "reduction basis Ψ at the nodes; row = 3 × node index + component"
     )
     static: np.ndarray = dataset(
-        "m/N", "free unknown × input", "static response to each input on the free degrees of freedom"
+        "m/N",
+        "free unknown × input",
+        "static displacement of the free degrees of freedom under a unit load of each input",
     )
     misaligned: Misaligned = group()
     error: ReductionErrors = group()

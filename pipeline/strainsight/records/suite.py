@@ -16,84 +16,109 @@ Rows = TypeVar("Rows")
 @record
 class RunRows:
     name: tuple[str, ...] = dataset("1", "/name", "name of every run")
-    label: tuple[str, ...] = dataset("1", "/name", "label of the run on the page")
-    reached: tuple[str, ...] = dataset("1", "/name", "last stage of the run")
-    study: tuple[str, ...] = dataset("1", "/name", "study of the run")
-    group: tuple[str, ...] = dataset("1", "/name", "group of the run")
-    at: np.ndarray = dataset("SI", "/name", "value of the key varied by the study")
-    gauges: np.ndarray = dataset("1", "/name", "number of gauges of the layout")
-    pool: np.ndarray = dataset("1", "/name", "number of gauges in the pool")
+    label: tuple[str, ...] = dataset("1", "/name", "label of every run on the results page")
+    reached: tuple[str, ...] = dataset("1", "/name", "last completed stage of every run")
+    study: tuple[str, ...] = dataset("1", "/name", "name of the study of every run; empty: no study")
+    group: tuple[str, ...] = dataset("1", "/name", "name of the group of every run; empty: no group")
+    at: np.ndarray = dataset("SI", "/name", "value of the config key that the runs of the study vary")
+    gauges: np.ndarray = dataset("1", "/name", "number of gauges in the layout of every run")
+    pool: np.ndarray = dataset("1", "/name", "number of gauges in the pool of every run")
     metric: tuple[str, ...] = dataset("1", "/name", "name of the placement criterion")
-    metric_initial: np.ndarray = dataset("1", "/name", "value of the criterion with the whole pool")
-    metric_final: np.ndarray = dataset("1", "/name", "value of the criterion with the layout")
-    gap: np.ndarray = dataset("1", "/name", "optimality gap: (criterion of the layout − lower bound) / criterion")
-    nis: np.ndarray = dataset("1", "/name", "normalised innovation squared (NIS), mean over the channels")
+    metric_initial: np.ndarray = dataset("1", "/name", "value of the placement criterion with the whole pool")
+    metric_final: np.ndarray = dataset("1", "/name", "value of the placement criterion with the layout")
+    gap: np.ndarray = dataset("1", "/name", "optimality gap: (metric_final − lower bound) / metric_final")
+    nis: np.ndarray = dataset("1", "/name", "normalised innovation squared (NIS) of the filter, mean over the channels")
 
 
 @record
 class UnknownRows:
     """Unknowns, relative to the true parameter, to the RMS of the load (placement), or to the largest true load (bench)."""
 
-    run: np.ndarray = dataset("1", "/name", "row in /run of the run of every unknown")
+    run: np.ndarray = dataset("1", "/name", "index in /run/name of the run of every unknown")
     name: tuple[str, ...] = dataset("1", "/name", "name of every unknown of every run")
     unit: tuple[str, ...] = dataset("1", "/name", "unit of every unknown")
-    truth: np.ndarray = dataset("SI", "/name", "true value of a parameter, or RMS of a load")
+    truth: np.ndarray = dataset("SI", "/name", "true value of a parameter, or RMS of a true load")
     estimate: np.ndarray = dataset("SI", "/name", "estimate of a parameter, or RMS of an estimated load")
-    error: np.ndarray = dataset("1", "/name", "actual relative error of the filter")
-    smoothed: np.ndarray = dataset("1", "/name", "relative error of the smoother")
-    std: np.ndarray = dataset("1", "/name", "relative standard deviation of the filter")
-    expected: np.ndarray = dataset("1", "/name", "relative standard deviation predicted by the stage place")
-    repeats_rms: np.ndarray = dataset("1", "/name", "relative RMS error of the repetitions that did not diverge")
-    repeats_worst: np.ndarray = dataset("1", "/name", "largest relative error of the repetitions; inf if one diverged")
-    verdict: tuple[str, ...] = dataset("1", "/name", "result of the consistency check")
-    slope: np.ndarray = dataset("1", "/name", "slope of the fit estimate = slope · truth + offset")
-    offset: np.ndarray = dataset("N or N m", "/name", "offset of the fit estimate = slope · truth + offset")
+    error: np.ndarray = dataset(
+        "1",
+        "/name",
+        "actual error of the filter estimate, relative to the true parameter, the RMS load (structure) or the "
+        "largest load (bench)",
+    )
+    smoothed: np.ndarray = dataset("1", "/name", "actual error of the smoothed estimate (relative, see `error`)")
+    std: np.ndarray = dataset("1", "/name", "standard deviation of the filter estimate (relative, see `error`)")
+    expected: np.ndarray = dataset(
+        "1", "/name", "standard deviation predicted by the stage `place` (relative, see `error`)"
+    )
+    repeats_rms: np.ndarray = dataset(
+        "1",
+        "/name",
+        "RMS error of the repeated filter runs that did not diverge (relative, see `error`)",
+    )
+    repeats_worst: np.ndarray = dataset(
+        "1",
+        "/name",
+        "largest error of the repeated filter runs (relative, see `error`); inf: a run diverged",
+    )
+    verdict: tuple[str, ...] = dataset("1", "/name", "result of the consistency check for every unknown")
+    slope: np.ndarray = dataset("1", "/name", "slope of the linear fit: estimated load = slope · true load + offset")
+    offset: np.ndarray = dataset(
+        "N or N m", "/name", "offset of the linear fit: estimated load = slope · true load + offset"
+    )
     ratio_slope: np.ndarray = dataset(
-        "1", "/name", "slope of the fit estimate = slope · load on the measured bench + offset"
+        "1", "/name", "slope of the linear fit: estimated load = slope · load on the measured bench + offset"
     )
     ratio_offset: np.ndarray = dataset(
-        "N or N m", "/name", "offset of the fit estimate = slope · load on the measured bench + offset"
+        "N or N m", "/name", "offset of the linear fit: estimated load = slope · load on the measured bench + offset"
     )
 
 
 @record
 class CaseRows:
-    run: np.ndarray = dataset("1", "case", "row in /run of the run of every case")
-    unknowns: tuple[str, ...] = dataset("1", "case", "unknowns of every case")
-    excitation: tuple[str, ...] = dataset("1", "case", "excitation of every case")
-    condition: np.ndarray = dataset("1", "case", "condition number of the scaled PBH matrix at λ = 0")
+    run: np.ndarray = dataset("1", "case", "index in /run/name of the run of every observability case")
+    unknowns: tuple[str, ...] = dataset("1", "case", "unknowns of every observability case")
+    excitation: tuple[str, ...] = dataset("1", "case", "excitation of every observability case")
+    condition: np.ndarray = dataset("1", "case", "condition number of the scaled observability (PBH) matrix at λ = 0")
     condition_raw: np.ndarray = dataset(
-        "1", "case", "condition number of the unscaled PBH matrix at λ = 0; depends on units"
+        "1", "case", "condition number of the unscaled observability (PBH) matrix at λ = 0; depends on units"
     )
 
 
 @record
 class StatementRows:
-    text: tuple[str, ...] = dataset("1", "/text", "text of every claim")
+    text: tuple[str, ...] = dataset("1", "/text", "text of every claim in the config of the suite")
     verdict: tuple[str, ...] = dataset("1", "/text", "result of every claim: confirmed, contradicted or no number")
-    why: tuple[str, ...] = dataset("1", "/text", "explanation of every claim")
+    why: tuple[str, ...] = dataset("1", "/text", "explanation of the result of every claim")
 
 
 @record
 class NumberRows:
-    claim: np.ndarray = dataset("1", "number", "row in /claim of the claim of every number")
-    run: np.ndarray = dataset("1", "number", "row in /run of the run of every number")
+    claim: np.ndarray = dataset("1", "number", "index in /claim/text of the claim of every number")
+    run: np.ndarray = dataset("1", "number", "index in /run/name of the run of every number")
     name: tuple[str, ...] = dataset("1", "number", "name of the number in the summary of the stage")
     seed: np.ndarray = dataset("1", "number", "seed number of the run, from 0")
-    value: np.ndarray = dataset("SI", "number", "value of the number, after the options `times` and `against`")
+    value: np.ndarray = dataset(
+        "SI",
+        "number",
+        "value of the number, multiplied by `times` and divided by the number of the reference run `against`",
+    )
 
 
 @record
 class ComparisonRows:
-    source: tuple[str, ...] = dataset("1", "/source", "location of the statement in the source")
-    statement: tuple[str, ...] = dataset("1", "/source", "statement of the source")
-    published: tuple[str, ...] = dataset("1", "/source", "published number, as text")
-    published_settings: tuple[str, ...] = dataset(
-        "1", "/source", "results with the settings of the source, with limits"
+    source: tuple[str, ...] = dataset("1", "/source", "location in the publication, such as a figure number")
+    statement: tuple[str, ...] = dataset("1", "/source", "statement of the publication")
+    published: tuple[str, ...] = dataset(
+        "1", "/source", "reference value exactly as printed in the publication, as text"
     )
-    other_settings: tuple[str, ...] = dataset("1", "/source", "results with other settings, with limits")
-    verdict: tuple[str, ...] = dataset("1", "/source", "result of the comparison, with the settings used")
-    why: tuple[str, ...] = dataset("1", "/source", "explanation of the comparison")
+    published_settings: tuple[str, ...] = dataset(
+        "1", "/source", "results of runs with the settings of the publication, and limits of these results"
+    )
+    other_settings: tuple[str, ...] = dataset(
+        "1", "/source", "results of runs with other settings, and limits of these results"
+    )
+    verdict: tuple[str, ...] = dataset("1", "/source", "result of the comparison, and settings of the runs")
+    why: tuple[str, ...] = dataset("1", "/source", "explanation of the result of the comparison")
 
 
 @record

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from strainsight.columns import Column, columns_of
 from strainsight.records.record import FieldPlace, placed
 
-ALL = ", all lists concatenated"
-OFFSET = "entries of list i: offset[i] to offset[i + 1] − 1"
+ALL = "; all lists are concatenated"
+OFFSET = "start of every list in the concatenated lists; list i has the entries offset[i] to offset[i + 1] − 1"
 
 
 @dataclass(frozen=True)

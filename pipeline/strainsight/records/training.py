@@ -23,16 +23,18 @@ class GridColumns:
         "1", "<what>", "kind of facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 tri6 of a shell, 5 quad8 of a shell"
     )
     nodes: np.ndarray = dataset("1", "<what> × 8", "node indices of the facet; −1: no node")
-    position: np.ndarray = dataset("m", "<what> × 3", "position; for a candidate, the centre of the facet")
-    normal: np.ndarray = dataset("1", "<what> × 3", "outward normal")
+    position: np.ndarray = dataset("m", "<what> × 3", "measuring point; for a candidate, the centre of the facet")
+    normal: np.ndarray = dataset("1", "<what> × 3", "outward normal of the facet")
     direction: np.ndarray = dataset("1", "<what> × 3", "measuring direction; for strain, in the plane of the facet")
     angle: np.ndarray = dataset(
-        "deg", "<what>", "angle of the direction from the projected axis, counter-clockwise about the outward normal"
+        "deg",
+        "<what>",
+        "angle of the measuring direction from the projected reference axis, counter-clockwise about the outward normal",
     )
-    local: np.ndarray = dataset("1", "<what> × 2", "local coordinates of the position on the facet")
-    length: np.ndarray = dataset("m", "<what>", "grid length for the mean strain; 0: strain at the point")
+    local: np.ndarray = dataset("1", "<what> × 2", "local coordinates of the measuring point on the facet")
+    length: np.ndarray = dataset("m", "<what>", "grid length for the mean strain; 0: strain at the measuring point")
     array: np.ndarray = dataset(
-        "1", "<what>", "0 for gauges, otherwise the number of the entry of motion_sensors, from 1"
+        "1", "<what>", "0 for gauges; for other sensors, number of the entry of `motion_sensors` in the config, from 1"
     )
     bonded: np.ndarray = dataset("1", "<what>", "1 if the gauge or bridge is already bonded", path="/glued")
 
@@ -41,8 +43,8 @@ class GridColumns:
 class ArmColumns(GridColumns):
     """`Arms`, one row for each additional arm of a bridge; each arm is a strain gauge."""
 
-    channel: np.ndarray = dataset("1", "<what>", "channel of every arm")
-    sign: np.ndarray = dataset("1", "<what>", "sign of the arm strain in the bridge reading; the first arm has +1")
+    channel: np.ndarray = dataset("1", "<what>", "channel number of every bridge arm")
+    sign: np.ndarray = dataset("1", "<what>", "sign of the arm strain in the bridge reading; first arm: +1")
 
     @classmethod
     def of(cls, arms: Arms) -> ArmColumns:
@@ -57,7 +59,7 @@ class ArmColumns(GridColumns):
 class CandidateColumns(GridColumns):
     """`Candidates`, one row per channel; a bridge is one channel, at the position of its first arm."""
 
-    quantity: np.ndarray = dataset("1", "<what>", "quantity: 0 strain, 1 acceleration, 2 displacement")
+    quantity: np.ndarray = dataset("1", "<what>", "measured quantity: 0 strain, 1 acceleration, 2 displacement")
     gauge: np.ndarray = dataset("1", "<what>", "gauge number of every channel")
     arms: Arms | None = group(ArmColumns, what="arm", default=None)
 
@@ -73,10 +75,14 @@ class CandidateColumns(GridColumns):
 class StrainOperatorRows:
     """Imported strain operator (channel × matrix row), as the three arrays of a CSR matrix."""
 
-    value: np.ndarray = dataset("1/m or 1/rad", "value", "imported strain per unit motion of a matrix row")
+    value: np.ndarray = dataset(
+        "1/m or 1/rad", "value", "imported strain per unit displacement or rotation of a row of the imported matrices"
+    )
     size: int = dataset("1", "", "number of rows of the imported matrices")
-    column: np.ndarray = dataset("1", "value", "row of the imported matrices of every value")
-    offset: np.ndarray = dataset("1", "channel + 1", "values of channel i: offset[i] to offset[i + 1] − 1")
+    column: np.ndarray = dataset("1", "value", "row number in the imported matrices for every value")
+    offset: np.ndarray = dataset(
+        "1", "channel + 1", "start of every channel in `value`; channel i has the values offset[i] to offset[i + 1] − 1"
+    )
 
     @classmethod
     def of(cls, rows: sparse.csr_array) -> StrainOperatorRows:
@@ -92,12 +98,12 @@ class StrainOperatorRows:
 class CaseMotion:
     """Training run of a load case."""
 
-    time: np.ndarray = dataset("s", "instant", "time of the training run")
+    time: np.ndarray = dataset("s", "instant", "times of the training run")
     load: np.ndarray = dataset("unit of the loads", "instant × input", "loads of the training run", path="/input")
     coordinate: np.ndarray = dataset("kg^1/2 m", "instant × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("kg^1/2 m/s", "instant × coordinate", "reduced velocities")
-    rms: np.ndarray = dataset("unit of the channel", "channel", "RMS reading of every channel")
-    peak: np.ndarray = dataset("unit of the channel", "channel", "largest reading of every channel")
+    rms: np.ndarray = dataset("unit of the channel", "channel", "RMS reading of every channel in the training run")
+    peak: np.ndarray = dataset("unit of the channel", "channel", "largest reading of every channel in the training run")
 
 
 @record
@@ -108,13 +114,13 @@ class Training:
     name: tuple[str, ...] = dataset(
         "1",
         "gauge",
-        "name of every gauge from the config; empty: the layout names the gauge",
+        "name of every gauge in the config; empty: the gauge gets its name in the layout",
         path="/gauges/name",
     )
     rows: np.ndarray = dataset(
         "unit of the row",
         "channel × coordinate",
-        "strain operator: strain, or displacement [m], per reduced coordinate",
+        "strain operator: strain, or displacement [m], of every channel per unit of each reduced coordinate",
         path="/gauges/row",
     )
     row_change: AffineOperator | None = group(
@@ -127,7 +133,8 @@ class Training:
     missed: np.ndarray = dataset(
         "strain/N/rad or strain/N/m",
         "channel × input × misalignment",
-        "static strain, or displacement [m], of load misalignments outside the reduced basis",
+        "static strain, or displacement [m], per unit misalignment of a load: only the part outside the span of the reduction "
+        "basis",
         path="/gauges/missed",
     )
     strain_operator: sparse.csr_array | None = group(StrainOperatorRows, path="/gauges/strain_operator", default=None)
@@ -138,20 +145,22 @@ class Training:
         path="/glued/distance",
         default=None,
     )
-    time: np.ndarray = dataset("s", "/time", "time of the training run")
+    time: np.ndarray = dataset("s", "/time", "times of the training run")
     load: np.ndarray = dataset("unit of the loads", "/time × input", "loads of the training run", path="/input")
     coordinate: np.ndarray = dataset("kg^1/2 m", "/time × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("kg^1/2 m/s", "/time × coordinate", "reduced velocities")
     acceleration: np.ndarray = dataset("kg^1/2 m/s^2", "/time × coordinate", "reduced accelerations")
-    rms_as_stated: np.ndarray = dataset("unit of the channel", "channel", "RMS reading of every channel", path="/rms")
+    rms_as_stated: np.ndarray = dataset(
+        "unit of the channel", "channel", "RMS reading of every channel in the training run", path="/rms"
+    )
     peak_as_stated: np.ndarray = dataset(
-        "unit of the channel", "channel", "largest reading of every channel", path="/peak"
+        "unit of the channel", "channel", "largest reading of every channel in the training run", path="/peak"
     )
     cases: dict[str, CaseMotion] = group(path="/load_cases/<name>")
     arm_peak: np.ndarray | None = dataset(
         "unit of the channel",
         "channel",
-        "largest reading of any grid of a channel (for a bridge, of its arms) in any load case; only with bridges",
+        "largest reading of a single grid (bridge arm) of every channel, over all load cases; only stored if there are bridges",
         default=None,
     )
 
@@ -237,30 +246,32 @@ class Clearance:
 class Screened:
     """screen.h5."""
 
-    kept: np.ndarray = dataset("1", "kept", "number of every gauge in the pool, in ascending order")
+    kept: np.ndarray = dataset("1", "pool gauge", "gauge numbers of the pool, in ascending order")
     snr: np.ndarray = dataset(
         "1",
         "gauge",
-        "largest ratio of RMS reading to noise, over the load cases and unknowns (each alone); with rank_by: "
-        "strength, ratio of the training reading",
+        "largest ratio of RMS reading to noise, over all load cases and unknowns (each unknown alone). With `rank_by: "
+        "strength`: ratio of the RMS reading in the training run to the noise",
     )
-    reason: np.ndarray = dataset("1", "gauge", "reason why a gauge was removed; empty: gauge in the pool")
+    reason: np.ndarray = dataset("1", "gauge", "reason why a gauge was removed from the pool; empty: gauge in the pool")
     clearance: Clearance | None = group(default=None)
     noise_std: np.ndarray = dataset(
-        "unit of the channel", "channel", "noise standard deviation of one sample at the training time step"
+        "unit of the channel",
+        "channel",
+        "noise standard deviation of one sample of every channel at the time step of the training run",
     )
     installation: np.ndarray | None = dataset(
         "(unit of the channel)^2",
         "case × channel",
-        "mean square reading error from installation errors, in every load case by name or under the configured "
-        "loads; zero for candidates without clearance; only with installation: avoid",
+        "mean square error of every reading due to installation errors, in every load case (sorted by name) or under the "
+        "configured loads; zero for candidates without clearance; only stored with `installation: avoid`",
         default=None,
     )
     range: np.ndarray = dataset(
         "unit of the channel", "channel", "measuring range of every channel; inf: not specified"
     )
     family: tuple[str, ...] = dataset(
-        "1", "kind", "name of every kind of sensor; /gauges/array of train.h5 is the index"
+        "1", "kind", "name of every kind of sensor; index of the kind: /gauges/array of train.h5"
     )
 
 

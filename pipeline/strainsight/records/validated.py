@@ -13,12 +13,10 @@ class SimulatedChannels:
     """Channels of the layout."""
 
     time: np.ndarray = dataset("s", "/time", "sampling times of the gauges")
-    measured: np.ndarray = dataset(
-        "unit of the channel", "/time × channel", "simulated measurement of every channel, with noise"
-    )
-    true: np.ndarray = dataset("unit of the channel", "/time × channel", "true reading of every channel")
+    measured: np.ndarray = dataset("unit of the channel", "/time × channel", "simulated readings, with noise")
+    true: np.ndarray = dataset("unit of the channel", "/time × channel", "simulated readings, without noise")
     estimated: np.ndarray = dataset("unit of the channel", "/time × channel", "estimated reading of every channel")
-    std: np.ndarray = dataset("unit of the channel", "/time × channel", "standard deviation of the estimated reading")
+    std: np.ndarray = dataset("unit of the channel", "/time × channel", "standard deviation of every estimated reading")
 
 
 @record
@@ -32,7 +30,8 @@ class Consistency:
     band: np.ndarray = dataset(
         "1",
         "2 × 2",
-        "99.73 % limits (low, high) of the NEES at one instant and the mean NIS; at least 1 / 1.21 to 1.21",
+        "99.73 % limits (low, high) of the NEES at one instant (first row) and of the mean NIS (second row); the interval "
+        "includes 1/1.21 to 1.21",
     )
 
 
@@ -40,7 +39,7 @@ class Consistency:
 class Field:
     """Every candidate at the instant of the largest true strain."""
 
-    instant: float = dataset("s", "", "time of the largest true strain")
+    instant: float = dataset("s", "", "time of the largest true strain of all candidates")
     true: np.ndarray = dataset(
         "unit of the candidate",
         "candidate",
@@ -49,7 +48,11 @@ class Field:
     strain: np.ndarray = dataset(
         "unit of the candidate", "candidate", "estimated strain (or displacement) of every candidate at /field/instant"
     )
-    std: np.ndarray = dataset("unit of the candidate", "candidate", "standard deviation of the estimated strain")
+    std: np.ndarray = dataset(
+        "unit of the candidate",
+        "candidate",
+        "standard deviation of the estimated strain (or displacement) of every candidate at /field/instant",
+    )
 
 
 @record
@@ -62,7 +65,9 @@ class Errors:
 
 @record
 class NoiseStudy(Errors):
-    factor: np.ndarray = dataset("1", "run", "gauge noise of every run, relative to the configured noise")
+    factor: np.ndarray = dataset(
+        "1", "run", "noise standard deviation of the gauges in every run, relative to the configured noise"
+    )
 
 
 @record
@@ -81,9 +86,11 @@ class RandomSetErrors(Errors):
 @record
 class SweepTable:
     key: tuple[str, ...] = dataset(
-        "1", "/key", "changed quantity: time_step, process_noise, or the name of a parameter with a wrong value"
+        "1",
+        "/key",
+        "quantity changed in every run: time_step, process_noise, or the name of a parameter with a wrong value",
     )
-    value: np.ndarray = dataset("1", "/key", "time step [s], or factor on the process noise or the parameter")
+    value: np.ndarray = dataset("1", "/key", "time step [s], or factor on the process noise or on the parameter")
     error: dict[str, np.ndarray] = dataset("1", "/key", "actual error of <name>")
     std: dict[str, np.ndarray] = dataset("1", "/key", "estimated standard deviation of <name>")
 
@@ -92,13 +99,13 @@ class SweepTable:
 class Validated(UnknownHistories):
     """validate.h5."""
 
-    time: np.ndarray = dataset("s", "/time", "time of the validation run")
+    time: np.ndarray = dataset("s", "/time", "times of the validation run")
     truth: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "true time history of <name>")
     gauge: SimulatedChannels = group()
     consistency: Consistency = group()
     field: Field = group()
     noise: NoiseStudy = group(what="noise level")
     repeats: Starts = group(what="seed and initial value")
-    screened: RandomSetErrors = group(path="/random_sets/screened", what="random set of the screened pool")
-    all: RandomSetErrors = group(path="/random_sets/all", what="random set of all candidates")
+    screened: RandomSetErrors = group(path="/random_sets/screened", what="random gauge set from the screened pool")
+    all: RandomSetErrors = group(path="/random_sets/all", what="random gauge set from all candidates")
     sweep: SweepTable | None = group(default=None)

@@ -39,7 +39,8 @@ class CandidateSensor(Priced):
     """A candidate sensor of the bench; each of its three components is one candidate."""
 
     noise: Annotated[Positive | tuple[Positive, Positive, Positive], NOISE] = expert(
-        description="Noise standard deviation of one sample [m or m/s²], one value for all three components or one for each."
+        description="Noise standard deviation of one sample [m or m/s²]: one value for all three components, or a list with "
+        "one value for each component."
     )
 
 
@@ -50,13 +51,17 @@ class OnFlexibleBody(Section):
 
 
 class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
-    """Gauge placement on a flexible body, for the unknown inputs and the parameters of `estimate`."""
+    """Gauge placement on a flexible body, for the unknown loads and the parameters of `estimate`."""
 
-    fixed: tuple[BondedGauge, ...] = expert((), description="Gauges that are already bonded; place.keep includes them.")
+    fixed: tuple[BondedGauge, ...] = expert(
+        (),
+        description="Gauges that are already bonded to the body. The number of gauges in `place.keep` includes these gauges.",
+    )
     sensors: dict[Name, CandidateSensor] = expert(
         {},
-        description="Candidate displacement sensors and accelerometers, by their names under `sensors`: motion (position), "
-        "relative (displacements without tilts) or acceleration. Minimum distances apply to gauges only.",
+        description="Candidate displacement sensors and accelerometers, by their names in the section `sensors`. Possible "
+        "types: `motion` with `quantity: position`, `relative` (displacements only, no tilts), `acceleration`. Minimum "
+        "distances between gauges do not apply to these sensors.",
     )
     keep: Keep = 4
     noise: Annotated[Positive, STRAIN] = Field(
@@ -64,29 +69,35 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
     )
     direction: Direction = Field(
         default_factory=lambda: PrincipalDirection(type="principal", angles=(0.0, 45.0, 90.0, 135.0)),
-        description="Measuring directions; each direction at a location is one candidate gauge. With `principal`: "
-        "principal directions of the static strains under the unknown inputs, all inputs with equal weights.",
+        description="Measuring directions of the candidate gauges; each direction at a location is one candidate. With "
+        "`principal`: principal directions of the static strains under the loads in `estimate.inputs`; all loads have equal "
+        "weights.",
     )
     pool: Annotated[int, Field(ge=1), Plausible(1, 1e5)] = expert(
         300,
-        description="Number of candidates for the elimination, without bonded gauges [-]: in turn the most sensitive "
-        "candidate to each unknown.",
+        description="Number of candidate gauges in the pool, the start of the backward elimination [-]; bonded gauges are "
+        "not counted. The pool is filled in rounds: each round adds the most sensitive remaining candidate for each unknown.",
     )
     search: Literal["all", "pool"] = expert(
         "all",
-        description="Scope of the search. With `all`: the bound is valid for all candidates, and candidates that could "
-        "improve the layout are added to the pool. With `pool`: layout and bound consider the pool only.",
+        description="Candidates for the optimised layout. With `all`: the lower bound of the criterion is valid for all "
+        "candidates, and candidates that could improve the layout are added to the pool. With `pool`: the layout and the "
+        "lower bound consider the candidates in the pool only.",
     )
     spacing: Annotated[NotNegative, SIZE] = Field(
-        0.0, description="Smallest distance between pool candidates that are selected for the same input [m]."
+        0.0,
+        description="Smallest distance between two candidates that are selected into the pool for the same unknown [m].",
     )
     poses: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=100), INSTANT] = expert(
         (0.0,),
-        description="Instants for which the gauges are placed [s]; the pose at each instant is the equilibrium under "
-        "the loads and drives.",
+        description="Instants of the simulation for which the gauges are placed [s]. At each instant, the bench is in static "
+        "equilibrium under the loads and driven positions of that instant.",
     )
     random: int = expert(
-        4, ge=0, le=1000, description="Number of random layouts from all candidates, for comparison [-]."
+        4,
+        ge=0,
+        le=1000,
+        description="Number of random layouts of all candidates, for comparison with the optimised layout [-].",
     )
 
     @property
@@ -99,28 +110,35 @@ class StrainSensorSection(OnFlexibleBody, Snapped):
     """Strain gauges on a flexible body."""
 
     type: Literal["strain"] = Field(description="Kind of sensor.")
-    gauges: tuple[BondedGauge, ...] = Field((), description="Bonded gauges; empty: the gauges of `layout`.")
+    gauges: tuple[BondedGauge, ...] = Field(
+        (), description="Bonded gauges of this sensor; empty: the gauges of the layout that the key `layout` selects."
+    )
     layout: Layout | None = Field(
         None,
-        description="Layout from the section `place`, instead of `gauges`: the placed layout, or the first random layout.",
+        description="Layout from the stage `place`, instead of a list in `gauges`. With `place`: the optimised layout. With "
+        "`random`: the first random layout.",
     )
-    zeroed: bool = Field(False, description="`true`: subtract the reading at the start of the run.")
+    zeroed: bool = Field(
+        False,
+        description="`true`: subtract the reading of each gauge at the start of the run from all its readings (zero balance).",
+    )
 
 
 class RelativeSensor(Between):
-    """Motion of the second frame in the axes of the first: three displacements, and tilts about its y and z axes."""
+    """Motion of the second frame relative to the first frame, in the axes of the first frame: three displacements, and tilts
+    about the y and z axes."""
 
     type: Literal["relative"] = Field(description="Kind of sensor.")
 
 
 class MotionSensor(AtFrame):
-    """Motion of a frame in global axes."""
+    """Position, velocity or axis direction of a frame, in global axes."""
 
     type: Literal["motion"] = Field(description="Kind of sensor.")
     quantity: Literal["position", "velocity", "x_axis", "y_axis", "z_axis"] = expert(
         "position",
-        description="Measured quantity: position [m] or velocity [m/s] of the origin of the frame, or direction of "
-        "one of its axes [-].",
+        description="Measured quantity: position [m] or velocity [m/s] of the origin of the frame, or direction of one axis "
+        "of the frame [-].",
     )
 
 
@@ -129,17 +147,18 @@ class AccelerationSensor(AtFrame):
 
     type: Literal["acceleration"] = Field(description="Kind of sensor.")
     axes: Literal["own", "global"] = expert(
-        "own", description="Axes of the components: axes of the frame, or global axes."
+        "own", description="Axes of the measured components: axes of the frame (`own`), or global axes (`global`)."
     )
     gravity: bool = expert(
         True,
-        description="`true`: subtract gravity, so that a sensor at rest reads 1 g upwards; `false`: acceleration of the motion "
-        "only.",
+        description="`true`: acceleration minus gravity, the reading of a real accelerometer; at rest, the reading is 1 g "
+        "upwards. `false`: acceleration of the frame, without gravity.",
     )
 
 
 class ReactionSensor(Section):
-    """Force and moment of a joint on its second frame about its origin, in the axes of the first frame; simulation only."""
+    """Force and moment of a joint on its second frame, in the axes of the first frame; the moment is about the origin of the
+    second frame. The sensor is for the simulation only, not for the filter."""
 
     type: Literal["reaction"] = Field(description="Kind of sensor.")
     joint: JointName = Field(description="Name of the joint.")
@@ -172,19 +191,19 @@ class Simulate(TimeSpan):
 
     method: Literal["second_order", "thesis"] = Field(
         "second_order",
-        description="Integration method. With `second_order`: two implicit stages per step, error proportional to the square "
-        "of the step. With `thesis`: implicit Euler, first order.",
+        description="Time integration method. With `second_order`: two implicit stages per step; the error is proportional "
+        "to the square of the time step. With `thesis`: implicit Euler method; the error is proportional to the time step.",
     )
     tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = expert(
         None,
-        description="Largest integration error of the motion, relative to the coordinates of each body (rotations: "
-        "in rad). Steps are halved, with the loads at every intermediate instant, until another halving changes the "
-        "motion by less. Null: fixed steps.",
+        description="Largest integration error of the motion, relative to the coordinates of each body (of rotations: in "
+        "rad). Each step is halved until another halving changes the motion by less than this value; the loads are evaluated "
+        "at all intermediate instants. Null: fixed steps.",
     )
     start: Literal["equilibrium", "as_given"] = expert(
         "equilibrium",
         description="Initial state. With `equilibrium`: static equilibrium under the loads at t = 0. With `as_given`: poses "
-        "and velocities of the bodies, projected onto the joints.",
+        "and velocities in `bodies`, projected onto the joint constraints.",
     )
     allow_unstable: bool = expert(
         False,
@@ -192,7 +211,8 @@ class Simulate(TimeSpan):
     )
     snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = expert(
         0.005,
-        description="Largest accepted correction of an initial pose by the joints [m]; velocities may change by 1 %.",
+        description="Largest displacement of a body by the projection of its initial pose onto the joint constraints [m]. A "
+        "larger displacement is an error. Fixed limits: 0.02 rad for the rotation, 1 % for the initial velocity.",
     )
 
 
@@ -201,39 +221,43 @@ class SurfaceField(OnFlexibleBody):
 
     of: Literal["simulate", "estimate"] = Field(
         "simulate",
-        description="Motion to evaluate: the simulated motion, or the estimated motion with the estimated moduli.",
+        description="Motion for the stress and strain of the surface: the simulated motion (`simulate`), or the estimated "
+        "motion with the estimated moduli (`estimate`).",
     )
     every: Annotated[int | None, Plausible(1, 1e6)] = expert(
-        None, ge=1, description="Number of time steps between two frames [-]; null: from `instants`."
+        None, ge=1, description="Number of time steps between two stored fields [-]; null: computed from `instants`."
     )
     instants: int | None = Field(
-        None, ge=2, le=10_000, description="Number of frames, evenly spaced from start to end [-]; null: 50."
+        None,
+        ge=2,
+        le=10_000,
+        description="Number of stored fields, evenly spaced over the run [-]; null: 50, or computed from `every`.",
     )
     allowable: Stress | None = expert(
         None,
-        description="Allowable von Mises stress of the body [Pa]. The page starts with a warning if the largest "
+        description="Allowable von Mises stress of the body [Pa]. The results page starts with a warning if the largest "
         "stress exceeds this value. Null: no comparison.",
     )
 
     def problems(self) -> Iterator[Problem]:
         if self.every is not None and self.instants is not None:
-            yield Problem("every", "every and instants are both set", "remove one of the two keys")
+            yield Problem("every", "'every' and 'instants' are both set", "remove one of the two keys")
 
 
 class BenchConfig(NamedRun, BearingLoads):
-    """Rigid and flexible bodies, joints, bearings and loads over time. SI units unless stated otherwise."""
+    """Rigid and flexible bodies, joints, bearings and loads over time. All values are in SI units unless stated otherwise."""
 
     kind: Literal["bench"] = Field(description="Which pipeline.")
     bodies: Annotated[dict[Name, Body], Field(min_length=1)] = Field(description="Bodies, by name.")
     frames: Annotated[dict[Name, FrameSection], Field(min_length=1)] = Field(
-        description="Frames on bodies and on the ground."
+        description="Frames on bodies and on the ground, by name."
     )
     joints: dict[Name, Joint] = Field({}, description="Joints, by name.")
     bearings: dict[Name, BearingSection] = Field({}, description="Bearings, by name.")
     forces: dict[Name, Force] = Field({}, description="Forces, by name.")
     sensors: dict[Name, Sensor] = Field({}, description="Sensors, by name.")
     simulate: Simulate = Field(description="Time simulation.")
-    place: BenchPlace | None = Field(None, description="Placement of gauges for the unknown loads.")
+    place: BenchPlace | None = Field(None, description="Placement of gauges for the unknown loads and parameters.")
     field: SurfaceField | None = Field(None, description="Strain and stress of the surface of a body over time.")
     estimate: BenchEstimateSection | None = Field(
         None, description="Estimation of loads and parameters from the sensors."

@@ -30,7 +30,7 @@ from strainsight.config.bench.connections import PointInput
 from strainsight.config.checks_model import RESERVED
 from strainsight.config.layout import layout_problems
 
-RANDOM = ("the config has no random layouts", "set place.random to 1 or more")
+RANDOM = ("no random layout is computed: place.random is 0", "set place.random to 1 or more")
 
 
 def place_problems(config: BenchConfig) -> Iterator[Problem]:
@@ -39,20 +39,21 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
     if place is not None:
         inputs, parameters = ({}, {}) if estimate is None else (estimate.inputs, estimate.parameters)
         if not inputs:
-            remedy = "list the loads to estimate under estimate.inputs"
-            yield Problem("place", "the config has no unknown input", remedy, at_key=True)
+            remedy = "list the unknown loads under estimate.inputs"
+            yield Problem("place", "the config has no unknown load to estimate", remedy, at_key=True)
         if place.pool + place.bonded < place.keep:
-            yield Problem(
-                "place.pool", f"the pool has {place.pool} candidates for {place.keep} gauges", "increase place.pool"
-            )
+            what = f"place.keep ({place.keep}) exceeds the size of the pool ({place.pool}) plus bonded gauges ({place.bonded})"
+            yield Problem("place.pool", what, "increase place.pool, or reduce place.keep")
         if list(place.poses) != sorted(set(place.poses)):
-            yield Problem("place.poses", "the instants are not strictly increasing", "sort them, and remove duplicates")
+            yield Problem(
+                "place.poses", "the instants are not strictly increasing", "sort the instants, and remove duplicates"
+            )
         if max(place.poses) > config.simulate.duration:
-            what = f"{max(place.poses):g} s is after the end of the run at {config.simulate.duration:g} s"
-            yield Problem("place.poses", what, "use instants within the run")
+            what = f"the instant {max(place.poses):g} s is after the end of the simulation at {config.simulate.duration:g} s"
+            yield Problem("place.poses", what, "use instants before the end of the simulation (simulate.duration)")
         if estimate is not None and estimate.method.noise == "as_printed" and estimate.disturbance > 0:
-            what = "place does not support a disturbance with noise: as_printed"
-            remedy = "set the disturbance to 0, use method.noise: before_step, or place the gauges in a separate run"
+            what = "the stage 'place' does not support a disturbance with method.noise: as_printed"
+            remedy = "set estimate.disturbance: 0 or estimate.method.noise: before_step, or place the gauges with another config"
             yield Problem("estimate.disturbance", what, remedy)
         free = [name for name, entry in parameters.items() if entry.std is not None]
         among = "estimate.inputs and estimate.parameters" if free else "estimate.inputs"
@@ -62,8 +63,8 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
         key = f"estimate.sensors.{name}.layout"
         if entry.layout is not None and (place is None or name not in place.sensors):
             what, remedy = (
-                "the sensor is not a candidate of place",
-                f"add it under place.sensors: {{{name}: {{noise: …}}}}",
+                "the sensor is not one of the candidates in place.sensors",
+                f"add the sensor under place.sensors: {{{name}: {{noise: …}}}}",
             )
             yield Problem(key, what, remedy)
         elif entry.layout == "random" and place is not None and place.random == 0:
@@ -78,26 +79,30 @@ def _candidates(config: BenchConfig, place: BenchPlace) -> Iterator[Problem]:
     for name in place.sensors:
         key, sensor = f"place.sensors.{name}", config.sensors.get(name)
         yield from known(key, name, config.sensors, "sensor")
-        yield from disturbed(config.estimate, sensor, name, f"or remove {name} from place.sensors")
+        yield from disturbed(config.estimate, sensor, name, f"or remove '{name}' from place.sensors")
         moves = isinstance(sensor, RelativeSensor | AccelerationSensor)
         moves |= isinstance(sensor, MotionSensor) and sensor.quantity == "position"
         if sensor is not None and not moves:
-            what = "only displacement sensors and accelerometers can be candidates"
-            yield Problem(key, what, "use a sensor of type relative, acceleration, or motion with quantity: position")
+            what = "only displacement sensors and accelerometers can be candidates for the placement"
+            yield Problem(
+                key,
+                what,
+                "use a sensor with type: relative, type: acceleration, or type: motion with quantity: position",
+            )
 
 
 def _layout(key: str, sensor: StrainSensorSection, place: BenchPlace | None) -> Iterator[Problem]:
     if (sensor.layout is None) == (not sensor.gauges):
-        what = "neither gauges nor layout is set" if sensor.layout is None else "gauges and layout are both set"
-        yield Problem(key, what, "set either gauges or layout", at_key=True)
+        what = "neither 'gauges' nor 'layout' is set" if sensor.layout is None else "'gauges' and 'layout' are both set"
+        yield Problem(key, what, "set either gauges or layout, not both", at_key=True)
     if sensor.layout is None:
         return
+    instead = f"list the gauges under {key}.gauges and remove {key}.layout"
     if place is None:
-        yield Problem(f"{key}.layout", "the config has no section place", "add the section place, or set gauges")
+        yield Problem(f"{key}.layout", "the config has no section 'place'", f"add the section 'place', or {instead}")
     elif sensor.body != place.body:
-        yield Problem(
-            f"{key}.body", f"the gauges are placed on '{place.body}'", f"set body: {place.body}, or set gauges"
-        )
+        what = f"the layout has its gauges on the body '{place.body}'"
+        yield Problem(f"{key}.body", what, f"set {key}.body: {place.body}, or {instead}")
     elif sensor.layout == "random" and place.random == 0:
         yield Problem(f"{key}.layout", *RANDOM)
 
@@ -116,7 +121,9 @@ def bearing_problems(config: BearingConfig | BenchConfig) -> Iterator[Problem]:
     yield from section_problems(config)
     for key in ("cases", "curves"):
         if getattr(config, key) and not config.bearings:
-            yield Problem(key, "the config has no bearing", f"remove {key}, or add bearings", at_key=True)
+            yield Problem(
+                key, "the config has no bearing", f"remove {key}, or add a bearing under bearings", at_key=True
+            )
     for i, curve in enumerate(config.curves):
         yield from _curve(i, curve, config.bearings)
 
@@ -126,11 +133,11 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from bearing_problems(config)
     if GROUND in config.bodies:
         what = f"the name '{GROUND}' is reserved for the ground"
-        yield Problem(f"bodies.{GROUND}", what, "use another name for the body", at_key=True)
+        yield Problem(f"bodies.{GROUND}", what, "rename the body", at_key=True)
     for check in (_masses, _frames, _two_bodies, _loads, _moduli, _time, estimate_problems, place_problems):
         yield from check(config)
     if config.field is not None and config.field.of == "estimate" and config.estimate is None:
-        yield Problem("field.of", "the config has no section estimate", "add the section estimate, or set of: simulate")
+        yield Problem("field.of", "the config has no section 'estimate'", "add the section, or set field.of: simulate")
 
 
 def _time(config: BenchConfig) -> Iterator[Problem]:
@@ -140,7 +147,7 @@ def _time(config: BenchConfig) -> Iterator[Problem]:
             for key in ("velocity", "spin"):
                 if any(getattr(body, key)):
                     what = "has no effect with a static equilibrium as initial state"
-                    yield Problem(f"bodies.{name}.{key}", what, "set simulate.start: as_given")
+                    yield Problem(f"bodies.{name}.{key}", what, "set simulate.start: as_given, or remove the key")
 
 
 def _moduli(config: BenchConfig) -> Iterator[Problem]:
@@ -150,11 +157,13 @@ def _moduli(config: BenchConfig) -> Iterator[Problem]:
         for key, modulus in body.moduli.items():
             where = f"bodies.{name}.moduli.{key}"
             if key in RESERVED:
-                yield Problem(where, f"the name '{key}' is reserved", "use another name", at_key=True)
+                yield Problem(
+                    where, f"the name '{key}' is reserved for internal use", "rename the modulus", at_key=True
+                )
             owner, value = first.setdefault(key, (name, modulus.value))
             if value != modulus.value:
-                what = f"{modulus.value:g} Pa differs from {value:g} Pa of the same modulus in body '{owner}'"
-                remedy = "moduli with the same name are one parameter; use two names, or one value"
+                what = f"{modulus.value:g} Pa differs from {value:g} Pa of the modulus '{key}' in body '{owner}'"
+                remedy = "moduli with the same name are one parameter: use the same value, or different names"
                 yield Problem(f"{where}.value", what, remedy)
 
 
@@ -168,9 +177,9 @@ def _masses(config: BenchConfig) -> Iterator[Problem]:
         odd, other = (heavy, light) if abs(np.log(masses[heavy])) >= abs(np.log(masses[light])) else (light, heavy)
         yield Problem(
             f"bodies.{odd}.mass",
-            f"{masses[odd]:g} kg and {masses[other]:g} kg of '{other}' differ by more than a factor of "
+            f"{masses[odd]:g} kg and the mass of '{other}', {masses[other]:g} kg, differ by more than a factor of "
             f"{MASSES_APART:g}",
-            "check the unit of both masses (kg); attach fixed parts to the ground",
+            "check that both masses are in kg; instead of a very heavy body, use the ground",
         )
 
 
@@ -179,11 +188,12 @@ def _frames(config: BenchConfig) -> Iterator[Problem]:
         key = f"frames.{name}"
         flexible = frame.body in config.flexible
         if flexible and frame.node is None:
-            yield Problem(f"{key}.node", "missing", "set the node of the flexible body at the frame", at_key=True)
+            what = f"a frame on the flexible body '{frame.body}' needs a node"
+            yield Problem(f"{key}.node", what, "set the id of the node at the origin of the frame", at_key=True)
         if not flexible and frame.node is not None:
-            yield Problem(f"{key}.node", f"body '{frame.body}' has no nodes", "set pose.origin instead")
+            yield Problem(f"{key}.node", f"'{frame.body}' is not a flexible body", "remove node, and set pose.origin")
         if flexible and frame.node is not None and any(frame.pose.origin):
-            yield Problem(f"{key}.pose.origin", "the node is the origin of the frame", "remove pose.origin")
+            yield Problem(f"{key}.pose.origin", "has no effect: the node is the origin of the frame", "remove the key")
 
 
 def _loads(config: BenchConfig) -> Iterator[Problem]:
@@ -215,13 +225,15 @@ def _curve(i: int, curve: CurveSection, bearings: Mapping[str, BearingSection]) 
         arm, unit = (bearing.pitch_diameter / 2, "rad") if tilts else (1.0, "m")
         most, least = bearing.ball_diameter / arm, LEAST_REACH * bearing.ball_diameter / arm
         if curve.reach > most:
-            moved = f"moves the balls of '{name}' by {curve.reach * arm:.4g} m, " if tilts else ""
+            moved = f"moves the balls by up to {curve.reach * arm:.4g} m, " if tilts else ""
             yield Problem(
                 f"curves.{i}.reach",
-                f"{curve.reach:g} {unit} {moved or 'is '}more than the ball diameter of '{name}', "
+                f"{curve.reach:g} {unit} {moved or 'is '}more than the diameter of the balls of '{name}', "
                 f"{bearing.ball_diameter:g} m",
                 f"use at most {most:.4g} {unit}; bearing displacements are typically micrometres to a few millimetres",
             )
         elif curve.reach < least:
-            what = f"{curve.reach:g} {unit} is below {least:.3g} {unit}, the rounding error for the balls of '{name}'"
-            yield Problem(f"curves.{i}.reach", what, f"use for example {1e-4 / arm:.2g} {unit}")
+            what = (
+                f"{curve.reach:g} {unit} is below {least:.3g} {unit}, the numerical resolution for the bearing '{name}'"
+            )
+            yield Problem(f"curves.{i}.reach", what, f"use a larger value, for example {1e-4 / arm:.2g} {unit}")

@@ -21,31 +21,39 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
     """Check `estimate.truth` with the step of the filter and the joints."""
     truth, key = estimate.truth, "estimate.truth"
     if truth.model == "sampled" and estimate.tolerances is not None and estimate.measured is None:
-        what = "gauges are exact in measurements simulated with truth.model: sampled"
-        remedy = "use truth.model: fine or independent, or remove tolerances"
+        what = "simulated gauges have no installation errors with truth.model: sampled"
+        remedy = "set estimate.truth.model: fine or independent, or remove estimate.tolerances"
         yield Problem("estimate.tolerances", what, remedy, at_key=True)
     if truth.model != "independent":
         for name in KEYS_OF_OTHER:
             if name in truth.model_fields_set and getattr(truth, name) != type(truth).model_fields[name].default:
                 what = f"has no effect with truth.model: {truth.model}"
-                yield Problem(f"{key}.{name}", what, "remove it, or set estimate.truth.model: independent", at_key=True)
+                yield Problem(
+                    f"{key}.{name}", what, "remove the key, or set estimate.truth.model: independent", at_key=True
+                )
         return
     if config.driven:
-        yield Problem(f"{key}.model", "this simulation does not support driven joints", "set truth.model: fine")
+        yield Problem(f"{key}.model", "'other' does not support driven joints", "set estimate.truth.model: fine")
     h, duration = config.filter_step, config.filter_duration
     every = round(h / truth.step)
     if every < 1 or abs(every * truth.step - h) > CLOCK_SHARE * truth.step:
-        what = f"steps of {truth.step:g} s do not divide the step of the filter, {h:g} s"
-        yield Problem(f"{key}.step", what, "use estimate.time_step divided by an integer", at_key=True)
+        what = f"the filter step of {h:g} s is not a multiple of the simulation step of {truth.step:g} s"
+        yield Problem(f"{key}.step", what, f"set the key to {h:g} s divided by an integer", at_key=True)
     if truth.duration is not None and truth.duration < duration * (1 - CLOCK_SHARE):
         what = f"the simulation ends at {truth.duration:g} s, but the estimate ends at {duration:g} s"
-        yield Problem(f"{key}.duration", what, f"use at least {duration:g} s, or remove the key", at_key=True)
+        yield Problem(
+            f"{key}.duration", what, f"set the key to at least {duration:g} s, or remove the key", at_key=True
+        )
     if 1 < truth.histories < estimate.runs:
         what = f"{truth.histories} load histories are not enough for {estimate.runs} runs"
-        yield Problem(f"{key}.histories", what, f"use {estimate.runs} histories, or 1 for the same history in all runs")
+        yield Problem(
+            f"{key}.histories", what, f"set the key to {estimate.runs}, or to 1 for the same history in all runs"
+        )
     if truth.histories > 1 and truth.within == 0:
         yield Problem(
-            f"{key}.histories", "all load histories are identical", "set within, the largest start of a history [s]"
+            f"{key}.histories",
+            "all load histories are identical: truth.within is 0",
+            f"set {key}.within to the latest start of a history [s]",
         )
 
 
@@ -66,18 +74,22 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         yield from known(f"estimate.inputs.{name}", name, loads, "force or moment")
     yield from _load_models(config, estimate)
     if estimate.method.step_error == "estimated" and config.driven:
-        what = "the step error cannot be estimated with driven joints"
-        remedy = "remove the key, and use a time step that resolves the loads and the drive"
+        what = "the discretisation error of a step cannot be estimated with driven joints"
+        remedy = "remove the key, and use a small estimate.time_step that resolves the loads and the drive"
         yield Problem("estimate.method.step_error", what, remedy)
     if estimate.method.step_error == "estimated" and estimate.method.noise == "as_printed":
-        what = "the step error depends on the load change within the step, but with noise: as_printed the loads change after it"
+        what = (
+            "the discretisation error depends on the load change within a step, but with method.noise: as_printed, "
+            "the loads change after the step"
+        )
         remedy = "remove the key, or set estimate.method.noise: before_step"
         yield Problem("estimate.method.step_error", what, remedy)
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
-        yield Problem("estimate", "the config has no unknowns", "add inputs, or parameters with std", at_key=True)
+        remedy = "add a load under estimate.inputs, or a parameter with std under estimate.parameters"
+        yield Problem("estimate", "the section has no unknown load and no parameter with std", remedy, at_key=True)
     if estimate.accept_inconsistent and not isinstance(estimate.measured, FromFile):
         what = "has no effect without the measurements of a test"
-        remedy = "remove the key or --accept, or set the measurement file under estimate.measured"
+        remedy = "remove the key or the option --accept, or set estimate.measured.file"
         yield Problem("estimate.accept_inconsistent", what, remedy)
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
@@ -94,19 +106,21 @@ def _load_models(config: BenchConfig, estimate: BenchEstimateSection) -> Iterato
     for name, entry in estimate.inputs.items():
         key, force, walks = f"estimate.inputs.{name}", config.forces.get(name), entry.model == "random_walk"
         if not walks and entry.increment is not None:
-            what = f"has no effect with the model {entry.model}: increment belongs to a random walk"
-            yield Problem(f"{key}.increment", what, "remove the key; amplitude and frequency define the model")
+            what = f"has no effect with model: {entry.model}; only model: random_walk has an increment"
+            yield Problem(
+                f"{key}.increment", what, "remove the key; the keys amplitude and frequency define this model"
+            )
         if not walks and config.place is not None:
-            what = f"place supports random walks only, not {entry.model}"
-            remedy = "use random_walk for placement, and this model in a separate run"
+            what = f"the stage 'place' supports model: random_walk only, not {entry.model}"
+            remedy = "set model: random_walk, or place the gauges with another config and remove the section 'place'"
             yield Problem(f"{key}.model", what, remedy)
         if (walks and entry.increment is not None) or not isinstance(force, Load) or force.signal.type == "sine":
             continue
-        need = "a random walk without increment" if walks else entry.model
+        need = "a random walk without increment" if walks else f"model: {entry.model}"
         for field in ("frequency", "amplitude"):
             if getattr(entry, field) is None:
-                what = f"{need} needs the typical {field} of the load, which only a sine history defines"
-                yield Problem(key, what, f"set {field}" + ", or increment" * walks, at_key=True)
+                what = f"{need} needs the typical {field} of the load, because the signal of the load is not a sine"
+                yield Problem(key, what, f"set {key}.{field}" + f", or {key}.increment" * walks, at_key=True)
 
 
 def disturbed(
@@ -114,8 +128,8 @@ def disturbed(
 ) -> Iterator[Problem]:
     """Yield a problem for an accelerometer together with a white acceleration."""
     if isinstance(sensor, AccelerationSensor) and estimate is not None and estimate.disturbance > 0:
-        what = f"accelerometer {name} would measure this white acceleration, which is undefined between samples"
-        yield Problem("estimate.disturbance", what, f"set the disturbance to 0, {remedy}")
+        what = f"accelerometer '{name}' would measure this acceleration, and white noise has no value at an instant"
+        yield Problem("estimate.disturbance", what, f"set estimate.disturbance to 0, {remedy}")
 
 
 def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
@@ -127,18 +141,20 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
             return
         if isinstance(sensor, ReactionSensor):
             what = f"the filter does not support sensors of type {sensor.type}"
-            yield Problem(key, what, "remove the sensor; it can be simulated only")
-        yield from disturbed(estimate, sensor, name, f"and include the model error in the noise of {name}")
+            yield Problem(key, what, "remove the sensor from estimate.sensors; the sensor is for the simulation only")
+        yield from disturbed(estimate, sensor, name, f"and increase estimate.sensors.{name}.noise by the model error")
         count = channels_of(config, name)
-        for field, many in (("noise", "noise values"), ("bias", "offsets"), ("drift", "drifts")):
+        for field in ("noise", "bias", "drift"):
             values = getattr(entry, field)
             if count is not None and isinstance(values, tuple) and len(values) != count:
-                what = f"{len(values)} {many} are set for {count} components"
-                yield Problem(f"{key}.{field}", what, f"use one value, or {count} values")
+                what = f"the list length is {len(values)}, but the number of sensor components is {count}"
+                yield Problem(f"{key}.{field}", what, f"use one value for all components, or a list of {count}")
         counts.append(_used_components(config, estimate, name))
     if None not in counts and (channels := sum(filter(None, counts))) < len(estimate.inputs):
-        what = f"{channels} channel{'s are' if channels != 1 else ' is'} not enough for {len(estimate.inputs)} unknown loads"
-        yield Problem("estimate.sensors", what, "add sensors, or remove loads from estimate.inputs")
+        what = (
+            f"the number of channels, {channels}, is smaller than the number of unknown loads, {len(estimate.inputs)}"
+        )
+        yield Problem("estimate.sensors", what, "add sensors to estimate.sensors, or remove loads from estimate.inputs")
 
 
 def _used_components(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> int | None:
@@ -166,31 +182,42 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
     for name, entry in estimate.parameters.items():
         key, bearing, part = f"estimate.parameters.{name}", entry.bearing, str(entry.property)
         if name in estimate.inputs:
-            what = "a load of the estimate has the same name"
-            yield Problem(key, what, "use another name for the parameter", at_key=True)
+            what = "a load in estimate.inputs has the same name as the parameter"
+            yield Problem(key, what, "rename the parameter; rename a modulus also in bodies.*.moduli", at_key=True)
         if entry.starts and estimate.truth.model == "sampled":
-            what = "with truth.model: sampled, the initial value is sampled from its distribution in the filter"
-            yield Problem(f"{key}.starts", what, "remove starts, or use another truth.model")
+            what = "not supported with truth.model: sampled: the true value is sampled from a distribution about guess"
+            yield Problem(f"{key}.starts", what, "remove the key, or set another estimate.truth.model")
         if (bearing is None) != (entry.property is None):
             continue
         nominal = moduli.get(name)
         if bearing is None:
-            yield from known(key, name, moduli, "modulus under bodies.*.moduli")
+            yield from known(key, name, moduli, "modulus under bodies.*.moduli with the name")
         else:
             if bearing in config.bearings and bearing not in used:
-                what = f"no force uses the bearing '{bearing}'"
-                yield Problem(f"{key}.bearing", what, "use a bearing with a force of type bearing in this bench")
+                what = f"no force of the bench uses the bearing '{bearing}'"
+                yield Problem(
+                    f"{key}.bearing",
+                    what,
+                    f"add a force with type: bearing and bearing: {bearing}, or use another bearing",
+                )
             if (other := names.setdefault((bearing, part), name)) != name:
-                yield Problem(key, f"'{other}' has the same property", "remove one of the two parameters", at_key=True)
+                yield Problem(
+                    key,
+                    f"the parameter '{other}' is the same property of '{bearing}'",
+                    "remove one of the two parameters",
+                    at_key=True,
+                )
             # a preload may be of any sign and size
             sized = bearing in config.bearings and part != "preload"
             nominal = float(getattr(config.bearings[bearing], part)) if sized else None
         unit = "Pa" if bearing is None else "m"
         for field, value in entry.guesses():
             if nominal and value > 0 and not 1 / FARTHEST <= value / nominal <= FARTHEST:
-                what = f"{value:g} {unit} is far from the bench value of {nominal:g} {unit}"
+                what = f"{value:g} {unit} is far from the value in the bench, {nominal:g} {unit}"
                 yield Problem(
-                    f"{key}.{field}", what, f"use the unit {unit}, and a value within a factor of {FARTHEST:g}"
+                    f"{key}.{field}",
+                    what,
+                    f"set a value in {unit}, within a factor of {FARTHEST:g} of the value in the bench",
                 )
     for bearing in config.bearings:
         yield from _grooves(config, bearing, estimate.parameters)
@@ -210,8 +237,8 @@ def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, Estimat
     narrow = [radius for radius in RADII if sizes[radius] <= ball]
     if narrow and names:
         blamed = names.get("ball_diameter") or names.get(narrow[0]) or next(iter(names.values()))
-        what = f"{narrow[0]} of {sizes[narrow[0]]:g} m is not larger than the ball radius of {ball:g} m"
-        remedy = "change the groove radii as well, or use a guess closer to the bench value"
+        what = f"{narrow[0]} of {sizes[narrow[0]]:g} m is not larger than the ball radius with preload, {ball:g} m"
+        remedy = f"use a guess closer to the value in bearings.{bearing}, or increase the groove radius"
         yield Problem(f"estimate.parameters.{blamed}.guess", what, remedy)
 
 
@@ -222,8 +249,13 @@ def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Ite
             str(e.property): n for n, e in estimate.parameters.items() if e.bearing == bearing and e.std is not None
         }
         if entry.groove_centres == "fixed" and {"ball_diameter", "preload"} <= free.keys():
-            what = "with groove_centres: fixed, ball diameter and preload have the same effect"
-            yield Problem(f"estimate.parameters.{free['preload']}", what, "estimate only one of them", at_key=True)
+            what = "with groove_centres: fixed, ball diameter and preload have the same effect on the forces"
+            yield Problem(
+                f"estimate.parameters.{free['preload']}",
+                what,
+                "remove std of the ball diameter or of the preload",
+                at_key=True,
+            )
 
 
 def _check_grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
@@ -233,25 +265,24 @@ def _check_grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
     key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
     extended = "or set estimate.method.parameters: extended"
     if estimate.tolerances is not None:
-        what = "the grid filter (method.parameters: grid) does not support tolerances"
+        what = "the grid filter does not support tolerances"
         yield Problem("estimate.tolerances", what, f"remove the key, {extended}", at_key=True)
     if estimate.hold_out is not None:
-        what = "the grid filter (method.parameters: grid) does not support hold_out"
+        what = "the grid filter does not support hold_out"
         yield Problem("estimate.hold_out", what, f"remove the key, {extended}")
     if not free:
-        yield Problem(
-            key, "the config has no estimated parameter", "set std for one of estimate.parameters, or remove the key"
-        )
+        what = "the grid filter needs an estimated parameter, but no parameter has a std"
+        yield Problem(key, what, "set std of a parameter in estimate.parameters, or remove the key")
     if len(free) > FEW:
-        what = f"the grid filter supports at most {FEW} parameters, not {len(free)}"
-        yield Problem(key, what, f"remove std of {len(free) - FEW} of them, {extended}")
+        what = f"the grid filter supports at most {FEW} estimated parameters, not {len(free)}"
+        yield Problem(key, what, f"remove std of {(n := len(free) - FEW)} parameter{'s' * (n > 1)}, {extended}")
     if estimate.method.update != "iterated":
-        what = f"'{estimate.method.update}' is available for the extended filter only"
-        yield Problem("estimate.method.update", what, f"use iterated, {extended}")
+        what = f"the grid filter does not support '{estimate.method.update}'"
+        yield Problem("estimate.method.update", what, f"set estimate.method.update: iterated, {extended}")
     for name in free:
         if estimate.parameters[name].increment > 0:
-            what = "parameters are constant in the grid filter (method.parameters: grid)"
-            yield Problem(f"estimate.parameters.{name}.increment", what, f"remove increment, {extended}")
+            what = "parameters are constant in the grid filter"
+            yield Problem(f"estimate.parameters.{name}.increment", what, f"remove the key, {extended}")
 
 
 def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
@@ -259,49 +290,72 @@ def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[
     if measured is None:
         return
     if estimate.truth.model != "fine":
-        what = f"truth.model: {estimate.truth.model} has no effect with measurements"
-        yield Problem("estimate.truth.model", what, "remove truth.model, or measured")
+        what = f"'{estimate.truth.model}' has no effect with imported measurements (estimate.measured)"
+        yield Problem("estimate.truth.model", what, "remove estimate.truth.model, or estimate.measured")
     if isinstance(measured, FromFile):
         yield from _in_file(config, estimate, measured)
         return
     for name in estimate.sensors:
         sensor = config.sensors.get(name)
         if sensor is not None and sensor.type == "strain" and sensor.zeroed:
-            what = "the sensor was zeroed on the other bench under loads that are not known here"
-            yield Problem(f"sensors.{name}.zeroed", what, "set zeroed: false, or remove the sensor from the estimate")
+            what = "the measurements of the bench in measured.from were zeroed under unknown loads"
+            yield Problem(
+                f"sensors.{name}.zeroed",
+                what,
+                "set zeroed: false in both benches, or remove the sensor from estimate.sensors",
+            )
         if isinstance(sensor, AccelerationSensor) and sensor.gravity and measured.scale != 1:
-            what = "gravity does not scale with the lengths of the other bench"
-            yield Problem(f"sensors.{name}.gravity", what, "set gravity: false on both, or scale: 1")
+            what = f"the reading of gravity does not scale with measured.scale ({measured.scale:g})"
+            yield Problem(
+                f"sensors.{name}.gravity",
+                what,
+                "set gravity: false for the sensor in both benches, or set estimate.measured.scale: 1",
+            )
     for name in measured.sensors:
-        yield from known(f"estimate.measured.sensors.{name}", name, list(estimate.sensors), "sensor of the filter")
+        yield from known(
+            f"estimate.measured.sensors.{name}",
+            name,
+            list(estimate.sensors),
+            "sensor in estimate.sensors with the name",
+        )
     for name in measured.inputs:
-        yield from known(f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "unknown input")
+        yield from known(
+            f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "load in estimate.inputs with the name"
+        )
     if measured.run == config.name:
         yield Problem(
-            "estimate.measured.from", "is the name of this run", "use another run, whose sensors are the measurements"
+            "estimate.measured.from", "is the name of this run", "set the name of the run with the measurements"
         )
 
 
 def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: FromFile) -> Iterator[Problem]:
     """Check the channels of a file against the sensors of the filter."""
     if estimate.runs != 1:
-        yield Problem("estimate.runs", "measurements of a test support one run only", "set runs: 1")
+        yield Problem(
+            "estimate.runs", "with the measurements of a test, only one run is possible", "set estimate.runs: 1"
+        )
     for name, channels in measured.channels.items():
         key = f"estimate.measured.channels.{name}"
-        yield from known(key, name, list(estimate.sensors), "sensor of the filter")
+        yield from known(key, name, list(estimate.sensors), "sensor in estimate.sensors with the name")
         count = channels_of(config, name) if name in config.sensors else None
         if count is not None and len(channels) != count:
-            what = f"{len(channels)} channel{'s' * (len(channels) != 1)} listed for {count} components"
+            what = f"the list length is {len(channels)}, but the number of sensor components is {count}"
             yield Problem(
-                key, what, "list one channel for each component in order, or null for a component that is not measured"
+                key, what, "list one channel for each component, in order; write null for a component without a channel"
             )
         for i, entry in enumerate(channels):
             if entry is not None and entry.bridge is not None and entry.bridge.arrangement == "sum":
-                what = "a bench does not support bridges with arms at different locations"
-                yield Problem(f"{key}.{i}.bridge.arrangement", what, "use quarter, or the arrangement of the bridge")
+                what = "a bench does not support 'sum', a bridge with arms at different locations"
+                yield Problem(
+                    f"{key}.{i}.bridge.arrangement",
+                    what,
+                    "set the arrangement of the bridge at one location, for example quarter",
+                )
         if not any(channels):
-            yield Problem(key, "no component is measured", "remove the sensor from estimate.sensors")
+            yield Problem(
+                key, "no component of the sensor has a channel", "remove the sensor here and from estimate.sensors"
+            )
     for name in estimate.sensors:
         if name not in measured.channels:
-            remedy = f"add channels for {name}, or remove it from estimate.sensors"
-            yield Problem("estimate.measured.channels", f"sensor '{name}' has no channels", remedy)
+            remedy = f"add estimate.measured.channels.{name}, or remove '{name}' from estimate.sensors"
+            yield Problem("estimate.measured.channels", f"sensor '{name}' has no channels in the file", remedy)

@@ -37,16 +37,22 @@ class ConstantSection(Section):
     """Constant signal u(t) = value."""
 
     type: Literal["constant"] = Field(description="Kind of signal.")
-    value: Annotated[float, DRIVEN] = Field(description="Value [N or N m; for a drive, unit of its motion].")
+    value: Annotated[float, DRIVEN] = Field(
+        description="Value of the signal [N or N m; for a drive: rad or m, or their rates]."
+    )
 
 
 class RampSection(Section):
     """Smooth transition between two values, u = a + (b − a)(10s³ − 15s⁴ + 6s⁵), with continuous velocity and acceleration."""
 
     type: Literal["ramp"] = Field(description="Kind of signal.")
-    start: Annotated[float, DRIVEN] = Field(0.0, description="Initial value a [N or N m; for a drive, unit of motion].")
-    end: Annotated[float, DRIVEN] = Field(description="Final value b [N or N m; for a drive, unit of motion].")
-    begin: Annotated[NotNegative, DURATION] = Field(0.0, description="Start time [s].")
+    start: Annotated[float, DRIVEN] = Field(
+        0.0, description="Initial value a [N or N m; for a drive: rad or m, or their rates]."
+    )
+    end: Annotated[float, DRIVEN] = Field(
+        description="Final value b [N or N m; for a drive: rad or m, or their rates]."
+    )
+    begin: Annotated[NotNegative, DURATION] = Field(0.0, description="Start time of the transition [s].")
     duration: Duration = Field(description="Duration of the transition [s].")
 
 
@@ -61,142 +67,155 @@ class Between(Section):
 
     type: str = Field(description="Kind of joint or force.")
     frames: Frames = Field(
-        description="Names of the two frames. In an asymmetric joint or force, the first frame defines the axes or is the "
-        "base, and the second frame moves."
+        description="Names of the two frames. Where the order matters, the first frame is the base and defines the axes; the "
+        "second frame moves relative to the first frame."
     )
 
 
 class Axial(Between):
     """Base of joints and forces with an axis."""
 
-    axis: Axis = Field("x", description="Axis of the first frame; a common axis has the same name in the second frame.")
+    axis: Axis = Field(
+        "x",
+        description="Axis of the first frame. An axis common to both frames has the same name in the second frame.",
+    )
 
 
 class Spherical(Between):
-    """The origins of two frames coincide."""
+    """Ball joint: the origins of two frames coincide."""
 
     type: Literal["spherical"] = Field(description="Kind of joint.")
 
 
 class Revolute(Axial):
-    """The origins coincide, and the second frame rotates about a common axis."""
+    """Hinge: the origins of two frames coincide, and the second frame rotates about an axis common to both frames."""
 
     type: Literal["revolute"] = Field(description="Kind of joint.")
 
 
 class Prismatic(Axial):
-    """The second frame slides along an axis of the first, without rotation."""
+    """The second frame slides along an axis of the first frame, without rotation."""
 
     type: Literal["prismatic"] = Field(description="Kind of joint.")
 
 
 class Cylindrical(Axial):
-    """The second frame slides along a common axis and rotates about it."""
+    """The second frame slides along an axis common to both frames and rotates about this axis."""
 
     type: Literal["cylindrical"] = Field(description="Kind of joint.")
 
 
 class Universal(Axial):
-    """Cardan joint: the origins coincide at the centre of a cross with two perpendicular pins, one in each frame. The axis is
-    that of the shafts. The next axis, in the order x, y, z, x, is the pin of the first frame, the one after it the pin of the
-    second."""
+    """Cardan joint: the origins of two frames coincide at the centre of a cross with two perpendicular pins, one in each
+    frame. `axis` is the direction of the shafts, and the pins are the next two axes in the order x, y, z, x. With `axis:
+    x`, the pins are the y axis of the first frame and the z axis of the second frame."""
 
     type: Literal["universal"] = Field(description="Kind of joint.")
 
 
 class Pin(Axial):
-    """The origin of the second frame stays on an axis of the first; the second frame slides and rotates freely."""
+    """The origin of the second frame stays on an axis of the first frame; the second frame slides along this axis and rotates
+    freely."""
 
     type: Literal["pin"] = Field(description="Kind of joint.")
 
 
 class Fixed(Between):
-    """The origins and axes of two frames coincide."""
+    """Rigid connection: the origins and axes of two frames coincide."""
 
     type: Literal["fixed"] = Field(description="Kind of joint.")
 
 
 class Coincidence(Between):
-    """Selected components of the origins coincide, in global axes."""
+    """Selected global coordinates of the origins of two frames are equal."""
 
     type: Literal["coincidence"] = Field(description="Kind of joint.")
     components: Annotated[tuple[Axis, ...], Field(min_length=1, max_length=3)] = expert(
-        description="Components of the origins that coincide, in global axes."
+        description="Global coordinates that are equal for the origins of both frames."
     )
 
 
 class Perpendicular(Between):
-    """An axis of the first frame is perpendicular to an axis of the second, or to the line between the origins."""
+    """An axis of the first frame is perpendicular to an axis of the second frame, or to the line between the two origins."""
 
     type: Literal["perpendicular"] = Field(description="Kind of joint.")
     axis: Axis = Field(description="Axis of the first frame.")
     to: Literal["x", "y", "z", "offset"] = Field(
-        description="Axis of the second frame; `offset`: the line from the first origin to the second."
+        description="Axis of the second frame perpendicular to `axis`; `offset`: the line from the origin of the first frame "
+        "to the origin of the second frame."
     )
 
 
 class Distance(Between):
-    """Massless rod: the distance between two origins is constant."""
+    """Massless rod: the distance between the origins of two frames is constant."""
 
     type: Literal["distance"] = Field(description="Kind of joint.")
-    length: Annotated[Positive, Plausible(1e-6, 1e3, "m")] = expert(description="Length [m].")
+    length: Annotated[Positive, Plausible(1e-6, 1e3, "m")] = expert(description="Distance between the origins [m].")
 
 
 Held = Literal["x", "y", "z", "about_x", "about_y", "about_z"]
 
 
 class Generic(Between):
-    """Selected components of the relative motion of two frames are fixed, the others are free."""
+    """Selected components of the relative motion of two frames are fixed, the other components are free."""
 
     type: Literal["generic"] = Field(description="Kind of joint.")
     fixed: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = expert(
-        description="Fixed components: displacements along the axes of the first frame, and rotations about them. One fixed "
-        "rotation keeps two axes perpendicular, as in a Cardan joint; two fixed rotations keep an axis of both frames parallel."
+        description="Fixed components of the relative motion: displacements along the axes of the first frame, and rotations "
+        "about these axes. One fixed rotation keeps two axes perpendicular, as in a Cardan joint. Two fixed rotations keep "
+        "one axis of the first frame parallel to the axis of the same name of the second frame."
     )
 
 
 class Drive(Section):
     """Prescribed motion of a driven joint."""
 
-    signal: Signal = Field(description="Time history of the motion [rad or m; for a rate, rad/s or m/s].")
+    signal: Signal = Field(
+        description="Time history of the prescribed motion [rad or m; with `of: rate`, rad/s or m/s]."
+    )
     of: Literal["position", "rate"] = expert(
-        "position", description="Quantity of the signal: the position (angle, displacement or length), or its rate."
+        "position",
+        description="Quantity that `signal` prescribes: position (angle, displacement or length), or rate of the position.",
     )
     start: Annotated[float, Plausible(0.0, 1e3, "rad or m")] = expert(
-        0.0, description="Position at t = 0, if the history is a rate [rad or m]."
+        0.0, description="With `of: rate`: position at t = 0 [rad or m]."
     )
 
     def problems(self) -> Iterator[Problem]:
         if self.of == "position" and self.start:
             yield Problem(
-                "start", "the history of a position already defines the start", "remove start, or set of: rate"
+                "start", "has no effect: the signal defines the position at t = 0", "remove the key, or set of: rate"
             )
         if self.of == "rate" and self.signal.type == "sweep":
-            what = "a sweep of a rate has no closed-form position"
-            yield Problem("signal", what, "use a sweep of the position, or a rate from a file")
+            what = "with of: rate, a sweep is not supported: its integral, the position, has no closed form"
+            yield Problem(
+                "signal", what, "set of: position, or save the rate in a CSV file and use a signal of type csv"
+            )
 
 
 class WithDrive(Section):
     """Base of joints with a prescribed motion."""
 
-    drive: Drive = Field(description="Prescribed angle (any number of turns), displacement, or length (positive).")
+    drive: Drive = Field(
+        description="Prescribed motion: angle (any number of turns), displacement, or length (positive)."
+    )
 
 
 class DrivenAngle(Axial, WithDrive):
-    """The second frame rotates about a common axis by a prescribed angle. Another joint has to fix the axis, within 0.1 rad.
-    Limit: 1 rad per time step."""
+    """The second frame rotates by a prescribed angle about an axis common to both frames. Another joint must keep the axis
+    common, within 0.1 rad. The angle may change by at most 1 rad per time step."""
 
     type: Literal["driven_angle"] = Field(description="Kind of joint.")
 
 
 class DrivenDisplacement(Axial, WithDrive):
-    """The second origin is displaced along an axis of the first frame by a prescribed displacement."""
+    """The origin of the second frame has a prescribed displacement along an axis of the first frame."""
 
     type: Literal["driven_displacement"] = Field(description="Kind of joint.")
 
 
 class DrivenDistance(Between, WithDrive):
-    """The distance between the origins is prescribed, as in a hydraulic cylinder."""
+    """The distance between the origins of two frames is prescribed, as in a hydraulic cylinder."""
 
     type: Literal["driven_distance"] = Field(description="Kind of joint.")
 
@@ -224,8 +243,12 @@ Joint = Annotated[
 class Turns(Section):
     """Rotation of the direction of gravity over time."""
 
-    axis: DirectionVector = expert(description="Axis of rotation in global axes [-]; its length is not used.")
-    signal: Signal = expert(description="Angle of rotation [rad], at most 1 rad per time step.")
+    axis: DirectionVector = expert(
+        description="Axis of rotation in global axes [-]; the length of the vector is not used."
+    )
+    signal: Signal = expert(
+        description="Time history of the angle of rotation [rad]. The angle may change by at most 1 rad per time step."
+    )
 
 
 class GravitySection(Section):
@@ -233,7 +256,7 @@ class GravitySection(Section):
 
     type: Literal["gravity"] = Field(description="Kind of force.")
     acceleration: Annotated[Vector, Plausible(0.0, 1e3, "m/s²")] = Field(
-        (0.0, 0.0, -9.81), description="Acceleration in global axes [m/s²]."
+        (0.0, 0.0, -9.81), description="Acceleration of gravity in global axes [m/s²]."
     )
     turns: Turns | None = expert(
         None,
@@ -246,26 +269,29 @@ class SpringAndDamper(Section):
     """Linear spring and damper."""
 
     stiffness: Annotated[NotNegative, STIFFNESS] = expert(
-        description="Stiffness [N/m, for a torsion spring N m/rad]; the rotation of a torsion spring is limited to 3 rad."
+        description="Stiffness [N/m; for a torsion spring, N m/rad]. The rotation of a torsion spring is limited to 3 rad."
     )
     damping: Annotated[NotNegative, VISCOUS] = expert(
-        0.0, description="Damping coefficient [N s/m, for a torsion spring N m s/rad]."
+        0.0, description="Damping coefficient [N s/m; for a torsion spring, N m s/rad]."
     )
 
 
 class Spring(Between, SpringAndDamper):
-    """A spring and damper between the origins of two frames."""
+    """A linear spring and damper between the origins of two frames."""
 
     type: Literal["spring"] = Field(description="Kind of force.")
-    length: Annotated[NotNegative, Plausible(1e-6, 1e3, "m")] = expert(0.0, description="Unloaded length [m].")
+    length: Annotated[NotNegative, Plausible(1e-6, 1e3, "m")] = expert(
+        0.0, description="Length of the unloaded spring [m]."
+    )
 
 
 class Torsion(Axial, SpringAndDamper):
-    """A torsion spring and damper about an axis that a joint keeps common to two frames."""
+    """A torsion spring and damper between two frames about a common axis, which another joint must define."""
 
     type: Literal["torsion"] = Field(description="Kind of force.")
     angle: Annotated[float, TURN] = expert(
-        0.0, description="Unloaded angle of the second frame about the axis of the first frame [rad]."
+        0.0,
+        description="Rotation of the second frame relative to the first frame about the axis, at zero spring torque [rad].",
     )
 
 
@@ -273,27 +299,30 @@ Six = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, Not
 
 
 class Bushing(Between):
-    """Linear springs and dampers for the displacements and small rotations of the second frame in the axes of the first."""
+    """Linear springs and dampers for the displacements and small rotations of the second frame in the axes of the first frame."""
 
     type: Literal["bushing"] = Field(description="Kind of force.")
     stiffness: Annotated[Six, STIFFNESS] = expert(
-        description="Stiffness along x, y, z [N/m], then about x, y, z [N m/rad]."
+        description="Six values: stiffness along the x, y and z axes of the first frame [N/m], then about these axes [N m/rad]."
     )
     damping: Annotated[Six, VISCOUS] = expert(
-        (0.0,) * 6, description="Damping coefficients along x, y, z [N s/m], then about x, y, z [N m s/rad]."
+        (0.0,) * 6,
+        description="Six values: damping coefficients along the x, y and z axes of the first frame [N s/m], then about these "
+        "axes [N m s/rad].",
     )
 
 
 class RegularisedFriction(Section):
-    """Regularised friction, continuous at rest."""
+    """Regularised friction: the friction is continuous at zero speed."""
 
     viscous: Annotated[NotNegative, VISCOUS] = expert(
-        0.0, description="Coefficient c of viscous friction [N m s/rad, for sliding N s/m]."
+        0.0, description="Coefficient c of viscous friction [N m s/rad; for sliding, N s/m]."
     )
     speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s or m/s")] = Field(
         1e-3,
-        description="Regularisation speed ω₀ [rad/s, for sliding m/s]: Coulomb friction is accurate to 0.5 % above 3 ω₀; below, "
-        "sticking parts creep. Use at least a tenth of the speed change in one step, otherwise the step has no solution.",
+        description="Regularisation speed ω₀ [rad/s; for sliding, m/s]. At speeds above 3 ω₀, Coulomb friction is accurate "
+        "to 0.5 %. At lower speeds, parts creep instead of sticking. Use at least a tenth of the speed change in one time "
+        "step, otherwise the step has no solution.",
     )
 
 
@@ -301,31 +330,33 @@ class Input(Section):
     """Base of forces with a time history: inputs of the bench."""
 
     signal: Signal = Field(
-        description="Time history of the force [N; an actuator pushes the two origins apart], or of the moment [N m; "
-        "a motor turns the second frame]."
+        description="Time history of the force [N] or moment [N m]. A positive force of an actuator pushes the two origins "
+        "apart. A positive torque of a motor turns the second frame in the positive direction about the axis."
     )
 
 
 class FrictionSection(Axial, RegularisedFriction):
-    """Friction about or along a common axis, −T tanh(ω/ω₀) − cω, independent of the joint forces."""
+    """Friction about or along an axis common to two frames: −T tanh(ω/ω₀) − cω, with the relative speed ω. The friction does
+    not depend on the joint forces."""
 
     type: Literal["friction"] = Field(description="Kind of force.")
     motion: Literal["turn", "slide"] = expert(
         "turn", description="Motion with friction: rotation about the axis, or sliding along it."
     )
     coulomb: Annotated[NotNegative, Plausible(1e-9, 1e9, "N m or N")] = expert(
-        description="Coulomb friction T [N m, for sliding N]."
+        description="Coulomb friction T: torque [N m], or for sliding force [N]."
     )
 
 
 class Torque(Axial, Input):
-    """A motor: a torque between two frames about an axis that a joint keeps common to them; an input of the bench."""
+    """A motor: a torque between two frames about a common axis, which another joint must define. The torque is an input of
+    the bench."""
 
     type: Literal["torque"] = Field(description="Kind of force.")
 
 
 class ActuatorSection(Between, Input):
-    """A cylinder: a force that pushes two origins apart; an input of the bench."""
+    """A cylinder: a force that pushes the origins of two frames apart. The force is an input of the bench."""
 
     type: Literal["actuator"] = Field(description="Kind of force.")
 
@@ -343,11 +374,13 @@ class AtFrame(Section):
 class PointInput(AtFrame, Input):
     """A force or moment on a frame."""
 
-    direction: DirectionVector = Field(description="Direction [-]; its length is not used.")
+    direction: DirectionVector = Field(
+        description="Direction of the force or moment [-]; the length of the vector is not used."
+    )
     axes: Literal["global", "frame"] = Field(
         "global",
-        description="Axes of the direction. With `global`: the direction is constant; `frame`: the direction rotates with "
-        "the frame.",
+        description="Axes of the vector `direction`. With `global`: global axes; the direction is constant. With `frame`: "
+        "axes of the frame; the direction rotates with the frame.",
     )
 
 
@@ -371,8 +404,8 @@ class BearingDrag(RegularisedFriction):
     )
     coefficient: Annotated[NotNegative, Plausible(1e-4, 0.3)] = Field(
         0.0,
-        description="Friction coefficient µ of the manufacturer, about 0.006 [-]. Moment from the ball loads: µ/2 (4.4 M + D F_a "
-        "+ 3.81 D F_r), with tilting moment M, pitch diameter D, axial force F_a and radial force F_r.",
+        description="Friction coefficient µ of the manufacturer, about 0.006 [-]. Friction moment from the ball loads: µ/2 "
+        "(4.4 M + D F_a + 3.81 D F_r), with tilting moment M, pitch diameter D, axial force F_a and radial force F_r.",
     )
     axial: Annotated[NotNegative, VISCOUS] = expert(
         0.0, description="Damping coefficient of the axial displacement [N s/m]."
@@ -384,13 +417,13 @@ class BearingDrag(RegularisedFriction):
 
 
 class BearingForce(Section):
-    """A bearing between two frames; its axis is the x axis of the outer frame."""
+    """A bearing between two frames; the bearing axis is the x axis of the outer frame."""
 
     type: Literal["bearing"] = Field(description="Kind of force.")
     bearing: BearingName = Field(description="Name of the bearing.")
     outer: FrameName = Field(description="Frame of the outer ring, at the centre of the bearing.")
     inner: FrameName = Field(description="Frame of the inner ring, at the centre of the bearing.")
-    drag: BearingDrag = with_defaults(BearingDrag, "Friction and damping.")
+    drag: BearingDrag = with_defaults(BearingDrag, "Friction and damping of the bearing.")
 
 
 Load = PointForceSection | PointMomentSection | Torque | ActuatorSection
