@@ -125,7 +125,7 @@ SECTIONS = {
     "a section of shells on solids": (
         inp(section="*SHELL SECTION, ELSET=EALL, MATERIAL=STEEL\n0.01"),
         ABAQUS,
-        "C3D8 1 is a solid",
+        "contains C3D8 1, a solid",
     ),
     "a spring that is a clamp": (bar("CELAS2,60,1.+30,5,1"), {}, "1.1e+19 times E L of the structure"),
 }

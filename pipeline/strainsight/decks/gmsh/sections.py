@@ -91,7 +91,7 @@ class _Reader:
             name = header[1].decode("latin-1")
             if not self.file.version and name not in ("MeshFormat", "Comments"):
                 old = name in ("NOD", "ELM", "PARA", "PTS")
-                what = "format 1 of gmsh is not supported" if old else f"${name} is not allowed before $MeshFormat"
+                what = "gmsh format 1 is not supported" if old else f"${name} is not allowed before $MeshFormat"
                 raise self._error(what, at, _SAVE)
             key = name.removeprefix("Parametric")
             if key in section_names and key in (*_READ, "MeshFormat"):
@@ -135,7 +135,7 @@ class _Reader:
         self.binary, self.size = words[1] == "1", int(words[2])
         if self.binary:
             if rest[:4] not in (b"\1\0\0\0", b"\0\0\0\1"):
-                raise self._error("the binary number 1 that defines the byte order is missing", start)
+                raise self._error("$MeshFormat must contain the binary integer 1, which defines the byte order", start)
             self.order = "<" if rest[0] else ">"
 
     def _names(self, body: bytes, start: int) -> None:

@@ -29,7 +29,9 @@ def with_defaults(cards: Cards) -> dict[str, list[Card]]:
     for name, default in DEFAULTS.items():
         default_cards = cards.of(default)
         if len(default_cards) > 1:
-            raise default_cards[1].error(f"{default} is defined twice (first at {default_cards[0].where})", "keep one")
+            raise default_cards[1].error(
+                f"{default} is defined twice (first at {default_cards[0].where})", f"keep only one {default}"
+            )
         cards_by_name[name] = (
             [_fill_defaults(card, default_cards[0]) for card in cards.of(name)] if default_cards else cards.of(name)
         )
@@ -65,7 +67,9 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         )
         nodes = grids.nodes.rows_of_cards(node_ids, cards)
         if (at := find_repeated_node(nodes)) is not None:
-            raise cards[at].error("both ends are at the same node", "specify two nodes, or remove the element")
+            raise cards[at].error(
+                "both ends of the element are at the same node", "specify two nodes, or remove the element"
+            )
         n = len(cards)
         offset, released = np.zeros((n, 2, 3)), np.zeros((n, 2, 6), dtype=bool)
         if kind == "beam":
@@ -78,7 +82,9 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         length = np.linalg.norm(along, axis=1)
         short = ~(length > APART * extent)
         if short.any():
-            raise cards[int(np.argmax(short))].error("both ends coincide", "move a node or remove the element")
+            raise cards[int(np.argmax(short))].error(
+                "both ends of the element coincide", "move a node or remove the element"
+            )
         if kind == "beam":
             v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])
         else:
@@ -117,7 +123,9 @@ def _released_components(card: Card, end: int) -> list[int]:
         return []
     pins = components(text, card)
     if len(pins) > 5:
-        raise card.error(f"all components of end {'AB'[end]} are released", "connect at least one component")
+        raise card.error(
+            f"all components of end {'AB'[end]} are released", f"remove at least one component from P{'AB'[end]}"
+        )
     return list(pins)
 
 
@@ -228,7 +236,9 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     if ignored_words := [
         word for i, word in enumerate(words) if more[word] and word[:2] in ("NS", "CW") and card.text(at + i)
     ]:
-        notes.append(f"PBEAM {card.text(0)}: {', '.join(ignored_words)} (axial inertia, warping) have no effect")
+        notes.append(
+            f"PBEAM {card.text(0)}: nonstructural inertia NSI and warping CW have no effect ({', '.join(ignored_words)})"
+        )
     shear = (more["K1"], more["K2"])
     section = replace(end_a, shear=shear, at_b=None if _equal_sections(end_a, end_b) else replace(end_b, shear=shear))
     return card.integer(1, "the material id"), _check_section(card, section)
@@ -267,7 +277,7 @@ def check_station(card: Card, x: float, section: BeamSection, a: BeamSection, b:
         if abs(value - on_line) > LINEAR * max(abs(p), abs(q)):
             raise card.error(
                 f"{name} is {value:g} at X/XB = {x:g}, but linear variation between the ends requires "
-                f"{on_line:g}: other stations are not supported",
+                f"{on_line:g}: a nonlinear variation is not supported",
                 "divide the beam at this station, with one PBEAM for each part",
             )
 
@@ -279,7 +289,9 @@ def _second(I1: float, I2: float, I12: float) -> FloatArray:
 def _points(card: Card, at: int) -> FloatArray:
     """Stress recovery points C, D, E, F (p, 2) that are not blank."""
     filled = [i for i in range(at, at + 8, 2) if card.text(i) or card.text(i + 1)]
-    return np.array([[card.real(i + j, "a stress recovery point", 0.0) for j in (0, 1)] for i in filled]).reshape(-1, 2)
+    return np.array(
+        [[card.real(i + j, "a coordinate of a stress recovery point", 0.0) for j in (0, 1)] for i in filled]
+    ).reshape(-1, 2)
 
 
 def _check_section(card: Card, section: BeamSection) -> BeamSection:
@@ -292,10 +304,13 @@ def _check_section(card: Card, section: BeamSection) -> BeamSection:
             raise card.error(
                 f"the section properties are inconsistent: I1 = {I1:g}, I2 = {I2:g}, I12 = {I12:g}, J = {J:g}, "
                 f"NSM = {nonstructural:g}",
-                "only I12 may be negative, and I12² must not exceed I1 I2",
+                "correct the values: only I12 may be negative, and I12² must not exceed I1 I2",
             )
         if min(section.shear) < 0:
-            raise card.error(f"K1 is {section.shear[0]:g} and K2 {section.shear[1]:g}", "specify values of at least 0")
+            raise card.error(
+                f"a shear factor is negative: K1 is {section.shear[0]:g}, K2 is {section.shear[1]:g}",
+                "specify values of at least 0",
+            )
     return section
 
 
@@ -321,7 +336,9 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
     at, between, end_b = 9 + count, [], end_a
     while any(card.text(i) for i in range(at, at + 3 + count)):
         if card.text(at).upper() not in ("", *STATIONS):
-            raise card.error(f"SO (field {at + 2}) is {card.text(at)}", "set SO to YES or NO")
+            raise card.error(
+                f"SO (field {at + 2}) is {card.text(at)}, but must be YES, YESA or NO", "set SO to YES or NO"
+            )
         x = card.real(at + 1, "the station X/XB", 1.0)
         if not 0 < x <= 1:
             raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")

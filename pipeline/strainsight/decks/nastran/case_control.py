@@ -174,7 +174,11 @@ class CardSets:
 
     def choices(self, more: str = "") -> str:
         """Remedy for a missing set; more: alternative to the selection of another set."""
-        return f"select one of the sets {', '.join(map(str, sorted(self.ids)))}{more}" if self.ids else "add the set"
+        return (
+            f"select one of the sets {', '.join(map(str, sorted(self.ids)))}{more}"
+            if self.ids
+            else f"add the {self.what} cards of this set"
+        )
 
     def select(self, more: str) -> int:
         """The set that the first line selects. Raises DeckError, with `more` in the remedy, if it is missing."""
@@ -195,7 +199,10 @@ def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) ->
             raise card.error("the set id is used twice")
         combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
         if (lost := combined[number] - single) and not left_out:
-            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or remove its id")
+            raise card.error(
+                f"set {min(lost)} has no {' or '.join(names)}",
+                "add the cards of this set, or remove the set id from this card",
+            )
     ids = single | set(combined)
     chosen: dict[str, Line] = {}
     for line in deck.case_control:
@@ -240,7 +247,10 @@ def mass_scale(deck: Deck) -> float:
         if scale <= 0:
             raise card.error(f"the factor is {scale:g}, not positive")
         if scale != factors[0]:
-            raise card.error(f"the factor is {scale:g} here, but {factors[0]:g} at {definitions[0].where}", "keep one")
+            raise card.error(
+                f"the factor is {scale:g} here, but {factors[0]:g} at {definitions[0].where}",
+                "keep only one of the two",
+            )
     return factors[0] if factors else 1.0
 
 

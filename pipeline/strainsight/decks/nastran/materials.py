@@ -33,8 +33,8 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
     if specified == [True, False, False]:
         notes.append(
             Doubt(
-                f"MAT1 {number} defines only E, so NU = 0, as in Nastran, and G = E/2, but Nastran uses G = 0 "
-                "for torsion of beams and shear of shells; specify NU"
+                f"MAT1 {number} defines only E: NU = 0 and G = E/2 are used, but Nastran uses NU = 0 and G = 0 for torsion "
+                "of beams and shear of shells; specify NU"
             )
         )
     if specified[1] and G <= 0:
@@ -80,7 +80,9 @@ def note_damping(cards: Iterable[Card], notes: list[str]) -> None:
         if card.real(field := _DAMPING[card.name], "the structural damping GE", 0.0):
             damped.setdefault(card.name, []).append(f"{card.text(0)} (GE {card.text(field)})")
     for name, ids in damped.items():
-        notes.append(f"{name} {first_names(ids)}: structural damping GE is not imported; damping is set in the config")
+        notes.append(
+            f"{name} {first_names(ids)}: structural damping GE is not imported; define `damping` in the config"
+        )
 
 
 def first_names(names: list[str]) -> str:
