@@ -49,7 +49,7 @@ UNITS = {
     "WTMASS twice": (
         bar("PARAM,WTMASS,.00259", case="SPC = 1\nPARAM,WTMASS,1."),
         {},
-        "PARAM WTMASS: the factor is 1 here, but 0.00259",
+        "PARAM WTMASS: the factor WTMASS is 1 here, but 0.00259",
     ),
     "WTMASS misspelt": (bar("PARAM,WTMAS,.00259"), {}, "did you mean WTMASS?"),
     "no density": (bar(**steel(rho="")), {}, "the total mass is 0 kg"),

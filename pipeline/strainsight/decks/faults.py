@@ -53,7 +53,7 @@ def check_once(ids: IntArray, what: str, where: Callable[[int], str]) -> None:
         raise DeckError(
             f"{what} id {ids[second]} is used twice (first at {where(first)})",
             where=where(second),
-            remedy=f"number each {what} uniquely",
+            remedy=f"use a unique id for every {what}",
         )
 
 
@@ -146,10 +146,14 @@ def check_elements(
 def _check_ids(ids: IntArray, what: str, where: Where) -> None:
     if ids.size and ids.min() < 1:
         number = int(ids.min())
-        raise DeckError(f"{what} id {number} is not positive", where=where(what, number), remedy="use ids from 1")
+        raise DeckError(
+            f"{what} id {number} is not positive", where=where(what, number), remedy="use ids of at least 1"
+        )
     if (pair := find_duplicate(ids)) is not None:
         number = int(ids[pair[1]])
-        raise entity_error(what, number, f"{what} id {number} is used twice", f"number each {what} uniquely", where)
+        raise entity_error(
+            what, number, f"{what} id {number} is used twice", f"use a unique id for every {what}", where
+        )
 
 
 def plural(count: int, what: str) -> str:

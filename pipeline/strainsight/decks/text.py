@@ -338,12 +338,12 @@ class Entries(ABC):
         """The same above zero; meaning: "the thickness T"."""
         value = self.real(i, meaning, default)
         if not value > 0:
-            raise self.error(f"{meaning} is {value:g}, not positive", f"specify a positive {meaning.split()[1]}")
+            raise self.error(f"{meaning} is {value:g}, not positive", "specify a value above 0")
         return value
 
     def not_negative(self, i: int, meaning: str, default: float | None = None) -> float:
         """The same, zero or above."""
         value = self.real(i, meaning, default)
         if value < 0:
-            raise self.error(f"{meaning} is {value:g}, negative", f"specify a positive {meaning.split()[1]}")
+            raise self.error(f"{meaning} is {value:g}, negative", "specify a value of at least 0")
         return value

@@ -85,7 +85,7 @@ def test_wtmass_in_case_control_is_used(read, tetrahedron, form):
     mesh = read(deck + "PARAM,WTMASS,.5\nENDDATA\n")
     assert (mesh.materials[1].density, mesh.point_masses[0].mass) == (3925.0, 1.5)
     assert read(deck + "ENDDATA\n").materials[1].density == 3925.0
-    with expect_refusal(DeckError, r"the factor is 0\.5 here, but 0\.2 at", where="deck.bdf:3"):
+    with expect_refusal(DeckError, r"the factor WTMASS is 0\.5 here, but 0\.2 at", where="deck.bdf:3"):
         read(deck + "PARAM,WTMASS,.2\nENDDATA\n")
 
 
@@ -108,7 +108,7 @@ test_errors_have_file_and_line = refusal_table(TETRAHEDRON.replace, [
     ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,-2.1+11,,.3,7850.", "Young's modulus is -2.1e\\+11", 7),
     ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.5,7850.", "Poisson's ratio is 0.5", 7),
     ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,1.+11,,7850.", "defines only G", 7),
-    ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,,7850.", "the card has no E and no G or NU", 7),
+    ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,,7850.", "the card has neither E nor G nor NU", 7),
     ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,7850.\nPARAM,WTMASS,0.", "not positive", 8),
 ])
 

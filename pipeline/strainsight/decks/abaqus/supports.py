@@ -273,10 +273,10 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
     """First line of each equation, and the line and first entry of each term."""
     rows = iter(keyword.rows())
     for start in rows:
-        count = start.integer(0, "the number of terms")
+        count = start.integer(0, "the number of terms of the equation")
         if count < 1 or any(start.tokens[1:]):
             raise start.error(
-                "the number of terms is not valid",
+                "the number of terms of the equation is not valid",
                 "begin the equation with a line that contains only the number of terms, then write the terms",
             )
         terms: list[tuple[Row, int]] = []

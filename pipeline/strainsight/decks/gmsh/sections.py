@@ -87,7 +87,7 @@ class _Reader:
         while (at := _BLANKS.match(self.content, at).end()) < len(self.content):  # type: ignore[union-attr]
             header = _HEADER.match(self.content, at)
             if not header:
-                raise self._error("expected the start of a section, such as $Nodes", at)
+                raise self._error("the line is not the start of a section, such as $Nodes", at)
             name = header[1].decode("latin-1")
             if not self.file.version and name not in ("MeshFormat", "Comments"):
                 old = name in ("NOD", "ELM", "PARA", "PTS")
@@ -112,7 +112,7 @@ class _Reader:
         else:
             end = self.content.find(b"$End" + name.encode("latin-1"), start)
             if end < 0:
-                raise self._error(f"${name} has no end: the file is truncated", start - 1)
+                raise self._error(f"the line $End{name} is missing: the file is truncated", start - 1)
             body = self.content[start:end]
             if name == "MeshFormat":
                 self._format(body, start)

@@ -152,7 +152,7 @@ def bar_section(card: Card) -> tuple[int, BeamSection]:
     return card.integer(1, "the material id"), _check_section(card, section)
 
 
-_WORDS = ((2, "the area A"), (3, "I1"), (4, "I2"), (5, "J"), (6, "the mass NSM"))
+_WORDS = ((2, "the area A"), (3, "I1"), (4, "I2"), (5, "J"), (6, "the nonstructural mass NSM"))
 
 
 _RODS = {"PROD": (1, 2, 3, 5), "CONROD": (3, 4, 5, 7)}
@@ -163,7 +163,7 @@ def rod_section(card: Card) -> tuple[int, BeamSection]:
     """MID and section of a PROD or CONROD."""
     mid, *fields = _RODS[card.name]
     area, torsion = card.real(fields[0], "the area A"), card.real(fields[1], "J", 0.0)
-    section = BeamSection(area, torsion=torsion, nonstructural=card.real(fields[2], "the mass NSM", 0.0))
+    section = BeamSection(area, torsion=torsion, nonstructural=card.real(fields[2], "the nonstructural mass NSM", 0.0))
     return card.integer(mid, "the material id"), _check_section(card, section)
 
 
@@ -187,7 +187,7 @@ def tube_section(card: Card) -> tuple[int, BeamSection]:
     section = BeamSection(
         np.pi * (d**2 - inner**2) / 4,
         torsion=np.pi * (d**4 - inner**4) / 32,
-        nonstructural=card.real(4, "the mass NSM", 0.0),
+        nonstructural=card.real(4, "the nonstructural mass NSM", 0.0),
     )
     return card.integer(1, "the material id"), _check_section(card, section)
 
@@ -247,7 +247,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
 def _station(card: Card, at: int, default: BeamSection | None) -> BeamSection:
     """A, I1, I2, I12, J, NSM from a field on; blank entries default to `default`, at end A to zero except for A, I1 and I2."""
     blank = [None, None, None, 0.0, 0.0, 0.0] if default is None else _values(default)
-    names = ("the area A", "I1", "I2", "I12", "J", "the mass NSM")
+    names = ("the area A", "I1", "I2", "I12", "J", "the nonstructural mass NSM")
     A, I1, I2, I12, J, nonstructural = (card.real(at + i, names[i], blank[i]) for i in range(6))
     return BeamSection(A, _second(I1, I2, I12), J, nonstructural=nonstructural)
 
@@ -322,7 +322,7 @@ def bar_shape(card: Card) -> tuple[int, BeamSection]:
     """MID and section of a PBARL, whose axis is the line of centroids."""
     _, count = _shape(card)
     section = _section(card, _dimensions(card, 8, count, None))
-    section = replace(section, nonstructural=card.not_negative(8 + count, "the mass NSM", 0.0))
+    section = replace(section, nonstructural=card.not_negative(8 + count, "the nonstructural mass NSM", 0.0))
     return card.integer(1, "the material id"), section
 
 
@@ -331,7 +331,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
     stations, and for shapes whose shear centre (the axis of a CBEAM) is not the centroid: those without point symmetry."""
     kind, count = _shape(card)
     dimensions = _dimensions(card, 8, count, None)
-    mass = card.not_negative(8 + count, "the mass NSM", 0.0)
+    mass = card.not_negative(8 + count, "the nonstructural mass NSM", 0.0)
     end_a = replace(_section(card, dimensions), nonstructural=mass)
     at, between, end_b = 9 + count, [], end_a
     while any(card.text(i) for i in range(at, at + 3 + count)):
@@ -344,7 +344,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
             raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
         blank = not any(card.text(i) for i in range(at + 2, at + 3 + count))
         station = _section(card, _dimensions(card, at + 2, count, dimensions))
-        station = replace(station, nonstructural=card.not_negative(at + 2 + count, "the mass NSM", mass))
+        station = replace(station, nonstructural=card.not_negative(at + 2 + count, "the nonstructural mass NSM", mass))
         if x == 1:
             end_b = station
         elif not blank:

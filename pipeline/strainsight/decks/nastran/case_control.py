@@ -114,7 +114,7 @@ def sets(
 def _name(card: Card, sets_by_name: dict[str, IntArray]) -> str:
     name = f"{card.name}-{card.integer(0, 'the set id')}"
     if name in sets_by_name:
-        raise card.error("the set id is used twice", "number every set uniquely")
+        raise card.error("the set id is used twice", "use a unique id for every set")
     return name
 
 
@@ -245,10 +245,10 @@ def mass_scale(deck: Deck) -> float:
     factors = [card.real(1, "the factor") for card in definitions]
     for card, scale in zip(definitions, factors, strict=True):
         if scale <= 0:
-            raise card.error(f"the factor is {scale:g}, not positive")
+            raise card.error(f"the factor WTMASS is {scale:g}, not positive")
         if scale != factors[0]:
             raise card.error(
-                f"the factor is {scale:g} here, but {factors[0]:g} at {definitions[0].where}",
+                f"the factor WTMASS is {scale:g} here, but {factors[0]:g} at {definitions[0].where}",
                 "keep only one of the two",
             )
     return factors[0] if factors else 1.0

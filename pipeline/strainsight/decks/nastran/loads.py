@@ -357,7 +357,7 @@ def _along(card: Card, system: int, size: int, grids: Grids) -> FloatArray:
     coordinate_system = find_system(card, system, grids.systems)
     if coordinate_system.kind != "rectangular":
         raise card.error("the coordinate system CID is not rectangular", "specify the vector in a rectangular system")
-    vector = [card.real(size + 1 + i, "a component of the vector", 0.0) for i in range(3)]
+    vector = [card.real(size + 1 + i, "a component of the load vector", 0.0) for i in range(3)]
     return np.asarray(card.real(size, "the factor A") * coordinate_system.axes @ vector)
 
 

@@ -29,7 +29,7 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
         alone = "G (E is then 0)" if specified[1] else "NU"
         raise card.error(f"the card defines only {alone}: this is not sufficient", "specify E and NU")
     if not any(specified):
-        raise card.error("the card has no E and no G or NU", f"specify E and NU{OR_CONFIG}")
+        raise card.error("the card has neither E nor G nor NU", f"specify E and NU{OR_CONFIG}")
     if specified == [True, False, False]:
         notes.append(
             Doubt(
@@ -46,7 +46,7 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
     ratio = 1.0
     if of_beams and specified[:2] == [True, True] and E > 0 and not -1 < implied < 0.5:
         ratio, nu = 2 * G / E, 0.0
-        notes.append(f"MAT1 {number}: E and G of its beams and rods imply NU outside -1 to 0.5; both E and G are used")
+        notes.append(f"MAT1 {number}: E and G imply NU outside -1 to 0.5; beams and rods use E and G without this NU")
     elif not specified[2] or (inconsistent and of_beams):
         nu = implied
     if fault := elastic_fault(E if specified[0] else G, nu):
@@ -126,7 +126,7 @@ def laminate(card: Card) -> Laminate:
             f"LAM is {kind}: only complete (blank) and symmetric (SYM) laminates are supported",
             "leave LAM blank and specify all plies",
         )
-    nonstructural = card.not_negative(2, "the mass NSM", 0.0)
+    nonstructural = card.not_negative(2, "the nonstructural mass NSM", 0.0)
     step, at = (8, 1) if card.name == "PCOMPG" else (4, 0)
     plies = plies_of(card, step, at)
     return Laminate((*plies, *reversed(plies)) if kind == "SYM" else plies, nonstructural)

@@ -82,7 +82,7 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
         bending, shear = 0.0, 0.0
     elif card.is_blank(5):
         shear = np.inf
-    return mid, ShellSection(t, bending, shear, card.not_negative(7, "the mass NSM", 0.0))
+    return mid, ShellSection(t, bending, shear, card.not_negative(7, "the nonstructural mass NSM", 0.0))
 
 
 def read_shells(
@@ -110,7 +110,7 @@ def read_shells(
         for card, number in zip(cards, region.tolist(), strict=True):
             _check_corners(card, properties[number].section)
         axis = np.array([_axis(*each, grids) for each in zip(cards, x, normal, strict=True)])
-        offset = np.array([card.real(SHELLS[card.name].offset, "the offset ZOFFS", 0.0) for card in cards])
+        offset = np.array([card.real(SHELLS[card.name].offset, "the shell offset ZOFFS", 0.0) for card in cards])
         offset = offset + np.array([properties[number].middle for number in region.tolist()])
         blocks.append(ShellBlock(kind, ids, nodes, region, offset, axis.reshape(-1, 3)))
     return tuple(blocks)
@@ -171,7 +171,7 @@ def _axis(card: Card, x: FloatArray, normal: FloatArray, grids: Grids) -> FloatA
                 "set MCID to a coordinate system whose x axis is not normal to the shell",
             )
         return axis
-    theta = np.radians(card.real(theta_at, "the angle THETA", 0.0))
+    theta = np.radians(card.real(theta_at, "the material angle THETA", 0.0))
     if theta == 0:
         return np.full(3, np.nan)
     side = x[1] - x[0]

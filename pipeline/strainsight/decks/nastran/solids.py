@@ -130,7 +130,7 @@ def composite_solid(
             "set CORDM to a coordinate system (CORD2R, CORD2C, CORD2S) with an axis normal to the layers, or 0 "
             "for the basic system",
         )
-    directions = card.integer(2, "the directions PSDIR", 13)
+    directions = card.integer(2, "the ply directions PSDIR", 13)
     if directions not in DIRECTIONS:
         raise card.error(
             f"PSDIR is {directions}, which is not supported",

@@ -40,7 +40,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
     unique_ids(elements, "element")
     bushes = _bush_properties(cards, notes)
     scalar = {
-        number: (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping GE", 0.0))
+        number: (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping coefficient GE", 0.0))
         for number, card, at in _packed_properties(cards, "PELAS", 4)
     }
     elements_found, damped = [], 0
@@ -50,7 +50,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
             continue
         has_stiffness = card.name == "CELAS2"
         if has_stiffness:
-            k, damping = card.real(1, "the stiffness"), card.real(6, "the damping GE", 0.0)
+            k, damping = card.real(1, "the stiffness"), card.real(6, "the damping coefficient GE", 0.0)
         else:
             k, damping = _property_of(card, scalar, "PELAS")
         damped += damping != 0
@@ -272,7 +272,7 @@ def _conm1(card: Card, grids: Grids) -> tuple[int, FloatArray]:
     row = grids.nodes.row(card.integer(1, "the node id"), card)
     axes = np.kron(np.eye(2), axes_at(grids.position[row], find_system(card, 2, grids.systems)))
     M = np.zeros((6, 6))
-    M[np.tril_indices(6)] = [card.real(3 + i, "an entry of the matrix", 0.0) for i in range(21)]
+    M[np.tril_indices(6)] = [card.real(3 + i, "an entry of the mass matrix", 0.0) for i in range(21)]
     M = M + np.tril(M, -1).T
     return row, axes @ M @ axes.T
 
@@ -300,7 +300,7 @@ def components(text: str, card: Card) -> tuple[int, ...]:
     """Digits 1-6 as components 0-5."""
     if not text or any(digit not in "123456" for digit in text) or len(set(text)) < len(text):
         raise card.error(
-            f"components {text!r} must contain only digits 1 to 6, each once",
+            f"components {text!r} must contain only the digits 1 to 6, each at most once",
             "write the components as, for example, 123",
         )
     return tuple(sorted(int(digit) - 1 for digit in text))

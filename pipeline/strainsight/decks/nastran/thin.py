@@ -152,7 +152,7 @@ def _property(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str])
         return ThinProperty(card, ply, 0, (material,))
     if isinstance(section, Laminate):
         half = 0.5 * section.thickness
-        middle = card.real(1, "the position Z0 of the lower face", -half) + half
+        middle = card.real(1, "the position Z0 of the lower face of the laminate", -half) + half
         return ThinProperty(card, section, 0, tuple(ply.material for ply in section.plies), middle)
     return ThinProperty(card, section, material, (material,))
 

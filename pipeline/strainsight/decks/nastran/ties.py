@@ -53,9 +53,9 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
     """RBE3: groups of weight, components and nodes, and the UM set, if any. turning: rows of nodes with rotations, in addition
     to the reference nodes; rotations of other nodes cannot be averaged."""
     elements = []
-    turning = turning | {nodes.row(card.integer(2, "the reference node"), card) for card in cards.of("RBE3")}
+    turning = turning | {nodes.row(card.integer(2, "the reference node REFGRID"), card) for card in cards.of("RBE3")}
     for card in cards.of("RBE3"):
-        reference = nodes.row(card.integer(2, "the reference node"), card)
+        reference = nodes.row(card.integer(2, "the reference node REFGRID"), card)
         wanted = components(card.text(3), card)
         tokens = [token.upper() for token in card.tokens[4:] if token]
         if "ALPHA" in tokens:
@@ -67,7 +67,10 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
         counts = np.zeros((place.max() + 1, 6), dtype=int)
         np.add.at(counts, place, directions)
         if counts.max() > 1 or reference in rows:
-            raise card.error("a node is averaged twice, or is also the reference node", "list every averaged node once")
+            raise card.error(
+                "a component is averaged twice, or the reference node is averaged",
+                "list every averaged component of a node once",
+            )
         still = directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))
         if still.any():
             raise card.error(

@@ -123,7 +123,7 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
         )
     reason = " ".join((printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}").split())
     reason = re.sub(r" ?Error: Couldn't read file .*", "", reason) or "the content has another format or is damaged"
-    return error_at(path, f"cannot be read as {name}: {reason[:300]}", INSTEAD)
+    return error_at(path, f"the file cannot be read as {name}: {reason[:300]}", INSTEAD)
 
 
 def _check_file(path: Path, name: str) -> tuple[str, ...]:
@@ -150,7 +150,7 @@ def _check_file(path: Path, name: str) -> tuple[str, ...]:
         elif name in HDF5:
             check_hdf5(path)
     except (OSError, ElementTree.ParseError, ValueError) as error:
-        raise error_at(path, f"cannot be read as {name}: {error}", INSTEAD) from None
+        raise error_at(path, f"the file cannot be read as {name}: {error}", INSTEAD) from None
     return ()
 
 
@@ -178,7 +178,9 @@ def _check_xdmf(path: Path) -> tuple[str, ...]:
     for item in ElementTree.parse(path).iter("DataItem"):
         form, text = item.get("Format"), (item.text or "").strip()
         if form == "Binary":
-            raise error_at(path, 'Format="Binary" is not supported', "export the data with Format HDF or XML")
+            raise error_at(
+                path, 'a DataItem with Format="Binary" is not supported', "export the data with Format HDF or XML"
+            )
         if form == "HDF":
             target = folder / text.rpartition(":")[0]
             if not target.resolve().is_relative_to(folder):
@@ -222,7 +224,7 @@ def check_hdf5(path: Path) -> None:
             file.visititems_links(look)
             file.visititems(weigh)
     except Exception as error:  # h5py has no exception class for damaged files
-        reason = f"cannot be read as HDF5: {' '.join(str(error).split())[:300]}"
+        reason = f"the file cannot be read as HDF5: {' '.join(str(error).split())[:300]}"
         raise error_at(path, reason, INSTEAD) from None
     if problems:
         raise error_at(path, *problems[0])
