@@ -236,7 +236,7 @@ test_errors_have_line = refusal_table(lambda lines: f"{BRICK}{lines}\n", [
     ("*BOUNDARY\n77, 1", "node 77 is not in the deck", 2),
     ("*BOUNDARY\n1, 3, 2", "degrees of freedom 3 to 2", 2),
     ("*TRANSFORM, NSET=TOP\n1., 0., 0., 2., 0., 0.", "on one line", 2),
-    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 is on the axis of the cylindrical system, so its radial", 2),
+    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 is on the axis of the cylindrical system, where", 2),
     ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5", r"MASS 50 has no \*MASS", 2),
     ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
     (INERTIA.format(5).replace("3.,", "-3.,"), r"a principal moment of inertia is -3\.00622, negative", 4),

@@ -333,7 +333,7 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     first = rows[0]
     if parse_real(first.text(0)) is None:
         raise first.error(
-            f"{first.text(0)!r} is a distribution, which is not supported for anisotropic solids",
+            f"the distribution {first.text(0)!r} is not supported for the axes of anisotropic solids",
             "for each group of elements, define one section and one *ORIENTATION with DEFINITION=COORDINATES",
         )
     points = np.array([first.real(i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)

@@ -93,7 +93,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     values = values.reshape(-1, width)
     if values[:, 0].min() < 1:
         i = int(np.argmin(values[:, 0]))
-        raise _at(keyword, int(first[i]), f"element id {values[i, 0]} is not positive")
+        raise _at(keyword, int(first[i]), f"element id {values[i, 0]} is not positive", "use ids of at least 1")
     rows, missing = table.rows(values[:, 1:])
     if missing.any():
         i, j = np.argwhere(missing)[0]
@@ -154,7 +154,7 @@ def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
         lines.append(row.i)
         tokens.append(row.tokens)
         if row.integer(0, "the element id") < 1:
-            raise row.error(f"the element id {row.tokens[0]} is not positive")
+            raise row.error(f"the element id {row.tokens[0]} is not positive", "use ids of at least 1")
     ids = np.array([int(entries[0]) for entries in tokens], dtype=np.int64)
     nodes = [[entry for entry in entries[1:] if entry] for entries in tokens]
     first = np.cumsum([0, *map(len, nodes)])
@@ -262,7 +262,7 @@ def _node_lines(keyword: Keyword) -> tuple[IntArray, FloatArray]:
     for row in keyword.rows():
         node_ids.append(row.integer(0, "the node id"))
         if node_ids[-1] < 1:
-            raise row.error(f"node id {node_ids[-1]} is not positive")
+            raise row.error(f"node id {node_ids[-1]} is not positive", "use ids of at least 1")
         position.append([row.real(i, "a coordinate", 0.0) for i in (1, 2, 3)])
     return np.array(node_ids, dtype=np.int64), np.array(position)
 

@@ -46,7 +46,7 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
                     raise
                 raise row.error(
                     f"node {assembly.node_ids[node]} is on the axis of the {'cylindrical' if kind == 'C' else 'spherical'} "
-                    "system, so its radial or tangential direction is undefined",
+                    "system, where the radial or tangential direction is undefined",
                     "remove the node from the node set of the *TRANSFORM",
                 ) from None
     return axes
@@ -187,7 +187,8 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
             along = assembly.position[nodes[1]] - assembly.position[nodes[0]]
             if not np.linalg.norm(along) > 0:
                 raise keyword.error(
-                    f"the nodes of {assembly.element(row)} coincide, so its direction is undefined", "use SPRING2"
+                    f"the nodes of {assembly.element(row)} coincide, so the direction of the spring is undefined",
+                    "use SPRING2",
                 )
             e = along / np.linalg.norm(along)
             ends = [(nodes[0], 0, -e), (nodes[1], 0, e)]

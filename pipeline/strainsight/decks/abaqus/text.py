@@ -105,7 +105,9 @@ class Row(NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("tokens", list[
     def reals(self, count: int, meaning: str) -> FloatArray:
         """The first `count` entries, zero if blank; DeckError if there are more."""
         if any(self.tokens[count:]):
-            raise self.error(f"the line has {len(self.tokens)} entries, but at most {count} are allowed")
+            raise self.error(
+                f"the line has {len(self.tokens)} entries, but at most {count} are allowed", "remove the other entries"
+            )
         return np.array([self.real(i, meaning, 0.0) for i in range(count)])
 
     def error(self, what: str, remedy: str = _CORRECT) -> DeckError:

@@ -196,7 +196,7 @@ def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) ->
     for card in deck.cards.of(f"{what}ADD"):
         number = card.integer(0, "the set id")
         if number in combined:
-            raise card.error("the set id is used twice")
+            raise card.error("the set id is used twice", "use a unique id for every set")
         combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
         if (lost := combined[number] - single) and not left_out:
             raise card.error(
@@ -245,7 +245,7 @@ def mass_scale(deck: Deck) -> float:
     factors = [card.real(1, "the factor") for card in definitions]
     for card, scale in zip(definitions, factors, strict=True):
         if scale <= 0:
-            raise card.error(f"the factor WTMASS is {scale:g}, not positive")
+            raise card.error(f"the factor WTMASS is {scale:g}, not positive", "specify a positive factor")
         if scale != factors[0]:
             raise card.error(
                 f"the factor WTMASS is {scale:g} here, but {factors[0]:g} at {definitions[0].where}",

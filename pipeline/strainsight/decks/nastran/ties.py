@@ -106,11 +106,13 @@ def _groups(card: Card, tokens: list[str]) -> tuple[IntArray, FloatArray, np.nda
             raise card.error(f"a node id {describe_non_integer(tokens[i])}")
         weight = parse_real(tokens[i]) if node is None else None
         if weight is None or weight <= 0:
-            raise card.error(f"found {tokens[i]!r} instead of a positive weight (with a decimal point)")
+            raise card.error(
+                f"found {tokens[i]!r} instead of a positive weight", "write a positive weight with a decimal point"
+            )
         wanted = components(tokens[i + 1] if i + 1 < len(tokens) else "", card)
         i += 2
     if not ids:
-        raise card.error("the card has no nodes to average")
+        raise card.error("the card has no nodes to average", "add a weight, components and node ids")
     return np.array(ids, dtype=np.int64), np.array(weights), np.array(directions)
 
 
@@ -120,7 +122,9 @@ def _um_set(card: Card, tokens: list[str], nodes: NodeTable, count: int) -> IntA
     for i in range(0, len(tokens), 2):
         node = parse_integer(tokens[i])
         if node is None:
-            raise card.error(f"{tokens[i]!r} in the UM set is not a node id")
+            raise card.error(
+                f"{tokens[i]!r} in the UM set is not a node id", "specify pairs of a node and its components"
+            )
         wanted = components(tokens[i + 1] if i + 1 < len(tokens) else "", card)
         motions += [(nodes.row(node, card), c) for c in wanted]
     if len(motions) != count or len(set(motions)) != count:
@@ -180,7 +184,7 @@ def rigid_bars(cards: Cards, grids: Grids) -> Bars:
     for card in cards.of("RBE1"):
         tokens = [token.upper() for token in card.tokens]
         if "UM" not in tokens:
-            raise card.error("the word UM is missing before the dependent nodes and components")
+            raise card.error("the word UM is missing", "write UM before the first dependent node")
         at = tokens.index("UM")
         _rigid(card, grids, _read_motions(card, 1, at, grids), _read_motions(card, at + 1, len(tokens), grids), bars)
     for card in cards.of("RROD"):
@@ -225,7 +229,10 @@ def _rigid(card: Card, grids: Grids, independent: list[Motion], dependent: list[
         raise card.error("the card has no dependent component", "specify dependent components")
     if twice := set(independent) & set(dependent):
         node, c = min(twice)
-        raise card.error(f"node {grids.nodes.ids[node]} is both independent and dependent in component {c + 1}")
+        raise card.error(
+            f"node {grids.nodes.ids[node]} is both independent and dependent in component {c + 1}",
+            "remove one of the two entries",
+        )
     lead = {node for node, _ in independent}
     if len(lead) == 1:
         of: dict[int, tuple[int, ...]] = {}
