@@ -194,8 +194,8 @@ def test_include_outside_folders_is_refused(project, tmp_path, dirs):
     (tmp_path / "bul").mkdir()  # the beginning of a name is no folder above it
     with pytest.raises(DeckError, match="the folder of the deck") as caught:
         project[0]("../../bulk/parts/part", *dirs)
-    assert f"add its folder {tmp_path}/bulk/parts, relative to the config file" in caught.value.remedy
-    assert caught.value.remedy.endswith("mesh.include_dirs: [FOLDER]")
+    assert f"add its folder {tmp_path}/bulk/parts to the list" in caught.value.remedy
+    assert caught.value.remedy.endswith("mesh.include_dirs (relative to the config file)")
     assert caught.value.where.endswith(":1")
 
 

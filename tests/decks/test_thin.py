@@ -115,7 +115,7 @@ def test_element_in_two_groups_has_one_section(strip):
     both = strip(text=text, a=GivenSection((3, 4), ShellSection(T)))
     assert len(both.shells[0].ids) == 16
     assert set(both.shells[0].region) == {3}
-    assert any("in several groups with a section" in note for note in both.notes)
+    assert any("in several physical groups with a section" in note for note in both.notes)
     assert both.element_sets["2d-4"].tolist() == both.shells[0].ids[-1:].tolist()
     with pytest.raises(DeckError, match=r"is in region 3 \(.*\) and in region 4 \(.*\), which have different sections"):
         strip(text=text, a=GivenSection((3,), ShellSection(T)), b=GivenSection((4,), ShellSection(2 * T)))
@@ -152,7 +152,7 @@ def test_unsupported_thin_elements_are_refused(strip, sections, changes, key, wh
 
 def test_sections_of_solids_and_decks_are_refused(tmp_path):
     (tmp_path / "deck.bdf").write_text(TETRAHEDRON)
-    with expect_refusal(UserError, r"mesh\.sections\.a: deck\.bdf is a deck", key="mesh.sections.a"):
+    with expect_refusal(UserError, r"mesh\.sections\.a: deck\.bdf is a Nastran or Abaqus deck", key="mesh.sections.a"):
         read_mesh(tmp_path / "deck.bdf", sections={"mesh.sections.a": SHELL})
     meshio.Mesh(np.vstack([np.zeros(3), np.eye(3)]), [("tetra", [range(4)])]).write(tmp_path / "part.vtu")
     for regions, what in (((1,), "no region 1 of triangles"), (None, "the file has no triangles")):

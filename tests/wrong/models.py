@@ -49,7 +49,7 @@ UNITS = {
     "WTMASS twice": (
         bar("PARAM,WTMASS,.00259", case="SPC = 1\nPARAM,WTMASS,1."),
         {},
-        "PARAM WTMASS: the factor is 1 here, but 0.00259",
+        "PARAM WTMASS: the factor WTMASS is 1 here, but 0.00259",
     ),
     "WTMASS misspelt": (bar("PARAM,WTMAS,.00259"), {}, "did you mean WTMASS?"),
     "no density": (bar(**steel(rho="")), {}, "the total mass is 0 kg"),
@@ -125,7 +125,7 @@ SECTIONS = {
     "a section of shells on solids": (
         inp(section="*SHELL SECTION, ELSET=EALL, MATERIAL=STEEL\n0.01"),
         ABAQUS,
-        "C3D8 1 is a solid",
+        "contains C3D8 1, a solid",
     ),
     "a spring that is a clamp": (bar("CELAS2,60,1.+30,5,1"), {}, "1.1e+19 times E L of the structure"),
 }

@@ -15,7 +15,7 @@ from strainsight.mesh.thin import concatenate
 Where = Callable[[str, int], str]
 """("node" or "element", id) → place in the file."""
 
-OR_CONFIG = ", or define it in the config (mesh.materials)"
+OR_CONFIG = ", or define the material in the config (mesh.materials)"
 """Ending of a remedy for a deck without a material."""
 
 COLLAPSED = {
@@ -53,7 +53,7 @@ def check_once(ids: IntArray, what: str, where: Callable[[int], str]) -> None:
         raise DeckError(
             f"{what} id {ids[second]} is used twice (first at {where(first)})",
             where=where(second),
-            remedy=f"number each {what} uniquely",
+            remedy=f"use a unique id for every {what}",
         )
 
 
@@ -89,7 +89,7 @@ def elastic_fault(youngs_modulus: float, poisson_ratio: float) -> tuple[str, str
     if not -1 < poisson_ratio < 0.5:
         return (
             f"Poisson's ratio is {poisson_ratio:g}, outside -1 to 0.5",
-            "Poisson's ratio of a solid must be below 0.5 (rubber: 0.49)",
+            "specify a Poisson's ratio above -1 and below 0.5 (rubber: 0.49)",
         )
     return None
 
@@ -103,7 +103,7 @@ def lamina_fault(moduli: Mapping[str, float], poisson_ratio: float, name: str = 
     e1, e2 = list(moduli.values())[:2]
     if not poisson_ratio**2 < e1 / e2:
         what = f"{name} is {poisson_ratio:g}, but its square must be less than E1/E2 = {e1 / e2:g}"
-        return what, f"define {name} as −ε₂/ε₁ for a stress along axis 1"
+        return what, f"correct {name}, which is −ε₂/ε₁ for a stress along axis 1"
     return None
 
 
@@ -146,10 +146,14 @@ def check_elements(
 def _check_ids(ids: IntArray, what: str, where: Where) -> None:
     if ids.size and ids.min() < 1:
         number = int(ids.min())
-        raise DeckError(f"{what} id {number} is not positive", where=where(what, number), remedy="use ids from 1")
+        raise DeckError(
+            f"{what} id {number} is not positive", where=where(what, number), remedy="use ids of at least 1"
+        )
     if (pair := find_duplicate(ids)) is not None:
         number = int(ids[pair[1]])
-        raise entity_error(what, number, f"{what} id {number} is used twice", f"number each {what} uniquely", where)
+        raise entity_error(
+            what, number, f"{what} id {number} is used twice", f"use a unique id for every {what}", where
+        )
 
 
 def plural(count: int, what: str) -> str:
@@ -159,7 +163,7 @@ def plural(count: int, what: str) -> str:
 
 ENFORCED = "ENFORCED DISPLACEMENT"
 """Name in a config of a support with a prescribed displacement that is not zero; if ignored, its components are free."""
-HELD = f"{ENFORCED} of another value than zero"
+HELD = f"{ENFORCED} with a nonzero value"
 """Name in a config of such a support whose components are fixed at zero, as in a frequency analysis of any program."""
 MISSING_END = "MISSING ENDDATA"
 """Name in a config of a deck with BEGIN BULK but without ENDDATA, which may be truncated."""
@@ -204,5 +208,5 @@ def turning_nodes(
 
 def moment_note(card: str, ids: Sequence[int]) -> str:
     """Note on moments on nodes (ids, ascending, at least one) without rotations."""
-    more = f" and {len(ids) - 1} more" if len(ids) > 1 else ""
-    return f"{card} on node {ids[0]}{more} without rotations: applied as couples of forces"
+    more = f" and {plural(len(ids) - 1, 'more node')} have" if len(ids) > 1 else " has"
+    return f"{card}: node {ids[0]}{more} no rotations, so moments are applied as couples of forces"

@@ -13,7 +13,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from strainsight.decks.faults import check_elements, check_nodes
+from strainsight.decks.faults import check_elements, check_nodes, plural
 from strainsight.decks.text import error_at, open_file
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
@@ -90,7 +90,11 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
         table_rows = np.frombuffer(read_exactly(file, block.rows * item.itemsize, where), item)
         return table_rows["node"].tobytes(), table_rows["value"].astype(float)
     if k > NUMBERS_A_LINE:
-        raise error_at(where, f"a displacement block has {k} numbers per node, too many", "export the results again")
+        raise error_at(
+            where,
+            f"a block has {k} numbers per node, but at most {NUMBERS_A_LINE} are supported",
+            "export the results again",
+        )
     width = ID_WIDTH[block.format]
     start = file.tell()
     length = len(file.readline())
@@ -111,7 +115,11 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
             raise unreadable_line(where)
         values = np.array(rows, dtype="S16").astype(float)
     if file.readline()[:3] != b" -3":
-        raise error_at(where, f"a block of {block.rows} nodes does not end correctly", "export the results again")
+        raise error_at(
+            where,
+            f"the block of {plural(block.rows, 'node')} does not end with the line -3",
+            "export the results again",
+        )
     return ids, values
 
 
@@ -202,7 +210,7 @@ def _mesh(path: Path, required: bool) -> Mesh:
             elif line[:6] == b"    3C":
                 elements = _elements(file, line, str(path))
     if nodes is None:
-        raise error_at(path, "the file contains no nodes", "set mesh.file to the input deck")
+        raise error_at(path, "the file contains no nodes", "set mesh.file to the input deck (.inp)")
     check_nodes(nodes.ids, nodes.position, lambda *_: str(path))
     table, blocks, others = IdTable(nodes.ids), [], 0
     for form, (heads, rows) in sorted(elements.items()):
@@ -220,12 +228,12 @@ def _mesh(path: Path, required: bool) -> Mesh:
         ids, region = np.array(heads, dtype=np.int64).T
         blocks.append(CellBlock(kind.name, ids.copy(), in_order(index, kind.nastran_order), region.copy()))
     if not blocks and required:
-        raise error_at(path, "the file contains no solid elements", "set mesh.file to the input deck")
+        raise error_at(path, "the file contains no solid elements", "set mesh.file to the input deck (.inp)")
     check_elements(blocks, lambda *_: str(path))
     regions = sorted({int(number) for block in blocks for number in np.unique(block.region)})
     notes = ["coordinates of a text result file (.frd) have only six digits"] if nodes.text else []
     if others:
-        notes.append(f"{others} elements are not solids and are left out")
+        notes.append(f"{plural(others, 'element')} left out, because only solids are imported")
     return Mesh(
         node_ids=nodes.ids,
         position=nodes.position,

@@ -66,16 +66,16 @@ def read_mesh(
             )
     if sections and format in ("nastran", "abaqus"):
         raise UserError(
-            f"{path.name} is a deck, so its sections must be defined in the deck",
+            f"{path.name} is a Nastran or Abaqus deck, which must define the sections itself",
             key=next(iter(sections)),
-            remedy="remove the key, and assign a property to the elements in the deck (PSHELL, PBAR, *SHELL SECTION, "
+            remedy="remove this key, and define the sections in the deck (Nastran: PSHELL, PBAR; Abaqus: *SHELL SECTION, "
             "*BEAM SECTION)",
         )
     if sections and format == "frd":
         raise UserError(
             f"only solids are imported from {path.name}, and solids have no section",
             key=next(iter(sections)),
-            remedy="remove the key",
+            remedy="remove this key",
         )
     own_units = rescaled(sections or {}, 1 / L, 1 / M)
     if format == "nastran":

@@ -90,9 +90,11 @@ def read_bytes(path: Path) -> bytes:
     except FileNotFoundError:
         raise error_at(path, "no such file", "correct the file name or the folder") from None
     except UNPACKING as error:
-        raise error_at(path, f"cannot be unpacked: {error}", "compress the deck again") from None
+        raise error_at(path, f"the file cannot be unpacked: {error}", "compress the deck again") from None
     except OSError as error:
-        raise error_at(path, f"cannot be read: {error.strerror}", "check that the file is readable") from None
+        raise error_at(
+            path, f"the file cannot be read: {error.strerror}", "check the permissions of the file"
+        ) from None
     if not content.strip():
         raise error_at(path, "the file is empty", "export the deck again")
     return content
@@ -110,7 +112,7 @@ def _unpack(path: Path) -> bytes:
             if size > max(SMALL, PACKING * path.stat().st_size):
                 raise error_at(
                     path,
-                    f"the unpacked file is more than {PACKING} times larger",
+                    f"the unpacked file is more than {PACKING} times larger than the .gz file",
                     "check that the file is the deck; if it is, unpack it first and specify the unpacked file",
                 )
     return b"".join(parts)
@@ -119,7 +121,9 @@ def _unpack(path: Path) -> bytes:
 def check_plain(path: Path) -> None:
     """Raise DeckError for a pipe or a device, which may never end."""
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise error_at(path, "the path is not a plain file", "write the data to a file, and specify this file")
+        raise error_at(
+            path, "the path is a pipe or a device, not a file", "write the data to a file, and specify this file"
+        )
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -167,9 +171,11 @@ class Includes:
         near = [base / name for base in bases[:2]]
         if others := [other for other in inside if other in near and other.resolve() != resolved]:
             what = f"{word} {name!r} ({line.where}): read from {target}, but {others[0]} has the same name"
-            self.notes.append(Doubt(f"{what}; rename one of the two files if this is the wrong one"))
+            self.notes.append(Doubt(f"{what}; rename one of the two files if this is the wrong file"))
         if resolved in parents:
-            raise line.error(f"{word} {name!r} includes itself", "remove the circular include")
+            raise line.error(
+                f"{word} {name!r}: the file includes itself, directly or through another file", f"remove one {word}"
+            )
         self.include_count[resolved] += 1
         if len(parents) > DEEPEST or self.include_count[resolved] > OFTENEST:
             what = (
@@ -186,12 +192,12 @@ class Includes:
             return line.error(
                 f"{word} {name!r} is outside {leaves}",
                 "move the included file into the folder of the deck or below it, or add its folder "
-                f"{outside[0].resolve().parent}, relative to the config file: mesh.include_dirs: [FOLDER]",
+                f"{outside[0].resolve().parent} to the list mesh.include_dirs (relative to the config file)",
             )
         symbol = "; ~, variables and symbols before a colon are not expanded" if re.search(r"^~|[$%]|\w:", name) else ""
         return line.error(
             f"{word} {name!r}: no such file" + symbol,
-            "correct the path, or add the folder of the file: mesh.include_dirs: [FOLDER]",
+            "correct the path, or add the folder of the file to the list mesh.include_dirs",
         )
 
 
@@ -332,12 +338,12 @@ class Entries(ABC):
         """The same above zero; meaning: "the thickness T"."""
         value = self.real(i, meaning, default)
         if not value > 0:
-            raise self.error(f"{meaning} is {value:g}, not positive", f"specify a positive {meaning.split()[1]}")
+            raise self.error(f"{meaning} is {value:g}, not positive", "specify a value above 0")
         return value
 
     def not_negative(self, i: int, meaning: str, default: float | None = None) -> float:
         """The same, zero or above."""
         value = self.real(i, meaning, default)
         if value < 0:
-            raise self.error(f"{meaning} is {value:g}, negative", f"specify a positive {meaning.split()[1]}")
+            raise self.error(f"{meaning} is {value:g}, negative", "specify a value of at least 0")
         return value

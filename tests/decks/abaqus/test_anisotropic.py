@@ -131,8 +131,8 @@ def test_orientation_rotates_with_instance(read):
 
 TRUSS = "ELEMENT, TYPE=T3D2, ELSET=ALL\n1, 1, 2\n*MATERIAL"
 test_errors_have_remedy = refusal_table(deck(ENGINEERING, SKEW).replace, [
-    (SKEW, "*ORIENTATION, NAME=O\nDIST", "'DIST' is a distribution"),
-    (SKEW, SKEW + "\n4, 30.", "axis 4"),
+    (SKEW, "*ORIENTATION, NAME=O\nDIST", "the distribution 'DIST' is not supported"),
+    (SKEW, SKEW + "\n4, 30.", "the rotation axis is 4"),
     ("3.0000000000e-01", "4.", "smallest eigenvalue"),
     ("ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*MATERIAL", TRUSS, "is a truss, but its material is anisotropic"),
 ], placed=False)
@@ -258,7 +258,7 @@ def test_first_layer_is_at_start_of_stack_direction(read, named, along):
 test_errors_have_file_line_and_remedy = refusal_table(lambda lines, more: layered_deck(lines, **more), [
     ("1., , STEEL\n0., , STEEL", {}, "the thickness of layer 2 is 0, not positive", 43),
     ("1., 3", {}, "layer 1 has no material", 42),
-    ("1., , PLY", {}, "material 'PLY' is TYPE=LAMINA, which does not define the stiffness through", 42),
+    ("1., , PLY", {}, "material 'PLY' has TYPE=LAMINA, which does not define the stiffness of solids", 42),
     ("1., , CARBON, 5.", {"section": ""}, "layer 1 is anisotropic and rotated by 5°, but its section has no", 42),
     ("1., , CARBON, 5.", {"axis": ""}, "layer 1 is rotated by 5°, but the ORIENTATION at", 41),
     ("1., , STEEL", {"kind": "C3D4", "cells": "1, 1, 2, 4, 5"}, "C3D4 1 cannot have layers", 41),

@@ -98,7 +98,7 @@ test_invalid_equations_are_refused = refusal_table(lambda cards: bar() + cards, 
     ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are declared, but 2 are defined", 2),
     ("*EQUATION\n2\n5, 1, 0., 6, 1, 1.\n", "the coefficient of the first term is 0", 3),
     ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 does not exist at node", 3),
-    ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "the node set has 2 nodes, but the first node set has", 3),
+    ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "2 nodes, but the node set of the first term has", 3),
     ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
     ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", r"equations inside the first \*STEP are not supported", 2),
 ], before=bar().count("\n"))

@@ -236,7 +236,7 @@ test_errors_have_line = refusal_table(lambda lines: f"{BRICK}{lines}\n", [
     ("*BOUNDARY\n77, 1", "node 77 is not in the deck", 2),
     ("*BOUNDARY\n1, 3, 2", "degrees of freedom 3 to 2", 2),
     ("*TRANSFORM, NSET=TOP\n1., 0., 0., 2., 0., 0.", "on one line", 2),
-    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 is on the axis, so it has no radial direction", 2),
+    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 is on the axis of the cylindrical system, where", 2),
     ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5", r"MASS 50 has no \*MASS", 2),
     ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
     (INERTIA.format(5).replace("3.,", "-3.,"), r"a principal moment of inertia is -3\.00622, negative", 4),
@@ -244,7 +244,7 @@ test_errors_have_line = refusal_table(lambda lines: f"{BRICK}{lines}\n", [
     ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", r"\*KINEMATIC or \*DISTRIBUTING is missing", 3),
     ("*SURFACE, NAME=S\nE, S7", "'S7' is not a facet of a hex8", 2),
     ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is not a facet", 2),
-    ("*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2", "single components of node 5", 4),
+    ("*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2", "components are tied at node 5", 4),
 ], before=BRICK.count("\n"))
 
 
@@ -262,7 +262,7 @@ def test_force_on_rot_node_is_moment(read):
 @pytest.mark.parametrize("element", ["*ELEMENT, TYPE=MASS, ELSET=P\n50, {}\n*MASS, ELSET=P\n2.\n", INERTIA])
 def test_mass_on_rot_node_is_refused(read, element):
     read(BRICK + ROT + element.format(100))
-    with expect_refusal(DeckError, r"refers to node 101, the ROT NODE of a \*RIGID BODY", remedy="reference node 100"):
+    with expect_refusal(DeckError, r"refers to node 101, the ROT NODE of a \*RIGID BODY", remedy="REF NODE 100"):
         read(BRICK + ROT + element.format(101))
 
 

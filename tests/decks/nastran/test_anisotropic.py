@@ -157,10 +157,10 @@ def test_wedges_have_layers_from_triangle_to_triangle(read, nodes):
 
 
 def test_deviating_stacking_axis_is_noted_or_refused(read):
-    assert any("off the element normal (10)" in note for note in read(layered_deck()).notes)
-    with expect_refusal(DeckError, "off the CORDM axis that PSDIR defines as their normal", remedy="renumber the nodes"):
+    assert any("off the element normal (element 10)" in note for note in read(layered_deck()).notes)
+    with expect_refusal(DeckError, "off the layer normal that CORDM and PSDIR define", remedy="reorder the nodes"):
         read(layered_deck(nodes=(5, 8, 7, 6, 1, 4, 3, 2)))
-    with pytest.raises(DeckError, match="off the CORDM axis"):
+    with pytest.raises(DeckError, match="off the layer normal that CORDM"):
         read(layered_deck((5, 12, "", "", "", "", "")))
 
 

@@ -199,10 +199,10 @@ def test_beam_torsion_and_shear_use_material_g(read, mat1, E, G, nu):
 
 
 test_errors_have_file_and_line = refusal_table(lambda card, pbar: deck(card, pbar.replace("\n\n", "\n,,\n")), [
-    ("CBAR,10,1,1,1,0.,0.,1.", PBAR, "both ends are at the same node", 5),
+    ("CBAR,10,1,1,1,0.,0.,1.", PBAR, "both ends of the element are at the same node", 5),
     ("CBAR,10,1,1,2", PBAR, "the orientation is missing: G0, X1 to X3, or a", 5),
     ("CBAR,10,1,1,2,1.,0.,0.", PBAR, "the orientation G0 or X1 to X3 is parallel to the beam axis", 5),
-    ("CBAR,10,1,1,2,0.,0.,1.\n,,,2.", PBAR, "both ends coincide", 5),
+    ("CBAR,10,1,1,2,0.,0.,1.\n,,,2.", PBAR, "both ends of the element coincide", 5),
     ("CBAR,10,1,1,2,0.,0.,1.\n,,123456", PBAR, "all components of end B are released", 5),
     ("CBEAM,10,1,1,2,0.,0.,1.", PBAR, "property 1 is a PBAR, but must be a PBEAM", 5),
     ("CROD,10,7,1,2", PBAR, r"property 7 is not in the deck \(PROD\)", 5),

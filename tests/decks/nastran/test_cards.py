@@ -160,10 +160,10 @@ def test_continuations_are_matched_by_mark(cards, after):
 
 
 test_marks_without_their_other_end_or_with_two_are_named = refusal_table(str, [
-    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in its mark", 3),
-    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), r"no line continues the mark '\+M1' of this line", 1),
-    (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "move the continuation after", 4),
-    (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second line continues", 3),
+    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in this mark", 3),
+    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), r"continuation mark '\+M1', but no line begins with this mark", 1),
+    (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "move this line directly below the line", 4),
+    (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "both continue the line", 3),
     ("GRID,1\n=,*1,==\n,2\n", "the continuation has no preceding card", 3),
 ])
 
@@ -211,7 +211,7 @@ def test_case_control_is_not_bulk_data_and_enddata_ends(cards):
 test_a_line_that_cannot_be_taken_is_named = refusal_table(str, [
     ("+,1,2\n", "the continuation has no preceding card", 1),
     ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
-    ("=,*1,=\n", "must follow a card of one line", 1),
+    ("=,*1,=\n", "which must have exactly one line", 1),
     ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
     ("GRID,1\n=,*1,==\n=9\n=999999\n", "number of replicated cards to 1000009", 4),
     ("SOL 103\nCEND\nGRID,1\n", "found 'SOL 103', but BEGIN BULK is missing", 1),
@@ -238,7 +238,7 @@ def test_ignored_missing_enddata_is_noted_with_last_line(read, tetrahedron):
     assert list(mesh.node_ids) == [1, 2, 3, 4]
     (note,) = mesh.notes
     assert "selects no supports" in mesh.doubts[0]
-    assert note.startswith("the deck has no ENDDATA, so check that it is complete; its last line is 'SPC1,1,123,1,2,3' (")
+    assert note.startswith("the deck has no ENDDATA, so check that the deck is complete; its last line is 'SPC1,1,123,1,2,3' (")
     assert mesh.unsupported["MISSING ENDDATA"].endswith("deck.bdf:11")
     assert read(f"BEGIN BULK\n{tetrahedron}ENDDATA\n", ignore=["MISSING ENDDATA"]).notes == ()
 

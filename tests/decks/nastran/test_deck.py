@@ -41,7 +41,7 @@ def test_a_blank_property_id_is_the_element_id(read, tetrahedron):
         ("MAT1,1,2.6+11,1.+11", 2.6e11, 0.3, 0.0, None),
         ("MAT1,1,,1.+11,.3,1.", 2.6e11, 0.3, 1.0, None),
         ("MAT1,1,2.6+11,1.001+11,.3,1.", 2.6e11, 0.3, 1.0, None),
-        ("MAT1,1,2.1+11", 2.1e11, 0.0, 0.0, "MAT1 1 defines only E, so NU = 0"),
+        ("MAT1,1,2.1+11", 2.1e11, 0.0, 0.0, "MAT1 1 defines only E: NU = 0"),
         ("MAT1,1,2.1+11,1.+11,.3", 2.1e11, 0.3, 0.0, "MAT1 1: G = 1e+11 is 1.238 times E/2(1 + NU)"),
     ],
 )
@@ -85,7 +85,7 @@ def test_wtmass_in_case_control_is_used(read, tetrahedron, form):
     mesh = read(deck + "PARAM,WTMASS,.5\nENDDATA\n")
     assert (mesh.materials[1].density, mesh.point_masses[0].mass) == (3925.0, 1.5)
     assert read(deck + "ENDDATA\n").materials[1].density == 3925.0
-    with expect_refusal(DeckError, r"the factor is 0\.5 here, but 0\.2 at", where="deck.bdf:3"):
+    with expect_refusal(DeckError, r"the factor WTMASS is 0\.5 here, but 0\.2 at", where="deck.bdf:3"):
         read(deck + "PARAM,WTMASS,.2\nENDDATA\n")
 
 
@@ -96,7 +96,7 @@ test_errors_have_file_and_line = refusal_table(TETRAHEDRON.replace, [
     ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,5", "node 5 is not in the deck", 5),
     ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,3", "has the same node twice", 5),
     ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3", "the element has 3 nodes, but a CTETRA needs", 5),
-    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,2,1,2,3,4", r"property 2 is not a PSOLID of the deck \(1 tet4 elements\)", 5),
+    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,2,1,2,3,4", r"property 2 is not a PSOLID of the deck \(1 tet4 element\)", 5),
     ("CTETRA,10,1,1,2,3,4", "CPYRA,10,1,1,2,3,4,1", "CPYRA solids are not supported", 5),
     ("CTETRA,10,1,1,2,3,4", "CPYRAM,10,1,1,2,3,4,1,2\n,3,4,1,2,3,4,1", "the element has 13 nodes, but a CPYRAM needs", 5),
     ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,10,1,2,1,3,4", "element id 10 is used twice", 6),
@@ -108,7 +108,7 @@ test_errors_have_file_and_line = refusal_table(TETRAHEDRON.replace, [
     ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,-2.1+11,,.3,7850.", "Young's modulus is -2.1e\\+11", 7),
     ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.5,7850.", "Poisson's ratio is 0.5", 7),
     ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,1.+11,,7850.", "defines only G", 7),
-    ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,,7850.", "the card has no E and no G or NU", 7),
+    ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,,7850.", "the card has neither E nor G nor NU", 7),
     ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,7850.\nPARAM,WTMASS,0.", "not positive", 8),
 ])
 
@@ -135,5 +135,5 @@ def test_materials_may_come_from_config(tmp_path, tetrahedron, lacking, instead)
     check_materials(with_material(mesh, None, 2e11, 0.3, 7850.0))
     with pytest.raises(DeckError, match=r"has no material|does not exist"):
         check_materials(mesh)
-    with pytest.raises(DeckError, match=r", or define it in the config \(mesh\.materials\)"):
+    with pytest.raises(DeckError, match=r", or define the material in the config \(mesh\.materials\)"):
         read_nastran(tmp_path / "a.bdf")

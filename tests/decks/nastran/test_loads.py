@@ -188,7 +188,7 @@ def test_force_directions_from_nodes(read):
         np.testing.assert_allclose(totals(mesh, name)[0], force, atol=1e-14)
         np.testing.assert_allclose(totals(mesh, name)[1], moment, atol=1e-14)
     (note,) = (note for note in mesh.notes if "MOMENT" in note)
-    assert note.startswith("MOMENT on node 2 without rotations")
+    assert note.startswith("MOMENT: node 2 has no rotations")
 
 
 def test_load_card_combines_sets_with_factors(read):
@@ -214,12 +214,12 @@ def test_gravity_and_rotation_are_read_in_their_systems(read):
 
 test_invalid_loads_are_refused = refusal_table(lambda cards: deck("hex8", cards), [
     ("PLOAD4,1,9,2.,,,,5,7\n", "element 9 is not a solid or plate of the deck"),
-    ("PLOAD4,1,7,2.,,,,5,6\n", "specify opposite corners of a quadrilateral; for a tetrahedron, a corner"),
+    ("PLOAD4,1,7,2.,,,,5,6\n", "specify two opposite corners as G1 and G3; tetrahedron: specify a corner"),
     ("PLOAD,1,2.,1,2,7\n", "no solid or shell has a face with the corners 1, 2, 7"),
     ("PLOAD2,1,2.,7\n", "element 7 is not a plate"),
     ("RFORCE,1,,,1.,0.,0.,1.\n+,2.\n", r"angular acceleration \(RACC\) is not supported"),
     ("LOAD,9,1.,1.,4\n", "set 4 contains no imported load"),
-    ("CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nGRAV,1,6,1.,1.\n", "the coordinate system is not rectangular"),
+    ("CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nGRAV,1,6,1.,1.\n", "the coordinate system CID is not rectangular"),
 ], placed=False)
 
 
@@ -253,8 +253,8 @@ def test_axes_on_system_axis_are_rectangular(read, tetrahedron, shape, middle):
     mesh = read(system + "GRID,9,,{:.12f},{:.12f},{:.12f},4\n".format(*point) + tetrahedron + "ENDDATA\n")
     np.testing.assert_allclose(mesh.axes[0], frame, atol=1e-10)
     assert mesh.notes == (
-        f"1 of the nodes with CD = 4 are on the axis of this system (node 9), where {lost} are undefined: their "
-        "components are along the rectangular axes of the system",
+        f"1 node with CD = 4 on the axis of this coordinate system (first node 9): {lost} are undefined on the axis, "
+        "so the rectangular axes of the system are used there",
     )
 
 
@@ -294,8 +294,8 @@ def test_grdset_fills_blank_fields_only(read, tetrahedron):
 test_coordinate_systems_that_define_nothing_are_refused = refusal_table(lambda card: f"{card}\n{TETRAHEDRON}", [
     ("CORD2R,1,,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.", "one line"),
     ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "system 2, which is not in the deck"),
-    ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "its reference systems form a loop"),
+    ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "the reference systems RID form a"),
     ("CORD1R,1,1,2,9", "node 9 is not in the deck"),
-    ("CORD1R,1,1,2,60\nGRID,60,1,0.,1.,0.", "its reference systems form a loop"),
+    ("CORD1R,1,1,2,60\nGRID,60,1,0.,1.,0.", "the reference systems RID form a"),
     ("CORD1R,1,1,2,60\nGRID,60,7,0.,1.,0.", "system 7, which is not in the deck"),
 ], placed=False)

@@ -85,7 +85,7 @@ def test_shell_material_angle_system_and_offset(read, old, new, axis, offset):
 
 
 def test_a_material_system_along_the_normal_is_refused(read):
-    with pytest.raises(DeckError, match="x of the material system 7 is normal to the shell"):
+    with pytest.raises(DeckError, match="the x axis of the material coordinate system 7 is normal to the shell"):
         read(changed(QUAD, f"{QUAD},7\n{SYSTEM.format('1.,1.,0.')},0.,0.,1."))
 
 
@@ -217,7 +217,7 @@ test_what_is_wrong_is_named_with_file_and_line_of_composites = refusal_table(cha
     ("2.5,,,,,\n", "2.5,,,,,MEM\n", "LAM is MEM", 6),
     (",8,.1,45.", ",8,0.,45.", "thickness of ply 1 is 0", 6),
     (",8,.1,45.,YES,,,-45.,\n,1,.2,,YES\n", "", "no plies", 6),
-    ("MAT1,1,2.1+11,,.3,7850.", "MAT9,1,2.1+11", "material 1 of its plies is a MAT9", 6),
+    ("MAT1,1,2.1+11,,.3,7850.", "MAT9,1,2.1+11", "material 1 of the plies is a MAT9", 6),
     ("1.4+11,1.+10", "0.,1.+10", "E1 is 0, not positive", 9),
     (".3,5.+9", "4.,5.+9", "NU12 is 4, but its square must be less than E1/E2 = 14", 9),
 ])

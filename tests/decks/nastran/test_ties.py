@@ -59,7 +59,8 @@ def test_config_selects_support_set(read, tetrahedron):
     for head in (subcases, ""):
         with pytest.raises(ChoiceError, match="support") as caught:
             read(head + bulk)
-        assert (caught.value.choices, caught.value.remedy) == ((1, 9), "select the support set: mesh.spc: 1")
+        remedy = "set mesh.spc to the support set of the model, for example mesh.spc: 1"
+        assert (caught.value.choices, caught.value.remedy) == ((1, 9), remedy)
         assert pairs(read(head + bulk, spc=9)) == {(3, 0), (3, 2)}
         assert pairs(read(head + bulk, spc=2)) == {(3, 2)}
     assert pairs(read(f"SPC = 44\nBEGIN BULK\n{bulk}", spc=2)) == {(3, 2)}
@@ -71,7 +72,7 @@ def test_config_selects_support_set(read, tetrahedron):
 test_supports_that_cannot_be_taken_are_named = refusal_table(lambda head, cards: f"{head}{TETRAHEDRON}{cards}\nENDDATA\n", [
     ("", "SPC1,2,3,4", r"the deck has 2 support sets \(1, 2\), and the case control selects none"),
     ("SPC = 5\nBEGIN BULK\n", "", "SPC = 5 selects a set that is not in the deck"),
-    ("SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 2\nBEGIN BULK\n", "SPC1,2,3,4", "different supports"),
+    ("SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 2\nBEGIN BULK\n", "SPC1,2,3,4", "different support sets"),
     ("", "SPCADD,9,1,2", "set 2 has no SPC"),
     ("", "SPC1,1,123,9", "node 9 is not in the deck"),
     ("", "SPC1,1,127,4", "components '127'"),
@@ -124,8 +125,8 @@ test_ties_masses_and_sets_that_cannot_be_taken_are_named = refusal_table(
     ("RBE2,99,50,123,4\nRBE2,99,50,123,3", "rigid element id 99 is used twice"),
     ("RBE3,98,,50,123,1.,123456,1,2", "rotations of node 1 are averaged, but the node has no rotations"),
     ("RBE3,98,,50,123,-1.,123,1,2", "positive weight"),
-    ("RBE3,98,,50,123,1.,123,1,1", "is used twice"),
-    ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", "the UM set has 1 motions, but there are 3 reference components"),
+    ("RBE3,98,,50,123,1.,123,1,1", "a component is averaged twice"),
+    ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", r"the UM set has 1 component \(repeated ones counted once\), but REFC has 3"),
     ("CONM2,90,4,,-3.", "mass is -3"),
     ("SET1,5,1,2,77", "node 77 is not in the deck"),
 ], placed=False)
@@ -284,12 +285,12 @@ def test_a_rigid_rod_keeps_its_length(read, fields, follower, systems):
 
 test_bars_that_cannot_be_rigid_are_refused = refusal_table(lambda card: f"{grids_of(SYSTEMS[0])}GRID,5,,1.,1.2,.3\n{card}\n", [
     ("RBAR,20,1,1,123456", "both ends are at node"),
-    ("RBAR,20,1,2,12345", "5 independent motions"),
-    ("RBAR,20,1,2,123,123", "the independent motions do not constrain a rigid body"),
+    ("RBAR,20,1,2,12345", "5 independent components"),
+    ("RBAR,20,1,2,123,123", "the independent components do not constrain a rigid body"),
     ("RBAR,20,1,2,123456,,1,123456", "node 1 is both independent and dependent in component"),
-    ("RBE1,20,1,123456", "has no UM"),
-    ("RBE1,20,1,123,2,123\n+,UM,3,123", "the independent motions do not constrain a rigid body"),
+    ("RBE1,20,1,123456", "the word UM is missing"),
+    ("RBE1,20,1,123,2,123\n+,UM,3,123", "the independent components do not constrain a rigid body"),
     ("RROD,20,1,2,4", "exactly one translation must be dependent"),
-    ("RROD,20,2,5,1", "the dependent motion is perpendicular to the rod"),
+    ("RROD,20,2,5,1", "the dependent translation is perpendicular to the rod"),
     ("GRID,6,,1.,.2,0.3\nRROD,20,2,6,1", "both ends coincide"),
 ], placed=False)

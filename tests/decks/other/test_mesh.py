@@ -172,7 +172,7 @@ PYRAMID13 = np.random.default_rng(0).random((13, 3))
     [
         ("part.vtu", [("pyramid13", [range(13)])], PYRAMID13, "1"),
         ("part.vtu", [("triangle", [[0, 1, 2]])], TETRAHEDRON, r"the mesh contains no solid elements \(1 triangle cell\)"),
-        ("part.vtu", [("tetra", [[0, 1, 2, 9]])], TETRAHEDRON, r"a tetra refers to point 9 \(counted from 0\)"),
+        ("part.vtu", [("tetra", [[0, 1, 2, 9]])], TETRAHEDRON, r"a tetra cell refers to point 9 \(counted from 0\)"),
         ("part.vtu", CELLS, TETRAHEDRON * [1, 1, np.nan], "node 1 has a coordinate that is not a finite"),
         ("part.xdmf", [("tetra", [[0, 1, 2, 3]])], TETRAHEDRON[:, :2], "the points have 2 coordinates"),
     ],
@@ -197,7 +197,7 @@ def test_vtu_with_pieces_is_refused(write):
     text = path.read_text()
     piece = text[text.index("<Piece") : text.index("</Piece>") + len("</Piece>")]
     path.write_text(text.replace(piece, piece + piece))
-    with pytest.raises(DeckError, match="the file has 2 pieces instead of one"):
+    with pytest.raises(DeckError, match="the file has 2 <Piece> elements, but only one"):
         read_meshio(path)
 
 
@@ -208,10 +208,10 @@ VTK = "# vtk DataFile Version 4.2\nx\nASCII\nDATASET"
     ("name", "content", "message"),
     [
         ("part.vtu", "no mesh", "cannot be read as vtu"),
-        ("part.vtk", f"{VTK} STRUCTURED_POINTS\n", "the data set STRUCTURED_POINTS is not a mesh"),
-        ("part.vtk", f"{VTK} UNSTRUCTURED_GRID\nPOINTS 90000000000 double\n", "90000000000 entries are declared"),
+        ("part.vtk", f"{VTK} STRUCTURED_POINTS\n", "the VTK data set STRUCTURED_POINTS is not supported"),
+        ("part.vtk", f"{VTK} UNSTRUCTURED_GRID\nPOINTS 90000000000 double\n", "the line declares 90000000000 entries"),
         ("part.med", "no mesh", "cannot be read as HDF5"),
-        ("part.step", "ISO-10303-21;", ".step is not a known mesh file ending"),
+        ("part.step", "ISO-10303-21;", "the file name extension .step is not supported"),
     ],
 )
 def test_invalid_files_produce_no_meshio_output(tmp_path, capfd, name, content, message):

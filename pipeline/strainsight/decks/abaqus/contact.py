@@ -11,6 +11,7 @@ import numpy as np
 from strainsight.decks.abaqus.surfaces import Surface, Surfaces
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.abaqus.ties import TOLERANCE, facet_size, following
+from strainsight.decks.faults import plural
 from strainsight.decks.text import parse_real
 from strainsight.errors import ContactError, UserError
 from strainsight.mesh.model import IntArray, Mesh
@@ -62,9 +63,8 @@ def with_contact(
             "the deck has surfaces in contact, but a linear model cannot open or close contacts: "
             f"{', '.join(listed)}{more}",
             where=undecided[0].row.where,
-            remedy="set mesh.contact: bonded to tie surfaces where they touch (upper limit of stiffness), or "
-            "mesh.contact: open to leave them unconnected, as in a *FREQUENCY step of CalculiX without "
-            "PERTURBATION",
+            remedy="set mesh.contact: bonded (ties the surfaces where they touch: upper limit of the stiffness) or "
+            "mesh.contact: open (no connection, as in a *FREQUENCY step of CalculiX without PERTURBATION)",
             choices=tuple(map(str, undecided)),
         )
     sentences: list[str] = []
@@ -75,13 +75,13 @@ def with_contact(
             if not out and other.first is pair.second and other.second is pair.first
         ]
         if removed_pairs[i]:
-            words = "open: removed by *MODEL CHANGE"
+            words = "open, because *MODEL CHANGE removes this pair"
         elif any(other.tied or not pair.tied for other in turned):
-            words = f"same as the contact of {turned[0]}"
+            words = f"already included in the contact of {turned[0]}"
         elif pair.tied or choice == "bonded":
             mesh, words = _bond(mesh, pair)
         else:
-            words = "open (mesh.contact): the surfaces are not connected, even if they are pressed together"
+            words = "open (mesh.contact): the surfaces are not connected, even if they press on each other"
         sentences.append(f"contact of {pair}: {words}")
     return replace(mesh, contacts=tuple(sentences))
 
@@ -114,17 +114,17 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     nodes = np.setdiff1d(pair.first.nodes, pair.second.nodes)
     shared = len(pair.first.nodes) - len(nodes)
     if not len(nodes):
-        return mesh, "both surfaces have the same nodes, so they are already connected"
+        return mesh, "both surfaces have the same nodes, so the surfaces are already connected"
     if not pair.second.facets:
         raise pair.row.error(
-            f"surface {pair.second.name} is a node surface, and other nodes cannot be tied to it",
-            "define the surface by element facets (TYPE=ELEMENT)",
+            f"surface {pair.second.name} consists of nodes, and no surface can be bonded to a surface without facets",
+            f"define surface {pair.second.name} by element facets (*SURFACE, TYPE=ELEMENT)",
         )
     size = facet_size(mesh, pair.first, pair.second)
     if size is None:
         raise pair.row.error(
-            f"{pair} joins shells or beams, which cannot be bonded",
-            "use *TIE, common nodes or mesh.ties to join them, and leave the pair open (mesh.contact: open)",
+            f"the contact of {pair} includes shells or beams, but only solids can be bonded",
+            "set mesh.contact: open, and join the parts by common nodes or by mesh.ties of type rigid or averaging",
         )
     within = TOLERANCE * size if pair.adjust is None else max(pair.adjust, TOLERANCE * size)
     free = np.setdiff1d(nodes, following_already(mesh))
@@ -135,16 +135,22 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
         )
     except UserError:
         tied = 0
-    left = [f"{shared} belong to both surfaces"] if shared else []
-    left += [f"{len(nodes) - len(free)} already follow other nodes"] if len(free) < len(nodes) else []
-    left += [f"{len(free) - len(able)} are followed by nodes of the other surface"] if len(able) < len(free) else []
-    left += [f"{len(able) - tied} are more than {within:.3g} from the other surface"] if tied < len(able) else []
+    other = pair.second.name
+    left = [f"{plural(shared, 'node')} on both surfaces"] if shared else []
+    left += [f"{plural(len(nodes) - len(free), 'node')} already tied to other nodes"] if len(free) < len(nodes) else []
+    leading = f"{plural(len(free) - len(able), 'node')} to which nodes of {other} are tied"
+    left += [leading] if len(able) < len(free) else []
+    far = f"{plural(len(able) - tied, 'node')} more than {within:.3g} (unit of the deck) from {other}"
+    left += [far] if tied < len(able) else []
     second_size = facet_size(mesh, pair.second, pair.first)
     if tied and second_size is not None and second_size > COARSER * size:
-        left += [f"some nodes of the finer surface stay free: name {pair.second.name} first in *CONTACT PAIR"]
+        left += [
+            f"some nodes of {other} not bonded, because {other} has a finer mesh: name {other} first in *CONTACT PAIR"
+        ]
     how = "TIED in the deck" if pair.tied else "mesh.contact"
     bound = "" if pair.tied or not tied else "; the model is too stiff where the contact may open or slide"
-    return mesh, f"{tied} of {len(pair.first.nodes)} nodes bonded ({how}){''.join(f', {part}' for part in left)}{bound}"
+    count = plural(len(pair.first.nodes), "node")
+    return mesh, f"{tied} of {count} of {pair.first.name} bonded ({how}){''.join(f', {part}' for part in left)}{bound}"
 
 
 def following_already(mesh: Mesh) -> IntArray:

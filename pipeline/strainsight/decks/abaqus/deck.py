@@ -28,6 +28,7 @@ from strainsight.decks.faults import (
     check_elements,
     classify_effects,
     notes_and_doubts,
+    plural,
     spelt,
     turning_nodes,
 )
@@ -72,7 +73,7 @@ OF_CONTACT = re.compile(
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
-    "PARAMETER": ("parameters are not supported", "replace the parameters by their values"),
+    "PARAMETER": ("parameters are not supported", "write values instead of parameters, and remove this keyword"),
     "MANIFEST": ("assemblies of several files are not supported", "export the deck as one file"),
 }
 
@@ -214,7 +215,7 @@ def _first(card: str, keywords: Sequence[Keyword], assembly: Assembly) -> str:
 
 def _check_elements(assembly: Assembly, path: Path, required: bool) -> None:
     if not assembly.node_ids.size:
-        raise error_at(path, "the deck contains no nodes", "check that this is the deck of the model")
+        raise error_at(path, "the deck contains no nodes", "check that the file is the input deck of the model")
     if required and not np.any(assembly.families != ""):
         raise error_at(
             path,
@@ -261,7 +262,7 @@ def _nodes_with_normals(keywords: Sequence[Keyword]) -> int:
 def _note_reinterpreted(assembly: Assembly) -> list[str]:
     how = {type_: (kind.name, note) for type_, (kind, note) in SOLIDS.items()} | THIN
     return [
-        f"{count} {type_} imported as {' '.join(how[type_])}"
+        f"{plural(count, type_ + ' element')} imported as {' '.join(how[type_])}"
         for type_, count in sorted(Counter(assembly.type).items())
         if type_ in how and how[type_][1]
     ]

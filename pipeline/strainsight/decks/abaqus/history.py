@@ -126,7 +126,10 @@ def state_of(assembly: Assembly, ignored: Counter[str], chosen: int | None = Non
     model = State(Supports().then(reader.supports(assembly.keywords("BOUNDARY"))))
     for _, keyword in assembly.keywords("MODELCHANGE"):
         if "ACTIVATE" not in keyword.parameters:
-            raise keyword.error("not allowed before the first *STEP", "move it into the step that it changes")
+            raise keyword.error(
+                "this keyword is not allowed before the first *STEP",
+                "move the keyword into the step in which the change begins",
+            )
     if not assembly.steps:
         return model
     if chosen is not None and not 1 <= chosen <= len(assembly.steps):
@@ -153,8 +156,8 @@ def state_of(assembly: Assembly, ignored: Counter[str], chosen: int | None = Non
     _check_choice(assembly.steps, states, requested)
     state, step = states[requested[0]], assembly.steps[requested[0] - 1]
     if not state.same(model):
-        count = f", {plural(len(state.elements), 'element')} removed (*MODEL CHANGE)" if state.elements else ""
-        assembly.notes.append(f"supports are those of step {step.number} ({step.keyword.where}){count}")
+        count = f"; *MODEL CHANGE removes {plural(len(state.elements), 'element')}" if state.elements else ""
+        assembly.notes.append(f"the supports are those of step {step.number} ({step.keyword.where}){count}")
     return state
 
 
@@ -167,7 +170,7 @@ def _check_choice(steps: Sequence[Step], states: dict[int, State], requested: Se
             f"steps {requested[0]} and {other} have different {what} ({steps[requested[0] - 1].keyword.where}, "
             f"{steps[other - 1].keyword.where})",
             where=steps[other - 1].keyword.where,
-            remedy=f"select the step with mesh.step: {other}",
+            remedy=f"set mesh.step to the step that defines the model, for example mesh.step: {other}",
             choices=tuple(requested),
             key="step",
         )
@@ -213,7 +216,10 @@ class _Reader:
         if "ACTIVATE" in keyword.parameters:  # prepares a change in a later analysis
             return state
         if len(ways) != 1:
-            raise keyword.error("exactly one of ADD and REMOVE is required", "specify ADD or REMOVE")
+            raise keyword.error(
+                "exactly one of ADD and REMOVE is required",
+                "write REMOVE to remove elements or contact pairs, or ADD to add removed ones again",
+            )
         rows = keyword.rows()
         if kind == "CONTACTPAIR":
             pairs = {(row.text(0).upper(), row.text(1).upper()) for row in rows}
@@ -232,8 +238,8 @@ class _Reader:
         for scope, keyword in keywords:
             if "SUBMODEL" in keyword.parameters or "USER" in keyword.parameters:
                 raise keyword.error(
-                    "motions from a submodel (SUBMODEL) or a subroutine (USER) are not supported",
-                    "replace these motions by supports with value zero",
+                    "displacements from a submodel (SUBMODEL) or a subroutine (USER) are not supported",
+                    "replace these displacements by supports with the value 0",
                 )
             key = id(keyword), scope.name
             if key not in self.known:
@@ -246,7 +252,7 @@ class _Reader:
         components = np.array(_fixed_components(row, self.ignored), dtype=np.int64)
         motion = np.sort((6 * nodes[:, None] + components).ravel())
         self.lines += 1
-        moves = np.full(len(motion), row.real(3, "the value", 0.0) != 0)
+        moves = np.full(len(motion), row.real(3, "the displacement", 0.0) != 0)
         return Supports(motion, moves, np.full(len(motion), self.lines))
 
 
@@ -255,14 +261,17 @@ def _fixed_components(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
     label = row.text(1).upper()
     if label and not label[0].isdigit():
         if label not in TYPES:
-            raise row.error(f"{row.text(1)!r} is not a support type", f"use degrees of freedom, or {', '.join(TYPES)}")
+            raise row.error(
+                f"{row.text(1)!r} is not a support type",
+                f"write degrees of freedom from 1 to 6, or one of {', '.join(TYPES)}",
+            )
         return TYPES[label]
     first = row.integer(1, "the first degree of freedom")
     last = row.integer(2, "the last degree of freedom", first) or first
     if last < first or (first < 1 and last != 0):
         raise row.error(
-            f"the degrees of freedom {first} to {last} are not valid",
-            "write the first and the last degree of freedom, from 1 to 6",
+            f"the range of degrees of freedom {first} to {last} is not valid",
+            "write the lower degree of freedom first; both must be from 1 to 6",
         )
     for other in {first, last} - {*range(1, 7)}:  # temperature (0, 11), pressure (8) …
         ignored[f"*BOUNDARY of degree of freedom {other}"] += 1

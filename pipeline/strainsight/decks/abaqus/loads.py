@@ -50,7 +50,7 @@ class LoadReader:
         turned = [load.nodes[load.moment.any(axis=1)] for load in loads.values() if load.moment is not None]
         if loose := {int(row) for rows in turned for row in rows if row not in turning}:
             ids = sorted(int(assembly.node_ids[row]) for row in loose)
-            assembly.notes.append(moment_note("*CLOAD of a moment", ids))
+            assembly.notes.append(moment_note("*CLOAD", ids))
         return loads
 
     def _concentrated(self, scope: Scope, keyword: Keyword) -> NodalForces | None:
@@ -96,12 +96,12 @@ class LoadReader:
                 parts += self._per_volume(rows, AXES[label], row.real(2, "the force per volume"))
             elif number is None:
                 if shells.size < rows.size:
-                    self.ignored["*DLOAD P on elements that are no shells"] += 1
+                    self.ignored["*DLOAD P on elements that are not shells"] += 1
                 parts += _pressure_forces(assembly, shell_facets(assembly, shells), -row.real(2, "the pressure"))
             else:
                 solid = rows[assembly.kind[rows] >= 0]
                 if solid.size < rows.size:
-                    self.ignored["*DLOAD on elements that are no solids"] += 1
+                    self.ignored["*DLOAD on elements that are not solids"] += 1
                 parts += _pressure_forces(
                     assembly, facets_of(assembly, solid, number, row, "P"), row.real(2, "the pressure")
                 )
@@ -129,11 +129,14 @@ class LoadReader:
                 continue
             surface = self.surfaces.find(row.text(0), scope, row)
             if not surface.facets:
-                raise row.error(f"surface {row.text(0)!r} has no facets", "use an element surface (TYPE=ELEMENT)")
+                raise row.error(
+                    f"surface {row.text(0)!r} has no facets",
+                    "define the surface by element facets (*SURFACE, TYPE=ELEMENT)",
+                )
             if surface.sideless:
                 raise row.error(
                     f"surface {row.text(0)!r} contains shell edges, or shells without a side",
-                    "specify the side of each shell, SPOS or SNEG",
+                    "specify the side of each shell (SPOS or SNEG) in *SURFACE, and remove shell edges",
                 )
             parts += _pressure_forces(self.surfaces.assembly, surface.facets, row.real(2, "the pressure"))
         return _sum_forces(parts, [])
@@ -145,15 +148,15 @@ def _body(assembly: Assembly, scope: Scope, row: Row, label: str) -> BodyForce:
     elements = None if rows is None else np.sort(assembly.element_ids[rows])
     size = row.real(2, "the magnitude")
     start = 3 if label == "GRAV" else 6
-    direction = np.array([row.real(start + i, "a component of the direction", 0.0) for i in range(3)])
+    direction = np.array([row.real(start + i, "a component of the load direction", 0.0) for i in range(3)])
     if not (length := float(np.linalg.norm(direction))) > 0:
         raise row.error(f"the direction of {label} is zero", "specify three components that are not all zero")
     direction = scope.rotation @ direction / length
     if label == "GRAV":
         return BodyForce(acceleration=size * direction, elements=elements)
     if size < 0:
-        raise row.error(f"the squared angular velocity is {size:g}, but must not be negative", "specify Ω²")
-    point = np.array([row.real(3 + i, "a coordinate of the point", 0.0) for i in range(3)])
+        raise row.error(f"the squared angular velocity is {size:g}, but must not be negative", "specify Ω² [rad²/s²]")
+    point = np.array([row.real(3 + i, "a coordinate of the point on the rotation axis", 0.0) for i in range(3)])
     centre = scope.rotation @ point + scope.translation
     return BodyForce(rotation=np.sqrt(size) * direction, centre=centre, elements=elements)
 

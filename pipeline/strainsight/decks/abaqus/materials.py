@@ -58,7 +58,7 @@ class Materials:
         if name not in self.definitions and self.required:
             raise keyword.error(
                 f"material {keyword.parameters['MATERIAL']!r} is not in the deck",
-                f"add the *MATERIAL, or correct the name{OR_CONFIG}",
+                f"add a *MATERIAL with this name, or correct the name in the section{OR_CONFIG}",
             )
         if name not in self.definitions or not (self.required or "ELASTIC" in self.definitions[name].options):
             return 0
@@ -89,16 +89,18 @@ class Materials:
         definition = self._require(name, row)
         if _type(definition) == "LAMINA":
             raise row.error(
-                f"material {name!r} is TYPE=LAMINA, which does not define the stiffness through the thickness "
-                "of solids",
-                "use TYPE=ENGINEERING CONSTANTS",
+                f"material {name!r} has TYPE=LAMINA, which does not define the stiffness of solids through their thickness",
+                "in the *ELASTIC of this material, use TYPE=ENGINEERING CONSTANTS",
             )
         make = _anisotropic if anisotropic_type(definition.options.get("ELASTIC")) else _material
         return self._numbers.get(name.upper()) or self._add(name.upper(), make)
 
     def _require(self, name: str, by: Keyword | Row) -> Definition:
         if name.upper() not in self.definitions:
-            raise by.error(f"material {name!r} is not in the deck", "add the *MATERIAL, or correct the name")
+            raise by.error(
+                f"material {name!r} is not in the deck",
+                "add a *MATERIAL with this name, or correct the name in the section",
+            )
         return self.definitions[name.upper()]
 
     def of_section(self, name: str, E: float, nu: float, rho: float) -> int:
@@ -122,17 +124,20 @@ def definitions(keywords: list[Keyword]) -> dict[str, Definition]:
             name = keyword.needs("NAME").upper()
             if name in materials:
                 raise keyword.error(
-                    f"{keyword.parameters['NAME']!r} is defined twice (first at {materials[name].keyword.where})",
+                    f"material {keyword.parameters['NAME']!r} is defined twice (first at {materials[name].keyword.where})",
                     "use a unique name for every material",
                 )
             current = materials[name] = Definition(keyword)
         elif keyword.name in ("ELASTIC", "DENSITY"):
             if current is None:
-                raise keyword.error("there is no *MATERIAL before this keyword", "move it after its *MATERIAL")
+                raise keyword.error(
+                    "there is no *MATERIAL before this keyword",
+                    "move the keyword below the *MATERIAL to which it belongs",
+                )
             if keyword.name in current.options:
                 raise keyword.error(
-                    f"defined twice in the material (first at {current.options[keyword.name].where})",
-                    "remove one definition",
+                    f"the material has two {keyword.title} (first at {current.options[keyword.name].where})",
+                    f"remove one {keyword.title}",
                 )
             current.options[keyword.name] = keyword
     return materials
@@ -160,7 +165,8 @@ def _material(definition: Definition, number: int, notes: list[str]) -> Material
     elastic = definition.options.get("ELASTIC")
     if elastic is None:
         raise definition.keyword.error(
-            f"material {name!r} of a section has no *ELASTIC", f"add Young's modulus and Poisson's ratio{OR_CONFIG}"
+            f"a section refers to material {name!r}, but this material has no *ELASTIC",
+            f"add an *ELASTIC with Young's modulus and Poisson's ratio{OR_CONFIG}",
         )
     if (kind := _type(definition)) not in ("ISO", "ISOTROPIC"):
         raise elastic.error(
@@ -207,10 +213,9 @@ def _density(definition: Definition, notes: list[str], lines: int = 1) -> float:
     for keyword in (elastic, density):
         each = lines if keyword is elastic else 1
         if keyword is not None and len(keyword.texts) > each:
-            counts = "the first" if each == 1 else f"the first {each}"
+            counts = "the first line is used" if each == 1 else f"the first {each} lines are used"
             notes.append(
-                f"material {name}: {keyword.title} has {len(keyword.texts)} lines; {counts} "
-                f"{'is' if each == 1 else 'are'} used at all temperatures"
+                f"material {name}: {keyword.title} has {len(keyword.texts)} lines; {counts} at all temperatures"
             )
     return rho
 
@@ -258,7 +263,7 @@ def _values(elastic: Keyword, rows: list[Row], names: tuple[str, ...] | list[str
     if len(rows) < -(-len(names) // 8):
         raise elastic.error(
             f"found {len(rows)} of {-(-len(names) // 8)} data lines for {len(names)} constants (eight per line)",
-            f"specify {', '.join(names[:4])}, … {names[-1]}",
+            f"write all {len(names)} constants in the order {', '.join(names[:4])}, … {names[-1]}",
         )
     return np.array([rows[k // 8].real(k % 8, name) for k, name in enumerate(names)])
 
@@ -284,7 +289,10 @@ def named_orientation(assembly: Assembly, scope: Scope, by: Keyword | Row, name:
         for keyword in within.part.keywords:
             if keyword.name == "ORIENTATION" and keyword.word("NAME") == name.upper():
                 return keyword
-    raise by.error(f"orientation {name.upper()!r} is not in the deck", "add the *ORIENTATION, or correct the name")
+    raise by.error(
+        f"orientation {name.upper()!r} is not in the deck",
+        "add an *ORIENTATION with this name, or correct the name in the section",
+    )
 
 
 def rectangular_axes(row: Row) -> FloatArray:
@@ -299,7 +307,9 @@ def solid_orientation(assembly: Assembly, scope: Scope, keyword: Keyword) -> Ori
     rotated instance without orientation."""
     axes = solid_axes(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
     if axes is None and not np.allclose(scope.rotation, np.eye(3)):
-        raise keyword.error("anisotropic solids of a rotated instance need an ORIENTATION", "add an ORIENTATION")
+        raise keyword.error(
+            "anisotropic solids of a rotated instance need an ORIENTATION", "add ORIENTATION=… to the section"
+        )
     return Orientation(BASIC, np.eye(3)) if axes is None else axes.orientation
 
 
@@ -317,14 +327,14 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     if system not in SYSTEMS or definition not in ("COORDINATES", ""):
         raise orientation.error(
             f"SYSTEM={system}, DEFINITION={definition} is not supported for anisotropic solids",
-            "use a rectangular or cylindrical system defined by coordinates",
+            "use SYSTEM=RECTANGULAR, Z RECTANGULAR or CYLINDRICAL, with DEFINITION=COORDINATES",
         )
     rows = orientation.rows()
     first = rows[0]
     if parse_real(first.text(0)) is None:
         raise first.error(
-            f"{first.text(0)!r} is a distribution, which is not supported for anisotropic solids",
-            "use a separate section with an ORIENTATION by coordinates for each group of elements",
+            f"the distribution {first.text(0)!r} is not supported for the axes of anisotropic solids",
+            "for each group of elements, define one section and one *ORIENTATION with DEFINITION=COORDINATES",
         )
     points = np.array([first.real(i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
     if system == "CYLINDRICAL":
@@ -341,9 +351,11 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     moved = CoordinateSystem(kind, scope.rotation @ origin + scope.translation, scope.rotation @ axes)
     if len(rows) < 2:
         return SolidAxes(Orientation(moved, np.eye(3)), None, orientation.where)
-    about = rows[1].integer(0, "the axis", 1)
+    about = rows[1].integer(0, "the rotation axis", 1)
     if about not in (1, 2, 3):
-        raise rows[1].error(f"axis {about} is not valid", "specify the rotation axis 1, 2 or 3")
+        raise rows[1].error(
+            f"the rotation axis is {about}, but must be 1, 2 or 3", "correct the first entry of this line"
+        )
     turn = rotate_axes(about, rows[1].real(1, "the angle", 0.0))
     return SolidAxes(Orientation(moved, turn), about if rows[1].text(0) else None, orientation.where)
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from strainsight.decks.abaqus.text import Keyword, Row, integers, split
-from strainsight.decks.faults import check_once
+from strainsight.decks.faults import check_once, plural
 from strainsight.decks.text import describe_non_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
@@ -66,7 +66,8 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     type_ = keyword.needs("TYPE").upper()
     if type_ not in SOLIDS and type_.startswith("C3D"):
         raise keyword.error(
-            f"{type_} solids are not supported ({len(keyword.texts)} lines)", f"use {FAMILIES} ({USUAL})"
+            f"{type_} solids are not supported ({plural(len(keyword.texts), 'line')} of data)",
+            f"use {FAMILIES} ({USUAL})",
         )
     if not keyword.texts:
         keyword.rows()
@@ -92,7 +93,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     values = values.reshape(-1, width)
     if values[:, 0].min() < 1:
         i = int(np.argmin(values[:, 0]))
-        raise _at(keyword, int(first[i]), f"element id {values[i, 0]} is not positive")
+        raise _at(keyword, int(first[i]), f"element id {values[i, 0]} is not positive", "use ids of at least 1")
     rows, missing = table.rows(values[:, 1:])
     if missing.any():
         i, j = np.argwhere(missing)[0]
@@ -101,7 +102,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
             keyword,
             int(first[i]),
             f"{type_} {values[i, 0]}: node {number} is not in the deck",
-            f"add node {number}, or correct the id",
+            f"add node {number}, or correct the node id of the element",
         )
     begin = np.arange(len(values) + 1) * (width - 1)
     return Cells(keyword, type_, kind, values[:, 0].copy(), rows.ravel(), begin, first, {}, cut)
@@ -153,7 +154,7 @@ def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
         lines.append(row.i)
         tokens.append(row.tokens)
         if row.integer(0, "the element id") < 1:
-            raise row.error(f"the element id {row.tokens[0]} is not positive")
+            raise row.error(f"the element id {row.tokens[0]} is not positive", "use ids of at least 1")
     ids = np.array([int(entries[0]) for entries in tokens], dtype=np.int64)
     nodes = [[entry for entry in entries[1:] if entry] for entries in tokens]
     first = np.cumsum([0, *map(len, nodes)])
@@ -219,7 +220,10 @@ def _nodes(
     axes, origin, start = np.eye(3), np.zeros(3), 0
     for keyword in keywords:
         if keyword.name in GENERATORS:
-            raise keyword.error("generated meshes are not supported", "export explicit nodes and elements")
+            raise keyword.error(
+                "generated nodes and elements are not supported",
+                "export all nodes and elements with *NODE and *ELEMENT",
+            )
         if keyword.name == "SYSTEM":
             origin, axes = _system(keyword)
         if keyword.name != "NODE":
@@ -258,7 +262,7 @@ def _node_lines(keyword: Keyword) -> tuple[IntArray, FloatArray]:
     for row in keyword.rows():
         node_ids.append(row.integer(0, "the node id"))
         if node_ids[-1] < 1:
-            raise row.error(f"node id {node_ids[-1]} is not positive")
+            raise row.error(f"node id {node_ids[-1]} is not positive", "use ids of at least 1")
         position.append([row.real(i, "a coordinate", 0.0) for i in (1, 2, 3)])
     return np.array(node_ids, dtype=np.int64), np.array(position)
 
@@ -275,7 +279,10 @@ def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     if len(rows) > 1:
         z = normal(x, rows[1].reals(3, "a coordinate") - origin)
     elif abs(x[2]) > 1e-9 * np.linalg.norm(x):
-        raise rows[0].error("points a and b have different z, so point c is required", "add the line with point c")
+        raise rows[0].error(
+            "points a and b have different z coordinates, so point c is required",
+            "add a second line with the coordinates of point c",
+        )
     else:
         z = np.array([0.0, 0.0, 1.0])
     return origin, orthonormal(x, z, rows[0])
@@ -285,7 +292,7 @@ def orthonormal(x: FloatArray, z: FloatArray, row: Row) -> FloatArray:
     """Axes x, z × x, z of length one as columns (3, 3); DeckError if one of them is zero."""
     lengths = np.linalg.norm(x), np.linalg.norm(z)
     if not min(lengths) > 0:
-        raise row.error("the points are on one line and define no axes", "specify points that span a plane")
+        raise row.error("the points are on one line and define no axes", "specify points that are not on one line")
     x, z = x / lengths[0], z / lengths[1]
     return np.column_stack([x, np.cross(z, x), z])
 

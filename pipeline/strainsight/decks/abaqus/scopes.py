@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, read_part
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.faults import entity_error
+from strainsight.decks.faults import entity_error, plural
 from strainsight.decks.text import describe_non_integer, is_whole, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import rotation
@@ -50,10 +50,12 @@ def read_structure(
         if name in INSIDE:
             if tuple(k.name for k, _ in opened) != INSIDE[name]:
                 raise keyword.error(
-                    f"not allowed inside {around.title} at {around.where}"
+                    f"this keyword is not allowed inside {around.title} at {around.where}"
                     if around
-                    else "only allowed inside *ASSEMBLY",
-                    f"close {around.name} first" if around else "move it between *ASSEMBLY and *END ASSEMBLY",
+                    else "this keyword is only allowed inside *ASSEMBLY",
+                    f"write *END {around.name} before this line"
+                    if around
+                    else "move the lines between *ASSEMBLY and *END ASSEMBLY",
                 )
             opened.append((keyword, []))
         elif name.startswith("END") and name[3:] in INSIDE:
@@ -64,21 +66,28 @@ def read_structure(
                 key = (around.name, around.needs("NAME").upper())
                 if key in named:
                     what = f"{around.name.lower()} {around.parameters['NAME']!r} is defined twice"
-                    raise around.error(what, "use unique names")
+                    raise around.error(what, f"use a unique name for every {around.name.lower()}")
                 named.add(key)
         elif around is None or around.name == "ASSEMBLY":
             model.append(keyword)
         else:
             if around.name == "STEP" and name in (*MESH, *SECTIONS, "MATERIAL"):
-                raise keyword.error("not allowed inside a *STEP", "move it before the first *STEP")
+                raise keyword.error(
+                    "this keyword is not allowed inside a *STEP", "move the keyword before the first *STEP"
+                )
             # Sets of a step are sets of the model.
             of_model = name in ("NSET", "ELSET", "SURFACE") and around.name == "STEP"
             (model if of_model else opened[-1][1]).append(keyword)
     if opened:
         start = opened[-1][0]
-        raise start.error(f"*END {start.name} is missing", "add the line; if the deck is truncated, export it again")
+        raise start.error(
+            f"*END {start.name} is missing",
+            f"add the line *END {start.name}; if the deck is truncated, export it again",
+        )
     if closed["PART"] and not closed["INSTANCE"]:
-        raise closed["PART"][0][0].error("the deck has parts, but no *INSTANCE", "add an *ASSEMBLY with the instances")
+        raise closed["PART"][0][0].error(
+            "the deck has parts, but no *INSTANCE", "add an *ASSEMBLY with an *INSTANCE of each part"
+        )
     parts = {start.needs("NAME").upper(): part_keywords for start, part_keywords in closed["PART"]}
     steps = [
         Step(number, start, step_keywords) for number, (start, step_keywords) in enumerate(closed["STEP"], start=1)
@@ -94,16 +103,18 @@ def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     shifts = [row for row in rows if not any(row.tokens[3:])]
     if len(turns) > 1 or len(shifts) > 1:
         raise rows[-1].error(
-            "found more than one translation line or rotation line",
-            "write one line with x, y, z, then one line with the axis and the angle",
+            "the instance has more than one translation or more than one rotation",
+            "write one line with the translation x, y, z, then one line with two points of the rotation axis and the angle [deg]",
         )
     shift = shifts[0].reals(3, "a translation") if shifts else np.zeros(3)
     if not turns:
         return np.eye(3), shift
-    values = turns[0].reals(7, "a coordinate of the axis, or the angle")
+    values = turns[0].reals(7, "a coordinate of the rotation axis, or the rotation angle,")
     a, axis = values[:3], values[3:6] - values[:3]
     if not np.linalg.norm(axis) > 0:
-        raise turns[0].error("the two points of the axis coincide", "specify two different points, and the angle [deg]")
+        raise turns[0].error(
+            "the two points of the rotation axis coincide", "specify two different points, and the angle [deg]"
+        )
     R = rotation(axis / np.linalg.norm(axis), np.radians(values[6]))
     return R, a + R @ (shift - a)
 
@@ -199,7 +210,7 @@ class Assembly:
     def scope_of(self, name: str, row: Keyword | Row) -> Scope:
         """Instance of this name; DeckError if it does not exist."""
         if name.upper() not in self.scopes or not name:
-            raise row.error(f"instance {name!r} is not in the deck", "correct the name")
+            raise row.error(f"instance {name!r} is not in the deck", "correct the instance name")
         return self.scopes[name.upper()]
 
     def split_name(self, name: str, scope: Scope) -> tuple[Scope, str]:
@@ -267,7 +278,7 @@ class Assembly:
         within, name = self.split_name(entry, scope)
         rows = self._set(kind, name.upper(), within, ())
         if rows is None:
-            raise row.error(f"{kind.lower()} set {entry!r} is not in the deck", "correct the name, or add the set")
+            raise row.error(f"{kind.lower()} set {entry!r} is not in the deck", "correct the set name, or add the set")
         return rows
 
     def _numbered(self, kind: str, ids: IntArray, scope: Scope) -> tuple[IntArray, np.ndarray]:
@@ -315,7 +326,10 @@ class Assembly:
             within, name = self.split_name(entry, scope)
             if parse_integer(name) is None:
                 if f"{within.name}.{name.upper()}" in above:
-                    raise row.error(f"set {entry!r} contains itself", "remove it from its own members")
+                    raise row.error(
+                        f"set {entry!r} contains itself, directly or through another set",
+                        f"remove {entry!r} from this line",
+                    )
                 self._set(kind, name.upper(), within, above)
             parts.append(self._rows(kind, entry, scope, row))
         return np.concatenate(parts)
@@ -329,7 +343,7 @@ class Assembly:
             step = row.integer(2, "the increment", 1) or 1
             if high < low or step < 0:
                 raise row.error(
-                    f"the range {low} to {high} with increment {step} is decreasing",
+                    f"the range of ids {low} to {high} with increment {step} is decreasing",
                     "write the lower id first, and a positive increment",
                 )
             sorted_ids = table.sorted
@@ -338,7 +352,7 @@ class Assembly:
             lost += (high - low) // step + 1 - within.size
             parts.append(self._numbered(kind, within, scope)[0])
         if lost:
-            sentence = f"{keyword.where}: {keyword.title} generates {lost} ids that are not in the deck"
+            sentence = f"{keyword.where}: {keyword.title}, GENERATE contains {plural(lost, 'id')} missing in the deck"
             self.notes += [sentence] if sentence not in self.notes else []
         return np.concatenate(parts)
 

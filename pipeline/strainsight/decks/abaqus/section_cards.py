@@ -52,7 +52,9 @@ def beam_section(
     missing or inconsistent dimensions, and tapered sections."""
     for parameter in ("NODALTHICKNESS", "TAPER"):
         if parameter in keyword.parameters:
-            raise keyword.error(f"{parameter}: tapered sections are not supported", "use constant sections")
+            raise keyword.error(
+                f"{parameter}: tapered sections are not supported", "remove the parameter, and use constant sections"
+            )
     rows = keyword.rows()
     written = keyword.parameters.get("SECTION", "")
     shape = "".join(written.upper().split()) or ("GENERAL" if keyword.name == GENERAL else "")
@@ -64,7 +66,9 @@ def beam_section(
     d = _dimensions(rows[0], shape)
     if shape == "GENERAL":
         if warping_entries := [i for i in (5, 6) if rows[0].text(i) and rows[0].real(i, "a warping constant") != 0]:
-            notes.append(f"{rows[0].where}: warping constants (entry {warping_entries[0] + 1}) have no effect")
+            notes.append(
+                f"{rows[0].where}: warping constants (entry {warping_entries[0] + 1}) have no effect: warping is not modelled"
+            )
         if d[2] != 0:
             notes.append(f"{rows[0].where}: I12 = {d[2]:g} is interpreted as the integral of n1 n2 over the section")
         section, centroid = _general(rows[0], d), np.zeros(2)
@@ -88,14 +92,19 @@ def section_constants(
     If no isotropic material has this G, then ν = 0, and J and the shear factors are scaled so that G J and G A are correct."""
     row = keyword.rows()[-1]
     if row.i == 0:
-        raise keyword.error("the line with Young's modulus and shear modulus is missing", "add the line, or MATERIAL=…")
+        raise keyword.error(
+            "the line with Young's modulus and shear modulus is missing",
+            "add the line below the section dimensions, or add MATERIAL=… to the keyword",
+        )
     E, G = row.real(0, "Young's modulus"), row.real(1, "the shear modulus")
     if not min(E, G) > 0:
         raise row.error(f"the moduli are E = {E:g} and G = {G:g}, but both must be positive", "specify positive moduli")
     nu = E / (2 * G) - 1
     if elastic_fault(E, nu):
         section = section.with_shear(G / (E / 2))
-        notes.append(f"{row.where}: E = {E:g} and G = {G:g} are not isotropic: J and the shear factors are scaled to G")
+        notes.append(
+            f"{row.where}: no isotropic material has E = {E:g} and G = {G:g}; J and the shear factors are scaled to obtain this G"
+        )
         nu = 0.0
     density = keyword.parameters.get("DENSITY", "")
     rho = parse_real(density) if density else 0.0
@@ -112,7 +121,7 @@ def _dimensions(row: Row, shape: str) -> list[float]:
     d = [row.real(i, f"the dimension {name}") for i, name in enumerate(names)]
     if shape == "CIRC" and row.text(1):
         # CalculiX reads two diameters here
-        if row.real(1, "the second diameter") != d[0]:
+        if row.real(1, "the second diameter of the section") != d[0]:
             raise row.error(
                 "an elliptical section (CalculiX) is not supported",
                 "for a circle, specify the radius, or the diameter twice",
@@ -121,7 +130,9 @@ def _dimensions(row: Row, shape: str) -> list[float]:
     for name, value in zip(names, d, strict=True):
         free = name in ("l", "I12") or (shape == "I" and value == 0 and name in ("b1", "b2", "t1", "t2"))
         if not (free or value > 0 or (shape == "GENERAL" and name != "A" and value == 0)):
-            raise row.error(f"{name} of SECTION={shape} is {value:g}, not positive", "specify a positive value")
+            raise row.error(
+                f"the dimension {name} of SECTION={shape} is {value:g}, not positive", "specify a positive value"
+            )
     return d
 
 
@@ -157,8 +168,8 @@ def _shape(row: Row, shape: str, d: list[float]) -> tuple[BeamSection, FloatArra
             raise
         dimensions = ", ".join(f"{value:g}" for value in d)
         raise row.error(
-            f"the dimensions {dimensions} of SECTION={shape} are inconsistent: a wall has no length left",
-            f"check the dimensions in their order {', '.join(SHAPES[shape])}",
+            f"the dimensions {dimensions} of SECTION={shape} are inconsistent: the walls are too thick for the outer dimensions",
+            f"correct the dimensions; their order is {', '.join(SHAPES[shape])}",
         ) from None
     return section, np.where(np.abs(centroid) > ROUNDING * max(d), centroid, 0.0)
 
@@ -188,8 +199,14 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
     """OFFSET1 and OFFSET2 of CalculiX: distance of the nodes from the axis along n1 and n2, in section widths."""
     sizes = {"RECT": d[:2], "BOX": d[:2]}.get(shape, [2 * d[0]] * 2)
     if shape in ("I", "GENERAL"):
-        raise keyword.error(f"OFFSET1 and OFFSET2 of SECTION={shape} are not supported", "use RECT, BOX, PIPE or CIRC")
-    share = [keyword.number(name, 0.0, "specify the offset in section widths") for name in ("OFFSET1", "OFFSET2")]
+        raise keyword.error(
+            f"OFFSET1 and OFFSET2 of SECTION={shape} are not supported",
+            "remove OFFSET1 and OFFSET2, or use SECTION=RECT, BOX, PIPE or CIRC",
+        )
+    share = [
+        keyword.number(name, 0.0, "specify the offset as a multiple of the section width")
+        for name in ("OFFSET1", "OFFSET2")
+    ]
     return np.array(share) * sizes
 
 
@@ -221,7 +238,7 @@ def laminate(keyword: Keyword, materials: Materials, nonstructural: float) -> La
         if row.text(3) and parse_real(row.text(3)) is None:
             raise row.error(
                 f"ply {number} has a separate orientation {row.text(3)!r}, which is not supported",
-                "specify its angle [deg] from the ORIENTATION of the section, about the normal",
+                "specify the ply angle [deg] about the shell normal, relative to the ORIENTATION of the section",
             )
         plies.append(Ply(materials.of_ply(row.text(2), keyword), t, row.real(3, f"the angle of ply {number}", 0.0)))
     both = (*plies, *reversed(plies)) if "SYMMETRIC" in keyword.parameters else tuple(plies)
@@ -237,7 +254,7 @@ def default_axes(corners: FloatArray) -> FloatArray:
 
 
 SIDES = {"SPOS": 0.5, "SNEG": -0.5}
-CONSTANT = "specify a number: distributions are not supported"
+CONSTANT = "specify one number; distributions are not supported"
 REFUSED = {
     "NODALTHICKNESS": "variable thickness is not supported",
     "SHELLTHICKNESS": "variable thickness is not supported",
@@ -284,7 +301,10 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
     orientation = named_orientation(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
     if orientation is None:
         if matters and not np.allclose(scope.rotation, np.eye(3)):
-            raise keyword.error("plies of a rotated instance have no ORIENTATION", "add an ORIENTATION")
+            raise keyword.error(
+                "the plies are in a rotated instance, but the section has no ORIENTATION",
+                "add ORIENTATION=… to the section",
+            )
         return nothing
     name, rows, parameters = (
         orientation.parameters["NAME"].upper(),
@@ -302,12 +322,15 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
                 "use a rectangular system defined by coordinates, and specify rotations about the normal as ply angles",
             )
         assembly.notes.append(
-            f"{orientation.where}: orientation {name} of shells is not imported, because their materials are isotropic"
+            f"{orientation.where}: orientation {name} of shells is not imported, because the shell materials are isotropic"
         )
         return nothing
-    near_normal = rows[1].integer(0, "the axis", 1) if len(rows) > 1 else 1
+    near_normal = rows[1].integer(0, "the axis near the normal", 1) if len(rows) > 1 else 1
     if near_normal not in (1, 2, 3):
-        raise rows[1].error(f"axis {near_normal} is not valid", "specify the axis near the normal, 1, 2 or 3")
+        raise rows[1].error(
+            f"the axis near the shell normal is {near_normal}, but must be 1, 2 or 3",
+            "correct the first entry of this line",
+        )
     return np.asarray(scope.rotation @ rectangular_axes(rows[0])[:, near_normal % 3])
 
 
@@ -373,7 +396,7 @@ def _check_elements(assembly: Assembly, keyword: Keyword, rows: IntArray, direct
     for row in rows.tolist():
         kind = ELEMENTS[assembly.kind[row]].name if assembly.kind[row] >= 0 else ""
         if direction - 1 not in STACKED.get(kind, ()):
-            lacks = f"layers in direction {direction}" if kind in STACKED else "layers"
+            lacks = f"layers stacked in direction {direction}" if kind in STACKED else "layers"
             raise keyword.error(
                 f"{assembly.element(row)} cannot have {lacks}",
                 "use layers only in hexahedra, or in wedges with STACK DIRECTION=3; use a section with a "

@@ -18,7 +18,7 @@ from strainsight.decks.abaqus.section_cards import (
     shell_section,
 )
 from strainsight.decks.abaqus.text import Keyword
-from strainsight.decks.faults import OR_CONFIG, find_repeated_node, note_shared
+from strainsight.decks.faults import OR_CONFIG, find_repeated_node, note_shared, plural
 from strainsight.errors import DeckError
 from strainsight.mesh.assigned_sections import beam_axes
 from strainsight.mesh.model import FloatArray, IntArray, Properties, Region
@@ -116,8 +116,9 @@ def _check_family(assembly: Assembly, keyword: Keyword, rows: IntArray) -> None:
     if other.size:
         row = int(other[0])
         raise keyword.error(
-            f"{assembly.element(row)} is a {'truss' if family[row] == 'rod' else family[row]} ({other.size} such elements)",
-            f"remove it from the element set, and add a {WANTED[str(family[row])]}",
+            f"the element set contains {assembly.element(row)}, a {'truss' if family[row] == 'rod' else family[row]} "
+            f"({plural(other.size, 'such element')})",
+            f"remove these elements from the element set, and add a {WANTED[str(family[row])]} for them",
         )
 
 
@@ -154,8 +155,8 @@ def _add(
         types = sorted({assembly.type[row] for row in rows.tolist()})
         if "B33" in types and len(types) > 1:
             raise keyword.error(
-                f"{' and '.join(types)} are in one section, but B33 elements have no shear deformation",
-                "use a separate section for each type",
+                f"{' and '.join(types)} elements are in one section, but B33 elements have no shear deformation",
+                "use a separate section for each element type",
             )
         beam, offset, direction = beam_section(scope, keyword, types != ["B33"], assembly.notes)
         if "MATERIAL" not in keyword.parameters and keyword.name == "BEAMGENERALSECTION":
@@ -196,8 +197,8 @@ def _handle_without_section(
     if solid.size and materials_required:
         raise assembly.element_error(
             int(solid[0]),
-            f"has no section ({solid.size} such elements)",
-            f"add a *SOLID SECTION with its element set and a material{OR_CONFIG}",
+            f"has no section ({plural(solid.size, 'such element')})",
+            f"add a *SOLID SECTION for the element set of these elements, with a material{OR_CONFIG}",
         )
     if solid.size:
         number = len(regions) + 1
@@ -208,8 +209,8 @@ def _handle_without_section(
         row = int(thin[0])
         raise assembly.element_error(
             row,
-            f"has no section ({thin.size} such elements)",
-            f"add a {WANTED[str(family[row])]} with its element set, or leave these elements out (mesh.ignore: "
+            f"has no section ({plural(thin.size, 'such element')})",
+            f"add a {WANTED[str(family[row])]} for the element set of these elements, or leave these elements out (mesh.ignore: "
             f"[{assembly.type[row]}])",
         )
     return thin
@@ -290,7 +291,7 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
             raise assembly.element_error(
                 int(rows[at]),
                 f"is parallel to the first axis n1 ({n1}) of its section",
-                "specify a direction across the beam on the line after the dimensions; the default is 0, 0, -1",
+                "specify n1, a direction across the beam, on the line after the section dimensions; the default is 0, 0, -1",
             )
         place = np.array([sections.offset[number] for number in region.tolist()])
         note_shared(nodes, assembly.name_of(rows), assembly.notes)
@@ -317,7 +318,7 @@ def _check_count(assembly: Assembly, rows: IntArray, order: tuple[int, ...]) -> 
             raise assembly.element_error(
                 row,
                 f"has {len(nodes)} nodes",
-                f"specify {count} nodes" + ("" if truss else f", and optionally a {more} for n1"),
+                f"specify {count} nodes" + ("" if truss else f", and optionally a {more} node that defines n1"),
             )
         if nodes.min() < 0:
             i = int(np.argmin(nodes)) + 1

@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.decks.abaqus.parts import normal, orthonormal
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.faults import plural
 from strainsight.decks.text import parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import PointMass, Relation, Springs, spring_between
@@ -34,7 +35,8 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
         for node in nodes.tolist():
             if node in axes:
                 raise keyword.error(
-                    f"node {assembly.node_ids[node]} already has another *TRANSFORM", "use one *TRANSFORM for each node"
+                    f"node {assembly.node_ids[node]} already has another *TRANSFORM",
+                    "remove the node from the node set of one *TRANSFORM",
                 )
             position = scope.rotation.T @ (assembly.position[node] - scope.translation)
             try:
@@ -43,8 +45,9 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
                 if kind == "R":
                     raise
                 raise row.error(
-                    f"node {assembly.node_ids[node]} is on the axis, so it has no radial direction",
-                    "remove the node from the node set",
+                    f"node {assembly.node_ids[node]} is on the axis of the {'cylindrical' if kind == 'C' else 'spherical'} "
+                    "system, where the radial or tangential direction is undefined",
+                    "remove the node from the node set of the *TRANSFORM",
                 ) from None
     return axes
 
@@ -75,7 +78,10 @@ def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[Poin
         tensor = np.array([[a, ab, ac], [ab, b, bc], [ac, bc, c]])
         lowest = float(np.linalg.eigvalsh(tensor)[0])
         if lowest < -1e-9 * np.abs(tensor).max():
-            raise line.error(f"a principal moment of inertia is {lowest:g}, negative", "correct the six values")
+            raise line.error(
+                f"a principal moment of inertia is {lowest:g}, negative",
+                "correct the six values I11, I22, I33, I12, I13 and I23",
+            )
         node, turned = _node_of(assembly, row, rotations), scope.rotation @ tensor @ scope.rotation.T
         i = next((i for i, point in enumerate(points) if point.node == node), None)
         if i is None:
@@ -86,8 +92,11 @@ def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[Poin
 
 
 REFUSED = {
-    "SPRING": (("NONLINEAR", "ORIENTATION", "COMPLEXSTIFFNESS"), "use one constant stiffness"),
-    "ROTARYINERTIA": (("ORIENTATION",), "specify the inertia along the basic axes"),
+    "SPRING": (
+        ("NONLINEAR", "ORIENTATION", "COMPLEXSTIFFNESS"),
+        "remove the parameter, and specify one constant stiffness along the nodal axes",
+    ),
+    "ROTARYINERTIA": (("ORIENTATION",), "remove the parameter, and specify the inertia along the global axes"),
     "MASS": ((), ""),
 }
 """Keyword → unsupported parameters and remedy."""
@@ -107,7 +116,10 @@ def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterat
         rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
         for row in rows[wanted[rows]].tolist():
             if row in keyword_of_row:
-                raise keyword.error(f"element {assembly.element_ids[row]} already has a value", "define one value")
+                raise keyword.error(
+                    f"element {assembly.element_ids[row]} already has another {keyword.title}",
+                    "remove the element from the element set of one of the two keywords",
+                )
             keyword_of_row[row] = (scope, keyword)
     for row in np.flatnonzero(wanted).tolist():
         if row not in keyword_of_row:
@@ -120,12 +132,16 @@ def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterat
 def _node_of(assembly: Assembly, row: int, rotations: Mapping[int, int]) -> int:
     nodes = assembly.nodes_of(row)
     if len(nodes) != 1 or nodes[0] < 0:
-        raise assembly.element_error(row, "must have one node of the deck", "specify the element id and one node")
+        raise assembly.element_error(
+            row,
+            "must have exactly one node, and this node must be in the deck",
+            "write the element id and one existing node id",
+        )
     if int(nodes[0]) in rotations:
         raise assembly.element_error(
             row,
             f"refers to node {assembly.node_ids[nodes[0]]}, the ROT NODE of a *RIGID BODY",
-            f"use the reference node {assembly.node_ids[rotations[int(nodes[0])]]}",
+            f"use the REF NODE {assembly.node_ids[rotations[int(nodes[0])]]}",
         )
     return int(nodes[0])
 
@@ -140,8 +156,8 @@ def component_range(rows: list[Row], start: int) -> tuple[int, ...]:
         last = row.integer(start + 1, "the last degree of freedom", first) or first
         if not 1 <= first <= last <= 6:
             raise row.error(
-                f"the degrees of freedom {first} to {last} are not valid",
-                "write the first and the last degree of freedom, from 1 to 6",
+                f"the range of degrees of freedom {first} to {last} is not valid",
+                "write the lower degree of freedom first; both must be from 1 to 6",
             )
         components |= set(range(first - 1, last))
     return tuple(sorted(components)) or tuple(range(6))
@@ -164,13 +180,16 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
     for row, (_, keyword) in _with_keyword(assembly, tuple(NODES), "SPRING"):
         kind, nodes = assembly.type[row], assembly.nodes_of(row).tolist()
         if len(nodes) != NODES[kind] or min(nodes) < 0:
-            remedy = f"add its nodes, or leave these elements out (mesh.ignore: [{kind}])"
-            raise assembly.element_error(row, "has a missing node or a wrong number of nodes", remedy)
+            remedy = f"write {NODES[kind]} existing node ids, or leave these elements out (mesh.ignore: [{kind}])"
+            raise assembly.element_error(row, "has a wrong number of nodes, or a node that is not in the deck", remedy)
         lines = keyword.rows()
         if kind == "SPRINGA":
             along = assembly.position[nodes[1]] - assembly.position[nodes[0]]
             if not np.linalg.norm(along) > 0:
-                raise keyword.error(f"the nodes of {assembly.element(row)} coincide", "use SPRING2")
+                raise keyword.error(
+                    f"the nodes of {assembly.element(row)} coincide, so the direction of the spring is undefined",
+                    "use SPRING2",
+                )
             e = along / np.linalg.norm(along)
             ends = [(nodes[0], 0, -e), (nodes[1], 0, e)]
         else:
@@ -181,11 +200,16 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
                 turns = component > 2 or node in rotations
                 ends.append((rotations.get(node, node), 3 if turns else 0, sign * axis))
             if len({first for _, first, _ in ends}) > 1:
-                raise lines[0].error("the spring connects a translation with a rotation", "use equal kinds of motion")
+                raise lines[0].error(
+                    "the spring connects a translation with a rotation", "connect two translations or two rotations"
+                )
         # a SPRINGA has a blank line of degrees of freedom, and blank lines are not stored
         line = lines[-1]
         if len(lines) > 2 or (kind != "SPRINGA" and len(lines) < 2):
-            raise line.error("a spring needs a line of degrees of freedom and a line of stiffness", "write both lines")
+            raise line.error(
+                "the data lines of the spring are not complete",
+                "write one line with the degrees of freedom, then one line with the stiffness",
+            )
         k = line.not_negative(0 if line.text(0) or kind != "SPRINGA" else 1, "the stiffness")
         elements.append(spring_between(assembly.element(row), k, ends))
     return tuple(elements)
@@ -225,7 +249,7 @@ def equations(assembly: Assembly, rotations: Mapping[int, int], still: Collectio
                 "move the equation before the first *STEP, or remove it",
             )
         assembly.notes.append(
-            f"the equations of step {step.number} ({keyword.where}) are left out: only equations of the model are used"
+            f"the equations of step {step.number} ({keyword.where}) are left out: only equations before the first *STEP are used"
         )
     for scope, keyword in assembly.keywords("EQUATION"):
         if other := sorted(set(keyword.parameters) - {"INPUT"}):
@@ -250,10 +274,10 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
     """First line of each equation, and the line and first entry of each term."""
     rows = iter(keyword.rows())
     for start in rows:
-        count = start.integer(0, "the number of terms")
+        count = start.integer(0, "the number of terms of the equation")
         if count < 1 or any(start.tokens[1:]):
             raise start.error(
-                "the number of terms is not valid",
+                "the number of terms of the equation is not valid",
                 "begin the equation with a line that contains only the number of terms, then write the terms",
             )
         terms: list[tuple[Row, int]] = []
@@ -262,14 +286,16 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
             if row is None:
                 raise start.error(
                     f"{count} terms are declared, but {len(terms)} are defined",
-                    "add the missing terms, or correct the number",
+                    "add the missing terms, or correct the number of terms",
                 )
             used = 1 + max(i for i, entry in enumerate(row.tokens) if entry) if any(row.tokens) else 0
             if used % 3:
                 raise row.error("a term needs three entries", "write node, degree of freedom and coefficient")
             terms += [(row, i) for i in range(0, used, 3)]
         if len(terms) > count:
-            raise start.error(f"{count} terms are declared, but {len(terms)} are defined", "correct the number")
+            raise start.error(
+                f"{count} terms are declared, but {len(terms)} are defined", "correct the number of terms"
+            )
         yield start, terms
 
 
@@ -277,9 +303,14 @@ def _term(assembly: Assembly, scope: Scope, row: Row, at: int) -> Term:
     component = row.component(at + 1)
     nodes = assembly.node_rows(row.text(at), scope, row)
     if not nodes.size:
-        raise row.error(f"node set {row.text(at)!r} is empty", "use a node set that is not empty")
+        raise row.error(
+            f"node set {row.text(at)!r} is empty", "add nodes to the set, or remove the term from the equation"
+        )
     if len(nodes) > 1 and _unsorted(assembly, row.text(at), scope):
-        raise row.error(f"node set {row.text(at)!r} is UNSORTED", "write a separate equation for each of its nodes")
+        raise row.error(
+            f"node set {row.text(at)!r} is UNSORTED, which is not supported in equations",
+            "write a separate equation for each of its nodes",
+        )
     return Term(nodes[np.argsort(assembly.node_ids[nodes])], component, row.real(at + 2, "the coefficient"), row)
 
 
@@ -297,11 +328,13 @@ def _motions(
     for term in terms:
         if len(term.nodes) not in (1, count):
             raise term.row.error(
-                f"the node set has {len(term.nodes)} nodes, but the first node set has {count}",
-                "use node sets of equal size, or one node",
+                f"the node set has {plural(len(term.nodes), 'node')}, but the node set of the first term has {count}",
+                "use a node set of the size of the first one, or a single node",
             )
     if terms[0].value == 0:
-        raise terms[0].row.error("the coefficient of the first term is 0", "start with a nonzero coefficient")
+        raise terms[0].row.error(
+            "the coefficient of the first term is 0", "start the equation with a term whose coefficient is not zero"
+        )
     for i in range(count):
         named = [int(term.nodes[i if len(term.nodes) > 1 else 0]) for term in terms]
         node = [rotations.get(node_row, node_row) for node_row in named]

@@ -36,7 +36,7 @@ SIDES = {"SPOS": 1, "S2": 1, "SNEG": -1, "S1": -1}
 """Label → ±1 times the normal of a shell, S1 and S2 as in CalculiX."""
 EDGES = {f"E{i}": i - 1 for i in range(1, 5)} | {f"S{i}": i - 3 for i in range(3, 7)}
 """Label → edge of a shell that starts at its node of this position, E1 to E4 of Abaqus, S3 to S6 of CalculiX."""
-SHELL_LABELS = "use SPOS or SNEG for a side, and E1 to E4 (triangles: E3) for an edge"
+SHELL_LABELS = "use SPOS or SNEG for a side, and E1 to E4 (triangles: E1 to E3) for an edge"
 OF_NODES = {len(kind.nodes): kind for kind in FACETS if not len(kind.read_at)}
 
 
@@ -54,7 +54,7 @@ class Surfaces:
         if surface is None:
             raise by.error(
                 f"surface {entry!r} is not in the deck, or has an unsupported type",
-                "correct the name, or add the *SURFACE",
+                "correct the name, or add a *SURFACE with this name",
             )
         return surface
 

@@ -105,7 +105,9 @@ class Row(NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("tokens", list[
     def reals(self, count: int, meaning: str) -> FloatArray:
         """The first `count` entries, zero if blank; DeckError if there are more."""
         if any(self.tokens[count:]):
-            raise self.error(f"the line has {len(self.tokens)} entries, but at most {count} are allowed")
+            raise self.error(
+                f"the line has {len(self.tokens)} entries, but at most {count} are allowed", "remove the other entries"
+            )
         return np.array([self.real(i, meaning, 0.0) for i in range(count)])
 
     def error(self, what: str, remedy: str = _CORRECT) -> DeckError:
@@ -164,7 +166,7 @@ def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keywor
     if not keywords and before:
         raise _no_keyword(before[0])
     if not keywords:
-        raise error_at(path, "the deck contains no keyword", "check that the path is correct")
+        raise error_at(path, "the deck contains no keyword", "check that the file is the input deck")
     return keywords, tuple(name for name in files if name != str(path)), len(before), includes.notes
 
 
@@ -225,7 +227,7 @@ def _keyword(line: Line) -> Keyword:
     head, *entries = split_quoted(line.text.rstrip(", \t"))
     title = "*" + " ".join(head[1:].upper().split())
     if not title[1:2].isalpha():
-        raise line.error(f"{line.text[:24]!r} is not a keyword", "begin comments with **")
+        raise line.error(f"{line.text[:24]!r} is not a keyword", "correct the keyword; a comment line begins with **")
     keyword = Keyword(title, {}, line.file, line.number)
     for part in entries:
         key, _, value = part.partition("=")

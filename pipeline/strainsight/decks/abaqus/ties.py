@@ -13,7 +13,7 @@ from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.supports import component_range
 from strainsight.decks.abaqus.surfaces import Surface, Surfaces
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.faults import Doubt
+from strainsight.decks.faults import Doubt, plural
 from strainsight.decks.text import parse_integer
 from strainsight.errors import UserError
 from strainsight.mesh.cyclic import Ring, whole_ring
@@ -52,7 +52,7 @@ class Ties:
         rows = self.surfaces.assembly.node_rows(keyword.needs(parameter), scope, keyword)
         if len(rows) != 1:
             raise keyword.error(
-                f"{parameter}={keyword.parameters[parameter.replace(' ', '')]} refers to {len(rows)} nodes",
+                f"{parameter}={keyword.parameters[parameter.replace(' ', '')]} refers to {plural(len(rows), 'node')}",
                 "specify exactly one node",
             )
         return int(rows[0])
@@ -68,9 +68,9 @@ class Ties:
         turned = next((node for node in nodes.tolist() if node in self.axes), None)
         if turned is not None and _is_partial(components):
             raise at.error(
-                f"ties single components of node {self.surfaces.assembly.node_ids[turned]}, which has nodal "
+                f"only some components are tied at node {self.surfaces.assembly.node_ids[turned]}, which has nodal "
                 "axes (*TRANSFORM)",
-                "tie all three components, or remove the node from the *TRANSFORM",
+                "tie all three translations, all three rotations or both, or remove the node from the *TRANSFORM",
             )
 
     def add_kinematic_coupling(self, scope: Scope, keyword: Keyword) -> None:
@@ -103,7 +103,9 @@ class Ties:
         if parameters.get("ROTNODE"):
             turning = self.reference(scope, keyword, "ROT NODE")
             if not np.allclose(self.axes.get(turning, np.eye(3)), self.axes.get(reference, np.eye(3))):
-                raise keyword.error("REF NODE and ROT NODE have different axes (*TRANSFORM)", "use equal axes")
+                raise keyword.error(
+                    "REF NODE and ROT NODE have different axes (*TRANSFORM)", "use the same *TRANSFORM for both nodes"
+                )
             self.rotations[turning] = reference
         if parameters.get("POSITION", "INPUT").upper() != "INPUT":
             assembly.notes.append(f"{keyword.where}: POSITION of *RIGID BODY has no effect")
@@ -117,7 +119,10 @@ class Ties:
     def add_coupling(self, scope: Scope, keyword: Keyword, following: Sequence[Keyword]) -> None:
         assembly = self.surfaces.assembly
         if not following or following[0].name not in ("KINEMATIC", "DISTRIBUTING"):
-            raise keyword.error("*KINEMATIC or *DISTRIBUTING is missing after this keyword", "add one of the two")
+            raise keyword.error(
+                "*KINEMATIC or *DISTRIBUTING is missing after this keyword",
+                "add *KINEMATIC or *DISTRIBUTING directly below this keyword",
+            )
         kind = following[0]
         reference = self.reference(scope, keyword)
         surface = self.surfaces.find(keyword.needs("SURFACE"), scope, keyword)
@@ -135,7 +140,9 @@ class Ties:
         if method != "UNIFORM":
             assembly.notes.append(f"{kind.where}: *DISTRIBUTING with WEIGHTING METHOD={method} is imported as UNIFORM")
         if kind.word("COUPLING", "CONTINUUM") != "CONTINUUM":
-            assembly.notes.append(f"{kind.where}: *DISTRIBUTING couples only displacements (COUPLING=CONTINUUM)")
+            assembly.notes.append(
+                f"{kind.where}: *DISTRIBUTING is imported with COUPLING=CONTINUUM, which couples only displacements"
+            )
         components = tuple(sorted({*components, *TRANSLATIONS}))
         self.check_axes(keyword, np.array([reference]), components)
         self.averaging.append(
@@ -192,7 +199,7 @@ def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[st
 def _remove_reference(nodes: IntArray, reference: int, at: Keyword | Row) -> IntArray:
     rest = nodes[nodes != reference]
     if not rest.size:
-        raise at.error("the tie has no node except its reference node", "specify the dependent nodes")
+        raise at.error("the only tied node is the reference node", "add the dependent nodes to the node set or surface")
     return rest
 
 
@@ -200,8 +207,8 @@ def _check_orientation(keyword: Keyword, at: Keyword | Row, components: tuple[in
     """Raise DeckError for an ORIENTATION unless all three components are tied, or none."""
     if keyword.parameters.get("ORIENTATION") and _is_partial(components):
         raise at.error(
-            "single components along an ORIENTATION are not supported",
-            "tie all three components, or components along the basic axes",
+            "tying only some components along an ORIENTATION is not supported",
+            "tie all three translations, all three rotations or both, or remove ORIENTATION",
         )
 
 
@@ -254,9 +261,10 @@ def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, 
             except UserError as error:
                 raise row.error(error.what, error.remedy or "") from None
             left = len(np.setdiff1d(first.nodes, second.nodes)) - tied
-            message = f"{row.where}: {tied} nodes of {first.name} follow {second.name} ({name})"
+            message = f"{row.where}: {plural(tied, 'node')} of {first.name} tied to {second.name} ({name})"
             if left:
-                off = f"{left} of {tied + left} nodes are more than {within:.3g} from {second.name} and are not tied"
+                reach = f"{within:.3g} (unit of the deck) from {second.name}"
+                off = f"{left} of {plural(tied + left, 'node')} not tied, because farther than {reach}"
                 ways = "increase POSITION TOLERANCE of *TIE, or tie the nodes in the config (mesh.ties, type: surface)"
                 message = Doubt(f"{message}; {off}: {ways}")
             assembly.notes.append(message)
@@ -314,7 +322,10 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     ties = [(s, tie) for s, tie in cyclic_ties(assembly) if tie.word("NAME") not in touching]
     cuts = [(row, *_cut(row, scope, surfaces)) for scope, tie in ties for row in tie.rows()]
     if not cuts:
-        raise first.error("the *TIE, CYCLIC SYMMETRY of the sector faces is missing", "add it with the two surfaces")
+        raise first.error(
+            "the *TIE, CYCLIC SYMMETRY of the sector faces is missing",
+            "add a *TIE, CYCLIC SYMMETRY with the surfaces of the two sector faces",
+        )
     a, b = axis.reshape(2, 3)
     try:
         ring = whole_ring(mesh, count, a, b - a, [(one.nodes, other.nodes) for _, one, other in cuts])
@@ -328,7 +339,7 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     names = [region.name for number, region in mesh.regions.items() if number + ring.shift in ring.mesh.regions]
     assembly.notes.append(
         f"{first.where}: the sector is expanded to a full ring of {count} sectors with {len(ring.mesh.position)} nodes. "
-        f"Ids of copy j are those of the sector + j × {ring.shift}; {merged} nodes of sector faces and the axis are merged"
+        f"Ids of copy j are those of the sector + j × {ring.shift}; {merged} nodes on the sector faces and on the axis are merged"
         + f", {loose} follow the facets of the opposite face" * bool(loose)
         + (f". {', '.join(names)} have one region per sector, as '{names[0]} (sector 2)'" if names else "")
         + ". Sets and loads apply to all copies; SECTOR-1, SECTOR-2, … are sets of one copy"
@@ -340,7 +351,7 @@ def _sector_of(keyword: Keyword) -> tuple[int, np.ndarray]:
     """Number of sectors, and two points (6,) on the axis."""
     count = parse_integer(keyword.needs("N"))
     if count is None or count < 2:
-        raise keyword.error(f"N is {keyword.parameters['N']!r}, not a number of sectors", "specify an integer above 1")
+        raise keyword.error(f"the number of sectors N is {keyword.parameters['N']!r}", "specify an integer above 1")
     axis = keyword.rows()[0].reals(6, "a coordinate")
     if np.allclose(axis[:3], axis[3:]):
         raise keyword.error("the two points of the axis coincide", "specify two different points on the axis")
@@ -350,7 +361,9 @@ def _sector_of(keyword: Keyword) -> tuple[int, np.ndarray]:
 def _cut(row: Row, scope: Scope, surfaces: Surfaces) -> tuple[Surface, Surface]:
     one, other = (surfaces.find(row.text(i), scope, row) for i in (0, 1))
     if not len(one.nodes) or not len(other.nodes):
-        raise row.error("a sector face has no nodes", "correct the surface of this face")
+        raise row.error(
+            f"surface {(other if len(one.nodes) else one).name} of a sector face has no nodes", "correct this *SURFACE"
+        )
     return one, other
 
 
@@ -368,12 +381,12 @@ def _with_loose(ring: Ring, cuts: list[tuple[Row, Surface, Surface]], assembly: 
             raise row.error(error.what, error.remedy or "") from None
         if tied < len(nodes):
             off = (
-                f"{len(nodes) - tied} nodes of sector faces are more than {within:.3g} away from {other.name} "
-                "of the next sector"
+                f"{plural(len(nodes) - tied, 'node')} of sector faces farther than {within:.3g} (unit of the deck) from "
+                f"{other.name} of the next sector"
             )
             assembly.notes.append(
                 Doubt(
-                    f"{row.where}: {off} and stay free: check the number of sectors, and the mesh at the sector faces"
+                    f"{row.where}: {off}, therefore not tied: check the number of sectors, and the mesh at the sector faces"
                 )
             )
     return mesh

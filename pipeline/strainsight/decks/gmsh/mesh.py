@@ -70,9 +70,9 @@ def note_doubled(doubled: Doubled) -> list[str]:
     if not count:
         return []
     return [
-        f"{plural(count, 'element')} written more than once, for several physical volumes (element "
-        f"{doubled.dropped[0]} repeats element {doubled.remaining[0]}): each is used once, in the region of the lowest "
-        "tag and in all sets"
+        f"{plural(count, 'repeated element')} because of several physical volumes (element {doubled.dropped[0]} repeats "
+        f"element {doubled.remaining[0]}). Each element is imported once, in the region of the volume with the lowest tag and "
+        "in the sets of all its volumes"
     ]
 
 
@@ -138,10 +138,12 @@ def thin_cells(
         (first, section), *others = (chosen[dimension, tag] for tag in tags)
         if other := next((region for region, another in others if another is not section), None):
             what = f"element {element} is in {first} and in {other}, which have different sections"
-            remedy = "assign a section to only one of them (mesh.sections), or separate the physical groups"
+            remedy = "assign a section to only one of the two groups (mesh.sections), or define groups without common elements"
             raise entity_error("element", element, what, remedy, file.where)
     if several:
-        notes.append(f"element {several[0][0]} is in several groups with a section; the lowest tag is used")
+        notes.append(
+            f"element {several[0][0]} is in several physical groups with a section; the group with the lowest tag is its region"
+        )
     cells = []
     for number, kind in THIN_KINDS.items():
         regions = {
@@ -198,7 +200,7 @@ def read_gmsh(path: Path, *, required: bool = True, sections: Mapping[str, Given
         raise error_at(
             path,
             "the mesh is partitioned: its physical groups belong to the partitions",
-            "save the mesh without partitions (gmsh: Modules, Mesh, Unpartition)",
+            "save the mesh without partitions (in gmsh: Modules, Mesh, Unpartition)",
         )
     nodes, sections = file.nodes, sections or {}
     solids = [chunk for chunk in file.elements if chunk.kind.dimension == 3 and len(chunk.ids)]
@@ -235,8 +237,8 @@ def _check_types(solids: list[Chunk], file: GmshFile, required: bool) -> None:
         raise DeckError(
             f"the mesh contains no solid elements ({shown})",
             where=file.path,
-            remedy="mesh in three dimensions (gmsh -3); put every volume in a physical group, or set Mesh.SaveAll = "
-            f"1; {SHELLS}",
+            remedy="Mesh in three dimensions (gmsh -3), and put every volume in a physical group or set Mesh.SaveAll = 1. "
+            f"{SHELLS}",
         )
     for chunk in solids:
         if chunk.type not in KINDS:
@@ -262,7 +264,9 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     several = [chunk for chunk in solids if len(chunk.groups) > 1]
     if several:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
-        notes.append(f"{plural(count, 'element')} in several physical volumes ({both}); the lowest tag sets the region")
+        notes.append(
+            f"{plural(count, 'element')} in several physical volumes ({both}); the volume with the lowest tag defines the region"
+        )
     blocks = []
     for kind in ELEMENTS:
         chunks_of_kind = [chunk for chunk in solids if chunk.type == kind.gmsh]
@@ -309,7 +313,7 @@ def _set_names(
         name for name in names.values() if len({dimension for (dimension, _), n in names.items() if n == name}) > 1
     }
     notes = [
-        f"physical groups of different dimensions have the name {name!r}; their sets are called '{name} (2d)' etc."
+        f"physical groups of different dimensions have the name {name!r}; set names include the dimension, as '{name} (2d)'"
         for name in sorted(shared)
     ]
     return {key: f"{name} ({key[0]}d)" if name in shared else name for key, name in names.items()}, notes

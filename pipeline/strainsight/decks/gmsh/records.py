@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strainsight.decks.faults import plural
 from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
@@ -92,13 +93,13 @@ class Text:
                     np.array(word, dtype="S40").astype(float)
                 except ValueError:
                     raise self._error(f"{word[:40].decode('latin-1')!r} is not a number", number) from None
-        raise self._error("numbers are not separated by blanks", self.line)
+        raise self._error("the numbers of a line are not separated by blanks", self.line)
 
     def take(self, kind: str, count: int) -> np.ndarray:
         """The next numbers: kind "double", or "int" and "size" for integers. Returns (count,)."""
         self.start = self.at
         if not 0 <= count <= len(self.values) - self.at:
-            raise self.error(f"{count} more numbers are expected, but only {len(self.values) - self.at} follow")
+            raise self.error(f"{plural(count, 'more number')} expected, but only {len(self.values) - self.at} found")
         self.at += count
         values = self.values[self.start : self.at]
         if kind == "double":
@@ -135,7 +136,7 @@ class Text:
         """Raise DeckError for surplus numbers."""
         if self.at < len(self.values):
             self.start = self.at
-            raise self.error(f"the section has {len(self.values) - self.at} numbers more than expected")
+            raise self.error(f"the section has {plural(len(self.values) - self.at, 'number')} more than expected")
 
 
 class Binary:
@@ -170,7 +171,7 @@ class Binary:
     def _raw(self, dtype: np.dtype, count: int) -> np.ndarray:
         left = (len(self.content) - self.at) // dtype.itemsize
         if not 0 <= count <= left:
-            raise self.error(f"{count} more entries are expected, but at most {left} follow")
+            raise self.error(f"{plural(count, 'more number')} expected, but at most {left} found")
         values = np.frombuffer(self.content, dtype, count, self.at) if count else np.zeros(0, dtype)
         self.at += count * dtype.itemsize
         return values
@@ -269,7 +270,9 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
         header = source.take("int", 3)
         dimension, parametric = int(header[0 if latest else 1]), int(header[2])
         if not 0 <= dimension <= 3 or parametric not in (0, 1):
-            raise source.error(f"invalid entity dimension {dimension} or parametric flag {parametric}")
+            raise source.error(
+                f"a block has the dimension {dimension} (0 to 3 allowed) and the parametric flag {parametric} (0 or 1 allowed)"
+            )
         count = int(source.take("size", 1)[0])
         width = 3 + (dimension if parametric else 0)
         if latest:
@@ -280,7 +283,7 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
         parts.append(NodeRows(ids, x[:, :3], source.lines(count, width if latest else 1 + width)))
     count_in_blocks = sum(len(part.ids) for part in parts)
     if count_in_blocks != total:
-        raise source.error(f"{total} nodes are expected, but the blocks contain {count_in_blocks}")
+        raise source.error(f"the section declares {plural(total, 'node')}, but its blocks contain {count_in_blocks}")
     return _join_nodes(parts)
 
 
@@ -314,7 +317,7 @@ def elements_4(source: Numbers, version: str, groups: dict[tuple[int, int], tupl
         chunks.append(Chunk(number, table[:, 0], table[:, 1:], entity_tags, source.lines(count, width)))
     count_in_blocks = sum(len(chunk.ids) for chunk in chunks)
     if count_in_blocks != total:
-        raise source.error(f"{total} elements are expected, but the blocks contain {count_in_blocks}")
+        raise source.error(f"the section declares {plural(total, 'element')}, but its blocks contain {count_in_blocks}")
     return chunks
 
 
@@ -329,7 +332,7 @@ def elements_2(source: Numbers, count: int) -> list[Chunk]:
     while done < count:
         source.start = source.at
         if len(values) - source.at < 3:
-            raise source.error(f"{count} elements are expected, but only {done} follow")
+            raise source.error(f"the section declares {plural(count, 'element')}, but contains only {done}")
         number, tags = (int(n) for n in source.take("int", 3)[1:])
         source.at = source.start
         width = 3 + _tags(source, tags) + _nodes_of(source, number)
@@ -348,7 +351,7 @@ def _elements_2_binary(source: Binary, count: int) -> list[Chunk]:
         number, follow, tags = (int(n) for n in source.take("int", 3))
         width = 1 + _tags(source, tags) + _nodes_of(source, number)
         if not 1 <= follow <= count - done:
-            raise source.error(f"a block has {follow} elements, but only {count - done} are expected")
+            raise source.error(f"a block declares {plural(follow, 'element')}, but 1 to {count - done} are allowed")
         if follow > 1:
             table = source.take("int", follow * width).reshape(follow, width)
         else:

@@ -87,11 +87,11 @@ class _Reader:
         while (at := _BLANKS.match(self.content, at).end()) < len(self.content):  # type: ignore[union-attr]
             header = _HEADER.match(self.content, at)
             if not header:
-                raise self._error("expected the start of a section, such as $Nodes", at)
+                raise self._error("the line is not the start of a section, such as $Nodes", at)
             name = header[1].decode("latin-1")
             if not self.file.version and name not in ("MeshFormat", "Comments"):
                 old = name in ("NOD", "ELM", "PARA", "PTS")
-                what = "format 1 of gmsh is not supported" if old else f"${name} is not allowed before $MeshFormat"
+                what = "gmsh format 1 is not supported" if old else f"${name} is not allowed before $MeshFormat"
                 raise self._error(what, at, _SAVE)
             key = name.removeprefix("Parametric")
             if key in section_names and key in (*_READ, "MeshFormat"):
@@ -112,7 +112,7 @@ class _Reader:
         else:
             end = self.content.find(b"$End" + name.encode("latin-1"), start)
             if end < 0:
-                raise self._error(f"${name} has no end: the file is truncated", start - 1)
+                raise self._error(f"the line $End{name} is missing: the file is truncated", start - 1)
             body = self.content[start:end]
             if name == "MeshFormat":
                 self._format(body, start)
@@ -135,7 +135,7 @@ class _Reader:
         self.binary, self.size = words[1] == "1", int(words[2])
         if self.binary:
             if rest[:4] not in (b"\1\0\0\0", b"\0\0\0\1"):
-                raise self._error("the binary number 1 that defines the byte order is missing", start)
+                raise self._error("$MeshFormat must contain the binary integer 1, which defines the byte order", start)
             self.order = "<" if rest[0] else ">"
 
     def _names(self, body: bytes, start: int) -> None:

@@ -29,7 +29,9 @@ def with_defaults(cards: Cards) -> dict[str, list[Card]]:
     for name, default in DEFAULTS.items():
         default_cards = cards.of(default)
         if len(default_cards) > 1:
-            raise default_cards[1].error(f"{default} is defined twice (first at {default_cards[0].where})", "keep one")
+            raise default_cards[1].error(
+                f"{default} is defined twice (first at {default_cards[0].where})", f"keep only one {default}"
+            )
         cards_by_name[name] = (
             [_fill_defaults(card, default_cards[0]) for card in cards.of(name)] if default_cards else cards.of(name)
         )
@@ -65,7 +67,9 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         )
         nodes = grids.nodes.rows_of_cards(node_ids, cards)
         if (at := find_repeated_node(nodes)) is not None:
-            raise cards[at].error("both ends are at the same node", "specify two nodes, or remove the element")
+            raise cards[at].error(
+                "both ends of the element are at the same node", "specify two nodes, or remove the element"
+            )
         n = len(cards)
         offset, released = np.zeros((n, 2, 3)), np.zeros((n, 2, 6), dtype=bool)
         if kind == "beam":
@@ -78,7 +82,9 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         length = np.linalg.norm(along, axis=1)
         short = ~(length > APART * extent)
         if short.any():
-            raise cards[int(np.argmax(short))].error("both ends coincide", "move a node or remove the element")
+            raise cards[int(np.argmax(short))].error(
+                "both ends of the element coincide", "move a node or remove the element"
+            )
         if kind == "beam":
             v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])
         else:
@@ -117,7 +123,9 @@ def _released_components(card: Card, end: int) -> list[int]:
         return []
     pins = components(text, card)
     if len(pins) > 5:
-        raise card.error(f"all components of end {'AB'[end]} are released", "connect at least one component")
+        raise card.error(
+            f"all components of end {'AB'[end]} are released", f"remove at least one component from P{'AB'[end]}"
+        )
     return list(pins)
 
 
@@ -144,7 +152,7 @@ def bar_section(card: Card) -> tuple[int, BeamSection]:
     return card.integer(1, "the material id"), _check_section(card, section)
 
 
-_WORDS = ((2, "the area A"), (3, "I1"), (4, "I2"), (5, "J"), (6, "the mass NSM"))
+_WORDS = ((2, "the area A"), (3, "I1"), (4, "I2"), (5, "J"), (6, "the nonstructural mass NSM"))
 
 
 _RODS = {"PROD": (1, 2, 3, 5), "CONROD": (3, 4, 5, 7)}
@@ -155,7 +163,7 @@ def rod_section(card: Card) -> tuple[int, BeamSection]:
     """MID and section of a PROD or CONROD."""
     mid, *fields = _RODS[card.name]
     area, torsion = card.real(fields[0], "the area A"), card.real(fields[1], "J", 0.0)
-    section = BeamSection(area, torsion=torsion, nonstructural=card.real(fields[2], "the mass NSM", 0.0))
+    section = BeamSection(area, torsion=torsion, nonstructural=card.real(fields[2], "the nonstructural mass NSM", 0.0))
     return card.integer(mid, "the material id"), _check_section(card, section)
 
 
@@ -179,7 +187,7 @@ def tube_section(card: Card) -> tuple[int, BeamSection]:
     section = BeamSection(
         np.pi * (d**2 - inner**2) / 4,
         torsion=np.pi * (d**4 - inner**4) / 32,
-        nonstructural=card.real(4, "the mass NSM", 0.0),
+        nonstructural=card.real(4, "the nonstructural mass NSM", 0.0),
     )
     return card.integer(1, "the material id"), _check_section(card, section)
 
@@ -228,7 +236,9 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     if ignored_words := [
         word for i, word in enumerate(words) if more[word] and word[:2] in ("NS", "CW") and card.text(at + i)
     ]:
-        notes.append(f"PBEAM {card.text(0)}: {', '.join(ignored_words)} (axial inertia, warping) have no effect")
+        notes.append(
+            f"PBEAM {card.text(0)}: nonstructural inertia NSI and warping CW have no effect ({', '.join(ignored_words)})"
+        )
     shear = (more["K1"], more["K2"])
     section = replace(end_a, shear=shear, at_b=None if _equal_sections(end_a, end_b) else replace(end_b, shear=shear))
     return card.integer(1, "the material id"), _check_section(card, section)
@@ -237,7 +247,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
 def _station(card: Card, at: int, default: BeamSection | None) -> BeamSection:
     """A, I1, I2, I12, J, NSM from a field on; blank entries default to `default`, at end A to zero except for A, I1 and I2."""
     blank = [None, None, None, 0.0, 0.0, 0.0] if default is None else _values(default)
-    names = ("the area A", "I1", "I2", "I12", "J", "the mass NSM")
+    names = ("the area A", "I1", "I2", "I12", "J", "the nonstructural mass NSM")
     A, I1, I2, I12, J, nonstructural = (card.real(at + i, names[i], blank[i]) for i in range(6))
     return BeamSection(A, _second(I1, I2, I12), J, nonstructural=nonstructural)
 
@@ -267,7 +277,7 @@ def check_station(card: Card, x: float, section: BeamSection, a: BeamSection, b:
         if abs(value - on_line) > LINEAR * max(abs(p), abs(q)):
             raise card.error(
                 f"{name} is {value:g} at X/XB = {x:g}, but linear variation between the ends requires "
-                f"{on_line:g}: other stations are not supported",
+                f"{on_line:g}: a nonlinear variation is not supported",
                 "divide the beam at this station, with one PBEAM for each part",
             )
 
@@ -279,7 +289,9 @@ def _second(I1: float, I2: float, I12: float) -> FloatArray:
 def _points(card: Card, at: int) -> FloatArray:
     """Stress recovery points C, D, E, F (p, 2) that are not blank."""
     filled = [i for i in range(at, at + 8, 2) if card.text(i) or card.text(i + 1)]
-    return np.array([[card.real(i + j, "a stress recovery point", 0.0) for j in (0, 1)] for i in filled]).reshape(-1, 2)
+    return np.array(
+        [[card.real(i + j, "a coordinate of a stress recovery point", 0.0) for j in (0, 1)] for i in filled]
+    ).reshape(-1, 2)
 
 
 def _check_section(card: Card, section: BeamSection) -> BeamSection:
@@ -292,10 +304,13 @@ def _check_section(card: Card, section: BeamSection) -> BeamSection:
             raise card.error(
                 f"the section properties are inconsistent: I1 = {I1:g}, I2 = {I2:g}, I12 = {I12:g}, J = {J:g}, "
                 f"NSM = {nonstructural:g}",
-                "only I12 may be negative, and I12² must not exceed I1 I2",
+                "correct the values: only I12 may be negative, and I12² must not exceed I1 I2",
             )
         if min(section.shear) < 0:
-            raise card.error(f"K1 is {section.shear[0]:g} and K2 {section.shear[1]:g}", "specify values of at least 0")
+            raise card.error(
+                f"a shear factor is negative: K1 is {section.shear[0]:g}, K2 is {section.shear[1]:g}",
+                "specify values of at least 0",
+            )
     return section
 
 
@@ -307,7 +322,7 @@ def bar_shape(card: Card) -> tuple[int, BeamSection]:
     """MID and section of a PBARL, whose axis is the line of centroids."""
     _, count = _shape(card)
     section = _section(card, _dimensions(card, 8, count, None))
-    section = replace(section, nonstructural=card.not_negative(8 + count, "the mass NSM", 0.0))
+    section = replace(section, nonstructural=card.not_negative(8 + count, "the nonstructural mass NSM", 0.0))
     return card.integer(1, "the material id"), section
 
 
@@ -316,18 +331,20 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
     stations, and for shapes whose shear centre (the axis of a CBEAM) is not the centroid: those without point symmetry."""
     kind, count = _shape(card)
     dimensions = _dimensions(card, 8, count, None)
-    mass = card.not_negative(8 + count, "the mass NSM", 0.0)
+    mass = card.not_negative(8 + count, "the nonstructural mass NSM", 0.0)
     end_a = replace(_section(card, dimensions), nonstructural=mass)
     at, between, end_b = 9 + count, [], end_a
     while any(card.text(i) for i in range(at, at + 3 + count)):
         if card.text(at).upper() not in ("", *STATIONS):
-            raise card.error(f"SO (field {at + 2}) is {card.text(at)}", "set SO to YES or NO")
+            raise card.error(
+                f"SO (field {at + 2}) is {card.text(at)}, but must be YES, YESA or NO", "set SO to YES or NO"
+            )
         x = card.real(at + 1, "the station X/XB", 1.0)
         if not 0 < x <= 1:
             raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
         blank = not any(card.text(i) for i in range(at + 2, at + 3 + count))
         station = _section(card, _dimensions(card, at + 2, count, dimensions))
-        station = replace(station, nonstructural=card.not_negative(at + 2 + count, "the mass NSM", mass))
+        station = replace(station, nonstructural=card.not_negative(at + 2 + count, "the nonstructural mass NSM", mass))
         if x == 1:
             end_b = station
         elif not blank:

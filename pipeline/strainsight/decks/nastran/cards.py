@@ -61,7 +61,9 @@ def _sum(before: str, step: str, what: str, line: Line) -> str:
         return str(whole + more)
     x, h = parse_real(before), parse_real(step)
     if x is None or h is None:
-        raise line.error(f"{what} adds {step!r} to {before!r}, but both must be numbers", "write the card explicitly")
+        raise line.error(
+            f"{what} adds {step!r} to {before!r}, but both must be numbers", "write all fields of the card"
+        )
     return repr(x + h)
 
 
@@ -122,7 +124,7 @@ def unique_ids(cards: Sequence[Card], what: str) -> IntArray:
     """First fields (n,) of the cards as ids; DeckError if one is not positive or not unique."""
     ids = np.array([card.integer(0, f"the {what} id") for card in cards], dtype=np.int64)
     if ids.size and ids.min() < 1:
-        raise cards[int(np.argmin(ids))].error(f"the {what} id must be positive")
+        raise cards[int(np.argmin(ids))].error(f"the {what} id must be positive", "use ids of at least 1")
     check_once(ids, what, lambda i: cards[i].where)
     return ids
 
@@ -174,7 +176,7 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
     for card in _cards(lines[start:end]):
         cards.setdefault(card.name, []).append(card)
     if not cards:
-        raise error_at(path, "the deck contains no bulk data", "check that the path is correct")
+        raise error_at(path, "the deck contains no bulk data", "check that the file is the input deck")
     case_control = tuple(lines[: begins[0]]) if begins else ()
     after = max(len(lines) - end - 1, 0)
     return Deck(cards, case_control, after, included, tuple(includes.notes), bool(begins), ended, lines[-1])
@@ -246,8 +248,8 @@ def _cards(lines: list[Line]) -> Iterator[Card]:
         if piece.head[0] == "=":
             if not name or len(fields) != 8 or (pattern is None and piece.head != "="):
                 raise line.error(
-                    f"{line.text.strip()[:24]!r} must follow a card of one line, which it repeats",
-                    "write the repeated cards explicitly",
+                    f"{line.text.strip()[:24]!r} repeats the card before it, which must have exactly one line",
+                    "write all repeated cards in full",
                 )
             pattern = piece.data if piece.head == "=" else pattern
             count = repeat_count(piece.head, card_count, line)
@@ -305,14 +307,14 @@ def _continuations(pieces: list[_Piece]) -> dict[int, int]:
             raise piece.line.error(what, "correct the order of the lines")
         if before in follower:
             raise piece.line.error(
-                f"a second line continues {pieces[before].line.where} (first at {pieces[follower[before]].line.where})",
-                "use a unique mark for each line and its continuation",
+                f"this line and {pieces[follower[before]].line.where} both continue the line {pieces[before].line.where}",
+                "use a different continuation mark for each continued line",
             )
         follower[before] = i
     for i, piece in enumerate(pieces):
         if piece.mark[:1] in ("+", "*") and _key(piece.mark) and i not in follower:
             raise piece.line.error(
-                f"no line continues the mark {piece.mark!r} of this line",
+                f"this line ends in the continuation mark {piece.mark!r}, but no line begins with this mark",
                 "add the continuation, or remove the mark if the card ends here",
             )
     return follower
@@ -325,9 +327,9 @@ def _other_end(pieces: list[_Piece], i: int, ending: list[int], beginning: list[
         return ending[0]
     again = [pieces[j].line.where for j in sorted({*ending, *beginning} - {i})]
     raise piece.line.error(
-        f"continuation {piece.head!r}: "
-        + (f"its mark is also used at {', '.join(again[:3])}" if ending else "no line ends in its mark"),
-        "move the continuation after its line, or use a unique mark for both",
+        f"continuation mark {piece.head!r}: "
+        + (f"the mark is also used at {', '.join(again[:3])}" if ending else "no line ends in this mark"),
+        "move this line directly below the line that it continues, or use one unique mark for these two lines",
     )
 
 
@@ -385,7 +387,7 @@ def _free_fields(tokens: list[str], width: int, line: Line) -> tuple[list[str], 
                 tokens = tokens[2:]
             elif parse_real(tokens[0]) is None:
                 raise line.error(
-                    f"the mark {tokens[0]!r} in field {width + 2} is followed by {tokens[1]!r} on the same line",
+                    f"the continuation mark {tokens[0]!r} in field {width + 2} is followed by {tokens[1]!r} on the same line",
                     "start a new line after the mark, or remove the mark",
                 )
         if not tokens:

@@ -114,7 +114,7 @@ def sets(
 def _name(card: Card, sets_by_name: dict[str, IntArray]) -> str:
     name = f"{card.name}-{card.integer(0, 'the set id')}"
     if name in sets_by_name:
-        raise card.error("the set id is used twice", "number every set uniquely")
+        raise card.error("the set id is used twice", "use a unique id for every set")
     return name
 
 
@@ -174,7 +174,11 @@ class CardSets:
 
     def choices(self, more: str = "") -> str:
         """Remedy for a missing set; more: alternative to the selection of another set."""
-        return f"select one of the sets {', '.join(map(str, sorted(self.ids)))}{more}" if self.ids else "add the set"
+        return (
+            f"select one of the sets {', '.join(map(str, sorted(self.ids)))}{more}"
+            if self.ids
+            else f"add the {self.what} cards of this set"
+        )
 
     def select(self, more: str) -> int:
         """The set that the first line selects. Raises DeckError, with `more` in the remedy, if it is missing."""
@@ -192,10 +196,13 @@ def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) ->
     for card in deck.cards.of(f"{what}ADD"):
         number = card.integer(0, "the set id")
         if number in combined:
-            raise card.error("the set id is used twice")
+            raise card.error("the set id is used twice", "use a unique id for every set")
         combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
         if (lost := combined[number] - single) and not left_out:
-            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or remove its id")
+            raise card.error(
+                f"set {min(lost)} has no {' or '.join(names)}",
+                "add the cards of this set, or remove the set id from this card",
+            )
     ids = single | set(combined)
     chosen: dict[str, Line] = {}
     for line in deck.case_control:
@@ -238,9 +245,12 @@ def mass_scale(deck: Deck) -> float:
     factors = [card.real(1, "the factor") for card in definitions]
     for card, scale in zip(definitions, factors, strict=True):
         if scale <= 0:
-            raise card.error(f"the factor is {scale:g}, not positive")
+            raise card.error(f"the factor WTMASS is {scale:g}, not positive", "specify a positive factor")
         if scale != factors[0]:
-            raise card.error(f"the factor is {scale:g} here, but {factors[0]:g} at {definitions[0].where}", "keep one")
+            raise card.error(
+                f"the factor WTMASS is {scale:g} here, but {factors[0]:g} at {definitions[0].where}",
+                "keep only one of the two",
+            )
     return factors[0] if factors else 1.0
 
 

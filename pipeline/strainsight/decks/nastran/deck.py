@@ -226,13 +226,13 @@ def _check_end(deck: Deck, ignore: Sequence[str]) -> list[str]:
         raise DeckError(
             "ENDDATA is missing: the deck may be truncated",
             where=deck.last.where,
-            remedy="copy the deck again, or add the line ENDDATA if the deck is complete; to import it unchanged set "
+            remedy="copy the deck again, or add the line ENDDATA if the deck is complete; to import the deck unchanged, set "
             f"mesh.ignore: [{MISSING_END}]",
         )
     begin = "" if deck.begun else " and no BEGIN BULK"
     last = deck.last.text.strip()
     return [
-        f"the deck has no ENDDATA{begin}, so check that it is complete; its last line is "
+        f"the deck has no ENDDATA{begin}, so check that the deck is complete; its last line is "
         f"{last[:72] + ' …' if len(last) > 72 else last!r} ({deck.last.where})"
     ]
 

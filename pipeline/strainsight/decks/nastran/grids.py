@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from strainsight.decks.faults import plural
 from strainsight.decks.nastran.cards import Card, Cards, unique_ids
 from strainsight.decks.nastran.case_control import expand
 from strainsight.decks.text import error_at, parse_integer
@@ -49,10 +50,13 @@ def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateS
                 pending.pop()
             elif missing[0] not in definitions:
                 raise definition.card.error(
-                    f"refers to coordinate system {missing[0]}, which is not in the deck", "add the card of the system"
+                    f"the card refers to coordinate system {missing[0]}, which is not in the deck",
+                    "add the card of this coordinate system",
                 )
             elif missing[0] in pending:
-                raise definitions[cid].card.error("its reference systems form a loop", "use the basic system 0")
+                raise definitions[cid].card.error(
+                    "the reference systems RID form a loop", "define one of the systems in the basic system (RID 0)"
+                )
             else:
                 pending.append(missing[0])
     return systems
@@ -63,23 +67,25 @@ def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
 
     def add(cid: int, definition: _Definition) -> None:
         if cid < 1:
-            raise definition.card.error("the system id must be positive")
+            raise definition.card.error("the coordinate system id must be positive", "use ids of at least 1")
         if cid in definitions:
             first = definitions[cid].card.where
-            raise definition.card.error(f"system id {cid} is used twice (first at {first})", "use unique ids")
+            raise definition.card.error(
+                f"coordinate system id {cid} is used twice (first at {first})", "use a unique id for every system"
+            )
         definitions[cid] = definition
 
     for card in cards.of(*BY_POINTS):
         points = np.array([card.real(2 + i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
-        reference = card.integer(1, "the reference system", 0)
-        add(card.integer(0, "the system id"), _Definition(card, points, (reference,) * 3))
+        reference = card.integer(1, "the reference system RID", 0)
+        add(card.integer(0, "the coordinate system id"), _Definition(card, points, (reference,) * 3))
     for card in cards.of(*BY_NODES):
         for at in (0, 4):
             if at and not any(card.tokens[at : at + 4]):
                 continue
             a, b, c = (point_of(card.integer(at + i, "a node id"), card) for i in (1, 2, 3))
             points = np.array([a[0], b[0], c[0]])
-            add(card.integer(at, "the system id"), _Definition(card, points, (a[1], b[1], c[1])))
+            add(card.integer(at, "the coordinate system id"), _Definition(card, points, (a[1], b[1], c[1])))
     return definitions
 
 
@@ -89,7 +95,9 @@ def _resolve(definition: _Definition, systems: dict[int, CoordinateSystem]) -> C
     y = np.cross(z, plane)
     length, area = np.linalg.norm(z), np.linalg.norm(y)
     if length == 0 or area <= 1e-9 * length * np.linalg.norm(plane):
-        raise definition.card.error("the points A, B and C are on one line", "specify a point C off the line A-B")
+        raise definition.card.error(
+            "the points A, B and C are on one line", "specify a point C that is not on the line through A and B"
+        )
     z, y = z / length, y / area
     return CoordinateSystem(SHAPES[definition.card.name[-1]], A, np.column_stack([np.cross(y, z), y, z]))
 
@@ -140,7 +148,7 @@ class NodeTable(IdTable):
         if any((expand(card.tokens, ids, card.where)[0] == node_id).any() for card in self._scalar):
             return (
                 f"node {node_id} is a scalar point (SPOINT), which is not supported",
-                "define it as a GRID",
+                "define the node as a GRID",
             )
         return f"node {node_id} is not in the deck", f"add a GRID card with id {node_id}, or correct the id"
 
@@ -171,7 +179,7 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
     and a missing system."""
     grids = cards.of("GRID")
     if not grids:
-        raise error_at(path, "the deck contains no GRID card", "check that this is the deck of the model")
+        raise error_at(path, "the deck contains no GRID card", "check that the file is the input deck of the model")
     if long := [card for card in grids if len(card.tokens) > 8 and any(card.tokens[8:])]:
         raise long[0].error(
             "the card has more than 8 data fields",
@@ -180,8 +188,8 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
     CP, CD, PS = _defaults(cards.of("GRDSET"))
     nodes = NodeTable(unique_ids(grids, "node"), cards.of("SPOINT"))
     local = np.array([[card.real(i, "a coordinate", 0.0) for i in (2, 3, 4)] for card in grids])
-    systems_cp = np.array([card.integer(1, "the system CP", CP) for card in grids])
-    meant = np.array([card.integer(5, "the system CD", CD) for card in grids])
+    systems_cp = np.array([card.integer(1, "the coordinate system CP", CP) for card in grids])
+    meant = np.array([card.integer(5, "the coordinate system CD", CD) for card in grids])
 
     def point_of(node_id: int, card: Card) -> tuple[FloatArray, int]:
         row = nodes.row(node_id, card)
@@ -193,7 +201,7 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
             if int(cid) not in systems:
                 raise grids[int(np.argmax(system == cid))].error(
                     f"coordinate system {cid} is not a CORD1 or CORD2 of the deck",
-                    "add the card of the system, or define the node in the basic system 0",
+                    "add the card of this coordinate system, or set CP or CD of the node to 0, the basic system",
                 )
     position = to_basic(local, systems_cp, systems)
     axes: dict[int, FloatArray] = {}
@@ -204,9 +212,9 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
         if on_axis.any():
             lost = "e_r and e_θ" if systems[int(cid)].kind == "cylindrical" else "e_θ and e_φ"
             notes.append(
-                f"{int(on_axis.sum())} of the nodes with CD = {cid} are on the axis of this system (node "
-                f"{nodes.ids[rows[on_axis][0]]}), where {lost} are undefined: their components are along the "
-                "rectangular axes of the system"
+                f"{plural(int(on_axis.sum()), 'node')} with CD = {cid} on the axis of this coordinate system (first node "
+                f"{nodes.ids[rows[on_axis][0]]}): {lost} are undefined on the axis, so the rectangular axes of the "
+                "system are used there"
             )
     texts = [card.text(6) or PS for card in grids]
     permanent = [(grids[i], i, text) for i, text in enumerate(texts) if text not in ("", "0")]
@@ -219,14 +227,18 @@ def _defaults(cards: list[Card]) -> tuple[int, int, str]:
         raise cards[1].error(f"GRDSET is defined twice (first at {cards[0].where})", "keep only one GRDSET")
     if not cards:
         return 0, 0, ""
-    return cards[0].integer(1, "the system CP", 0), cards[0].integer(5, "the system CD", 0), cards[0].text(6)
+    return (
+        cards[0].integer(1, "the coordinate system CP", 0),
+        cards[0].integer(5, "the coordinate system CD", 0),
+        cards[0].text(6),
+    )
 
 
 def find_system(card: Card, field: int, systems: dict[int, CoordinateSystem]) -> CoordinateSystem:
     """The coordinate system of a field; the basic one if it is blank. Raises DeckError if it is missing."""
-    cid = card.integer(field, "the system CID", 0)
+    cid = card.integer(field, "the coordinate system CID", 0)
     if cid not in systems:
-        raise card.error(f"coordinate system {cid} is not a CORD1 or CORD2 of the deck", "add the card of the system")
+        raise card.error(f"coordinate system {cid} is not a CORD1 or CORD2 of the deck", "add the card of this system")
     return systems[cid]
 
 

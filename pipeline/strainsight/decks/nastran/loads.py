@@ -112,8 +112,8 @@ def _set(card: Card) -> int:
 def _pressures_along(card: Card, grids: Grids) -> tuple[CoordinateSystem, tuple[float, float, float]] | None:
     """Vector of a PLOAD4 in its system, or None."""
     if card.text(12).upper() == "LINE":
-        raise card.error("SORL is LINE: loads on edges are not supported", "define the load on the face instead")
-    a, b, c = (card.real(9 + i, "a component of the direction", 0.0) for i in range(3))
+        raise card.error("SORL is LINE: loads on edges are not supported", "define the load as a pressure on the face")
+    a, b, c = (card.real(9 + i, "a component of the load direction", 0.0) for i in range(3))
     return (find_system(card, 8, grids.systems), (a, b, c)) if a or b or c else None
 
 
@@ -127,7 +127,10 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
             return None
         row = grids.nodes.row(card.integer(i, "a node id"), card)
         if row not in node_rows[: kind.corners]:
-            raise card.error(f"node {card.text(i)} is not a corner of element {card.text(1)}", "specify corner nodes")
+            raise card.error(
+                f"node {card.text(i)} is not a corner of element {card.text(1)}",
+                "specify corner nodes of the element as G1 and G3/G4",
+            )
         return node_rows.index(row)
 
     first, other = corner(6), corner(7)
@@ -147,8 +150,8 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
     if len(matches) != 1:
         raise card.error(
             f"G1 and G3 or G4 define {'no face' if not matches else 'several faces'} of the {kind.name} element {card.text(1)}",
-            "specify opposite corners of a quadrilateral; for a tetrahedron, a corner of the face and the "
-            "corner that is not on it",
+            "quadrilateral face: specify two opposite corners as G1 and G3; tetrahedron: specify a corner of the face "
+            "as G1, and the corner that is not on the face as G4",
         )
     facet, local = matches[0]
     at = local.index(first)
@@ -173,7 +176,7 @@ def _plates(cards: Cards, grids: Grids) -> dict[int, tuple[int, ...]]:
 def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int, ...]]) -> list[tuple[int, ...]]:
     ids, missing = expand(tokens, np.array(sorted(plates), dtype=np.int64), card.where)
     if missing.size or not ids.size:
-        what = f"element {missing[0]} is not a" if missing.size else "the card has no"
+        what = f"element {missing[0]} is not a" if missing.size else "the card refers to no"
         raise card.error(
             f"{what} {'plate' if card.name == 'PLOAD2' else 'solid or plate'} of the deck",
             f"correct the id, or leave these loads out (mesh.ignore: [{card.name}])",
@@ -317,7 +320,7 @@ def _combine_loads(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str,
     for card in cards:
         number, whole = card.integer(0, "the set id"), card.real(1, "the factor S")
         if number in sets or number in combined:
-            raise card.error("the set id is also used by other loads", "use a unique id for the combination")
+            raise card.error("the set id is also used by other loads", "use a unique set id for this LOAD card")
         total = combined[number] = LoadSet()
         for i in range(2, len(card.tokens), 2):
             if not (card.text(i) or card.text(i + 1)):
@@ -325,8 +328,8 @@ def _combine_loads(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str,
             part = card.integer(i + 1, "a set id")
             if part not in sets:
                 raise card.error(
-                    f"set {part} contains no imported load",
-                    "remove this set, or leave the combination out (mesh.ignore: [LOAD])",
+                    f"load set {part} contains no imported load",
+                    "remove this set from the card, or leave all LOAD cards out (mesh.ignore: [LOAD])",
                 )
             total.add(sets[part], whole * card.real(i, "a factor"))
     return {f"LOAD-{number}": total.to_nodal_forces() for number, total in sorted(combined.items())}
@@ -341,7 +344,10 @@ def _vector(card: Card, row: int, points: int, grids: Grids) -> FloatArray:
     x = [grids.position[grids.nodes.row(card.integer(3 + i, "a node id"), card)] for i in range(points)]
     direction = x[1] - x[0] if points == 2 else np.cross(x[1] - x[0], x[3] - x[2])
     if not np.linalg.norm(direction) > 0:
-        raise card.error("the nodes do not define a direction", "use nodes that are not on one line")
+        raise card.error(
+            "the nodes do not define a direction",
+            f"specify {'two nodes at different points' if points == 2 else 'nodes on two lines that are not parallel'}",
+        )
     size = card.real(2, f"the {card.name.rstrip('12').lower()}")
     return np.asarray(size * direction / np.linalg.norm(direction))
 
@@ -350,8 +356,8 @@ def _along(card: Card, system: int, size: int, grids: Grids) -> FloatArray:
     """Magnitude times vector, in a rectangular system."""
     coordinate_system = find_system(card, system, grids.systems)
     if coordinate_system.kind != "rectangular":
-        raise card.error("the coordinate system is not rectangular", "specify the vector in a rectangular system")
-    vector = [card.real(size + 1 + i, "a component of the vector", 0.0) for i in range(3)]
+        raise card.error("the coordinate system CID is not rectangular", "specify the vector in a rectangular system")
+    vector = [card.real(size + 1 + i, "a component of the load vector", 0.0) for i in range(3)]
     return np.asarray(card.real(size, "the factor A") * coordinate_system.axes @ vector)
 
 

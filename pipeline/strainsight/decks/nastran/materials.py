@@ -29,12 +29,12 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
         alone = "G (E is then 0)" if specified[1] else "NU"
         raise card.error(f"the card defines only {alone}: this is not sufficient", "specify E and NU")
     if not any(specified):
-        raise card.error("the card has no E and no G or NU", f"specify E and NU{OR_CONFIG}")
+        raise card.error("the card has neither E nor G nor NU", f"specify E and NU{OR_CONFIG}")
     if specified == [True, False, False]:
         notes.append(
             Doubt(
-                f"MAT1 {number} defines only E, so NU = 0, as in Nastran, and G = E/2, but Nastran uses G = 0 "
-                "for torsion of beams and shear of shells; specify NU"
+                f"MAT1 {number} defines only E: NU = 0 and G = E/2 are used, but Nastran uses NU = 0 and G = 0 for torsion "
+                "of beams and shear of shells; specify NU"
             )
         )
     if specified[1] and G <= 0:
@@ -46,7 +46,7 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
     ratio = 1.0
     if of_beams and specified[:2] == [True, True] and E > 0 and not -1 < implied < 0.5:
         ratio, nu = 2 * G / E, 0.0
-        notes.append(f"MAT1 {number}: E and G of its beams and rods imply NU outside -1 to 0.5; both E and G are used")
+        notes.append(f"MAT1 {number}: E and G imply NU outside -1 to 0.5; beams and rods use E and G without this NU")
     elif not specified[2] or (inconsistent and of_beams):
         nu = implied
     if fault := elastic_fault(E if specified[0] else G, nu):
@@ -80,7 +80,9 @@ def note_damping(cards: Iterable[Card], notes: list[str]) -> None:
         if card.real(field := _DAMPING[card.name], "the structural damping GE", 0.0):
             damped.setdefault(card.name, []).append(f"{card.text(0)} (GE {card.text(field)})")
     for name, ids in damped.items():
-        notes.append(f"{name} {first_names(ids)}: structural damping GE is not imported; damping is set in the config")
+        notes.append(
+            f"{name} {first_names(ids)}: structural damping GE is not imported; define `damping` in the config"
+        )
 
 
 def first_names(names: list[str]) -> str:
@@ -124,7 +126,7 @@ def laminate(card: Card) -> Laminate:
             f"LAM is {kind}: only complete (blank) and symmetric (SYM) laminates are supported",
             "leave LAM blank and specify all plies",
         )
-    nonstructural = card.not_negative(2, "the mass NSM", 0.0)
+    nonstructural = card.not_negative(2, "the nonstructural mass NSM", 0.0)
     step, at = (8, 1) if card.name == "PCOMPG" else (4, 0)
     plies = plies_of(card, step, at)
     return Laminate((*plies, *reversed(plies)) if kind == "SYM" else plies, nonstructural)

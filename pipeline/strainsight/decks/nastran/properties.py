@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.decks.faults import OR_CONFIG
+from strainsight.decks.faults import OR_CONFIG, plural
 from strainsight.decks.nastran.cards import Card, Cards, unique_ids
 from strainsight.decks.nastran.grids import Grids, find_system
 from strainsight.decks.nastran.materials import (
@@ -72,12 +72,14 @@ def properties(
         if mid not in of_plies and mid not in isotropic:
             other = _other_material(cards, mid)
             raise card.error(
-                f"material {mid} of its plies is {other or 'not in the deck'}",
+                f"material {mid} of the plies is {other or 'not in the deck'}",
                 "use a MAT8 or a MAT1 for plies" if other else f"add a MAT8 or MAT1 card with id {mid}",
             )
     laminae = {mid: lamina(of_plies[mid]) for _, mid in in_plies if mid in of_plies}
     if rigid := [str(i) for i, each in laminae.items() if np.isinf(each.g1z) or np.isinf(each.g2z)]:
-        notes.append(f"MAT8 {first_names(rigid)} has no G1Z or G2Z, so its plies are rigid in transverse shear")
+        notes.append(
+            f"MAT8 without G1Z or G2Z: {first_names(rigid)}; plies of this material are rigid in transverse shear"
+        )
     named += [(card, mid) for card, mid in in_plies if mid not in laminae]
     materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, materials_required)
     pairs = ((of_solids, anisotropic), (of_plies, laminae), (isotropic, materials))
@@ -102,7 +104,7 @@ def properties(
             i = int(np.argmax(missing))
             card = next(card for card in cards.of(*SOLIDS) if int(card.tokens[0]) == block.ids[i])
             raise card.error(
-                f"property {block.region[i]} is not a PSOLID of the deck ({int(missing.sum())} {block.kind} elements)",
+                f"property {block.region[i]} is not a PSOLID of the deck ({plural(int(missing.sum()), block.kind + ' element')})",
                 f"add a PSOLID card with id {block.region[i]}{OR_CONFIG}",
             )
     return Properties(
@@ -126,7 +128,7 @@ def _layered(cards: Cards, blocks: Sequence[CellBlock], ignored: Counter[str]) -
         if (pid := card.integer(0, "the property id")) not in used:
             ignored["PCOMPS that no element refers to"] += 1
         elif pid in cards_by_id:
-            raise card.error(f"property id {pid} is used twice", "use unique ids")
+            raise card.error(f"property id {pid} is used twice", "use a unique id for every property")
         else:
             cards_by_id[pid] = card
     return cards_by_id
@@ -144,7 +146,10 @@ def _solid_regions(
     for card in solids:
         pid, mid = card.integer(0, "the property id"), card.integer(1, "the material id")
         if card.text(6).upper() not in ("", "SMECH"):
-            raise card.error(f"FCTN is {card.text(6)}: only structural solids are supported", "remove fluid elements")
+            raise card.error(
+                f"FCTN is {card.text(6)}: only structural solids are supported",
+                "remove the fluid elements with this property",
+            )
         if mid in anisotropic and card.text(2) == "-1":
             raise card.error(
                 f"CORDM is -1 (element axes) and material {mid} is anisotropic: not supported, because programs "
@@ -161,8 +166,8 @@ def _solid_regions(
         named += [(card, mid)] if mid not in anisotropic else []
     if schemes:
         notes.append(
-            f"PSOLID {first_names(schemes)}: the integration scheme is not supported; solids are fully integrated, "
-            "linear hexahedra with incompatible modes"
+            f"PSOLID {first_names(schemes)}: the integration scheme of the deck is not used; solids are fully "
+            "integrated, and linear hexahedra have incompatible modes"
         )
     return regions, named, orientations
 
@@ -176,7 +181,9 @@ def _by_id(cards: Cards, *names: str) -> dict[int, Card]:
 def _check_single(mid: int, first: Mapping[int, Card], *others: Mapping[int, Card]) -> None:
     """Raise DeckError for a material id in `first` and also in `others`."""
     if other := next((known[mid] for known in others if mid in known and mid in first), None):
-        raise first[mid].error(f"material id {mid} is used twice, also by a {other.name}", "use unique ids")
+        raise first[mid].error(
+            f"material id {mid} is used twice, also by a {other.name}", "use a unique id for every material"
+        )
 
 
 def _other_material(cards: Cards, mid: int) -> str:

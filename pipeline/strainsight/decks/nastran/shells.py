@@ -72,15 +72,17 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
     if card.text(3) == "-1":
         raise card.error("MID2 is -1 (plane strain), which is not supported", "leave MID2 blank for a membrane")
     if card.text(11):
-        raise card.error("an entry after MID4 is not supported", "define offsets at the elements (ZOFFS)")
+        raise card.error(
+            "an entry after MID4 is not supported", "remove the entry, and define offsets at the elements (ZOFFS)"
+        )
     bending, shear = card.real(4, "12 I/T³", 1.0), card.real(6, "TS/T", 5 / 6)
     if bending < 0 or shear <= 0:
-        raise card.error(f"12 I/T³ = {bending:g} or TS/T = {shear:g} is too small", "specify 12 I/T³ ≥ 0, TS/T > 0")
+        raise card.error(f"12 I/T³ = {bending:g} or TS/T = {shear:g} is too small", "specify 12 I/T³ ≥ 0 and TS/T > 0")
     if card.is_blank(3):
         bending, shear = 0.0, 0.0
     elif card.is_blank(5):
         shear = np.inf
-    return mid, ShellSection(t, bending, shear, card.not_negative(7, "the mass NSM", 0.0))
+    return mid, ShellSection(t, bending, shear, card.not_negative(7, "the nonstructural mass NSM", 0.0))
 
 
 def read_shells(
@@ -91,7 +93,7 @@ def read_shells(
     Raises DeckError for a missing or repeated node, missing mid-side nodes, a shell without area, folded or warped
     too much, a corner thickness different from the property, and a material axis along the normal."""
     if read_as := sorted({card.name for card in elements.cards} & {"CQUADR", "CTRIAR"}):
-        notes.append(f"{', '.join(read_as)} are imported as CQUAD4 and CTRIA3")
+        notes.append(f"{', '.join(read_as)} elements are imported as CQUAD4 or CTRIA3")
     blocks = []
     for kind in SHELL_KINDS:
         cards, ids, region = elements.of([name for name, layout in SHELLS.items() if layout.kind == kind])
@@ -108,7 +110,7 @@ def read_shells(
         for card, number in zip(cards, region.tolist(), strict=True):
             _check_corners(card, properties[number].section)
         axis = np.array([_axis(*each, grids) for each in zip(cards, x, normal, strict=True)])
-        offset = np.array([card.real(SHELLS[card.name].offset, "the offset ZOFFS", 0.0) for card in cards])
+        offset = np.array([card.real(SHELLS[card.name].offset, "the shell offset ZOFFS", 0.0) for card in cards])
         offset = offset + np.array([properties[number].middle for number in region.tolist()])
         blocks.append(ShellBlock(kind, ids, nodes, region, offset, axis.reshape(-1, 3)))
     return tuple(blocks)
@@ -148,7 +150,7 @@ def _check_corners(card: Card, section: Section) -> None:
     thickness = section.thickness
     unit = thickness if card.integer(layout.flag, "TFLAG", 0) == 1 else 1.0
     for i in range(layout.corners):
-        corner_thickness = unit * card.real(layout.thickness + i, "the thickness of a corner", thickness / unit)
+        corner_thickness = unit * card.real(layout.thickness + i, "the thickness at a corner", thickness / unit)
         if abs(corner_thickness - thickness) > SAME * thickness:
             raise card.error(
                 f"T{i + 1} defines a thickness of {corner_thickness:g} at a corner, but the property has "
@@ -165,11 +167,11 @@ def _axis(card: Card, x: FloatArray, normal: FloatArray, grids: Grids) -> FloatA
         axis = find_system(card, theta_at, grids.systems).axes[:, 0]
         if not math.hypot(*_cross(axis.tolist(), normal.tolist())) > PARALLEL:
             raise card.error(
-                f"x of the material system {token} is normal to the shell",
-                "use a system whose x axis is not normal to the shell",
+                f"the x axis of the material coordinate system {token} is normal to the shell",
+                "set MCID to a coordinate system whose x axis is not normal to the shell",
             )
         return axis
-    theta = np.radians(card.real(theta_at, "the angle THETA", 0.0))
+    theta = np.radians(card.real(theta_at, "the material angle THETA", 0.0))
     if theta == 0:
         return np.full(3, np.nan)
     side = x[1] - x[0]
@@ -247,9 +249,14 @@ def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[s
 def _card(card: Card, what: str, number: int, known: Mapping[int, Sequence[Card]]) -> Card:
     cards = known.get(number, [])
     if not cards:
-        raise card.error(f"material {number} of {what} is not a MAT1, MAT2 or MAT8", f"add a MAT1 with id {number}")
+        raise card.error(
+            f"material {number} of {what} is not a MAT1, MAT2 or MAT8 of the deck",
+            f"add one of these cards with id {number}",
+        )
     if len(cards) > 1:
-        raise cards[1].error(f"material id {number} is used twice (first at {cards[0].where})", "use unique ids")
+        raise cards[1].error(
+            f"material id {number} is used twice (first at {cards[0].where})", "use a unique id for every material"
+        )
     return cards[0]
 
 

@@ -126,11 +126,11 @@ def composite_solid(
         return CompositeSolid(tuple(Layer(p.material, p.thickness, Orientation(BASIC, np.eye(3))) for p in plies))
     if card.text(1) in ("", "-1"):
         raise card.error(
-            f"CORDM is {card.text(1) or 'blank'}, but the plies are anisotropic: programs interpret this differently",
+            f"CORDM is {card.text(1) or 'blank'}, but the plies are anisotropic: programs interpret this value differently",
             "set CORDM to a coordinate system (CORD2R, CORD2C, CORD2S) with an axis normal to the layers, or 0 "
             "for the basic system",
         )
-    directions = card.integer(2, "the directions PSDIR", 13)
+    directions = card.integer(2, "the ply directions PSDIR", 13)
     if directions not in DIRECTIONS:
         raise card.error(
             f"PSDIR is {directions}, which is not supported",
@@ -146,15 +146,15 @@ def composite_solid(
         angle, worst = off.max(initial=0.0), int(np.argmax(np.append(off, 0.0)))
         if angle > MOST:
             raise card.error(
-                f"the layers of {block.kind} element {ids[worst]} are stacked from its first facet (G1, G2, …) "
-                f"to the opposite one, {angle:.3g}° off the CORDM axis that PSDIR defines as their normal",
-                "renumber the nodes of the element so that its first facet is the bottom of the layup, or "
+                f"the stacking direction of {block.kind} element {ids[worst]} is {angle:.3g}° off the layer normal that CORDM "
+                "and PSDIR define; layers are stacked from the facet G1, G2, … to the opposite facet",
+                "reorder the nodes of the element: begin with the facet at the bottom of the layup; or "
                 "correct CORDM or PSDIR",
             )
         if angle > NOTED:
             notes.append(
-                f"PCOMPS {card.text(0)}: the CORDM axis normal to the plies is up to {angle:.3g}° off the "
-                f"element normal ({ids[worst]}); ply axes are those of CORDM, without projection"
+                f"PCOMPS {card.text(0)}: the ply normal of CORDM is up to {angle:.3g}° off the element normal (element "
+                f"{ids[worst]}); the ply axes follow CORDM and are not projected on the element"
             )
     return CompositeSolid(
         tuple(
@@ -222,9 +222,9 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
         return grids, Middles(np.zeros((0, 2), dtype=np.int64), ())
     ends_of = np.array([*side], dtype=np.int64)
     notes.append(
-        f"{plural(partial, 'solid element')} without some mid-side nodes: {plural(len(side), 'side')} kept "
-        f"straight by new mid-side nodes, which follow the end nodes, ids {last + 1} to {last + len(side)} (first "
-        f"{first[0].name} {first[0].text(0)}, {first[0].where})"
+        f"{plural(partial, 'solid element')} without some mid-side nodes (first {first[0].name} {first[0].text(0)}, "
+        f"{first[0].where}): {plural(len(side), 'mid-side node')} added with ids {last + 1} to {last + len(side)}; an added "
+        "node follows the two corner nodes, so that the side stays straight"
     )
     ids = np.concatenate([grids.nodes.ids, np.arange(last + 1, last + 1 + len(side))])
     position = np.vstack([grids.position, grids.position[ends_of].mean(axis=1)])

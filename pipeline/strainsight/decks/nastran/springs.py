@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from strainsight.decks.faults import ENFORCED, HELD, Doubt
+from strainsight.decks.faults import ENFORCED, HELD, Doubt, plural
 from strainsight.decks.nastran.cards import Card, Cards, Deck, unique_ids
 from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, find_system
@@ -40,7 +40,7 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
     unique_ids(elements, "element")
     bushes = _bush_properties(cards, notes)
     scalar = {
-        number: (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping GE", 0.0))
+        number: (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping coefficient GE", 0.0))
         for number, card, at in _packed_properties(cards, "PELAS", 4)
     }
     elements_found, damped = [], 0
@@ -50,13 +50,13 @@ def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]
             continue
         has_stiffness = card.name == "CELAS2"
         if has_stiffness:
-            k, damping = card.real(1, "the stiffness"), card.real(6, "the damping GE", 0.0)
+            k, damping = card.real(1, "the stiffness"), card.real(6, "the damping coefficient GE", 0.0)
         else:
             k, damping = _property_of(card, scalar, "PELAS")
         damped += damping != 0
         elements_found.append(_elastic(card, grids, k))
     if damped:
-        notes.append(f"GE of {damped} CELAS is not imported: damping is set in the config")
+        notes.append(f"damping GE of {plural(damped, 'CELAS card')} is not imported: define `damping` in the config")
     return tuple(elements_found)
 
 
@@ -69,7 +69,7 @@ def _packed_properties(cards: Cards, name: str, size: int) -> Iterator[tuple[int
                 continue
             number = card.integer(at, "the property id")
             if number in known:
-                raise card.error(f"property id {number} is used twice", "use unique ids")
+                raise card.error(f"property id {number} is used twice", "use a unique id for every property")
             known.add(number)
             yield number, card, at
 
@@ -114,7 +114,10 @@ def _bush_properties(cards: Cards, notes: list[str]) -> dict[int, FloatArray]:
                 raise card.error(f"{part!r} is not one of {', '.join(PARTS)}", "specify K and the six stiffnesses")
             if part == "K":
                 if "RIGID" in (value.upper() for value in values):
-                    raise card.error("rigid stiffness (RIGID) is not supported", "use an RBE2, or specify a number")
+                    raise card.error(
+                        "rigid stiffness (RIGID) is not supported",
+                        "use an RBE2 instead of the spring, or specify the stiffness as a number",
+                    )
                 k = np.array([card.real(at + 2 + i, f"the stiffness K{i + 1}", 0.0) for i in range(6)])
             elif part == "M" and any(values):
                 raise card.error("mass (M) is not supported", "use a CONM2 for the mass")
@@ -123,7 +126,7 @@ def _bush_properties(cards: Cards, notes: list[str]) -> dict[int, FloatArray]:
             raise card.error(f"the stiffness is {k.min():g}, negative", "specify stiffnesses of at least 0")
         stiffness_by_id[int(number)] = k
     if damped:
-        notes.append("B and GE of PBUSH are not imported: damping is set in the config")
+        notes.append("damping B and GE of PBUSH is not imported: define `damping` in the config")
     return stiffness_by_id
 
 
@@ -133,7 +136,7 @@ def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Spring
     if card.text(9) not in ("", "-1"):  # otherwise S1 to S3 have no effect
         raise card.error(
             "OCID is not supported: it moves the spring away from the line between its nodes",
-            "define nodes at the position of the spring",
+            "leave OCID blank, and define nodes at the position of the spring",
         )
     if not 0 <= (S := card.real(8, "the place S", 0.5)) <= 1:
         raise card.error(f"S is {card.text(8)}, but must be between 0 and 1", "specify 0 (at GA) to 1 (at GB)")
@@ -175,7 +178,7 @@ def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> Flo
     if length <= APART * extent:
         raise card.error(
             "the ends coincide or one end is grounded, so the element axes are undefined",
-            "specify CID, 0 for the basic system",
+            "specify CID; 0 is the basic system",
         )
     x = along / length
     if not k[[1, 2, 4, 5]].any():  # with stiffness only along and about x, y and z have no effect
@@ -184,7 +187,10 @@ def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> Flo
         raise card.error("the transverse axes are undefined: CID, GO and X1 to X3 are blank", "specify CID or GO")
     z = np.cross(x, first)
     if not np.linalg.norm(z) > APART * np.linalg.norm(first):
-        raise card.error("GO or X1 to X3 is on the element axis", "specify a point or vector that is not on the axis")
+        raise card.error(
+            "the orientation GO or X1 to X3 is parallel to the element axis",
+            "specify a point or vector that is not on the axis",
+        )
     z = z / np.linalg.norm(z)
     return np.column_stack([x, np.cross(z, x), z])
 
@@ -249,7 +255,10 @@ def _mass_from_matrix(
     size[size == 0] = 1.0
     least = float(np.linalg.eigvalsh(M / np.outer(size, size))[0])
     if M.diagonal().min() < 0 or least < -INDEFINITE:
-        raise card.error("the mass matrix is not positive semidefinite", "reduce off-diagonal entries of the matrix")
+        raise card.error(
+            "the mass matrix is not positive semidefinite",
+            "correct negative diagonal entries, or reduce the off-diagonal entries",
+        )
     if M[3:].any() and row not in turning:
         notes.append(
             f"{card.name} {card.text(0)}: node {grids.nodes.ids[row]} has no rotations (not in an RBE2 or "
@@ -263,7 +272,7 @@ def _conm1(card: Card, grids: Grids) -> tuple[int, FloatArray]:
     row = grids.nodes.row(card.integer(1, "the node id"), card)
     axes = np.kron(np.eye(2), axes_at(grids.position[row], find_system(card, 2, grids.systems)))
     M = np.zeros((6, 6))
-    M[np.tril_indices(6)] = [card.real(3 + i, "an entry of the matrix", 0.0) for i in range(21)]
+    M[np.tril_indices(6)] = [card.real(3 + i, "an entry of the mass matrix", 0.0) for i in range(21)]
     M = M + np.tril(M, -1).T
     return row, axes @ M @ axes.T
 
@@ -276,8 +285,8 @@ def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int,
     ends = [i for i in (2, 4) if not card.is_blank(i) and not card.is_blank(i + 1)]
     if len(ends) != 1:
         raise card.error(
-            f"the mass has {len(ends)} ends on nodes: only a mass between one component and the ground is supported",
-            "define the mass as CONM2, or leave it out (mesh.ignore)",
+            f"the mass acts on {plural(len(ends), 'component')}: only a mass on exactly one component is supported",
+            f"define the mass as CONM2, or leave these cards out (mesh.ignore: [{card.name}])",
         )
     component = card.component(ends[0] + 1)
     row = grids.nodes.row(card.integer(ends[0], "the node id"), card)
@@ -291,7 +300,7 @@ def components(text: str, card: Card) -> tuple[int, ...]:
     """Digits 1-6 as components 0-5."""
     if not text or any(digit not in "123456" for digit in text) or len(set(text)) < len(text):
         raise card.error(
-            f"components {text!r} must contain only digits 1 to 6, each once",
+            f"components {text!r} must contain only the digits 1 to 6, each at most once",
             "write the components as, for example, 123",
         )
     return tuple(sorted(int(digit) - 1 for digit in text))
@@ -356,9 +365,9 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
     selected = tuple(sorted({parse_integer(text) or 0 for text in sets.chosen} & sets.ids))
     if len(sets.chosen) > 1 and selected:
         raise ChoiceError(
-            f"the subcases select different supports ({', '.join(sets.chosen)})",
+            f"the subcases select different support sets ({', '.join(sets.chosen)})",
             where=[*sets.chosen.values()][1].where,
-            remedy=f"select the support set: mesh.spc: {selected[0]}",
+            remedy=f"set mesh.spc to the support set of the model, for example mesh.spc: {selected[0]}",
             choices=selected,
             key="spc",
         )
@@ -369,7 +378,7 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
             f"the deck has {len(sets.top)} support sets ({', '.join(map(str, sorted(sets.top)))}), and the case "
             "control selects none",
             where=sets.card(max(sets.top)).where,
-            remedy=f"select the support set: mesh.spc: {min(sets.top)}",
+            remedy=f"set mesh.spc to the support set of the model, for example mesh.spc: {min(sets.top)}",
             choices=tuple(sorted(sets.top)),
             key="spc",
         )
@@ -377,8 +386,8 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
     if sets.top and deck.case_control:
         notes.append(
             Doubt(
-                "the case control selects no supports, so Nastran uses none; strainsight uses the only "
-                f"support set {number}. Ignore this set with mesh.ignore: [SPC, SPC1], or confirm it with mesh.spc"
+                f"the case control selects no supports, so Nastran uses none; strainsight uses the only support set {number}. "
+                f"Set mesh.spc: {number} to confirm this support set, or mesh.ignore: [SPC, SPC1] to leave it out"
             )
         )
     return sets.parts(number)

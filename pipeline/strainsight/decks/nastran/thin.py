@@ -106,7 +106,9 @@ def read_thin(
     ids = unique_ids(elements_in_order, "element")
     if (clash := np.isin(ids, solids.ids)).any():
         card = elements_in_order[int(np.argmax(clash))]
-        raise card.error(f"element id {card.text(0)} is used twice, also by a solid", "use unique ids")
+        raise card.error(
+            f"element id {card.text(0)} is used twice, also by a solid", "use a unique id for every element"
+        )
     numbers = [card.integer(0, "the property id") for card in cards.of("PSOLID")]
     used_ids = np.concatenate([[0], numbers, ids, *(np.unique(block.region) for block in blocks)]).astype(np.int64)
     region, of_region = _regions(elements_in_order, ids, cards, used_ids, required)
@@ -150,7 +152,7 @@ def _property(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str])
         return ThinProperty(card, ply, 0, (material,))
     if isinstance(section, Laminate):
         half = 0.5 * section.thickness
-        middle = card.real(1, "the position Z0 of the lower face", -half) + half
+        middle = card.real(1, "the position Z0 of the lower face of the laminate", -half) + half
         return ThinProperty(card, section, 0, tuple(ply.material for ply in section.plies), middle)
     return ThinProperty(card, section, material, (material,))
 
@@ -181,7 +183,9 @@ def _regions(
         if other is property_card:
             region[i] = number
         elif required:
-            raise property_card.error(f"property id {number} is used twice (first at {other.where})", "use unique ids")
+            raise property_card.error(
+                f"property id {number} is used twice (first at {other.where})", "use a unique id for every property"
+            )
     free = max([*used_ids.tolist(), *(number for _, number in property_cards)]) + 1
     like: dict[tuple[str, ...], int] = {}
     for i in alone:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from strainsight.decks.faults import plural
 from strainsight.decks.nastran.cards import Card, Cards, Deck
 from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
@@ -35,7 +36,9 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
             raise card.error("the card has no dependent node", "specify the dependent nodes")
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
         if reference in rows:
-            raise card.error(f"the reference node {card.tokens[1]} is also dependent", "remove it as a dependent node")
+            raise card.error(
+                f"the reference node {card.tokens[1]} is also dependent", "remove this node from the dependent nodes"
+            )
         if min(wanted) > 2 and not references.intersection(ids.tolist()):
             notes.append(
                 f"RBE2 {card.tokens[0]} ties only rotations (components {card.text(2)}), but nodes of solids "
@@ -50,9 +53,9 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
     """RBE3: groups of weight, components and nodes, and the UM set, if any. turning: rows of nodes with rotations, in addition
     to the reference nodes; rotations of other nodes cannot be averaged."""
     elements = []
-    turning = turning | {nodes.row(card.integer(2, "the reference node"), card) for card in cards.of("RBE3")}
+    turning = turning | {nodes.row(card.integer(2, "the reference node REFGRID"), card) for card in cards.of("RBE3")}
     for card in cards.of("RBE3"):
-        reference = nodes.row(card.integer(2, "the reference node"), card)
+        reference = nodes.row(card.integer(2, "the reference node REFGRID"), card)
         wanted = components(card.text(3), card)
         tokens = [token.upper() for token in card.tokens[4:] if token]
         if "ALPHA" in tokens:
@@ -64,7 +67,10 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
         counts = np.zeros((place.max() + 1, 6), dtype=int)
         np.add.at(counts, place, directions)
         if counts.max() > 1 or reference in rows:
-            raise card.error("a node is used twice", "use every node once, without the reference node")
+            raise card.error(
+                "a component is averaged twice, or the reference node is averaged",
+                "list every averaged component of a node once",
+            )
         still = directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))
         if still.any():
             raise card.error(
@@ -100,11 +106,13 @@ def _groups(card: Card, tokens: list[str]) -> tuple[IntArray, FloatArray, np.nda
             raise card.error(f"a node id {describe_non_integer(tokens[i])}")
         weight = parse_real(tokens[i]) if node is None else None
         if weight is None or weight <= 0:
-            raise card.error(f"found {tokens[i]!r} instead of a positive weight (with a decimal point)")
+            raise card.error(
+                f"found {tokens[i]!r} instead of a positive weight", "write a positive weight with a decimal point"
+            )
         wanted = components(tokens[i + 1] if i + 1 < len(tokens) else "", card)
         i += 2
     if not ids:
-        raise card.error("the card has no nodes to average")
+        raise card.error("the card has no nodes to average", "add a weight, components and node ids")
     return np.array(ids, dtype=np.int64), np.array(weights), np.array(directions)
 
 
@@ -114,13 +122,15 @@ def _um_set(card: Card, tokens: list[str], nodes: NodeTable, count: int) -> IntA
     for i in range(0, len(tokens), 2):
         node = parse_integer(tokens[i])
         if node is None:
-            raise card.error(f"{tokens[i]!r} in the UM set is not a node id")
+            raise card.error(
+                f"{tokens[i]!r} in the UM set is not a node id", "specify pairs of a node and its components"
+            )
         wanted = components(tokens[i + 1] if i + 1 < len(tokens) else "", card)
         motions += [(nodes.row(node, card), c) for c in wanted]
     if len(motions) != count or len(set(motions)) != count:
         raise card.error(
-            f"the UM set has {len(set(motions))} motions, but there are {count} reference components",
-            "specify as many different motions as reference components",
+            f"the UM set has {plural(len(set(motions)), 'component')} (repeated ones counted once), but REFC has {count}",
+            "specify as many components in the UM set as in REFC",
         )
     return np.array(motions, dtype=np.int64)
 
@@ -174,7 +184,7 @@ def rigid_bars(cards: Cards, grids: Grids) -> Bars:
     for card in cards.of("RBE1"):
         tokens = [token.upper() for token in card.tokens]
         if "UM" not in tokens:
-            raise card.error("the card has no UM before its dependent motions")
+            raise card.error("the word UM is missing", "write UM before the first dependent node")
         at = tokens.index("UM")
         _rigid(card, grids, _read_motions(card, 1, at, grids), _read_motions(card, at + 1, len(tokens), grids), bars)
     for card in cards.of("RROD"):
@@ -212,14 +222,17 @@ def _rigid(card: Card, grids: Grids, independent: list[Motion], dependent: list[
     number = card.integer(0, "the element id")
     if len(independent) != 6:
         raise card.error(
-            f"the card has {len(independent)} independent motions instead of six",
-            "specify six independent motions that constrain a rigid body",
+            f"the card has {plural(len(independent), 'independent component')} instead of six",
+            "specify six independent components that constrain a rigid body",
         )
     if not dependent:
-        raise card.error("the card has no dependent motion", "specify dependent components")
+        raise card.error("the card has no dependent component", "specify dependent components")
     if twice := set(independent) & set(dependent):
         node, c = min(twice)
-        raise card.error(f"node {grids.nodes.ids[node]} is both independent and dependent in component {c + 1}")
+        raise card.error(
+            f"node {grids.nodes.ids[node]} is both independent and dependent in component {c + 1}",
+            "remove one of the two entries",
+        )
     lead = {node for node, _ in independent}
     if len(lead) == 1:
         of: dict[int, tuple[int, ...]] = {}
@@ -235,8 +248,8 @@ def _rigid(card: Card, grids: Grids, independent: list[Motion], dependent: list[
     strength = np.linalg.svd(G, compute_uv=False)
     if not strength[-1] > HELD * strength[0]:
         raise card.error(
-            "the independent motions do not constrain a rigid body",
-            "choose six motions that constrain three translations and three rotations",
+            "the independent components do not constrain a rigid body",
+            "choose six components that constrain three translations and three rotations",
         )
     for motion in dependent:
         # rotations are multiplied by the length, so that all entries are comparable
@@ -276,7 +289,10 @@ def _rod(card: Card, grids: Grids, bars: Bars) -> None:
     }
     dependent_value = values.pop(follows[0])
     if abs(dependent_value) < 1e-6:
-        raise card.error("the dependent motion is perpendicular to the rod", "choose a dependent motion along the rod")
+        raise card.error(
+            "the dependent translation is perpendicular to the rod",
+            "choose a translation (CMA or CMB) that is not perpendicular to the rod",
+        )
     nonzero = {motion: value for motion, value in values.items() if abs(value) > ROUNDING}
     bars.relate(card, [follows[0], *nonzero], [dependent_value, *nonzero.values()])
 
@@ -291,15 +307,15 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
         return []
     if len(sets.chosen) > 1:
         raise DeckError(
-            f"the subcases select different relations ({', '.join(sets.chosen)})",
+            f"the subcases select different MPC sets ({', '.join(sets.chosen)})",
             where=[*sets.chosen.values()][1].where,
             remedy="keep only one line MPC = n in the case control",
         )
     if not deck.case_control and len(sets.top) > 1:
         raise sets.card(max(sets.top)).error(
-            f"the deck has {len(sets.top)} sets of relations ({', '.join(map(str, sorted(sets.top)))}), but no "
-            "case control selects one",
-            "add the line MPC = n before BEGIN BULK, or leave the relations out (mesh.ignore: [MPC, MPCADD])",
+            f"the deck has {len(sets.top)} MPC sets ({', '.join(map(str, sorted(sets.top)))}), but no "
+            "case control, which would select one of the sets",
+            "add the line MPC = n before BEGIN BULK, or leave all MPC cards out (mesh.ignore: [MPC, MPCADD])",
         )
     selected = set() if deck.case_control else sets.top
     if sets.chosen:
@@ -319,7 +335,7 @@ def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]
     if stray := [i for i in range(7, len(card.tokens)) if i % 8 in (7, 0) and card.text(i)]:
         raise card.error(
             f"found {card.text(stray[0])!r} in field {stray[0] + 2}, which must be blank",
-            "write two terms on each line",
+            "write at most two terms on each line",
         )
     for k in range((len(card.tokens) + 2) // 3):
         i = 8 * (k // 2) + 1 + 3 * (k % 2)
@@ -331,5 +347,7 @@ def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]
     if not node:
         raise card.error("the card has no terms", "specify nodes, components and coefficients")
     if value[0] == 0:
-        raise card.error("the coefficient of the first term is 0", "start with a nonzero coefficient")
+        raise card.error(
+            "the coefficient of the first term is 0", "start the card with a term whose coefficient is not zero"
+        )
     return np.array(node, dtype=np.int64), np.array(component, dtype=np.int64), np.array(value)

@@ -82,7 +82,9 @@ def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded
     notes = " ".join(f"{out.getvalue()} {err.getvalue()}".split())
     lost = [int(number) for number in _DROPPED.findall(notes) if int(number) not in _FLAT]
     if lost:
-        raise error_at(path, f"cells of VTK type {lost[0]} are not supported", "use tetrahedra, hexahedra or wedges")
+        raise error_at(
+            path, f"cells of VTK type {lost[0]} are not supported", "mesh with tetrahedra, hexahedra or wedges"
+        )
     return Loaded(mesh, name, notes, included)
 
 
@@ -100,7 +102,7 @@ def _formats(path: Path) -> list[str]:
             "unpack the mesh (gunzip) and specify the unpacked file",
         )
     if not formats:
-        raise error_at(path, f"{path.suffix or '(none)'} is not a known mesh file ending", INSTEAD)
+        raise error_at(path, f"the file name extension {path.suffix or '(none)'} is not supported for meshes", INSTEAD)
     return formats
 
 
@@ -109,7 +111,7 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
         return error_at(
             path,
             f"{error.args[0]} cells are not supported",
-            "use tetrahedra, hexahedra or wedges of first or second order",
+            "mesh with tetrahedra, hexahedra or wedges of first or second order",
         )
     if isinstance(error, ModuleNotFoundError):
         return error_at(path, f"reading {name} requires the package {error.name}", f"install the package, or {INSTEAD}")
@@ -121,7 +123,7 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
         )
     reason = " ".join((printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}").split())
     reason = re.sub(r" ?Error: Couldn't read file .*", "", reason) or "the content has another format or is damaged"
-    return error_at(path, f"cannot be read as {name}: {reason[:300]}", INSTEAD)
+    return error_at(path, f"the file cannot be read as {name}: {reason[:300]}", INSTEAD)
 
 
 def _check_file(path: Path, name: str) -> tuple[str, ...]:
@@ -131,7 +133,11 @@ def _check_file(path: Path, name: str) -> tuple[str, ...]:
             _check_vtk(path)
         elif name == "vtu":
             if (pieces := path.read_bytes().count(b"<Piece")) > 1:
-                raise error_at(path, f"the file has {pieces} pieces instead of one", "merge the pieces into one")
+                raise error_at(
+                    path,
+                    f"the file has {pieces} <Piece> elements, but only one is supported",
+                    "merge the pieces into one",
+                )
         elif name == "xdmf":
             return _check_xdmf(path)
         elif name == "tetgen":
@@ -144,7 +150,7 @@ def _check_file(path: Path, name: str) -> tuple[str, ...]:
         elif name in HDF5:
             check_hdf5(path)
     except (OSError, ElementTree.ParseError, ValueError) as error:
-        raise error_at(path, f"cannot be read as {name}: {error}", INSTEAD) from None
+        raise error_at(path, f"the file cannot be read as {name}: {error}", INSTEAD) from None
     return ()
 
 
@@ -152,14 +158,16 @@ def _check_vtk(path: Path) -> None:
     content = path.read_bytes()
     dataset = re.search(rb"^\s*DATASET\s+(\w+)", content[:5000], re.M | re.I)
     if dataset and dataset[1].upper() != b"UNSTRUCTURED_GRID":
-        raise error_at(path, f"the data set {dataset[1].decode()} is not a mesh", "convert it to an unstructured grid")
+        raise error_at(
+            path, f"the VTK data set {dataset[1].decode()} is not supported", "convert it to UNSTRUCTURED_GRID"
+        )
     for match in _COUNTS.finditer(content):
         for word in match[1].split():
             if word.isdigit() and int(word) > len(content):
                 line = content.count(b"\n", 0, match.start()) + 1
                 raise error_at(
                     f"{path}:{line}",
-                    f"{int(word)} entries are declared, but the file has only {len(content)} bytes",
+                    f"the line declares {int(word)} entries, but the file has only {len(content)} bytes",
                     "the file is damaged: export the mesh again",
                 )
 
@@ -170,7 +178,9 @@ def _check_xdmf(path: Path) -> tuple[str, ...]:
     for item in ElementTree.parse(path).iter("DataItem"):
         form, text = item.get("Format"), (item.text or "").strip()
         if form == "Binary":
-            raise error_at(path, "raw binary data are not supported", "export the data as HDF or XML")
+            raise error_at(
+                path, 'a DataItem with Format="Binary" is not supported', "export the data with Format HDF or XML"
+            )
         if form == "HDF":
             target = folder / text.rpartition(":")[0]
             if not target.resolve().is_relative_to(folder):
@@ -193,28 +203,31 @@ def check_hdf5(path: Path) -> None:
     """Raise DeckError for an HDF5 file that refers to other files or has an array of more than 4 GiB."""
     import h5py
 
-    problems: list[str] = []
+    inside = "write the data into this file, without links to other files"
+    problems: list[tuple[str, str]] = []
 
     def look(name: str, link: Any) -> None:
         if isinstance(link, h5py.ExternalLink):
-            problems.append(f"{name} is a link to another file ({link.filename})")
+            problems.append((f"{name} is a link to another file ({link.filename})", inside))
 
     def weigh(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
             if item.external or item.is_virtual:
-                problems.append(f"{name} refers to data in another file")
+                problems.append((f"{name} refers to data in another file", inside))
             elif item.nbytes > LARGEST:
-                problems.append(f"{name} has {item.nbytes / 1024**3:.1f} GiB")
+                problems.append(
+                    (f"{name} has {item.nbytes / 1024**3:.1f} GiB, above the limit of 4 GiB", "export a smaller mesh")
+                )
 
     try:
         with h5py.File(path, "r") as file:
             file.visititems_links(look)
             file.visititems(weigh)
     except Exception as error:  # h5py has no exception class for damaged files
-        reason = f"cannot be read as HDF5: {' '.join(str(error).split())[:300]}"
+        reason = f"the file cannot be read as HDF5: {' '.join(str(error).split())[:300]}"
         raise error_at(path, reason, INSTEAD) from None
     if problems:
-        raise error_at(path, problems[0], "write the data into the file itself, without links")
+        raise error_at(path, *problems[0])
 
 
 TIME_LIMIT = 7.0
@@ -228,7 +241,7 @@ COMMAND = python("strainsight.decks.other.load")
 def load_sandboxed(path: Path) -> Loaded:
     """`load` in a child process. Raises the same DeckError, and one if the process fails."""
     limit = TIME_LIMIT + path.stat().st_size / 1e5 if path.is_file() else TIME_LIMIT
-    failure = error_at(path, "reading the file crashed or took too long", f"the file is damaged: {INSTEAD}")
+    failure = error_at(path, "reading the file crashed or took too long", f"the file may be damaged: {INSTEAD}")
     with child_reader(COMMAND, str(path), failure) as receive:
         record, arrays = receive(limit)
 

@@ -73,8 +73,8 @@ def numbers_of(
         right = numbers is not None and len(numbers) == count and numbers.min(initial=1) > 0
         if numbers is not None and right and len(np.unique(numbers)) == count:
             return numbers, name
-        notes.append(f"{what} data {name} are not positive and unique, so they are not used as {what} numbers")
-    notes.append(f"{what}s have no numbers in the file, so they are numbered from 1 in file order")
+        notes.append(f"the {what} data {name} are not positive and unique, so the data are not used as {what} ids")
+    notes.append(f"the file contains no {what} ids, so ids from 1 are assigned in the order of the file")
     return np.arange(1, count + 1), ""
 
 
@@ -92,7 +92,7 @@ def labels(data: Mapping[str, Any], name: str | None, count: int, path: str, not
             raise error_at(
                 path,
                 f"cell data {name!r} are not integers" if name in data else f"cell data {name!r} not found",
-                f"choose cell data that can define regions: {known}",
+                f"set mesh.region_data to cell data of integers (in this file: {known}), or remove the key",
             )
         return Labels(name, candidates[name])
     for usual in REGIONS:
@@ -102,7 +102,7 @@ def labels(data: Mapping[str, Any], name: str | None, count: int, path: str, not
     others = ", ".join(candidates)
     notes.append(
         "no cell data define regions, so all elements are in region 1 (solids)"
-        + (f"; region_data can be set to {others}" if others else "")
+        + (f"; possible values of mesh.region_data: {others}" if others else "")
     )
     return None
 
@@ -183,8 +183,8 @@ class Cells:
             if block.type not in THIN:
                 raise error_at(
                     self.path,
-                    f"{plural(int(inside.sum()), block.type + ' cell')} in regions with a section are not supported",
-                    f"use {', '.join(THIN)}",
+                    f"the cell type {block.type} cannot have a section from mesh.sections ({plural(int(inside.sum()), 'cell')})",
+                    f"mesh these regions with {', '.join(THIN)}",
                 )
             nodes = np.asarray(block.data, np.int64)[inside]
             yield CellBlock(THIN[block.type], self.ids[rows][inside], nodes, region[inside].astype(np.int64))
@@ -301,11 +301,11 @@ def _position(raw: Any, path: str, notes: list[str]) -> FloatArray:
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise error_at(
             path,
-            f"the points have {points.shape[-1] if points.ndim else 0} coordinates, but need 3",
-            "use a three-dimensional mesh for solids",
+            f"the points have {points.shape[-1] if points.ndim else 0} coordinates instead of 3",
+            "export the mesh with three coordinates per point",
         )
     if points.dtype == np.float32:
-        notes.append("coordinates have single precision (7 digits)")
+        notes.append("coordinates in the file have single precision (7 digits)")
     return np.ascontiguousarray(points, dtype=np.float64)
 
 
@@ -316,15 +316,15 @@ def _solids(raw: Any, path: str, required: bool) -> list[int]:
         if block.dim == 3 and block.type not in KINDS and len(block.data):
             raise error_at(
                 path,
-                f"{plural(len(block.data), block.type + ' cell')} are not supported",
-                f"use {FAMILIES} ({', '.join(KINDS)})",
+                f"the cell type {block.type} is not supported ({plural(len(block.data), 'cell')})",
+                f"mesh with {FAMILIES} ({', '.join(KINDS)})",
             )
         if block.type in KINDS and len(block.data):
             supported.append(i)
     if not supported and required:
         shown = ", ".join(plural(len(block.data), block.type + " cell") for block in raw.cells) or "no cells"
         what = f"the mesh contains no solid elements ({shown})"
-        raise error_at(path, what, f"mesh in three dimensions; {SHELLS}")
+        raise error_at(path, what, f"Mesh in three dimensions. {SHELLS}")
     return supported
 
 
@@ -337,7 +337,7 @@ def _check_cells(raw: Any, blocks: list[int], points: int, path: str) -> None:
             raise error_at(path, f"the {kind} cells do not have {width} nodes each", remedy)
         wrong = nodes[(nodes < 0) | (nodes >= points)]
         if wrong.size:
-            what = f"a {kind} refers to point {wrong[0]} (counted from 0), but the mesh has only {points} points"
+            what = f"a {kind} cell refers to point {wrong[0]} (counted from 0), but the mesh has only {plural(points, 'point')}"
             raise error_at(path, what, remedy)
 
 
