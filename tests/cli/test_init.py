@@ -156,7 +156,7 @@ def test_gravity_and_rotation_loads_of_deck_are_offered(init):
 @pytest.mark.parametrize(
     ("options", "what"),
     [
-        (("--load", "set tipp"), "the deck has no set 'tipp'"),
+        (("--load", "set tipp"), "the deck has no node set 'tipp'"),
         (("--load", "somewhere"), "--load  'somewhere' is not a location"),
         (("--direction", "up"), "--direction  'up' is not a list of three numbers"),
         (("--amplitude", "inf"), "--amplitude  'inf' is not a positive number"),
