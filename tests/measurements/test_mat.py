@@ -135,5 +135,5 @@ def test_invalid_version_73_variables_are_refused(tmp_path, fill, said):
 
 
 def test_different_lengths_are_refused(rig):
-    with pytest.raises(UserError, match="'dt' has 1 samples, but the clock has 400"):
+    with pytest.raises(UserError, match="'dt' has 1 samples, but the time axis has 400"):
         read(rig, ["top", "dt"], time="t", time_unit="s")
