@@ -143,9 +143,10 @@ def test_gravity_and_rotation_loads_of_deck_are_offered(init):
     text = bricks((4, 2, 2)).replace("ENDDATA", "GRAV,5,,9.81,0.,0.,-1.\nRFORCE,6,,,10.,0.,0.,2.\nENDDATA")
     assert init(*LOAD, text=text)[0] == 0
     written = Path("own.yaml").read_text()
-    weight = r"deck_load: LOAD-5 +# gravity of 9.81 m/s² along \(0, 0, -1\) on all mass; with `factor: true`, without direction"
+    weight = r"deck_load: LOAD-5 +# gravity of 9.81 m/s² along \(0, 0, -1\), acts on the whole mass; with `factor: true`, "
+    weight += "without direction"
     assert re.search(f"#   {weight}", written)
-    assert re.search(r"#   deck_load: LOAD-6 +# rotation at 125.7 rad/s about \(0, 0, 1\) on all mass", written)
+    assert re.search(r"#   deck_load: LOAD-6 +# rotation at 125.7 rad/s about \(0, 0, 1\), acts on the whole mass", written)
     assert init("--load", "deck_load LOAD-5", "--frequency", "5", text=text)[0] == 0
     load = load_config("own.yaml").model.loads["force"]
     assert (load.deck_load, load.factor, load.signal.amplitude, load.direction) == ("LOAD-5", True, 1.0, None)

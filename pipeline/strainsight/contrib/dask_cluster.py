@@ -242,7 +242,7 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
         raise _frozen("a Dask worker that holds results", CARRYING * SILENT) from None
     except KilledWorker:
         raise StrainsightError(
-            "several workers of the cluster were killed by the same task of a sweep, probably because memory ran out",
+            "several workers of the cluster were killed by the same task, probably because memory ran out",
             remedy="start workers with more memory (dask worker --memory-limit) or fewer threads (--nthreads 1)",
         ) from None
 

@@ -32,7 +32,9 @@ def _other_bench(context: Context[object]) -> Simulated | None:
     artefact = Artefact(context.files[key])
     if artefact.header.stage != "simulate":
         raise ArtefactError(
-            f"{artefact.path.name} is an artefact of stage '{artefact.header.stage}', not of 'simulate'", key=key
+            f"{artefact.path.name} is the results file of the stage '{artefact.header.stage}', not of the stage 'simulate'",
+            key=key,
+            remedy="set the key to the name of a run of a bench, or to its file simulate.h5",
         )
     return read(Simulated, artefact)
 
