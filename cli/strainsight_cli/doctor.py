@@ -45,9 +45,10 @@ def check_solver() -> DoctorFinding:
     reinstall = "pip install --force-reinstall numpy scipy pypardiso"
     if "solver" not in facts:
         return DoctorFinding("solver", FAILS, ended or "no result", reinstall)
-    text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s, largest error {facts['error']:.1e}"
+    text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s"
+    text += f", largest error of the solution {facts['error']:.1e}"
     if not facts["error"] < ACCURATE:
-        return DoctorFinding("solver", FAILS, f"{text}: the solution is wrong", reinstall)
+        return DoctorFinding("solver", FAILS, f"{text}, above the limit of {ACCURATE:.0e}", reinstall)
     if facts["solver"] != "PARDISO":
         why = f" ({facts['why']})" if facts.get("why") else ""
         meaning = "the solver is many times slower, and limited to 100 000 unknowns"

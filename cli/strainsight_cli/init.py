@@ -29,7 +29,7 @@ SHOWN = 30
 
 def init(
     deck: Annotated[Path, typer.Argument(metavar="DECK", help="Finite-element deck.")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Config to write.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Config file to write.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     interactive: Annotated[
         bool, typer.Option("-i", "--interactive", help="Ask for missing data in the terminal.")
@@ -43,7 +43,8 @@ def init(
     material: Annotated[
         str | None,
         typer.Option(
-            "--material", help="Material, if the deck has none: steel, aluminium, titanium, or 'E, ν, ρ' in SI."
+            "--material",
+            help="Material, if the deck has none: steel, aluminium, titanium, or 'E, ν, ρ' [Pa, -, kg/m³].",
         ),
     ] = None,
     support: Annotated[
@@ -62,7 +63,9 @@ def init(
     frequency: Annotated[str | None, typer.Option("--frequency", help="Frequency of the load [Hz].")] = None,
     axis: Annotated[
         str | None,
-        typer.Option("--axis", help="Direction of the gauges, 'x, y, z'; default: direction of the principal strain."),
+        typer.Option(
+            "--axis", help="Measuring direction of the gauges, 'x, y, z'; default: that of the principal strain."
+        ),
     ] = None,
     keep: Annotated[int, typer.Option("--keep", min=1, help="Number of gauges to bond.")] = 4,
     verbose: Verbose = False,
@@ -273,7 +276,7 @@ def _ask(question: str, read: Callable[[str], Value]) -> Value | None:
             text = typer.prompt(question, default="", show_default=False)
         except typer.Abort:
             say("")
-            remedy = "answer in a terminal, or use options (strainsight init --help)"
+            remedy = "run the command in a terminal, or use options instead of --interactive (strainsight init --help)"
             raise UserError(
                 "the input ended before the last question, and no file was written", remedy=remedy
             ) from None

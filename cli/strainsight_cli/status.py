@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from strainsight.runner.artefact import Artefact
     from strainsight.runner.plan import Status
 
-HEAD = ("stage", "status", "took", "result, or reason to run")
+HEAD = ("stage", "status", "run time", "result, or reason to run")
 LEAST = (9, 11, 8, 0)
 """Minimum column widths, for aligned tables of the runs of a suite."""
 COLOURS = {"up to date": "green", "will run": "yellow"}

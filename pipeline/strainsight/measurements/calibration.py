@@ -118,7 +118,7 @@ class ChannelSettings:
             raise UserError(
                 f"a channel in {self.unit} requires a bridge and a gauge factor",
                 remedy="set `bridge.arrangement` and `bridge.gauge_factor`; for a load cell, set `unit` to a unit of force, "
-                "`scale` to the force per reading, and `override: true`",
+                f"`scale` to the force per {self.unit}, and `override: true`",
             )
         if quantity != "bridge" and self.bridge is not None:
             raise UserError(

@@ -175,7 +175,7 @@ class _Table:
             raise UserError(
                 "the table has no line of names"
                 if self.form.header_line is None
-                else f"the file has no line {self.form.header_line}, the line of names according to header_line",
+                else f"the file has no line {self.form.header_line}, which header_line declares as the line of names",
                 where=str(self.path),
                 remedy="write the names of the columns above the numbers"
                 if self.form.header_line is None

@@ -168,7 +168,7 @@ def check_stored(item: Any, where: str, file_size: int) -> None:
     """Raise UserError for samples that were never written: they have the fill value, mostly zero."""
     if item.nbytes > PACKING * file_size:
         raise UserError(
-            f"the dataset has {item.nbytes} bytes, but the file has only {file_size}",
+            f"the dataset has {item.nbytes} bytes, but the file has only {file_size} bytes",
             where=where,
             remedy="cut the record where the writing stopped",
         )
@@ -186,7 +186,7 @@ def check_stored(item: Any, where: str, file_size: int) -> None:
     missing_says_nan = item.dtype.kind == "f" and np.isnan(item.fillvalue)
     if written < expected and not missing_says_nan:
         raise UserError(
-            f"the dataset contains only {written} of {expected} blocks of samples; the others were never written",
+            f"the dataset contains only {written} of {expected} blocks of samples; the other blocks were never written",
             where=where,
             remedy="cut the record where the writing stopped",
         )

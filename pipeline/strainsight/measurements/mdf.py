@@ -138,9 +138,9 @@ def _master_clock(file: Any, rules: Rules, wanted: dict[str, tuple[int, int]], p
         kind = getattr(master, "sync_type", _TIME)
         if kind in _OTHER:
             raise UserError(
-                f"the master channel {master.name!r} of {name!r} is {_OTHER[kind]} instead of a time",
+                f"the master channel {master.name!r} of channel {name!r} is {_OTHER[kind]} instead of a time",
                 where=str(path),
-                remedy="specify the time channel in estimate.time.channel, or export the data over time",
+                remedy="specify the time channel in estimate.time.channel, or export the data with a time channel",
             )
         rule = _readable_rule(rules, (group, number), master, path)
         unit = _unit(master, rule) or "s"

@@ -224,7 +224,7 @@ class _Session:
             )
         remedy = ""
         if hello["complex"]:
-            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "use a build for real numbers"
+            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "use a PETSc build for real numbers"
         elif not hello["mumps"]:
             what, remedy = (
                 f"PETSc {hello['petsc']} is built without MUMPS",

@@ -34,7 +34,7 @@ def _other_bench(context: Context[object]) -> Simulated | None:
         raise ArtefactError(
             f"{artefact.path.name} is the results file of the stage '{artefact.header.stage}', not of the stage 'simulate'",
             key=key,
-            remedy="set the key to the name of a run of a bench, or to its file simulate.h5",
+            remedy="set the key to the name of a bench run, or to the file simulate.h5 of a run",
         )
     return read(Simulated, artefact)
 

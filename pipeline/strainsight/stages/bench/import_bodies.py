@@ -59,7 +59,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
             f"mass.{name}": float(weight[0]),
             f"extent.{name}": size_of(mesh),
         }
-        parts.append(f"{name} {len(mesh.node_ids)} nodes, {weight[0]:.5g} kg")
+        parts.append(f"{name}: {len(mesh.node_ids)} nodes, {weight[0]:.5g} kg")
     return Output(
         datasets=written(Meshes(bodies=meshes)),
         summary=summary,

@@ -133,7 +133,7 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
     notes = ["No test data: the measurements are simulated."]
     if place.by_case is not None:
         notes.append(
-            "The measurements are simulated under the loads of `loads`, not under the load cases of the placement."
+            "The measurements are simulated under the configured loads, not under the load cases of the placement."
         )
     if config.validation.truth.model == "rom":
         notes.append("The simulated test uses the model of the filter, so no model error was tested.")
