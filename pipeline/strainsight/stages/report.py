@@ -153,7 +153,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     trend, noise = report.trend, report.noise
     assert noise is not None
     datasets = {
-        "/trend/count": Dataset(trend.count, "1", "number of gauges that remain after a removal"),
+        "/trend/count": Dataset(trend.count, "1", "number of gauges, initially and after each removal"),
         "/trend/metric": Dataset(
             trend.value,
             "1",

@@ -80,9 +80,8 @@ def modes(context: Context[BenchConfig]) -> Output:
     text = f"{len(record.frequency)} coupled mode{'s' * (len(record.frequency) != 1)}"
     text += f", {oscillating[0]:.4g} to {oscillating[-1]:.4g} Hz" if len(oscillating) else ""
     free, topples = int(np.sum(record.stiffness == 0)), int(np.sum(record.stiffness < 0))
-    text += f"; {free} of them unconstrained" * (free > 0) + f"; unstable, growth rate {rest.growth:.3g} 1/s" * (
-        rest.growth > 0
-    )
+    text += f"; {free} unconstrained mode{'s' * (free != 1)}" * (free > 0)
+    text += f"; unstable, growth rate {rest.growth:.3g} 1/s" * (rest.growth > 0)
     return Output(
         datasets=written(record) | grid,
         attributes=attributes,

@@ -345,7 +345,7 @@ def view_of(
         raise UserError(
             f"--record {record}: the view '{picked}' does not depend on a record",
             where=config_file,
-            remedy="omit --record, or use --what field --of test",
+            remedy="omit --record, or, for the test of a placement, use --what field --of test",
         )
     if isinstance(config, BenchConfig):
         return bench_view(config, picked, shown, up, at), read
