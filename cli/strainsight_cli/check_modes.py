@@ -23,7 +23,8 @@ def check_modes(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="File with modes: .f06, .op2, .pch, .dat or .frd (CalculiX), .unv, .rst, .vtu; also compressed (.gz).",
+            help="Result file of another program with its modes: .f06, .op2, .pch, .dat or .frd (CalculiX), .unv, .rst, "
+            ".vtu; also compressed (.gz).",
         ),
     ],
     tolerance: Annotated[
@@ -49,7 +50,10 @@ def check_modes(
         model = work.job.model
         if not isinstance(model, PlacementConfig):
             raise ConfigError(
-                "check-modes needs a placement", key="kind", where=str(config), remedy="use the config of a placement"
+                f"`check-modes` does not support the kind {model.kind}",
+                key="kind",
+                where=str(config),
+                remedy="use a config with `kind: placement`",
             )
         theirs = modes_of_file(file, step)
         only = replace(work, stages=work.stages[:1])
@@ -65,7 +69,7 @@ def check_modes(
                 off, shape = pair.off if isfinite(pair.off) else None, pair.mac if with_shapes else None
                 say(json_line({**asdict(pair), "off": off, "mac": shape}))
         else:
-            head = ("mode", "file [Hz]", "mode", "deck [Hz]", "difference [%]", *(("MAC",) * with_shapes))
+            head = ("file mode", "file [Hz]", "deck mode", "deck [Hz]", "difference [%]", *(("MAC",) * with_shapes))
             rows = [
                 (
                     str(pair.number),
@@ -77,15 +81,15 @@ def check_modes(
                 )
                 for pair in pairs
             ]
-            print_tables([Table(f"modes of {file.name} (file) and of the deck", head, tuple(rows))])
+            print_tables([Table(f"modes of the file {file.name} and of the deck", head, tuple(rows))])
             shapes = "; mode shapes are not compared"
             if comparison.over is not None:
-                over = f"at {comparison.over[0]} of {comparison.over[1]} nodes"
-                shapes = f", smallest MAC {least:.4f} {over} (limit {mac:g})"
+                over = f"computed at {comparison.over[0]} of {comparison.over[1]} nodes"
+                shapes = f", smallest MAC {least:.4f} (limit {mac:g}), {over}"
             elif not any(len(pair.node_ids) for pair in theirs):
                 shapes = "; the file has no mode shapes"
-            result = "agree" if agrees else "disagree"
+            result = f"mode{'s' * (len(pairs) != 1)} {'' if agrees else 'dis'}agree{'s' * (len(pairs) == 1)}"
             largest = f"{100 * worst:.3g} % (limit {tolerance:g} %)" if isfinite(worst) else "undefined (mode at 0 Hz)"
-            say(f"{len(pairs)} modes {result}: largest frequency difference {largest}{shapes}")
+            say(f"{len(pairs)} {result}: largest frequency difference {largest}{shapes}")
         if not agrees:
             raise typer.Exit(INCONSISTENT)

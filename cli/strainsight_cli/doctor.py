@@ -45,9 +45,10 @@ def check_solver() -> DoctorFinding:
     reinstall = "pip install --force-reinstall numpy scipy pypardiso"
     if "solver" not in facts:
         return DoctorFinding("solver", FAILS, ended or "no result", reinstall)
-    text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s, error {facts['error']:.1e}"
+    text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s"
+    text += f", largest error of the solution {facts['error']:.1e}"
     if not facts["error"] < ACCURATE:
-        return DoctorFinding("solver", FAILS, f"{text}: the result is wrong", reinstall)
+        return DoctorFinding("solver", FAILS, f"{text}, above the limit of {ACCURATE:.0e}", reinstall)
     if facts["solver"] != "PARDISO":
         why = f" ({facts['why']})" if facts.get("why") else ""
         meaning = "the solver is many times slower, and limited to 100 000 unknowns"
@@ -62,7 +63,7 @@ def check_mpi() -> DoctorFinding:
     try:
         mpi = programs()
     except UserError as error:
-        return DoctorFinding("solver: slepc", GOOD, f"not installed; needed for very large models only: {error.what}")
+        return DoctorFinding("solver: slepc", GOOD, f"not available; needed for very large models only: {error.what}")
     return DoctorFinding("solver: slepc", GOOD, f"{' '.join(mpi.launcher)}, {mpi.python}")
 
 
@@ -104,7 +105,10 @@ def check_memory() -> DoctorFinding:
     available = available_memory() / GIB
     if math.isinf(available):
         return DoctorFinding(
-            "memory", WARNING, "available memory is unknown on this system", "monitor the memory with large models"
+            "memory",
+            WARNING,
+            "available memory is unknown on this system",
+            "monitor the memory use when you compute large models",
         )
     unknowns = largest_model(available)
     rounded = round(unknowns, 1 - math.floor(math.log10(max(unknowns, 1.0))))
@@ -113,7 +117,7 @@ def check_memory() -> DoctorFinding:
         remedy = f"end other programs; the smallest example needs {LEAST_MEMORY} GiB"
         return DoctorFinding("memory", FAILS, text, remedy)
     if available < SOME_MEMORY:
-        return DoctorFinding("memory", WARNING, text, "end other programs, or use coarse meshes and --set jobs=1")
+        return DoctorFinding("memory", WARNING, text, "end other programs, or use coarse meshes and --jobs 1")
     return DoctorFinding("memory", GOOD, text)
 
 
@@ -178,7 +182,10 @@ def check_packages() -> list[DoctorFinding]:
         broken[facts.get("at", "")] = ended
     return [
         DoctorFinding(
-            entry.subject, FAILS, f"{entry.value}; import: {why}", f"pip install --force-reinstall {entry.subject}"
+            entry.subject,
+            FAILS,
+            f"{entry.value}; import failed: {why}",
+            f"pip install --force-reinstall {entry.subject}",
         )
         if (why := broken.get(MODULES.get(entry.subject, entry.subject)))
         else entry
@@ -215,7 +222,7 @@ def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
         ]
     running = platform.python_version()
     within = SpecifierSet(python).contains(running, prereleases=True)
-    remedy = f"use Python {python}: make PYTHON=/path/to/python"
+    remedy = f"install strainsight with Python {python}; in the repository: make PYTHON=/path/to/python"
     findings = [_version_finding("python", running, python, within, remedy)]
     for line in requirements:
         requirement = Requirement(line)

@@ -90,9 +90,9 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
     ]
     if other and not force:
         raise UserError(
-            "the file already exists with other content; nothing was written",
+            f"the file{'s' * (len(other) > 1)} already exist{'s' * (len(other) == 1)} with other content; nothing was written",
             where=", ".join(map(str, other)),
-            remedy="use an empty folder, or overwrite the file with --force",
+            remedy="use an empty folder, or overwrite existing files with --force",
         )
     for path, text in contents.items():
         write_file(path, text)

@@ -64,9 +64,15 @@ def failure_of(error: Exception) -> Failure:
         return Failure(USER, f"{printable(str(error.filename))}  {error.strerror}\n    {remedy}", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL and _output_fails():
         what = f"standard output cannot be written: {os.strerror(error.errno)}"
-        return Failure(USER, f"{what}\n    write the output to another file; the results are kept", details)
+        return Failure(
+            USER,
+            f"{what}\n    redirect the output to another file; the results in the results folder are kept",
+            details,
+        )
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL:
-        return Failure(USER, f"{os.strerror(error.errno)}\n    free some disk space, or write to another disk", details)
+        return Failure(
+            USER, f"{os.strerror(error.errno)}\n    free some disk space, or use a folder on another disk", details
+        )
     if isinstance(error, MemoryError):
         detail = f": {printable(str(error))}" if str(error) else ""
         remedy = "use a coarser mesh or a larger machine, end other programs, or use --jobs 1"

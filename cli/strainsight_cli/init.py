@@ -29,35 +29,45 @@ SHOWN = 30
 
 def init(
     deck: Annotated[Path, typer.Argument(metavar="DECK", help="Finite-element deck.")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Config to write.")] = None,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Config file to write.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     interactive: Annotated[
         bool, typer.Option("-i", "--interactive", help="Ask for missing data in the terminal.")
     ] = False,
     find: Annotated[
         Literal["modulus", "load"] | None,
-        typer.Option("--find", help="Unknown to estimate: the modulus from a measured load (default), or the load."),
+        typer.Option(
+            "--estimate", help="Unknown to estimate: Young's modulus from a measured load (default), or the load."
+        ),
     ] = None,
     material: Annotated[
         str | None,
         typer.Option(
-            "--material", help="Material, if the deck has none: steel, aluminium, titanium, or 'E, ν, ρ' in SI."
+            "--material",
+            help="Material, if the deck has none: steel, aluminium, titanium, or 'E, ν, ρ' [Pa, -, kg/m³].",
         ),
     ] = None,
     support: Annotated[
         str | None,
         typer.Option(
-            "--held", help="Support, if the deck has none: 'set NAME', 'node ID', or 'x, y, z' [m] of a face."
+            "--support",
+            help="Location of the support, if the deck has none: 'set NAME', 'node ID', or a point 'x, y, z' [m] on a face.",
         ),
     ] = None,
     load: Annotated[
-        str | None, typer.Option("--load", help="Location of the load: as for --held, or 'deck_load NAME'.")
+        str | None,
+        typer.Option(
+            "--load", help="Location of the load: as for --support, or 'deck_load NAME' for a load of the deck."
+        ),
     ] = None,
     direction: Annotated[str | None, typer.Option("--direction", help="Direction of the load, 'x, y, z'.")] = None,
     amplitude: Annotated[str | None, typer.Option("--amplitude", help="Amplitude of the load [N].")] = None,
     frequency: Annotated[str | None, typer.Option("--frequency", help="Frequency of the load [Hz].")] = None,
     axis: Annotated[
-        str | None, typer.Option("--axis", help="Direction of the gauges, 'x, y, z'; default: principal strain.")
+        str | None,
+        typer.Option(
+            "--axis", help="Measuring direction of the gauges, 'x, y, z'; default: that of the principal strain."
+        ),
     ] = None,
     keep: Annotated[int, typer.Option("--keep", min=1, help="Number of gauges to bond.")] = 4,
     verbose: Verbose = False,
@@ -87,7 +97,7 @@ def init(
         hints = suggestion(deck)
         answers = Answers(
             material=read_material("--material", material) if material else None,
-            support=read_support("--held", support, hints) if support else None,
+            support=read_support("--support", support, hints) if support else None,
             load=read_place("--load", load, hints) if load else None,
             direction=read_direction("--direction", direction) if direction else None,
             amplitude=read_positive("--amplitude", amplitude) if amplitude else None,
@@ -109,8 +119,8 @@ def init(
         except ConfigError:
             first = "fill in the blank lines and check the other lines marked ←"
         if not hints.solids:
-            nothing = "the deck has no surface for gauges (solids, shells, sides of beams)"
-            first = f"{nothing}; set mesh.matrices and gauges.strain_operator. Then {first}"
+            nothing = "the deck has no solids, shells or beam sides for gauges"
+            first = f"{nothing}; set `mesh.matrices` and `gauges.strain_operator`. Then {first}"
         say(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 
 
@@ -135,18 +145,19 @@ def read_support(option: str, text: str, hints: Suggestion) -> CandidateLocation
     """A location as in `read_place` that can be supported. Raises UserError for a load of the deck."""
     place = read_place(option, text, hints)
     if place.kind == "deck_load":
-        raise UserError(f"'{text}' is a load", where=option, remedy="use 'node ID', 'set NAME', or 'x, y, z' of a face")
+        remedy = "use 'node ID', 'set NAME', or a point 'x, y, z' [m] on a face"
+        raise UserError(f"'{text}' is a load, not the location of a support", where=option, remedy=remedy)
     return place
 
 
 def refuse_stated(hints: Suggestion, answers: Answers) -> None:
     """Raise UserError for an answer that the deck already contains."""
     if answers.material is not None and not hints.lacking:
-        remedy = "remove the option; mesh.materials in the config replaces those of the deck"
+        remedy = "remove --material; to replace the materials of the deck, set `mesh.materials` in the config"
         raise UserError("the deck already has materials", where="--material", remedy=remedy)
     if answers.support is not None and hints.supports:
-        remedy = "remove the option; mesh.supports in the config adds to those of the deck"
-        raise UserError("the deck already has supports", where="--held", remedy=remedy)
+        remedy = "remove --support; to add supports to those of the deck, set `mesh.supports` in the config"
+        raise UserError("the deck already has supports", where="--support", remedy=remedy)
 
 
 def read_place(option: str, text: str, hints: Suggestion) -> CandidateLocation:
@@ -159,14 +170,16 @@ def read_place(option: str, text: str, hints: Suggestion) -> CandidateLocation:
         if not same and kind != "node":
             names = [place.name for place in known]
             remedy = did_you_mean(name, names, f"known names: {', '.join(names) or 'none'}")
-            raise UserError(f"the deck has no {kind} '{name}'", where=option, remedy=remedy)
+            raise UserError(
+                f"the deck has no {'load' if kind == 'deck_load' else 'node set'} '{name}'", where=option, remedy=remedy
+            )
         if kind == "node" and not name.isdecimal():
             raise UserError(f"'{name}' is not a node id", where=option, remedy="use a number, as in 'node 2'")
         return same[0] if same else CandidateLocation("node", name, "a node")
     try:
         return CandidateLocation("face", read_vector(option, text), "a face")
     except UserError:
-        remedy = "use 'node ID', 'set NAME', 'deck_load NAME', or a point 'x, y, z' in m of a face"
+        remedy = "use 'node ID', 'set NAME', 'deck_load NAME', or a point 'x, y, z' [m] on a face"
         raise UserError(f"'{text}' is not a location", where=option, remedy=remedy) from None
 
 
@@ -190,7 +203,7 @@ def read_material(option: str, text: str) -> tuple[float, float, float]:
 
 def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
     """The answers, completed in the terminal; find: the unknown is already set by an option."""
-    say("Press Enter to leave a line blank and fill it in later.")
+    say("Press Enter to leave a line of the config blank and fill it in later.")
 
     def ask(field: str, question: str, read: Callable[[str], Any], needed: bool = True) -> None:
         nonlocal answers
@@ -212,7 +225,7 @@ def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
     ask("direction", "direction of the load (x, y, z)", partial(read_direction, "direction"), free)
     ask("amplitude", "amplitude of the load [N]", partial(read_positive, "amplitude"), free)
     ask("frequency", "frequency of the load [Hz]", partial(read_positive, "frequency"))
-    sought = "estimate the load (otherwise the modulus, from a measured load)"
+    sought = "estimate the load (otherwise Young's modulus, from a measured load)"
     return answers if find or not typer.confirm(sought) else replace(answers, find="load")
 
 
@@ -265,7 +278,7 @@ def _ask(question: str, read: Callable[[str], Value]) -> Value | None:
             text = typer.prompt(question, default="", show_default=False)
         except typer.Abort:
             say("")
-            remedy = "answer in a terminal, or use options (strainsight init --help)"
+            remedy = "run the command in a terminal, or use options instead of --interactive (strainsight init --help)"
             raise UserError(
                 "the input ended before the last question, and no file was written", remedy=remedy
             ) from None

@@ -175,7 +175,7 @@ def estimate(
         bool,
         typer.Option("--allow-unobservable", help="Continue even if the channels cannot distinguish all unknowns."),
     ] = False,
-    page: Annotated[bool, typer.Option("--page/--no-page", help="Also write test.html.")] = True,
+    page: Annotated[bool, typer.Option("--page/--no-page", help="Also write the results page test.html.")] = True,
     accept: Annotated[
         bool,
         typer.Option(
@@ -192,11 +192,11 @@ def estimate(
 
     if measurements is not None and kind_of(config) == "bench":
         raise ConfigError(
-            "--measurements applies to the estimate of a structure only",
+            "--measurements is not supported for a bench",
             key="estimate.measured",
             where=str(config),
-            remedy="set the file in the config of the bench, `estimate: {measured: {file: FILE, channels: …}}`, or use "
-            "another run, `{measured: {from: RUN}}`",
+            remedy="set the file in the config, `estimate: {measured: {file: FILE, channels: …}}`, or use the simulated "
+            "measurements of another run, `estimate: {measured: {from: RUN}}`",
         )
     if measurements is not None:
         if not measurements.is_file():

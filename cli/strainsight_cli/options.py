@@ -44,12 +44,13 @@ Jobs = Annotated[
         "--jobs",
         min=1,
         metavar="N",
-        help="Number of parallel processes for sweeps or runs of a suite; default: one per core.",
+        help="Number of parallel processes for sweeps (docs/scaling.md), default: one per core; for a suite, number of "
+        "parallel runs, default: its key jobs.",
     ),
 ]
 Dask = Annotated[
     str | None,
-    typer.Option("--dask", metavar="ADDRESS", help="Address of a trusted Dask scheduler; sweeps run on its cluster."),
+    typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler (trusted) for sweeps, see docs/scaling.md."),
 ]
 DEFAULT_RESULTS = Path("results")
 

@@ -21,18 +21,18 @@ STAGES = {
     "statics": "Compute the static equilibrium of a bench under its loads",
     "modes": "Compute natural frequencies and mode shapes (for a bench, the state-space model)",
     "rom": "Compute the reduced-order model",
-    "train": "Simulate the training run and the strain of every candidate",
-    "screen": "Remove weak and clustered candidates",
-    "observe": "Compute which unknowns are observable together",
+    "train": "Simulate the training run and the reading of every candidate gauge",
+    "screen": "Remove candidate gauges that are weak, out of range, or too close to others or to edges",
+    "observe": "Compute which loads and parameters are observable together",
     "place": "Place the gauges",
     "simulate": "Simulate a bench over time",
     "truth": "Simulate a bench with another integrator, as reference for an estimate",
     "estimate": "Estimate loads and parameters from the measurements of a test or of a bench",
     "test": "Write test.html, the results page of a test",
     "field": "Write strain and stress of a body of a bench over time",
-    "spectrum": "Compute the modes of the simulated test",
+    "spectrum": "Compute the modes for the simulated test of the validation",
     "validate": "Validate the filter with simulated measurements",
-    "report": "Write report.html",
+    "report": "Write report.html, the results page",
 }
 
 
@@ -73,7 +73,7 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
         note(f"{artefact} is not used: {error.what}")
         return loaded
     if last.get("records"):
-        note(f"{artefact} is not used: it contains records that the config does not name")
+        note(f"{artefact} is not used: it contains several records, but the config has no `estimate.records`")
         return loaded
     if not (loaded.path.parent / str(last.get("file") or "")).is_file():
         note(f"{artefact} is not used: the measurement file {last.get('file')} is missing")

@@ -141,7 +141,8 @@ def unwritten() -> str:
         sys.stdout.flush()
     except OSError as error:
         Pipe(sys.stdout.fileno(), "wb", closefd=False).to_nowhere()
-        return f"standard output cannot be written: {error.strerror}\n    write the output to another file; the results are kept"
+        remedy = "redirect the output to another file; the results in the results folder are kept"
+        return f"standard output cannot be written: {error.strerror}\n    {remedy}"
     return ""
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from strainsight.runner.artefact import Artefact
     from strainsight.runner.plan import Status
 
-HEAD = ("stage", "status", "took", "result, or reason to run")
+HEAD = ("stage", "status", "run time", "result, or reason to run")
 LEAST = (9, 11, 8, 0)
 """Minimum column widths, for aligned tables of the runs of a suite."""
 COLOURS = {"up to date": "green", "will run": "yellow"}
@@ -59,7 +59,7 @@ def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: in
 
 
 def sum_of(statuses: Sequence[Status]) -> str:
-    """`5 of 9 stages up to date; last run time of the other 4: 12.3 s`"""
+    """`5 of 9 stages up to date; last run time of the other 4 stages: 12.3 s`"""
     from strainsight.runner.plan import UP_TO_DATE
 
     pending = [status for status in statuses if status.status != UP_TO_DATE]
@@ -68,14 +68,14 @@ def sum_of(statuses: Sequence[Status]) -> str:
     known = [value for value in seconds if value is not None]
     if not known:
         return text
-    others = f"the other {len(pending)}" if len(pending) > 1 else "the other"
+    others = f"the other {len(pending)} stages" if len(pending) > 1 else "the other stage"
     which = others if len(known) == len(pending) else f"{len(known)} of {others}"
     return f"{text}; last run time of {which}: {sum(known):.1f} s"
 
 
 GIB = 2.0**30
 FACTOR = "processor time and memory accurate to a factor of two (docs/scaling.md)"
-WITH_PLACE = "processor time and memory accurate to a factor of two (place: three; docs/scaling.md)"
+WITH_PLACE = "processor time and memory accurate to a factor of two (stage place: three; docs/scaling.md)"
 
 
 def forecast(work: Work, pending: Collection[str], imported: Artefact | None) -> str:

@@ -147,10 +147,10 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
         later = [each.name for each in pipelines.stages_of(works[j].job.config) if each.name not in reached]
         if files[key].suffix == ".h5" and stage in later:
             raise ConfigError(
-                f"the run ends after '{works[j].stages[-1].name}', before it writes {files[key].name}",
+                f"the run ends after the stage '{works[j].stages[-1].name}', before it writes {files[key].name}",
                 key=f"runs[{j}].until",
                 where=suite.locate(f"runs.{j}.until"),
-                remedy=f"set until: {stage}; runs[{i}] needs this file for its {'guess' if '.guess.' in key else key}",
+                remedy=f"set until: {stage}; runs[{i}] needs this file for {key}",
             )
 
 
@@ -356,7 +356,7 @@ def _killed(works: Sequence[Work]) -> Exception:
     from strainsight.errors import StrainsightError
 
     return StrainsightError(
-        "a process was killed, probably for lack of memory; use --set jobs=1",
+        "a process was killed, probably for lack of memory; compute one run at a time with --set jobs=1",
         where=", ".join(work.label for work in works),
     )
 

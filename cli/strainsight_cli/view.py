@@ -29,17 +29,17 @@ def view(
     ] = None,
     at: Annotated[
         float | None,
-        typer.Option("--at", metavar="SECONDS", help="Instant of a field [s]; default: that of the largest stress."),
+        typer.Option("--at", metavar="SECONDS", help="Time of the field [s]; default: time of the largest stress."),
     ] = None,
     of: Annotated[
         Literal["test", "validation"] | None,
-        typer.Option("--of", help="Stage with the field, for a placement; default: the test, if the run has one."),
+        typer.Option("--of", help="Source of the field of a placement; default: the test, if the run has one."),
     ] = None,
     record: Annotated[
         str | None,
-        typer.Option("--record", metavar="NAME", help="Record to show, of several in a test; default: the first."),
+        typer.Option("--record", metavar="NAME", help="Record to show, if the test has several; default: the first."),
     ] = None,
-    body: Annotated[str | None, typer.Option("--body", metavar="NAME", help="Flexible body to show.")] = None,
+    body: Annotated[str | None, typer.Option("--body", metavar="NAME", help="Flexible body of a bench.")] = None,
     screenshot: Annotated[
         Path | None,
         typer.Option("--screenshot", metavar="FILE.png", help="Write a picture instead of opening a window."),

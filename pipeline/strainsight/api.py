@@ -249,7 +249,10 @@ def _checked(path: Path | str, overrides: Iterable[str], kind: type[Config]) -> 
     if not isinstance(config, kind):
         word = "placement" if kind is PlacementConfig else "bench"
         raise ConfigError(
-            f"the config has the kind {config.kind}", where=str(path), key="kind", remedy=f"use the config of a {word}"
+            f"the config has the kind {config.kind}",
+            where=str(path),
+            key="kind",
+            remedy=f"use a config with `kind: {word}`",
         )
     return config, Job(loaded.data, loaded.path.parent, Path("results"), loaded.locate, config)
 

@@ -51,7 +51,9 @@ class Written:
         """The grid of a stage at one of its steps."""
         artefact = self.artefact(stage)
         if "/VTKHDF" not in artefact:
-            raise UserError(f"the stage '{stage}' has no grid", where=str(artefact.path), remedy=self.GRIDS)
+            raise UserError(
+                f"the results file of the stage '{stage}' contains no grid", where=str(artefact.path), remedy=self.GRIDS
+            )
         paths = [path for path in artefact.paths() if path.startswith("/VTKHDF/")]
         return to_pyvista(VtkHdf({path.removeprefix("/VTKHDF/"): artefact[path] for path in paths}, {}), step)
 

@@ -105,7 +105,7 @@ def test_killed_process_is_reported_with_remedy(works, capsys):
     assert failed(works("dies", "slow")) == 1
     said = capsys.readouterr().err
     assert "run 1 of 2 dies1" in said
-    assert "a process was killed, probably for lack of memory; use --set jobs=1" in said
+    assert "a process was killed, probably for lack of memory; compute one run at a time with --set jobs=1" in said
     assert "report the details" not in said
 
 

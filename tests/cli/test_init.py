@@ -100,13 +100,13 @@ def test_config_with_load_option_is_complete(init):
 
 
 def test_load_can_be_the_unknown(init):
-    assert init("--find", "load", "--load", "node 900001", *LOAD)[0] == 0
+    assert init("--estimate", "load", "--load", "node 900001", *LOAD)[0] == 0
     config = load_config("own.yaml").model
     assert (config.place.estimate, dict(config.parameters), config.loads["force"].known) == (("force",), {}, False)
 
 
 def test_faces_and_a_material_make_a_deck_of_solids_alone_whole(init):
-    options = ("--material", "steel", "--held", "0, 0.05, 0.04", "--load", "[1, 0.05, 0.04]", *LOAD)
+    options = ("--material", "steel", "--support", "0, 0.05, 0.04", "--load", "[1, 0.05, 0.04]", *LOAD)
     assert init(*options, text=solids())[0] == 0
     config = load_config("own.yaml").model
     assert {name: face.near for name, face in config.mesh.faces.items()} == {"held": (0, 0.05, 0.04), "loaded": (1, 0.05, 0.04)}
@@ -143,9 +143,10 @@ def test_gravity_and_rotation_loads_of_deck_are_offered(init):
     text = bricks((4, 2, 2)).replace("ENDDATA", "GRAV,5,,9.81,0.,0.,-1.\nRFORCE,6,,,10.,0.,0.,2.\nENDDATA")
     assert init(*LOAD, text=text)[0] == 0
     written = Path("own.yaml").read_text()
-    weight = r"deck_load: LOAD-5 +# gravity of 9.81 m/s² along \(0, 0, -1\) on all mass; with `factor: true`, without direction"
+    weight = r"deck_load: LOAD-5 +# gravity of 9.81 m/s² along \(0, 0, -1\), acts on the whole mass; with `factor: true`, "
+    weight += "without direction"
     assert re.search(f"#   {weight}", written)
-    assert re.search(r"#   deck_load: LOAD-6 +# rotation at 125.7 rad/s about \(0, 0, 1\) on all mass", written)
+    assert re.search(r"#   deck_load: LOAD-6 +# rotation at 125.7 rad/s about \(0, 0, 1\), acts on the whole mass", written)
     assert init("--load", "deck_load LOAD-5", "--frequency", "5", text=text)[0] == 0
     load = load_config("own.yaml").model.loads["force"]
     assert (load.deck_load, load.factor, load.signal.amplitude, load.direction) == ("LOAD-5", True, 1.0, None)
@@ -156,13 +157,13 @@ def test_gravity_and_rotation_loads_of_deck_are_offered(init):
 @pytest.mark.parametrize(
     ("options", "what"),
     [
-        (("--load", "set tipp"), "the deck has no set 'tipp'"),
+        (("--load", "set tipp"), "the deck has no node set 'tipp'"),
         (("--load", "somewhere"), "--load  'somewhere' is not a location"),
         (("--direction", "up"), "--direction  'up' is not a list of three numbers"),
         (("--amplitude", "inf"), "--amplitude  'inf' is not a positive number"),
         (("--direction", "0 0 0"), "--direction  '0 0 0' is a vector of length zero"),
         (("--material", "steel"), "--material  the deck already has materials"),
-        (("--held", "0 0 0"), "--held  the deck already has supports"),
+        (("--support", "0 0 0"), "--support  the deck already has supports"),
         (("--load", "node ²"), "'²' is not a node id"),
         (("--material", "cheese"), "--material  unknown material 'cheese'"),
         (("--material", "2e11, 0.5, 7850"), "is not a valid material"),
@@ -202,7 +203,7 @@ def test_the_name_of_a_set_stays_text(tmp_path, monkeypatch, name):
 def test_a_mesh_of_quadrangles_alone_asks_for_their_thickness(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("strip.msh").write_text(gmsh())
-    options = ("--material", "steel", "--held", "set root", "--load", "set 1d-5", *LOAD)
+    options = ("--material", "steel", "--support", "set root", "--load", "set 1d-5", *LOAD)
     assert CliRunner().invoke(app, ["init", "strip.msh", "-o", "own.yaml", *options]).exit_code == 0
     written = Path("own.yaml").read_text()
     assert blanks() == ["mesh.sections.shells"]

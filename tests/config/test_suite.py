@@ -265,7 +265,7 @@ def test_placements_have_studies_and_claims_too(write):
     (error,) = refused(write(text), stages=("import", "place"))
     assert (error.key, error.what) == (
         "claims[0].run",
-        "runs[0], 'a', does not have the stage 'validate'; its stages are import, place",
+        "runs[0], 'a', does not have the stage 'validate'; the run has the stages import, place",
     )
 
 

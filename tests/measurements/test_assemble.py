@@ -138,8 +138,8 @@ def test_first_repeated_sample_is_kept(n, phase):
     np.testing.assert_array_equal(np.diff(fresh), n)
     assert fresh[0] == phase
     np.testing.assert_array_equal(found[fresh], MOVING[fresh])
-    assert f"repeated {n} times, from a channel of {1000 / n:.4g} Hz" in notes[0]
-    assert f"(n − 1)/2 = {(n - 1) / 2:g} samples" in notes[0]
+    assert f"every sample {n} times, so the channel was sampled at {1000 / n:.4g} Hz" in notes[0]
+    assert f"a mean delay of {(n - 1) / 2:g} samples" in notes[0]
 
 
 def test_repetition_is_found_despite_rest_and_gaps():
@@ -170,7 +170,7 @@ def test_equal_samples_without_pattern_are_kept(values):
 
 def test_noninteger_rate_ratio_is_refused():
     values = MOVING[np.floor(np.floor(INDEX / 3.4) * 3.4).astype(int)]
-    with pytest.raises(UserError, match=r"'F' repeats its samples 3 or 4 times: a channel of 250 to 333\.3 Hz was"):
+    with pytest.raises(UserError, match=r"'F' contains every sample 3 or 4 times: it was sampled at 250 to 333\.3 Hz and"):
         remove_repeated_samples("F", values, 1e-3)
 
 

@@ -55,7 +55,7 @@ def test_file_unit_must_match_config():
     ones = np.ones(1000)
     for same in ("ppm", "µm/m", None):
         assert calibrated(ones, ChannelSettings("um/m"), same)[0][0] == 1e-6
-    with expect_refusal(UserError, "the unit of 'a' is um/m in the config, but mV/V in the file", remedy="override"):
+    with expect_refusal(UserError, "the unit of channel 'a' is um/m in the config, but mV/V in the file", remedy="override"):
         calibrated(ones, ChannelSettings("um/m"), "mV/V")
     with pytest.raises(UserError, match="but Volt in the file"):
         calibrated(ones, ChannelSettings("um/m"), "Volt")
@@ -94,14 +94,15 @@ def test_marked_samples_are_excluded_from_mean():
     own, notes = calibrated(values, ChannelSettings("um/m", zero=(0.0, 1.0), missing=spans))
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(own)), [100, 200, 201])
     np.testing.assert_allclose(own[np.isfinite(own)], 0.0, atol=1e-20)
-    assert "a: 3 samples were marked as missing" in notes
-    with pytest.raises(UserError, match=r"there is no sample from 2 to 3 s; the record runs from 0 to 0\.999 s"):
+    assert "a: 3 of 1000 samples were marked as missing" in notes
+    with pytest.raises(UserError, match=r"missing samples from 2 to 3 s contains no sample; the record runs from 0 to 0\.999 s"):
         calibrated(values, ChannelSettings("um/m", missing=((2.0, 3.0),)))
 
 
 def test_impossible_readings_are_refused():
     ones = np.ones(1000)
-    with pytest.raises(UserError, match=r"'a' has no sample from 2 to 3 s; the record runs from 0 to 0\.999 s"):
+    record = r"the record runs from 0 to 0\.999 s"
+    with pytest.raises(UserError, match=f"'a' has no sample in the zero interval from 2 to 3 s; {record}"):
         calibrated(ones, ChannelSettings("um/m", zero=(2, 3)))
     reading = ones.copy()
     reading[41] = 600.0
@@ -120,7 +121,7 @@ def test_impossible_readings_are_refused():
     [
         (ChannelSettings, {"unit": "mV/V"}, "a channel in mV/V requires a bridge and a gauge factor"),
         (ChannelSettings, {"unit": "um/m", "bridge": Bridge("quarter", 2.0)}, "a channel in um/m cannot have a quarter bridge"),
-        (ChannelSettings, {"unit": "um/m", "zero": (1.0, 0.0)}, "window"),
+        (ChannelSettings, {"unit": "um/m", "zero": (1.0, 0.0)}, "zero interval"),
         (Bridge, {"arrangement": "half-poisson", "gauge_factor": 2.0}, "no Poisson's ratio"),
         (Bridge, {"arrangement": "half", "gauge_factor": 2.0, "poisson_ratio": 0.3}, "has no transverse gauge"),
         (TextFormat, {"delimiter": ",", "decimal": ","}, "decimal"),
@@ -201,7 +202,7 @@ def jump(at, size, count=1000, step=1e-3):
         (jump(400, -0.0105), r"the time decreases by 0\.0095 s, from 0\.399 to 0\.3895 s", 402),
         (jump(400, -0.001), r"0.399 s occurs twice", 402),
         (jump(999, 1e6), r"filling the gaps would extend the record from 1000 to 1e\+09", 1001),
-        (np.cumsum(np.r_[np.full(500, 1e-3), np.full(499, 1.3e-3)]), ", and in many other places", 502),
+        (np.cumsum(np.r_[np.full(500, 1e-3), np.full(499, 1.3e-3)]), "; many other intervals are irregular too", 502),
         (np.arange(1000)[::-1] * 1e-3, r"the time decreases by 0\.001 s, from 0\.999 to 0\.998 s,", 3),
         (np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700), r"the time 0\.70008 s deviates by 7\.99 %", 702),
     ],

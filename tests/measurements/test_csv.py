@@ -76,7 +76,7 @@ def test_missing_words_from_config(read):
     # A word that is a number is a word, too: where no other line of the block is odd.
     found = read("time [s],a [um/m]\n0,1\n1,-9999\n2,-9999.5\n", ["a"], form=TextFormat(missing=("-9999",)))
     np.testing.assert_array_equal(found.channels["a"], [1, np.nan, -9999.5])
-    with pytest.raises(UserError, match="'NA' under 'a'"):
+    with pytest.raises(UserError, match="'NA' in column 'a'"):
         read(table, ["a"])
 
 
@@ -125,24 +125,24 @@ def test_block_size_does_not_change_result(read, monkeypatch, block, end):
 HEAD = "time [s],a [um/m],b [um/m]\n"
 FAULTS = {
     # content, line, what is said, word of the remedy
-    "a word": (HEAD + "0,1,2\n0.001,oops,3\n", 3, "'oops' under 'a' is not a number", ""),
+    "a word": (HEAD + "0,1,2\n0.001,oops,3\n", 3, "'oops' in column 'a' is not a number", ""),
     "a cut line": (HEAD + "0,1,2\n0.001,1\n", 3, r"the line has 2 cells, but the table has 3 columns: '0\.001,1'", ""),
     "no time": (HEAD + "0,1,2\n,1,2\n", 3, "the sample has no time: ',1,2'", ""),
-    "infinite": (HEAD + "0,1,2\n1,inf,2\n", 3, "'inf' under 'a' is not a finite number", ""),
-    "underscores": (HEAD + "0,1,2\n1,1_000,2\n", 3, "'1_000' under 'a' is not a number", ""),
+    "infinite": (HEAD + "0,1,2\n1,inf,2\n", 3, "'inf' in column 'a' is not a finite number", ""),
+    "underscores": (HEAD + "0,1,2\n1,1_000,2\n", 3, "'1_000' in column 'a' is not a number", ""),
     "open quote": (HEAD + '0,1,2\n1,"2,3\n', 3, "is not a valid table row", ""),
     "binary": (HEAD + "0,1,2\n1,\0\0,2\n", 3, "the file is binary, not a text table", ""),
     "too few units": (HEAD + "[s],[um/m]\n0,1,2\n", 2, "the line of units has 2 cells, but the table has 3 columns", ""),
     "other units": (HEAD + "[s],[mm],[um/m]\n0,1,2\n", 2, "is um/m in the line of names", ""),
     "a date alone": (HEAD + "2024-05-01,1,2\n", 2, r"write the time in seconds, or as clock time: 10:00:00\.01, 2024-05-03", ""),
-    "a number below clock times": (HEAD + "12:00:00,1,2\n7,1,2\n", 3, "'7' under 'time' is not a time after", ""),
+    "a number below clock times": (HEAD + "12:00:00,1,2\n7,1,2\n", 3, "'7' in column 'time' is not a clock time later than", ""),
     "no such column": ("time [s],aa,b\n0,1,2\n", None, "column 'a' not found", "did you mean aa?"),
-    "twice": ("time [s],a,a,b\n0,1,2,3\n", None, "'a' is the name of several columns: 2,", "unique name"),
+    "twice": ("time [s],a,a,b\n0,1,2,3\n", None, "'a' is the name of several columns, numbers 2,", "unique name"),
     "two delimiters": ("time [s];a;b, left\n0;1;2\n", None, "commas and semicolons", "the delimiter"),
     "no names": ("0,1,2\n1,2,3\n", None, "no names", "line of names"),
-    "no unit of time": ("time,a,b\n0,1,2\n1,2,3\n", None, "the file does not define the unit of its time", "time [s]"),
+    "no unit of time": ("time,a,b\n0,1,2\n1,2,3\n", None, "the file does not define the unit of the time", "time [s]"),
     "no numbers": ("time [s],a,b\n", None, "the table has no numbers", "again"),
-    "one sample": ("time [s],a,b\n0,1,2\n", None, "1 samples", "two"),
+    "one sample": ("time [s],a,b\n0,1,2\n", None, "only one sample", "two"),
 }
 
 

@@ -117,7 +117,7 @@ def test_thousands_separators_and_spaced_signs(tmp_path, decimal, cells, values)
 @pytest.mark.parametrize(("decimal", "cell"), [(".", "1,234"), (",", "1.234"), (".", "1 234"), (".", "1.234,5")])
 def test_ambiguous_thousands_separator_is_refused(tmp_path, decimal, cell):
     path = written(tmp_path / "a.csv", ["Time;G1", f"0;{cell}", "1;2"])
-    with expect_refusal(UserError, "under 'G1' is not a number", remedy="thousands") as caught:
+    with expect_refusal(UserError, "in column 'G1' is not a number", remedy="thousands") as caught:
         read(path, ("G1",), decimal=decimal)
     assert "missing" not in caught.value.remedy
     assert ("decimal:" in caught.value.remedy) == ("," in cell)

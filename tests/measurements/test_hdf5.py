@@ -97,7 +97,7 @@ FAULTS = {
     "text": ({"a": ["1"] * 100}, "instead of real numbers"),
     "compound": ({"a": np.zeros(100, [("x", float)])}, "instead of real numbers"),
     "table": ({"a": np.zeros((100, 3))}, "has 3 columns"),
-    "shorter": ({"a": A[:99]}, "dataset has 99 samples, but the clock has 100"),
+    "shorter": ({"a": A[:99]}, "dataset has 99 samples, but the time axis has 100"),
     "absurd": (lambda file: file.create_dataset("a", (10**15,), float, chunks=(1000,)), "'/a' has 1000000000000000 samples"),
     "chunks": (lambda file: file.create_dataset("a", (100,), float, chunks=(2**29 - 8,), maxshape=(None,)), "stored in chunks"),
     "gaps for a whole disk": (
@@ -105,10 +105,10 @@ FAULTS = {
         "claims 800000000 bytes in a file of|has 100000000 samples",
     ),
     "half written": (hole, "5 of 10 blocks"),
-    "infinite": ({"a": np.where(np.arange(100) == 4, np.inf, A)}, "sample 5 of 'a' is infinite"),
+    "infinite": ({"a": np.where(np.arange(100) == 4, np.inf, A)}, "sample 5 of channel 'a' is infinite"),
     "two units": (two_units, "'a' has several units: 'g'"),
     "packed": (packed, "packed values"),
-    "time missing": ({"a": A, "time": T + np.nan}, "the file does not define the unit of its time"),
+    "time missing": ({"a": A, "time": T + np.nan}, "the file does not define the unit of the time"),
 }  # fmt: skip
 
 
@@ -126,7 +126,7 @@ def test_time_without_unit_or_with_gaps_is_refused(make):
         file["time"] = np.where(np.arange(100) == 3, np.nan, T)
 
     path = make(fill)
-    with pytest.raises(UserError, match="the file does not define the unit of its time"):
+    with pytest.raises(UserError, match="the file does not define the unit of the time"):
         read_binary("hdf5", path, [], time="time", sandboxed=False)
     with pytest.raises(UserError, match="sample 4 has no time"):
         read_binary("hdf5", path, [], time="time", time_unit="s", sandboxed=False)

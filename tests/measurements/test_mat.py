@@ -83,7 +83,7 @@ def test_one_number_is_the_interval_or_the_rate(rig):
         ("rig", "'rig' is a struct", "use a field"),
         ("word", "'word' (is text|contains char)", "plain vector"),
         ("all", "'all' is a matrix of size 400", r"as in 'all(:,1)'"),
-        ("all(:,4)", r"'all\(:,4\)' does not exist: the matrix size is 400", "numbered from 1"),
+        ("all(:,4)", r"'all\(:,4\)' does not exist: the size of the matrix is 400", "numbered from 1"),
     ],
 )
 def test_nonvector_variables_are_refused(rig, name, said, remedy):
@@ -135,5 +135,5 @@ def test_invalid_version_73_variables_are_refused(tmp_path, fill, said):
 
 
 def test_different_lengths_are_refused(rig):
-    with pytest.raises(UserError, match="'dt' has 1 samples, but the clock has 400"):
+    with pytest.raises(UserError, match="'dt' has 1 samples, but the time axis has 400"):
         read(rig, ["top", "dt"], time="t", time_unit="s")

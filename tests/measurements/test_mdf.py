@@ -95,7 +95,7 @@ def test_time_channel_of_same_group(tmp_path):
     )
     np.testing.assert_allclose(read(path, ["G1"], time="t2", time_unit="ms").time, T + 5.0, atol=1e-12)
     np.testing.assert_allclose(read(path, ["G1"], time="time", time_unit="s").time, T, atol=1e-12)
-    with pytest.raises(UserError, match="the time channel 't2' and 'F' belong to different groups"):
+    with pytest.raises(UserError, match="the time channel 't2' and channel 'F' belong to different channel groups"):
         read(path, ["F"], time="t2")
     with pytest.raises(UserError, match="the time unit is s in the config, but ms in the file"):
         read(path, ["G1"], time="t2", time_unit="s")
@@ -192,7 +192,7 @@ def test_damaged_conversion_is_refused(tmp_path):
     at = content.rindex(b"##CC")
     content[at + 8 : at + 16] = (1 << 40).to_bytes(8, "little")
     path.write_bytes(content)
-    with pytest.raises(UserError, match="the conversion rule of 'G1' cannot be read"):
+    with pytest.raises(UserError, match="the conversion rule of channel 'G1' cannot be read"):
         read_binary("mdf", path, ["G1"], sandboxed=False)
 
 

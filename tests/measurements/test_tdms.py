@@ -99,7 +99,7 @@ def test_tdms_time_channel(tmp_path):
     with pytest.raises(UserError, match="'G1' has no wf_increment") as caught:
         read(path, ["G1"])
     assert caught.value.remedy == "specify the time channel in estimate.time.channel, for example 'rig/Zeit'"
-    with pytest.raises(UserError, match="'stamps' contains times of the day instead of numbers"):
+    with pytest.raises(UserError, match="'stamps' contains dates and times instead of numbers"):
         read(path, ["stamps"], time="Zeit", time_unit="ms")
 
 
@@ -113,7 +113,7 @@ def test_nan_is_missing_and_infinite_is_refused(tmp_path):
     bad = np.where(np.arange(len(A)) == 4, np.nan, A)
     path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(bad), "rig/G2": waveform(np.where(np.isnan(bad), np.inf, A))})
     np.testing.assert_array_equal(read(path, ["G1"]).channels["G1"], bad)
-    with pytest.raises(UserError, match="sample 5 of 'G2' is infinite"):
+    with pytest.raises(UserError, match="sample 5 of channel 'G2' is infinite"):
         read(path, ["G2"])
 
 

@@ -177,7 +177,7 @@ def line(number, new):
 FAULTS = {
     "is no number": (line(DATA + 2, "  1.00000E+00        stuff" + "  0.0" * 10), f":{DATA + 2}", "'stuff' is not a number"),
     "overflow": (line(DATA + 2, "*************" * 6), f":{DATA + 2}", "exceeds its column"),
-    "infinite": (line(DATA, "     Infinity" * 6), f":{DATA}", "sample 1 of .12:3. is infinite"),
+    "infinite": (line(DATA, "     Infinity" * 6), f":{DATA}", "sample 1 of channel .12:3. is infinite"),
     "too many": (TEXT.replace(f"{101:10d}", f"{90:10d}"), f":{DATA + 15}", "the function has more than the declared 90 values"),
     "cut": (TEXT[:-20], ":", "the file ends inside dataset 1"),
     "claims": (TEXT.replace(f"{101:10d}", f"{10**9:10d}"), ":2", "1000000000 values are declared"),

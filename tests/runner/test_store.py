@@ -189,7 +189,7 @@ def test_numbers_changed_by_another_program_are_noticed(tmp_path):
     with h5py.File(path, "a") as file:
         file["strain"][0, 0] = 1.0
     seal(path)
-    with pytest.raises(ArtefactError, match="content digest"):
+    with pytest.raises(ArtefactError, match="checksum of the content"):
         Artefact(path)
 
 

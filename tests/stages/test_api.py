@@ -169,7 +169,7 @@ def test_all_that_a_bench_has_written_is_read(bench):
     np.testing.assert_array_equal(run.reduced["hub"].frequency, bench["reduce"]["/bodies/hub/frequency"])
     np.testing.assert_array_equal(run.meshes["hub"].position, bench["import"]["/bodies/hub/nodes/position"])
     assert len(list(everything(run.bearings))) > 2
-    with pytest.raises(UserError, match="has no grid"):
+    with pytest.raises(UserError, match="contains no grid"):
         run.to_pyvista("simulate")
     with pytest.raises(ArtefactError):
         _ = run.surface
@@ -200,7 +200,7 @@ def test_grids_go_to_pyvista(run_there):
     assert run_there.to_pyvista("import").volume == pytest.approx(api.to_pyvista(run_there.mesh).volume)
     assert run_there.to_pyvista("import").n_points == len(run_there.mesh.position)
     assert "rank" in run_there.to_pyvista("place").point_data
-    with pytest.raises(UserError, match="has no grid"):
+    with pytest.raises(UserError, match="contains no grid"):
         run_there.to_pyvista("screen")
 
 

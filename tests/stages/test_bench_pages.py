@@ -65,10 +65,11 @@ def test_numbers_that_there_are_once_a_seed_are_divided_seed_by_seed():
 @pytest.mark.parametrize(
     ("claim", "key", "what", "remedy"),
     [
-        ({"number": ["slope.Fx"]}, "claims.0.number", "result 'slope.Fx' not found in the stage 'estimate' of 'h0'", "slope.F"),
+        ({"number": ["slope.Fx"]}, "claims.0.number",
+         "result 'slope.Fx' not found in the stage 'estimate' of run 'h0'", "slope.F"),
         ({"number": ["same.d"]}, "claims.0", "is true or false", "equals"),
         ({"number": ["slope.F"], "against": 1, "against_number": "error.Fq"}, "claims.0.against_number",
-         "result 'error.Fq' not found in the stage 'estimate' of 'h1'", "error.F"),
+         "result 'error.Fq' not found in the stage 'estimate' of run 'h1'", "error.F"),
     ],
 )  # fmt: skip
 def test_a_claim_on_a_number_that_a_run_does_not_have_is_refused(claim, key, what, remedy):

@@ -155,7 +155,7 @@ def repeated(u):
     ("change", "says"),
     [
         *slowly((lambda u: u, ""), (blanks, "missing samples were interpolated")),
-        (repeated, "tip: every sample is repeated 4 times, from a channel of 250 Hz"),
+        (repeated, "tip: the file contains every sample 4 times, so the channel was sampled at 250 Hz"),
     ],
 )
 def test_a_slower_load_gives_the_modulus(known, change, says):

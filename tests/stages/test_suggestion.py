@@ -52,7 +52,7 @@ def test_units_that_make_no_sense_are_left_blank(tmp_path):
     """MPa beside kg/mm³, as many decks have it: E is 2.1e5 Pa in m and kg."""
     found = suggestion(deck(tmp_path / "a.bdf", "1000.", "2.1+5", "7.85-6"))
     assert (found.length_unit, found.mass_unit, found.youngs_modulus, found.places) == ("", "", None, ())
-    assert "  # E 2.1e+05 and ρ 7.85e-06 are implausible in all common units" in template("a.bdf", found)
+    assert "  # E = 2.1e+05 and ρ = 7.85e-06 are implausible in all common units" in template("a.bdf", found)
     assert "no carrier of the catalogue fits" in template("a.bdf", suggestion(deck(tmp_path / "b.bdf", "0.001")))
 
 

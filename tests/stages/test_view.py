@@ -170,7 +170,7 @@ def facets_of(values):
 def test_a_load_alone_strains_as_a_beam_does(strain):
     """ε = −F (L − x) z/(E I) on the upper and lower face, away from the clamp and the tip."""
     alone, _ = strain.panels
-    assert alone.title == "tip alone, 1\u00a0kN at rest"
+    assert alone.title == "tip alone, 1\u00a0kN, static"
     assert (strain.on, strain.unit, strain.quantity) == (FACETS, "µm/m", "principal strain of largest magnitude")
     corner = strain.layout.points[strain.layout.faces[:, :4]]
     x, z = corner.mean(axis=1)[:, 0], corner.mean(axis=1)[:, 2]

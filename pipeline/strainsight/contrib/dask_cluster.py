@@ -129,7 +129,7 @@ def _require_workers(client: Any, address: str) -> None:
 def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str, str | None] | None = None) -> None:
     """Raise UserError if a package has another version there."""
     other = [
-        f"{name} {_format_version(theirs.get(name))} there, {_format_version(version)} here"
+        f"{name} {_format_version(theirs.get(name))} there, {_format_version(version)} on this computer"
         for name, version in (ours or versions()).items()
         if theirs.get(name) != version
     ]
@@ -242,7 +242,7 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
         raise _frozen("a Dask worker that holds results", CARRYING * SILENT) from None
     except KilledWorker:
         raise StrainsightError(
-            "several workers of the cluster were killed by the same task of a sweep, probably because memory ran out",
+            "several workers of the cluster were killed by the same task, probably because memory ran out",
             remedy="start workers with more memory (dask worker --memory-limit) or fewer threads (--nthreads 1)",
         ) from None
 

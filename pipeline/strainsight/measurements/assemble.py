@@ -69,7 +69,7 @@ def assemble(recording: Recording, settings: Mapping[str, ChannelSettings], step
         if late:
             on_clock = shifted(written.spread(calibrated), late)
             notes.append(
-                f"{name}: a {'delay' if late > 0 else 'lead'} of {abs(late)} samples was corrected; the "
+                f"{name}: a {'delay' if late > 0 else 'lead'} of {abs(late)} sample{'s' * (abs(late) != 1)} was corrected; the "
                 f"{'last' if late > 0 else 'first'} {abs(late) * written.step:.6g} s have no samples"
             )
             values[:, column] = on_clock if step is None else clock.spread(on_clock[written.row[used]])
@@ -142,15 +142,14 @@ def remove_repeated_samples(name: str, values: np.ndarray, step: float) -> tuple
     n = repeated.interval
     if not repeated.regular:
         raise UserError(
-            f"{name!r} repeats its samples {n} or {n + 1} times: a channel of {1 / (step * (n + 1)):.4g} to "
-            f"{1 / (step * n):.4g} Hz was written at a higher rate, so its samples have different delays",
+            f"channel {name!r} contains every sample {n} or {n + 1} times: it was sampled at {1 / (step * (n + 1)):.4g} "
+            f"to {1 / (step * n):.4g} Hz and written at a higher rate, so the delays of its samples differ",
             remedy="export all channels at one rate, resampled after an anti-aliasing filter; if the repeated values "
             "are real, set `override: true`",
         )
     note = (
-        f"{name}: every sample is repeated {n} times, from a channel of {1 / (step * n):.4g} Hz with a mean "
-        f"delay of (n − 1)/2 = {(n - 1) / 2:g} samples. The first sample of each run is used, the "
-        "repeated samples are marked as missing"
+        f"{name}: the file contains every sample {n} times, so the channel was sampled at {1 / (step * n):.4g} Hz and has a "
+        f"mean delay of {(n - 1) / 2:g} samples. The first of {n} equal samples is used; the others are marked as missing"
     )
     return np.where(repeated.fresh, values, np.nan), (note,)
 
@@ -209,15 +208,15 @@ def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
         raise UserError(
             f"the channels have {len(rates)} different sampling rates: {listed_rates}",
             where=str(path),
-            remedy="use channels of one rate, or export the record with all channels resampled to one rate",
+            remedy="use channels with the same sampling rate, or export the record with all channels resampled to one rate",
         )
     name, t = next((name, t) for name, t in clocks.items() if not _same(first, t))
     two = {next(iter(clocks)): first, name: t}
     spans = [f"{quote(n)} has {len(x)} samples from {_at(x, 0)} to {_at(x, -1)} s" for n, x in two.items()]
     raise UserError(
-        "the channels have different clocks: " + ", ".join(spans),
+        "the channels have different sampling times: " + ", ".join(spans),
         where=str(path),
-        remedy="use channels of one clock, or export the record with all channels cut and resampled to one clock",
+        remedy="use channels with the same sampling times, or export the record with all channels cut and resampled to them",
     )
 
 
@@ -236,12 +235,12 @@ def _at(t: np.ndarray, index: int) -> str:
 def numbers(values: np.ndarray, name: str, where: str) -> np.ndarray:
     """The samples of a channel as numbers (T,). Raises UserError if they are not finite numbers."""
     if values.dtype.kind not in "iuf" or values.ndim != 1:
-        content = {"O": "text or objects", "S": "text", "U": "text", "M": "times of the day"}.get(values.dtype.kind)
+        content = {"O": "text or objects", "S": "text", "U": "text", "M": "dates and times"}.get(values.dtype.kind)
         description = content or (
             f"values of shape {values.shape[1:]}" if values.ndim != 1 else f"values of type {values.dtype}"
         )
         raise UserError(
-            f"{name!r} contains {description} instead of numbers",
+            f"channel {name!r} contains {description} instead of numbers",
             where=where,
             remedy="use a channel with one real number per sample",
         )

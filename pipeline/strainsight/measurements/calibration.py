@@ -50,12 +50,12 @@ class Bridge:
         if needed and self.poisson_ratio is None:
             raise UserError(
                 f"the bridge {self.arrangement!r} has transverse gauges, but no Poisson's ratio",
-                remedy="specify Poisson's ratio of the part",
+                remedy="set `bridge.poisson_ratio` to Poisson's ratio of the part",
             )
         if not needed and self.poisson_ratio is not None:
             raise UserError(
                 f"the bridge {self.arrangement!r} has no transverse gauge, but a Poisson's ratio",
-                remedy=f"remove Poisson's ratio, or use one of {', '.join(NEEDS_RATIO)}",
+                remedy=f"remove `bridge.poisson_ratio`, or set `bridge.arrangement` to one of {', '.join(NEEDS_RATIO)}",
             )
 
 
@@ -117,23 +117,24 @@ class ChannelSettings:
         if quantity == "bridge" and self.bridge is None:
             raise UserError(
                 f"a channel in {self.unit} requires a bridge and a gauge factor",
-                remedy="specify bridge and gauge factor; for a load cell set `unit`, `scale` and `override: true`",
+                remedy="set `bridge.arrangement` and `bridge.gauge_factor`; for a load cell, set `unit` to a unit of force, "
+                f"`scale` to the force per {self.unit}, and `override: true`",
             )
         if quantity != "bridge" and self.bridge is not None:
             raise UserError(
                 f"a channel in {self.unit} cannot have a {self.bridge.arrangement} bridge",
-                remedy="remove bridge and gauge factor, or set the unit to mV/V",
+                remedy="remove `bridge`, or set `unit: mV/V`",
             )
         if self.zero is not None and not self.zero[0] < self.zero[1]:
             raise UserError(
-                f"the zeroing window from {self.zero[0]:g} to {self.zero[1]:g} s is empty",
-                remedy="specify a start before the end",
+                f"the zero interval from {self.zero[0]:g} to {self.zero[1]:g} s is empty",
+                remedy="set `zero: [from, to]` with the smaller time first",
             )
         for first, last in self.missing:
             if not first <= last:
                 raise UserError(
-                    f"the span of missing samples from {first:g} to {last:g} s is empty",
-                    remedy="specify a start before the end of each span",
+                    f"the interval of missing samples from {first:g} to {last:g} s is empty",
+                    remedy="set every interval [from, to] of `missing` with the smaller time first",
                 )
 
     @property
@@ -190,14 +191,14 @@ def _mark_missing(recording: Recording, name: str, settings: ChannelSettings, va
         within = (recording.time >= first) & (recording.time <= last)
         if not within.any():
             raise UserError(
-                f"there is no sample from {first:g} to {last:g} s; the record runs from {recording.time[0]:g} "
-                f"to {recording.time[-1]:g} s",
+                f"the interval of missing samples from {first:g} to {last:g} s contains no sample; the record runs from "
+                f"{recording.time[0]:g} to {recording.time[-1]:g} s",
                 where=recording.source,
-                remedy="specify the spans of `missing` in seconds of the file",
+                remedy="set the intervals of `missing` in seconds on the time axis of the file",
             )
         marked |= within
     values[marked] = np.nan
-    return (f"{name}: {marked.sum()} samples were marked as missing",) if marked.any() else ()
+    return (f"{name}: {marked.sum()} of {len(values)} samples were marked as missing",) if marked.any() else ()
 
 
 def _check_unit(recording: Recording, name: str, settings: ChannelSettings) -> tuple[str, ...]:
@@ -211,7 +212,7 @@ def _check_unit(recording: Recording, name: str, settings: ChannelSettings) -> t
     if settings.override:
         return (f"{name}: the unit is {unit_in_file} in the file, but {settings.unit} is used as set in the config",)
     raise UserError(
-        f"the unit of {name!r} is {settings.unit} in the config, but {unit_in_file} in the file",
+        f"the unit of channel {name!r} is {settings.unit} in the config, but {unit_in_file} in the file",
         where=recording.source,
         remedy="correct the unit in the config, or set `override: true` if the file is wrong",
     )
@@ -222,9 +223,9 @@ def _check_size(recording: Recording, name: str, settings: ChannelSettings, valu
     if too_large.size:
         sample = int(too_large[0])
         raise UserError(
-            f"{name!r} has the value {values[sample]:g} {settings.unit}, above the limit of {LARGEST:g}",
+            f"channel {name!r} has the value {values[sample]:g} {settings.unit}, above the limit of {LARGEST:g}",
             where=recording.place(sample),
-            remedy="leave the cell empty for missing samples, or declare the numbers that mark missing samples",
+            remedy="leave the cell empty for missing samples, or list the number that marks them, `text: {missing: [NUMBER]}`",
         )
 
 
@@ -237,10 +238,10 @@ def _subtract_zero(recording: Recording, name: str, settings: ChannelSettings, v
     within = within[np.isfinite(within)]
     if not within.size:
         raise UserError(
-            f"{name!r} has no sample from {start:g} to {end:g} s; the record runs from {recording.time[0]:g} to "
-            f"{recording.time[-1]:g} s",
+            f"channel {name!r} has no sample in the zero interval from {start:g} to {end:g} s; the record runs from "
+            f"{recording.time[0]:g} to {recording.time[-1]:g} s",
             where=recording.source,
-            remedy="choose a zeroing window in which the part is unloaded and the channel has samples",
+            remedy="set `zero` to an interval in which the part is unloaded and the channel has samples",
         )
     mean = float(np.mean(within))
     values -= mean
@@ -253,10 +254,10 @@ def _strain(recording: Recording, name: str, bridge: Bridge, r: np.ndarray) -> n
     if impossible.size:
         sample = int(impossible[0])
         raise UserError(
-            f"{name!r} has the value {1e3 * r[sample]:g} mV/V, outside the range of a {bridge.arrangement} "
+            f"channel {name!r} has the value {1e3 * r[sample]:g} mV/V, outside the range of a {bridge.arrangement} "
             f"bridge with gauge factor {bridge.gauge_factor:g}",
             where=recording.place(sample),
-            remedy="check the unit, or leave the cell empty if the gauge failed or was overloaded",
+            remedy="correct `unit`, or leave the cell empty if the gauge failed or was overloaded",
         )
     return strain
 

@@ -80,13 +80,13 @@ def uniform_clock(recording: Recording) -> Clock:
             f"filling the gaps would extend the record from {t.size} to {count:.4g} samples; the "
             f"longest gap is {between[worst]:.6g} s after {t[worst]:.9g} s",
             where=recording.place(worst + 1),
-            remedy="cut the record at the gap, or correct the time stamp",
+            remedy="cut the record at the gap, or correct the time stamp after the gap",
         )
     gaps = np.flatnonzero(whole > 1)
     notes = corrected + tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
     if gaps.size > 10:
         notes += (
-            f"{int(np.sum(whole[gaps[10:]] - 1))} more rows without samples were inserted in {gaps.size - 10} other gaps",
+            f"{_rows(int(np.sum(whole[gaps[10:]] - 1)))} inserted in {gaps.size - 10} other gap{'s' * (gaps.size > 11)}",
         )
     row = np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
     start, step = _fit_line(t, row)
@@ -105,19 +105,23 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
     if abs(max(ratio, 1 / ratio) / k - 1) > max(SAME_STEP, JITTER / clock.count):
         near = clock.step * k if ratio >= 1 else clock.step / k
         raise UserError(
-            f"the filter step {step:.9g} s is not an integer multiple or fraction of the record step "
-            f"{clock.step:.9g} s (ratio {ratio:.7g})",
-            remedy=f"use an integer multiple or fraction such as {near:.9g} s, or resample the record",
+            f"the time step {step:.9g} s of the filter is not an integer multiple or fraction of the sampling interval "
+            f"{clock.step:.9g} s of the record (ratio {ratio:.7g})",
+            remedy=f"set `estimate.time_step` to an integer multiple or fraction such as {near:.9g}, or resample the record",
         )
     ppm = 1e6 * (max(ratio, 1 / ratio) / k - 1)
-    notes = (f"the record step differs from filter step {step:g} s by {abs(ppm):.2g} ppm",) if abs(ppm) > 0.1 else ()
+    notes = (
+        (f"the sampling interval differs from the time step {step:g} s of the filter by {abs(ppm):.2g} ppm",)
+        if abs(ppm) > 0.1
+        else ()
+    )
     if ratio < 1 or k == 1:
         if k > 1:
-            rows = f"{k - 1} rows without samples were inserted between consecutive samples: the record step is"
-            notes = (*notes, f"{rows} {clock.step:g} s, the filter step {step:g} s")
+            rows = f"{_rows(k - 1)} inserted between consecutive samples: the sampling interval is"
+            notes = (*notes, f"{rows} {clock.step:g} s, the time step of the filter {step:g} s")
         return Clock(clock.start, step, (clock.count - 1) * k + 1, clock.row * k), np.arange(len(clock.row)), notes
     used = np.flatnonzero(clock.row % k == 0)
-    note = f"one in {k} samples was used: frequencies above {0.5 / step:g} Hz cause aliasing"
+    note = f"one in {k} samples of the record was used: frequencies above {0.5 / step:g} Hz cause aliasing"
     return Clock(clock.start, step, (clock.count - 1) // k + 1, clock.row[used] // k), used, (*notes, note)
 
 
@@ -181,15 +185,18 @@ def _refuse_interval(recording: Recording, i: int, steps: float, step: float, ma
     t = recording.time
     raise UserError(
         f"the time increases by {t[i + 1] - t[i]:.6g} s from {t[i]:.9g} to {t[i + 1]:.9g} s, which is "
-        f"{steps:.4g} steps of {step:.6g} s" + (", and in many other places" if many else ""),
+        f"{steps:.4g} steps of {step:.6g} s" + ("; many other intervals are irregular too" if many else ""),
         where=recording.place(i + 1),
-        remedy=FIXED_RATE if many else "cut the record at this time, or correct its clock",
+        remedy=FIXED_RATE if many else "cut the record at this time, or correct the time stamps",
     )
 
 
 def _gap_note(recording: Recording, i: int, missing: int) -> str:
-    rows = "1 row without samples was" if missing == 1 else f"{missing} rows without samples were"
-    return f"{rows} inserted after {recording.time[i]:.9g} s ({recording.place(i + 1)})"
+    return f"{_rows(missing)} inserted after {recording.time[i]:.9g} s ({recording.place(i + 1)})"
+
+
+def _rows(count: int) -> str:
+    return "1 row without samples was" if count == 1 else f"{count} rows without samples were"
 
 
 def _fit_line(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:
@@ -309,7 +316,7 @@ def check_no_counter(time: np.ndarray, name: str, unit: str | None, where: str) 
     """Raise UserError if a column without unit counts samples, according to its name and values."""
     if unit is None and _COUNTER.fullmatch(name.strip().lower()) and np.all(np.diff(time) == 1):
         raise UserError(
-            f"{name!r} counts samples ({time[0]:g}, {time[0] + 1:g}, …) instead of defining the time",
+            f"column {name!r} counts samples ({time[0]:g}, {time[0] + 1:g}, …) instead of defining the time",
             where=where,
             remedy="specify the sampling rate instead: `time: {rate: 100, unit: Hz}`",
         )
@@ -321,7 +328,11 @@ def time_from_number(
     """Time (samples,) from 0 and its unit "s", from one number: the sampling interval, or, with unit Hz or kHz, the sampling
     rate. name: name of the number; a name that suggests a rate is refused with a unit of time."""
     if not 0 < scalar < np.inf:
-        raise UserError(f"{name!r} is {scalar:g}, not positive", where=where, remedy="specify the interval or rate")
+        raise UserError(
+            f"the number {name!r} of the time is {scalar:g}, not positive",
+            where=where,
+            remedy="correct this sampling interval or sampling rate in the file",
+        )
     units = [unit for unit in (time_unit, unit_in_file) if unit is not None]
     rates = [spelling(unit) for unit in units if spelling(unit) in RATES]
     if rates and len(rates) == len(units) and len(set(rates)) == 1:
@@ -331,7 +342,7 @@ def time_from_number(
         raise UserError(
             f"the number {name!r} = {scalar:g} is interpreted as sampling interval in {' and '.join(units) or 's'}",
             where=where,
-            remedy="set `unit: Hz` if it is the sampling rate",
+            remedy="if the number is the sampling rate, set `time: {unit: Hz}`",
         )
     return scalar * np.arange(samples) * time_factor(time_unit, unit_in_file, where), "s"
 
@@ -353,15 +364,15 @@ class Delay:
         exact = self.samples + self.seconds / step
         if abs(exact) >= count:
             raise UserError(
-                f"the delay is {exact:.6g} samples, but the record has only {count}",
-                remedy="specify a shorter delay, in samples of the file",
+                f"the delay is {exact:.6g} samples, but the record has only {count} samples",
+                remedy="set a `delay` shorter than the record",
             )
         whole = round(exact)
         if abs(exact - whole) > WHOLE:
             raise UserError(
                 f"a delay of {self.seconds:g} s is {exact:.4g} samples of {step:.6g} s, but must be a "
                 "whole number of samples",
-                remedy=f"specify {whole * step:.6g} s, or a whole number of samples",
+                remedy=f"set `delay: {{seconds: {whole * step:.6g}}}` or `delay: {{samples: {whole}}}`",
             )
         return whole
 

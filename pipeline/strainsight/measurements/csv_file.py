@@ -175,9 +175,11 @@ class _Table:
             raise UserError(
                 "the table has no line of names"
                 if self.form.header_line is None
-                else f"the file has no line {self.form.header_line}",
+                else f"the file has no line {self.form.header_line}, which header_line declares as the line of names",
                 where=str(self.path),
-                remedy="write the names of the columns above the numbers",
+                remedy="write the names of the columns above the numbers"
+                if self.form.header_line is None
+                else self.form.remedy_setting("header_line", "LINE", "specify the number of the line of names"),
             )
         if not self.rows:
             raise UserError("the table has no numbers", where=str(self.path), remedy="export the test data again")
@@ -239,7 +241,7 @@ def header_of(block: bytes, form: TextFormat, path: str) -> Header:
             f"X_Columns is {quote(columns)}: "
             + ("times are not written" if columns.strip() == "No" else "every channel has a separate time"),
             where=f"{path}:{number}",
-            remedy="write the file with one column of times (X value columns: one column only)",
+            remedy="export the file from LabVIEW with one column of times (X value columns: one column only)",
         )
     decimal = entries.get("Decimal_Separator", (0, form.decimal))[1].strip() or "."
     first = form.header_line or next((n for n in range(ends[1], len(lines)) if lines[n].strip()), ends[1]) + 1

@@ -39,7 +39,7 @@ class TextFormat:
         if self.delimiter == self.decimal:
             raise UserError(
                 "the comma cannot be both delimiter and decimal mark",
-                remedy="export the file with ';' between the columns",
+                remedy="export the file with ';' between the columns, and set `delimiter: \";\"`",
             )
 
     def remedy_setting(self, name: str, value: str, otherwise: str) -> str:
@@ -124,7 +124,7 @@ def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
         unit = "" if unit == "-" else unit
         if above and unit and spelling(above) != spelling(unit):
             raise UserError(
-                f"the unit of {name!r} is {above} in the line of names, but {unit} in the line of units",
+                f"the unit of column {name!r} is {above} in the line of names, but {unit} in the line of units",
                 where=where,
                 remedy="correct the wrong unit",
             )
@@ -189,7 +189,7 @@ def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str,
         return matches[0]
     if matches:
         raise UserError(
-            f"{wanted!r} is the name of several columns: {', '.join(str(i + 1) for i in matches)}",
+            f"{wanted!r} is the name of several columns, numbers {', '.join(str(i + 1) for i in matches)}",
             where=where,
             remedy="use a unique name for every column",
         )

@@ -122,7 +122,7 @@ def rows_by_line(
 
 def _remedy_for_count(count: int, layout: Layout) -> str:
     if layout.delimiter == "," and count > len(layout.names):
-        return "numbers with a decimal comma need another delimiter: export the file with ';'"
+        return "numbers with a decimal comma need another delimiter: export the file with ';' between the columns"
     if layout.remarks:
         return _SEGMENT
     return "the line is truncated or damaged: export the test data again"
@@ -142,8 +142,8 @@ def _time(cell: str, layout: Layout, form: TextFormat, where: str, clock: ClockT
     if (seconds := clock.seconds(cell)) is not None:
         return seconds
     raise UserError(
-        f"{quote(cell)} under {layout.names[layout.columns[0]]!r} is not a "
-        + ("time after that of the previous line" if clock.started else "number or clock time"),
+        f"{quote(cell)} in column {layout.names[layout.columns[0]]!r} is not a "
+        + ("clock time later than that of the previous line" if clock.started else "number or clock time"),
         where=where,
         remedy=_COUNTED,
     )
@@ -155,13 +155,13 @@ def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str
     name = layout.names[column]
     if (value := _value(cell, form.decimal)) is None:
         raise UserError(
-            f"{quote(cell)} under {name!r} is not a number",
+            f"{quote(cell)} in column {name!r} is not a number",
             where=where,
             remedy=_remedy_for_cell(cell, column, layout, form),
         )
     if not np.isfinite(value):
         raise UserError(
-            f"{quote(cell)} under {name!r} is not a finite number",
+            f"{quote(cell)} in column {name!r} is not a finite number",
             where=where,
             remedy="leave the cell empty for missing samples",
         )
@@ -248,11 +248,11 @@ def check_marks(recording: Recording, name: str, unit: str, remedy: str = "", ne
         if not len(others) or not _is_distinct(values, float(mark), at, others):
             continue
         raise UserError(
-            f"{name!r} has the value {mark:g} {unit} in {len(at)} of {len(values)} samples, but "
+            f"channel {name!r} has the value {mark:g} {unit} in {len(at)} of {len(values)} samples, but "
             f"{others.min():.4g} to {others.max():.4g} in the others: this value marks missing samples",
             where=recording.place(int(at[0])),
             remedy=remedy
-            or f'declare it as written in the file, `text: {{missing: ["{mark:g}"]}}`, or leave the samples '
+            or f'set `text: {{missing: ["{mark:g}"]}}` with this value as written in the file, or leave the samples '
             "empty (NaN)",
         )
 

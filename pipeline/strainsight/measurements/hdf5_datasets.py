@@ -106,7 +106,11 @@ def resolve(file: Any, name: str, where: str) -> Any:
         if isinstance(link, h5py.SoftLink):
             hops += 1
             if hops > _HOPS:
-                raise UserError(f"found more than {_HOPS} consecutive links", where=where, remedy=INSTEAD)
+                raise UserError(
+                    f"the path contains more than {_HOPS} consecutive links",
+                    where=where,
+                    remedy="specify the path of the dataset without links",
+                )
             group = file if link.path.startswith("/") else group
             parts = [part for part in link.path.split("/") if part and part != "."] + parts[1:]
             continue
@@ -120,27 +124,35 @@ def _check(item: Any, column: int | None, samples: int | None, path: Path, where
     if item.is_virtual or item.external:
         raise UserError("the samples are in another file", where=where, remedy=INSTEAD)
     if dtype.kind not in "iuf":
-        raise UserError(f"the dataset contains {dtype} instead of real numbers", where=where, remedy=INSTEAD)
+        raise UserError(
+            f"the dataset contains values of type {dtype} instead of real numbers",
+            where=where,
+            remedy="write the samples as real numbers",
+        )
     if shape is None or len(shape) not in (1, 2):
-        raise UserError(f"the shape {shape} does not have one or two dimensions", where=where, remedy=INSTEAD)
+        raise UserError(
+            f"the dataset has the shape {shape}, not one or two dimensions",
+            where=where,
+            remedy="write one dataset with one dimension for every channel",
+        )
     if column is None and len(shape) == 2 and shape[1] != 1:
         raise UserError(
             f"the dataset has {shape[1]} columns",
             where=where,
-            remedy=f"select a column, from 0, as in '{item.name.strip('/')}[0]'",
+            remedy=f"select a column, numbered from 0, as in '{item.name.strip('/')}[0]'",
         )
     if column is not None and (len(shape) != 2 or column >= shape[1]):
         raise UserError(
-            f"column {column} does not exist: the shape is {shape}",
+            f"column {column} does not exist: the shape of the dataset is {shape}",
             where=where,
             remedy="columns are numbered from 0, as in 'table[0]'",
         )
     check_count(shape[0], item.name, where)
     if samples is not None and shape[0] != samples:
         raise UserError(
-            f"the dataset has {shape[0]} samples, but the clock has {samples}",
+            f"the dataset has {shape[0]} samples, but the time axis has {samples}",
             where=where,
-            remedy="use channels of one clock, or cut all datasets to the same length",
+            remedy="use channels with the same sampling times, or cut all datasets to the same length",
         )
     check_stored(item, where, path.stat().st_size)
     for name, harmless in _PACKING.items():
@@ -148,7 +160,7 @@ def _check(item: Any, column: int | None, samples: int | None, path: Path, where
             raise UserError(
                 f"the dataset contains packed values: {name} is {item.attrs[name]}",
                 where=where,
-                remedy="write the values unpacked",
+                remedy="write the physical values, without the attributes scale_factor and add_offset",
             )
 
 
@@ -156,16 +168,16 @@ def check_stored(item: Any, where: str, file_size: int) -> None:
     """Raise UserError for samples that were never written: they have the fill value, mostly zero."""
     if item.nbytes > PACKING * file_size:
         raise UserError(
-            f"the dataset has {item.nbytes} bytes, but the file has only {file_size}",
+            f"the dataset has {item.nbytes} bytes, but the file has only {file_size} bytes",
             where=where,
             remedy="cut the record where the writing stopped",
         )
     if item.chunks is not None:
         if np.prod([float(n) for n in item.chunks]) * item.dtype.itemsize > LARGEST_CHUNK:
             raise UserError(
-                f"the dataset is stored in chunks of {item.chunks}, which are too large",
+                f"the dataset is stored in chunks of {item.chunks} values, larger than {LARGEST_CHUNK >> 20} MiB",
                 where=where,
-                remedy="write smaller chunks",
+                remedy="write the dataset with smaller chunks",
             )
         expected = int(np.prod([-(-n // c) for n, c in zip(item.shape, item.chunks, strict=True)]))
         written = item.id.get_num_chunks()
@@ -174,7 +186,7 @@ def check_stored(item: Any, where: str, file_size: int) -> None:
     missing_says_nan = item.dtype.kind == "f" and np.isnan(item.fillvalue)
     if written < expected and not missing_says_nan:
         raise UserError(
-            f"the dataset contains only {written} of {expected} blocks of samples; the others were never written",
+            f"the dataset contains only {written} of {expected} blocks of samples; the other blocks were never written",
             where=where,
             remedy="cut the record where the writing stopped",
         )

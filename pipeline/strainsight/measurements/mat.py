@@ -33,16 +33,16 @@ def one_line(values: np.ndarray, part: tuple[int, int] | None, name: str, where:
         axis, index = part
         if values.ndim != 2 or not 0 <= index < values.shape[axis]:
             raise UserError(
-                f"{name!r} does not exist: the matrix size is {' × '.join(map(str, values.shape))}",
+                f"{name!r} does not exist: the size of the matrix is {' × '.join(map(str, values.shape))}",
                 where=where,
                 remedy="columns and rows are numbered from 1, as in a(:,1)",
             )
         return values.take(index, axis)
     if values.ndim > 2 or (values.ndim == 2 and min(values.shape) > 1):
         raise UserError(
-            f"{name!r} is a matrix of size {' × '.join(map(str, values.shape))}, not a vector",
+            f"variable {name!r} is a matrix of size {' × '.join(map(str, values.shape))}, not a vector",
             where=where,
-            remedy=f"select a column or row, as in '{name}(:,1)'" if values.ndim == 2 else "use a vector",
+            remedy=f"select a column or row, as in '{name}(:,1)'" if values.ndim == 2 else "specify a vector",
         )
     return values.reshape(-1)
 
@@ -77,20 +77,22 @@ def _check_hdf5(item: Any, name: str, path: Path, where: str) -> None:
     kind = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs:
         raise UserError(
-            f"{name!r} is a MATLAB table or object",
+            f"variable {name!r} is a MATLAB table or object",
             where=str(path),
             remedy="save its columns as plain vectors of numbers",
         )
     if kind in ("char", "cell", "string") or item.dtype.kind not in "iuf" or item.shape is None:
         raise UserError(
-            f"{name!r} contains {kind or item.dtype} instead of real numbers",
+            f"variable {name!r} contains {kind or item.dtype} instead of real numbers",
             where=str(path),
             remedy="save it as a plain vector of numbers",
         )
     if "MATLAB_sparse" in item.attrs:
-        raise UserError(f"{name!r} is a sparse matrix", where=str(path), remedy="save it as a plain vector of numbers")
+        raise UserError(
+            f"variable {name!r} is a sparse matrix", where=str(path), remedy="save it as a plain vector of numbers"
+        )
     if item.is_virtual or item.external:
-        raise UserError(f"the samples of {name!r} are in another file", where=str(path), remedy=INSTEAD)
+        raise UserError(f"the samples of variable {name!r} are in another file", where=str(path), remedy=INSTEAD)
     check_count(item.size, name, str(path))
     check_stored(item, where, path.stat().st_size)
 
@@ -99,7 +101,9 @@ def _hdf5_missing(file: Any, name: str, path: Path) -> UserError:
     known = [dataset.replace("/", ".") for dataset in datasets(file) if not dataset.startswith("#")]
     inside = [dataset for dataset in known if dataset.startswith(f"{name}.")]
     if inside:
-        return UserError(f"{name!r} is a struct", where=str(path), remedy=f"use a field, such as {quote(inside[0])}")
+        return UserError(
+            f"variable {name!r} is a struct", where=str(path), remedy=f"use a field, such as {quote(inside[0])}"
+        )
     return missing_error("variable", name, known, str(path))
 
 
@@ -149,7 +153,7 @@ def _find_variable(variables: dict[str, Any], name: str, path: Path) -> tuple[di
         inside = _fields(value) if i else variables
         if inside is None:
             raise UserError(
-                f"{'.'.join(name.split('.')[:i])!r} {_kind_of_value(value)}",
+                f"variable {'.'.join(name.split('.')[:i])!r} {_kind_of_value(value)}",
                 where=str(path),
                 remedy="specify a vector, or a field of a single struct, as in a.b",
             )
@@ -158,7 +162,7 @@ def _find_variable(variables: dict[str, Any], name: str, path: Path) -> tuple[di
         holder, value = inside, inside[field]
     if _fields(value) is not None or not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf":
         raise UserError(
-            f"{name!r} {_kind_of_value(value)}",
+            f"variable {name!r} {_kind_of_value(value)}",
             where=str(path),
             remedy=f"use a field, such as {name}.{next(iter(fields))}"
             if (fields := _fields(value))

@@ -130,17 +130,17 @@ def _master_clock(file: Any, rules: Rules, wanted: dict[str, tuple[int, int]], p
         check_count(file.groups[group].channel_group.cycles_nr, name, str(path))
         if (number := file.masters_db.get(group)) is None:
             raise UserError(
-                f"the group of {name!r} has no master channel, which would define its time",
+                f"the channel group of {name!r} has no master channel that defines the time",
                 where=str(path),
-                remedy="specify the time channel in estimate.time.channel, or export the file with time",
+                remedy="specify the time channel in estimate.time.channel, or export the file with a time channel",
             )
         master = file.groups[group].channels[number]
         kind = getattr(master, "sync_type", _TIME)
         if kind in _OTHER:
             raise UserError(
-                f"the master channel {master.name!r} of {name!r} is {_OTHER[kind]} instead of a time",
+                f"the master channel {master.name!r} of channel {name!r} is {_OTHER[kind]} instead of a time",
                 where=str(path),
-                remedy="specify the time channel in estimate.time.channel, or export the data over time",
+                remedy="specify the time channel in estimate.time.channel, or export the data with a time channel",
             )
         rule = _readable_rule(rules, (group, number), master, path)
         unit = _unit(master, rule) or "s"
@@ -157,9 +157,9 @@ def _time_channel(
     for name, (group, _) in wanted.items():
         if _master_group(file, group) != _master_group(file, at[0]):
             raise UserError(
-                f"the time channel {time!r} and {name!r} belong to different groups",
+                f"the time channel {time!r} and channel {name!r} belong to different channel groups",
                 where=str(path),
-                remedy="remove estimate.time.channel, because every group has a master channel, or use channels of one group",
+                remedy="remove estimate.time.channel to use the master channel of each group, or use channels of one group",
             )
     return _values(file, rules, time, *at, path)
 
@@ -185,7 +185,9 @@ def _version(file: Any) -> int:
 def _readable_rule(rules: Rules, at: tuple[int, int], channel: Any, path: Path) -> Any:
     """The rule of a channel. Raises UserError if the file has a rule that asammdf could not read."""
     if rules[at] is None and channel.conversion_addr:
-        raise UserError(f"the conversion rule of {channel.name!r} cannot be read", where=str(path), remedy=DAMAGED)
+        raise UserError(
+            f"the conversion rule of channel {channel.name!r} cannot be read", where=str(path), remedy=DAMAGED
+        )
     return rules[at]
 
 

@@ -161,12 +161,12 @@ def to_physical(raw: Values, rule: Any, version: int, integers: bool, name: str,
         with np.errstate(all="ignore"):
             result[valid] = _convert(raw[valid], rule, version, integers, 0)
     except ValueError as error:
-        raise UserError(f"{name!r} {error}", where=where, remedy=EXPORT) from None
+        raise UserError(f"channel {name!r} {error}", where=where, remedy=EXPORT) from None
     if not np.isfinite(result[valid]).all():
         sample = int(np.argmax(valid & ~np.isfinite(result)))
         shown = quote(_formula_text(rule), 100) if rule.formula else "rule"
         raise UserError(
-            f"{name!r} has no physical value at sample {sample + 1}: the conversion {shown} of the raw value "
+            f"channel {name!r} has no physical value at sample {sample + 1}: the conversion {shown} of the raw value "
             f"{raw[sample]:g} yields {result[sample]:g}",
             where=where,
             remedy="correct the conversion, or mark such samples as invalid in the file",
@@ -268,7 +268,7 @@ def _convert_entries(x: Values, rule: Any, version: int, integers: bool, depth: 
         entry = rule.referenced_blocks.get("default_addr" if number < 0 else f"text_{number}")
         if entry is None or isinstance(entry, bytes | str):
             text = entry.decode("utf-8", "replace") if isinstance(entry, bytes) else entry or ""
-            shown = f": {x[here][0]:g} means {quote(text.strip(chr(0)))}" if text else ""
+            shown = f": the raw value {x[here][0]:g} means {quote(text.strip(chr(0)))}" if text else ""
             raise ValueError(f"contains text instead of numbers{shown}")
         result[here] = _convert(x[here], entry, version, integers, depth + 1)
     return result

@@ -112,7 +112,7 @@ def format_of(path: Path) -> str:
     for name, endings in FORMATS.items():
         if ending in endings:
             return name
-    remedy = f"set the format to one of {', '.join(FORMATS)}"
+    remedy = f"set the key `format`, next to `file`, to one of {', '.join(FORMATS)}"
     if ending in SPREADSHEETS:
         remedy = "save the table as CSV, with a line of names above the numbers"
     raise UserError(f"the ending {ending!r} belongs to no known test data format", where=str(path), remedy=remedy)
@@ -192,10 +192,12 @@ def _library_errors(kind: str, path: Path) -> Iterator[None]:
         raise UserError(
             f"reading the file as {name} requires too much memory for its size",
             where=str(path),
-            remedy=f"{DAMAGED}, or export a part of the record",
+            remedy=f"export a part of the record, or {DAMAGED}",
         ) from None
     except Exception as error:
-        raise UserError(f"cannot be read as {name}: {reason(error)}", where=str(path), remedy=DAMAGED) from None
+        raise UserError(
+            f"the file cannot be read as {name}: {reason(error)}", where=str(path), remedy=DAMAGED
+        ) from None
 
 
 def messages(kind: str, arguments: Sequence[str | None]) -> Iterator[Message]:

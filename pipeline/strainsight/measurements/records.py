@@ -40,13 +40,13 @@ class Recording:
         for name, values in self.channels.items():
             if values.shape != self.time.shape:
                 raise UserError(
-                    f"{name!r} has {values.size} samples, but the clock has {self.time.size}",
+                    f"channel {name!r} has {values.size} samples, but the time axis has {self.time.size}",
                     where=self.source,
-                    remedy="use channels of one clock",
+                    remedy="use channels with the same sampling times",
                 )
         if self.time.size < 2:
             raise UserError(
-                f"the record has only {self.time.size} samples",
+                f"the record has {'only one sample' if self.time.size else 'no samples'}",
                 where=self.source,
                 remedy="use a record with at least two samples",
             )
@@ -71,7 +71,9 @@ def missing_error(
     """Error for a missing `kind` of this name; shown: known names to list in the remedy, by default all."""
     listed = [quote(each) for each in dict.fromkeys(known if shown is None else shown)]
     has = (
-        f"the file contains {', '.join(listed[:20])}{' …' * (len(listed) > 20)}" if listed else "the file contains none"
+        f"the file contains {', '.join(listed[:20])}{' …' * (len(listed) > 20)}"
+        if listed
+        else f"the file contains no {kind}s"
     )
     return UserError(f"{kind} {name!r} not found", where=where, remedy=did_you_mean(name, known, has))
 
@@ -80,9 +82,9 @@ def check_count(samples: int, name: str, where: str) -> None:
     """Raise UserError for a channel with more samples than MOST_SAMPLES."""
     if samples > MOST_SAMPLES:
         raise UserError(
-            f"{name!r} has {samples} samples according to the file, too many",
+            f"channel {name!r} has {samples} samples according to the file, more than the limit of {MOST_SAMPLES}",
             where=where,
-            remedy=f"shorten the record: the limit is {MOST_SAMPLES} samples",
+            remedy="shorten the record",
         )
 
 
@@ -90,7 +92,7 @@ def check_no_infinity(values: np.ndarray, name: str, where: str) -> None:
     """Raise UserError for a channel (T,) with an infinite sample."""
     if (infinite := np.isinf(values)).any():
         raise UserError(
-            f"sample {int(np.argmax(infinite)) + 1} of {name!r} is infinite",
+            f"sample {int(np.argmax(infinite)) + 1} of channel {name!r} is infinite",
             where=where,
             remedy="write NaN for missing samples",
         )
@@ -101,9 +103,9 @@ def one_unit(units_in_file: Sequence[str], name: str, where: str) -> str | None:
     words = sorted({word.strip() for word in units_in_file} - {""})
     if len(words) > 1:
         raise UserError(
-            f"{name!r} has several units: {' and '.join(map(quote, words))}",
+            f"channel {name!r} has several units: {' and '.join(map(quote, words))}",
             where=where,
-            remedy="keep only the correct unit",
+            remedy="keep only the correct unit in the file",
         )
     return words[0] if words else None
 
@@ -121,7 +123,7 @@ def open_file(path: Path) -> BinaryIO:
     try:
         if not path.is_file():
             raise UserError(
-                "not a file" if path.exists() else "no such file",
+                "the path is not a file" if path.exists() else "file not found",
                 where=str(path),
                 remedy="correct the name; a relative path is relative to the folder of the config file",
             )
@@ -129,7 +131,9 @@ def open_file(path: Path) -> BinaryIO:
             raise UserError("the file is empty", where=str(path), remedy="export the test data again")
         return path.open("rb")
     except (OSError, ValueError) as error:
-        raise UserError(f"cannot be read: {error}", where=str(path), remedy="check that the file is readable") from None
+        raise UserError(
+            f"the file cannot be read: {error}", where=str(path), remedy="check that the file is readable"
+        ) from None
 
 
 STANDARD_GRAVITY = 9.80665
@@ -288,9 +292,9 @@ def time_factor(unit_in_config: str | None, unit_in_file: str | None, where: str
             )
     if unit_in_config is None and unit_in_file is None:
         raise UserError(
-            "the file does not define the unit of its time",
+            "the file does not define the unit of the time",
             where=where,
-            remedy="specify the unit of time in the config, or in the file, as in 'time [s]'",
+            remedy="set `time: {unit: UNIT}` in the config, or write the unit into the file, as in 'time [s]'",
         )
     factors = [
         factor

@@ -76,7 +76,7 @@ def _check_scales(properties: Mapping[str, Any], name: str, path: Path) -> None:
         unscaled = properties.get("NI_Scaling_Status", "unscaled") != "scaled"
         if _SCALE_TYPE.fullmatch(key) and kind not in _SCALES and unscaled:
             raise UserError(
-                f"{name!r} has a scale of type {quote(str(kind))}, which is not supported",
+                f"channel {name!r} has a scale of type {quote(str(kind))}, which is not supported",
                 where=str(path),
                 remedy="save scaled values, for example with DIAdem, or use another scale type",
             )
@@ -91,9 +91,9 @@ def _waveform_clocks(wanted: dict[str, Any], places: Sequence[Place], path: Path
         if not isinstance(step, float | int) or not 0 < step < np.inf:
             times = [place.names[1] for place in places if any(word in place.name.lower() for word in ("time", "zeit"))]
             raise UserError(
-                f"{name!r} has no wf_increment (sampling interval)"
+                f"channel {name!r} has no wf_increment (sampling interval)"
                 if step is None
-                else f"{name!r} has the invalid wf_increment {step!r}",
+                else f"channel {name!r} has the invalid wf_increment {step!r} (sampling interval)",
                 where=str(path),
                 remedy="specify the time channel in estimate.time.channel"
                 + (
@@ -139,7 +139,7 @@ def _time_channel(channel: Any, name: str, path: Path) -> tuple[np.ndarray, str 
 def _values(channel: Any, name: str, path: Path) -> tuple[np.ndarray, str | None]:
     if len(channel) > path.stat().st_size:
         raise UserError(
-            f"{name!r} has {len(channel)} samples according to the file, which has only {path.stat().st_size} bytes",
+            f"channel {name!r} has {len(channel)} samples according to the file, which has only {path.stat().st_size} bytes",
             where=str(path),
             remedy=DAMAGED,
         )

@@ -229,7 +229,7 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
         chosen = [_chosen(name, known, path) for name in channels]
         read = {name: _read(file, path, each, name, time_unit) for name, each in zip(channels, chosen, strict=True)}
     if not read:
-        raise UserError("no channels are specified", where=str(path), remedy="specify the channels")
+        raise UserError("no channels are specified", where=str(path), remedy="name at least one function as channel")
     check_one_clock({name: time for name, (time, _) in read.items()}, path)
     signals = [
         (read[channels[0]][0], "s"),
@@ -333,7 +333,7 @@ def _chosen(name: str, known: Mapping[str, list[Function]], path: Path) -> Funct
         raise UserError(
             f"{name!r} is the name of {len(matches)} functions: {id_lines}",
             where=str(path),
-            remedy="use their id lines in the config, or assign a unique node and direction to each",
+            remedy="use the id lines in the config, or assign a unique node and direction to each function in the file",
         )
     first = [function.names[-1] for functions in known.values() for function in functions[:1]]
     raise missing_error("function", name, known, str(path), first)
@@ -350,12 +350,12 @@ def _read(
             if function.complex_
             else f"the function type {function.kind} is not a time response"
         )
-        raise UserError(description, where=where, remedy="export the time signal")
+        raise UserError(description, where=where, remedy="export the time signal of this channel")
     if function.abscissa != _TIME and not (function.kind == _TIME_RESPONSE and function.abscissa in (0, 1)):
         raise UserError(
             f"the abscissa has data type {function.abscissa} instead of 17 (time)",
             where=where,
-            remedy="export the time signal",
+            remedy="export the time signal of this channel",
         )
     factor = time_factor(time_unit, function.time_unit or "s", where)
     table = _binary(file, path, function) if function.order else _text(file, path, function)
@@ -413,7 +413,7 @@ def _number(piece: bytes, path: Path, function: Function, line: int) -> float:
     wide = piece.strip().startswith(b"*")
     raise UserError(
         f"{text} is not a number"
-        + (": it exceeds its column width" if wide else f" of the function with {function.count} values"),
+        + (": it exceeds its column width" if wide else f"; the header declares {function.count} values"),
         where=f"{path}:{line}" if function.line else _where(path, function),
         remedy="export the file in double precision, or binary" if wide else DAMAGED,
     )

@@ -126,7 +126,9 @@ class Artefact:
             if known not in _VERIFIED:
                 digest = content_digest(file, self._contents, self.message)
                 if digest != self.digest:
-                    raise damaged(self.path, f"the content digest is {digest[:12]} instead of {self.digest[:12]}")
+                    raise damaged(
+                        self.path, f"the checksum of the content is {digest[:12]} instead of {self.digest[:12]}"
+                    )
             self.summary: dict[str, Scalar] = self.attributes("/summary")
             self.tables = tuple(
                 Table(t["title"], tuple(t["columns"]), tuple(tuple(row) for row in t["rows"]))
@@ -186,7 +188,8 @@ class Artefact:
 
     def _absent(self, what: str, path: str) -> ArtefactError:
         return ArtefactError(
-            f"{what} {path} not found in this {self.header.stage} artefact (stage version {self.header.version})",
+            f"{what} {path} not found in this results file of the stage '{self.header.stage}' "
+            f"(stage version {self.header.version})",
             where=str(self.path),
             remedy=f"run the stage again: strainsight {self.header.stage} CONFIG --force",
         )
@@ -260,7 +263,7 @@ def _refuse_damaged(path: Path) -> None:
         raise damaged(path, f"the file ends after {path.stat().st_size} bytes")
     if not is_sealed(path):
         raise ArtefactError(
-            "the file is not a strainsight results file", where=str(path), remedy="use a file from results/"
+            "the file is not a strainsight results file", where=str(path), remedy="use an .h5 file from results/NAME"
         )
     if not is_intact(path):
         raise damaged(path, "the checksum is wrong")
@@ -277,7 +280,9 @@ def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
     attributes = attributes_of(file)
     if attributes.get("format") != FORMAT:
         raise ArtefactError(
-            "the HDF5 file is not a strainsight results file", where=str(path), remedy="use a file from results/"
+            "the HDF5 file is not a strainsight results file",
+            where=str(path),
+            remedy="use an .h5 file from results/NAME",
         )
     written = _plain(attributes.get("format_version"))
     if written != FORMAT_VERSION:
@@ -286,7 +291,7 @@ def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
         raise ArtefactError(
             f"the file has format version {written!r}{by}; this version of strainsight reads version {FORMAT_VERSION}",
             where=str(path),
-            remedy="run again with --force, or use the version of strainsight that wrote the file",
+            remedy="run the stage again with --force, or use the version of strainsight that wrote the file",
         )
     header = ArtefactHeader(
         stage=str(attributes["stage"]),

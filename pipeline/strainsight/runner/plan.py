@@ -106,9 +106,9 @@ ESTIMATED, MEASURED = "validate", "simulate"
 """Stages with artefacts that another run starts from: `guess: {from: NAME}` without `stage`, and `measured: {from: NAME}`."""
 UP_TO_DATE = "up to date"
 WILL_RUN = "will run"
-OTHER_CODE = "computed by other code of the same stage version; use --force to compute the stage again"
+OTHER_CODE = "computed by different source code of the same stage version; use --force to compute the stage again"
 """Reason for an artefact of the same stage version from other code."""
-NO_CODE = "computed by unknown code; use --force to compute the stage again"
+NO_CODE = "computed by an earlier release of strainsight; use --force to compute the stage again"
 """Reason for an artefact of an earlier release."""
 
 Locate = Callable[[str], str | None]

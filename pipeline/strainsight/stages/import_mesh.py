@@ -44,7 +44,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     ignored = sum(mesh.ignored.values())
     felt = () if config.matrices or config.results else tuple(ignored_structure(mesh))
     which = (
-        f" ({', '.join(felt[:3])}{', …' * (len(felt) > 3)} may change the stiffness or mass; see the tables of import)"
+        f" ({', '.join(felt[:3])}{', …' * (len(felt) > 3)} may change the stiffness or mass; see the tables of the stage import)"
         if felt
         else ""
     )

@@ -153,15 +153,25 @@ def run(context: Context[PlacementConfig]) -> Output:
     trend, noise = report.trend, report.noise
     assert noise is not None
     datasets = {
-        "/trend/count": Dataset(trend.count, "1", "number of remaining gauges"),
+        "/trend/count": Dataset(trend.count, "1", "number of gauges, initially and after each removal"),
         "/trend/metric": Dataset(
-            trend.value, "1", f"{trend.metric.symbol} with /trend/count gauges", ("/trend/count",)
+            trend.value,
+            "1",
+            f"placement criterion {trend.metric.symbol} of the layout with /trend/count gauges",
+            ("/trend/count",),
         ),
-        "/noise/level": Dataset(noise.level, "1", "ratio of gauge noise to the RMS of the strongest candidate"),
+        "/noise/level": Dataset(
+            noise.level,
+            "1",
+            "ratio of the noise standard deviation of a gauge to the RMS strain of the strongest candidate",
+        ),
     }
     for key, by_name in (("error", noise.error), ("std", noise.std)):
         for name, values in by_name.items():
-            what, axis = f"{key} of {name} at the noise /noise/level", ("/noise/level",)
+            what, axis = (
+                f"relative {'σ' if key == 'std' else key} of {name} at the gauge noise /noise/level",
+                ("/noise/level",),
+            )
             datasets[f"/noise/{key}/{name}"] = Dataset(values, "1", what, axis)
     return Output(
         datasets=datasets,

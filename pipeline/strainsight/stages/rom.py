@@ -41,7 +41,8 @@ def run_rom(context: Context[PlacementConfig]) -> Output:
             "basis_size": reduced.model.size,
             "projection_error": worst,
         },
-        message=f"{size} unknowns reduced to {reduced.model.size}, first mode {hertz(first, 2)} Hz, held-out error {worst:.1e}",
+        message=f"{size} unknowns reduced to {reduced.model.size}, first mode {hertz(first, 2)} Hz, "
+        f"relative error of the reduced model {worst:.1e}",
         tables=warnings_table([f"{source}: {text}" for text in other.notes] if other else ()),
     )
 
@@ -62,7 +63,7 @@ def run_modes(context: Context[PlacementConfig]) -> Output:
     modes = modes_of(config, inputs.mesh(context), context)
     frequency, size = modes.frequency, len(modes.shape)
     guesses = {name: reference_value(name, entry.guess, context.files) for name, entry in config.parameters.items()}
-    values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the deck"
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the values of the deck"
     return Output(
         datasets=written(modes),
         summary={"unknowns": size, "modes": len(frequency), "first": float(frequency[0]), "last": float(frequency[-1])},
@@ -91,7 +92,7 @@ def run_spectrum(context: Context[PlacementConfig]) -> Output:
     """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
     spectrum = spectrum_of(context.config, inputs.mesh(context), context)
     frequency, size = spectrum.frequency, len(spectrum.shape)
-    message = "mode shapes depend on the parameters; validate computes the modes of the simulated test"
+    message = "mode shapes depend on the parameters; the stage validate computes the modes of the simulated test"
     if len(frequency):
         band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
         message = f"{len(frequency)} modes of {size} unknowns, {band} at the centre of the parameter ranges"

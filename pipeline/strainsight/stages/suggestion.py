@@ -65,7 +65,9 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
     faces = None if facets is None else faces_of(converted.position, facets)
     return Suggestion(
         *(units or ("", "")),
-        odd=f"E {stiff[0]:.4g} and ρ {stiff[1]:.4g} are implausible in all common units" if stiff and not units else "",
+        odd=f"E = {stiff[0]:.4g} and ρ = {stiff[1]:.4g} are implausible in all common units"
+        if stiff and not units
+        else "",
         region=region,
         several_moduli=bool(count) and bool(without_modulus(mesh, region)),
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
@@ -166,7 +168,7 @@ def _of_mass(pulls: Sequence[BodyForce]) -> str:
             words.append(f"gravity of {g:.4g} m/s² along {_unit(pull.factor * pull.acceleration)}")
         if speed := float(np.linalg.norm(pull.rotation)):
             words.append(f"rotation at {speed:.4g} rad/s about {_unit(pull.rotation)}")
-    return f"{', '.join(words) or 'zero load'} on all mass"
+    return f"{', '.join(words) or 'zero load'}, acts on the whole mass"
 
 
 def _unit(v: np.ndarray) -> str:

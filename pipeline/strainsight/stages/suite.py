@@ -200,14 +200,15 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
     value = numbers.get(name)
     if isinstance(value, bool | int | float):
         if isinstance(value, bool) != (measure.equals is not None):
-            what = f"'{name}' is {'true or false' if isinstance(value, bool) else 'a number'} in '{run.name}'"
-            remedy = "use equals: true or false" if isinstance(value, bool) else "set above or below"
+            boolean = isinstance(value, bool)
+            what = f"the result '{name}' of run '{run.name}' is {'true or false' if boolean else 'a number'}"
+            remedy = "set `equals`, not `above` and `below`" if boolean else "set `above` or `below`, not `equals`"
             raise ConfigError(what, key=measure.key, remedy=remedy)
         return float(value)
     if value is None and numbers.get("lost"):
         return float("nan")
     known = [key for key in numbers if not isinstance(numbers[key], str)]
-    what = f"result '{name}' not found in the stage '{measure.stage}' of '{run.name}'"
+    what = f"result '{name}' not found in the stage '{measure.stage}' of run '{run.name}'"
     raise ConfigError(
         what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"use one of {', '.join(known)}")
     )
@@ -295,7 +296,7 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
         tables.append(
             Table(
                 "published and computed numbers",
-                ("source", "published", "with published settings", "with other settings", "result"),
+                ("source", "published", "computed with published settings", "computed with other settings", "result"),
                 compared,
             )
         )
@@ -316,14 +317,14 @@ def _rows(run: SuiteRun, columns: int, mixed: bool) -> Iterator[tuple[str, ...]]
     """A row an unknown; mixed: runs differ in their metric."""
     label, layout = run.label, () if isinstance(run, BenchPageRun) else _layout_cells(run, mixed)
     if isinstance(run, BenchPageRun) and not run.unknowns:
-        yield (label, "", f"not estimated ({run.reached})", *[""] * (columns - 3))
+        yield (label, "", f"not estimated (last stage: {run.reached})", *[""] * (columns - 3))
     for unknown in _unknowns(run):
         cells = [_percent(unknown[key]) for key in ("error", "smoothed", "std", "expected") if key in unknown]
         if isinstance(run, BenchPageRun):
             cells += ["" if (fit := unknown[key]) is None else f"{fit:.5g}" for key in ("slope", "ratio_slope")]
         else:
             cells.append(_repeats(unknown["repeats"]))
-            unknown["verdict"] = unknown["verdict"] or f"not estimated ({run.reached})"
+            unknown["verdict"] = unknown["verdict"] or f"not estimated (last stage: {run.reached})"
         yield (label, unknown["name"], *layout, *cells, unknown["verdict"])
         label, layout = "", ("",) * len(layout)
 
@@ -360,7 +361,7 @@ def run(context: Context[SimpleNamespace]) -> Output:
     wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in FAULTS)
     none = without_benefit(suite)
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
-    message += f"; placement has no benefit in {len(none)} runs" * bool(none)
+    message += f"; placement has no benefit in {len(none)} run{'s' * (len(none) != 1)}" * bool(none)
     message += f"; {confirmed} of {len(results)} claims confirmed" if results else ""
     agreeing = sum(row.result == HOLDS for row in suite.comparisons)
     message += f"; {agreeing} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""

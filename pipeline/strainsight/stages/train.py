@@ -70,21 +70,27 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     )
     words = ("candidates", "bonded", "accelerometers", "displacement sensors")
     counts = ", ".join(f"{kind.sum()} {word}" for kind, word in zip(kinds, words, strict=True) if kind.any())
-    parts = [counts, f"{steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m"]
+    parts = [counts, f"{steps} steps, largest RMS strain {1e6 * strongest:.4g} µm/m"]
     if cases:
         parts[1] += f" in {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
     if strongest > LARGE_STRAIN:
-        parts.append("the strain is unusually large: check the units of load and modulus")
+        parts.append("the strain is unusually large: check the units of loads and moduli")
     if surface is not None:
         moved = float(surface.moved.max(initial=0.0))
         notes = (
-            (len(surface.moved), f"bonded gauges moved by up to {1e3 * moved:.2g} mm"),
-            (surface.left_out, f"{surface.left_out} locations omitted: the grid would cross a sharp edge"),
-            (surface.alone, f"{surface.alone} locations omitted: no opposite facet for the arms of a bridge"),
-            (surface.twice, f"{surface.twice} duplicate bridges omitted (same bridge from the opposite side)"),
+            (len(surface.moved), f"bonded gauges moved to the surface by up to {1e3 * moved:.2g} mm"),
+            (
+                surface.left_out,
+                f"locations omitted because the gauge grid would cross a sharp edge: {surface.left_out}",
+            ),
+            (
+                surface.alone,
+                f"locations omitted for lack of an opposite facet for the arms of a bridge: {surface.alone}",
+            ),
+            (surface.twice, f"duplicate bridges omitted (same bridge from the opposite side): {surface.twice}"),
             (
                 len(surface.empty),
-                f"zone {', '.join(surface.empty)} contains no facet: check that the zone is in metres",
+                f"no surface facet in {', '.join(surface.empty)}: check that the zone is in metres",
             ),
         )
         parts += [text for count, text in notes if count]
@@ -168,10 +174,12 @@ def run_screen(context: Context[PlacementConfig]) -> Output:
         numbers = {"clearance": clearance.distance}
         _warn(clearance_warning(clearance))
     if dropped[BEND]:
-        parts.append(f"{dropped[BEND]} removed on surfaces below the bend radius")
+        parts.append(
+            f"candidates removed because the surface radius is below the bend radius of the gauge: {dropped[BEND]}"
+        )
     bent = bent_gauges(structure)
     if count := int((bent & pool.bonded[pool.first]).sum()):
-        parts.append(f"{count} bonded gauges on surfaces below the bend radius")
+        parts.append(f"bonded gauges on a surface with a radius below their bend radius: {count}")
     _warn(bent_warning(structure, bent), quiet_noise(training, screened), loud_noise(training, screened))
     if kind := type_in_words(config):
         parts.append(kind)
@@ -195,7 +203,7 @@ def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) ->
         if settings.keep != "all" and kept_count < min(settings.keep, clear):
             name = str(screened.family[int(i)])
             spacing = f"{1e3 * settings.minimum_spacing:g} mm apart", "reduce screen.minimum_spacing"
-            too_large = "within their range", "use sensors with a larger range"
+            too_large = "within their measuring range", "use sensors with a larger measuring range"
             faults, remedy = zip(
                 *[words for code, words in ((NEAR, spacing), (OVER_RANGE, too_large)) if code in reasons], strict=True
             )
@@ -252,7 +260,7 @@ def run_observe(context: Context[PlacementConfig]) -> Output:
     return Output(
         datasets=written(observed),
         summary={f"condition.{case}": float(value) for case, value in zip(observed.case, condition, strict=True)},
-        message=f"{cases}, worst condition {condition[worst]:.2g} for {_unknowns(observed, worst)}{where}",
+        message=f"{cases}, worst condition number {condition[worst]:.2g} for {_unknowns(observed, worst)}{where}",
         tables=(_table(observed),),
     )
 
@@ -275,7 +283,7 @@ def _table(observed: Observed) -> Table:
         *(f"condition, {e}" for e in observed.excitation),
         *(f"unscaled condition, {e}" for e in observed.excitation),
     )
-    title = "observability: condition number of the PBH matrix, scaled, and unscaled as in the thesis"
+    title = "observability: condition number of the PBH matrix (Popov-Belevitch-Hautus), scaled and unscaled"
     return Table(title, ("unknown", *columns, "weakly observable"), rows)
 
 

@@ -81,7 +81,7 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
     rows = cells(text)
     assert [row[0] for row in rows] == [
         "|chosen layout| (elimination, exchange)", "certified lower bound", "log-determinant", "effective independence",
-        "random (median of 10 sets)",
+        "random layout (median of 10)",
     ]  # fmt: skip
     chosen = report.criteria[0]
     assert rows[0][1:] == [chosen.values[0], 1.0, *chosen.values[1:], 1.15e3, 1.65e8]

@@ -224,7 +224,7 @@ class _Session:
             )
         remedy = ""
         if hello["complex"]:
-            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "use a build for real numbers"
+            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "use a PETSc build for real numbers"
         elif not hello["mumps"]:
             what, remedy = (
                 f"PETSc {hello['petsc']} is built without MUMPS",
@@ -302,8 +302,8 @@ class _Session:
                     f"the processes of `{' '.join(self.programs.launcher)}` were not connected after {limit:g} s"
                     f"{self._last_output()}",
                     key="solver",
-                    remedy=f"try it on {self.programs.python} -c 'from slepc4py import SLEPc'; another launcher: "
-                    f"export {LAUNCHER}='mpiexec -n 4'",
+                    remedy=f"test the launcher with {self.programs.python} -c 'from slepc4py import SLEPc'; "
+                    f"to set another launcher: export {LAUNCHER}='mpiexec -n 4'",
                 )
             time.sleep(pause)
             pause = min(1.2 * pause, LONG)

@@ -47,20 +47,20 @@ def statics(context: Context[BenchConfig]) -> Output:
     rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
     tables = (
         Table("frame positions in equilibrium [m]", ("frame", "x", "y", "z"), tuple(where)),
-        Table("joint loads on the second frames", ("joint", "x", "y", "z", "unit"), tuple(loads)),
+        Table("joint loads on the second frame of each joint", ("joint", "x", "y", "z", "unit"), tuple(loads)),
         Table("drives [N or N m]", ("drive", "force"), tuple(drives)),
         Table("bearings", ("bearing", "highest pressure"), tuple(rings)),
         *warnings_table([*overloaded(config, pressed), *unstable]),
     )
-    state = f"unstable, {rest.growth:.3g} 1/s" if unstable else "stable"
+    state = f"unstable, growth rate {rest.growth:.3g} 1/s" if unstable else "stable"
     first = next((float(f) for f in rest.modes.frequency if f > 0), 0.0)
-    lowest = f", lowest frequency {first:.4g} Hz" if first else ""
+    lowest = f", lowest natural frequency {first:.4g} Hz" if first else ""
     return Output(
         datasets=written(record, dataset_units(config, record.inputs)),
         summary={"coordinates": len(record.q), "growth": rest.growth, "first_frequency": first}
         | {f"pressure.{name}": pressure for name, pressure in pressed.items()}
         | {f"force.{name}": force for name, force in record.drives.items()},
-        message=f"equilibrium of {len(record.q)} coordinates, {state}{lowest}",
+        message=f"equilibrium of {len(record.q)} generalised coordinates, {state}{lowest}",
         tables=tuple(table for table in tables if table.rows),
     )
 
@@ -77,10 +77,11 @@ def modes(context: Context[BenchConfig]) -> Output:
     grid, attributes = vtkhdf_datasets(modes_in_space(rest)) if len(record.frequency) else ({}, {})
     rows = [_row(rest, record, k) for k in range(min(LISTED, len(record.frequency)))]
     oscillating = record.frequency[record.frequency > 0]
-    text = f"{len(record.frequency)} coupled modes"
+    text = f"{len(record.frequency)} coupled mode{'s' * (len(record.frequency) != 1)}"
     text += f", {oscillating[0]:.4g} to {oscillating[-1]:.4g} Hz" if len(oscillating) else ""
     free, topples = int(np.sum(record.stiffness == 0)), int(np.sum(record.stiffness < 0))
-    text += f"; {free} unconstrained" * (free > 0) + f"; unstable, {rest.growth:.3g} 1/s" * (rest.growth > 0)
+    text += f"; {free} unconstrained mode{'s' * (free != 1)}" * (free > 0)
+    text += f"; unstable, growth rate {rest.growth:.3g} 1/s" * (rest.growth > 0)
     return Output(
         datasets=written(record) | grid,
         attributes=attributes,

@@ -32,7 +32,9 @@ def _other_bench(context: Context[object]) -> Simulated | None:
     artefact = Artefact(context.files[key])
     if artefact.header.stage != "simulate":
         raise ArtefactError(
-            f"{artefact.path.name} is an artefact of stage '{artefact.header.stage}', not of 'simulate'", key=key
+            f"{artefact.path.name} is the results file of the stage '{artefact.header.stage}', not of the stage 'simulate'",
+            key=key,
+            remedy="set the key to the name of a bench run, or to the file simulate.h5 of a run",
         )
     return read(Simulated, artefact)
 

@@ -36,14 +36,14 @@ def run_import(context: Context[BenchConfig]) -> Output:
             raise ConfigError(
                 f"{deck.springs[0]}: a flexible body cannot have springs",
                 key=key,
-                remedy="define the springs as forces of the bench, and ignore the springs of the deck (mesh.ignore)",
+                remedy=f"define the springs in the section `forces`, and ignore those of the deck with `{key}.ignore`",
             )
         if deck.thin:
             raise ConfigError(
                 f"the body has {', '.join(block.kind for block in deck.thin)} elements, but a flexible body "
                 "supports solids only",
                 key=key,
-                remedy="use solids, or ignore these elements (mesh.ignore)",
+                remedy=f"use solids, or ignore these elements with `{key}.ignore`",
             )
         mesh = meshes[name] = scaled(deck, float(body.scale))
         weight, quality = checked(mesh, body.mesh, key)
@@ -59,7 +59,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
             f"mass.{name}": float(weight[0]),
             f"extent.{name}": size_of(mesh),
         }
-        parts.append(f"{name} {len(mesh.node_ids)} nodes, {weight[0]:.5g} kg")
+        parts.append(f"{name}: {len(mesh.node_ids)} nodes, {weight[0]:.5g} kg")
     return Output(
         datasets=written(Meshes(bodies=meshes)),
         summary=summary,

@@ -123,7 +123,9 @@ def run(context: Context[BenchConfig]) -> Output:
     # artefacts need at least one array
     shown = report.simulated or report.estimated
     return Output(
-        datasets={} if shown is None else {"/time": Dataset(shown.time, "s", "time of the histories on the page")},
+        datasets={}
+        if shown is None
+        else {"/time": Dataset(shown.time, "s", "time of the time histories on the results page")},
         summary={"figures": count, "pictures": len(pictures), "warnings": len(report.warnings)},
         message=f"report.html, {count} figures, {len(page) / 1024:.0f} KiB"
         + (f"; no 3D pictures: {problem}" if problem else ""),

@@ -120,19 +120,21 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
             notes.append(f"{name} is {claims[0].words(number)}")
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(
-                f"Random sets from all candidates have a median σ of {100 * np.nanmedian(random):.2g} % for "
-                f"{name}, but the layout has {100 * std:.2g} %: the screening removed better locations. Try screen.keep: all"
+                f"Random layouts from all candidates before screening have a median σ of {100 * np.nanmedian(random):.2g} % "
+                f"for {name}, this layout {100 * std:.2g} %: the screening removed better locations. Set screen.keep: all"
             )
     notes += map(capital, disagreements_in_words(validated.compared))
     if lost := int(summary["lost_runs"]):
-        notes.append(f"{lost} runs of the studies diverged and are excluded from the medians")
+        notes.append(f"The medians of the studies exclude the diverged filter runs ({lost})")
     return [f"{note}." for note in notes]
 
 
 def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tuple[str, ...]:
     notes = ["No test data: the measurements are simulated."]
     if place.by_case is not None:
-        notes.append("Load cases: the measurements are simulated under the configured loads.")
+        notes.append(
+            "The measurements are simulated under the configured loads, not under the load cases of the placement."
+        )
     if config.validation.truth.model == "rom":
         notes.append("The simulated test uses the model of the filter, so no model error was tested.")
     elif config.validation.truth.model == "modes":
@@ -143,7 +145,9 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
         notes.append("Gauge positions are exact: imported rows of the strain operator cannot be moved or rotated.")
     errors = tolerances_of(config.tolerances)
     outside = "temperature" * (errors.temperature == 0), "drift" * (errors.drift == 0), "deformation of the supports"
-    notes.append(f"{', '.join(filter(None, outside)).capitalize()} and the bond are not part of this model.")
+    notes.append(
+        f"{', '.join(filter(None, outside)).capitalize()} and the adhesive bond of the gauges are not part of this model."
+    )
     return tuple(notes)
 
 
@@ -246,7 +250,7 @@ def criteria_of(names: list[str], place: Artefact) -> tuple[data.Criteria, ...]:
     random = sorted((i for i, rule in enumerate(rules.rule) if rule not in RULES), key=lambda i: rules.value[i, 0])
     shown = {i: RULES[rule] for i, rule in enumerate(rules.rule) if rule in RULES}
     if random:
-        shown[random[(len(random) - 1) // 2]] = f"random (median of {len(random)} sets)"
+        shown[random[(len(random) - 1) // 2]] = f"random layout (median of {len(random)})"
     return tuple(
         data.Criteria(words, tuple(rules.value[i].tolist()), {name: float(rules.std[name][i]) for name in names})
         for i, words in shown.items()

@@ -100,9 +100,9 @@ def _measure(
             raise wrong(
                 suite,
                 f"{key}.{'run' if measure.stage is None else 'stage'}",
-                f"runs[{place}], '{runs[place].config.data['name']}', does not have the stage '{stage}'; its "
-                f"stages are {', '.join(stages[place])}",
-                "use an available stage, or remove `until`",
+                f"runs[{place}], '{runs[place].config.data['name']}', does not have the stage '{stage}'; the "
+                f"run has the stages {', '.join(stages[place])}",
+                f"set `stage` to one of these stages, or remove `until` from runs[{place}]",
             )
     return measure.model_dump(mode="json", include=set(Measure.model_fields) - {"run", "against"}) | {
         "key": key, "runs": named, "against": other, "number": list(as_texts(measure.number)), "stage": stage,

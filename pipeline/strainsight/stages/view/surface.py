@@ -29,7 +29,7 @@ def strain_view(title: str, layout: PictureLayout, strains: Sequence[SurfaceStra
     """One panel per load, side by side. Raises UserError without strain."""
     if not strains:
         raise UserError(
-            "no strain to show: the model has no solids, or they have no material",
+            "no strain to show: the model has no solids with a material",
             remedy="use --what layout, or set mesh.materials",
         )
     panels = tuple(Panel(caption(strain), strain.strain * MICRO) for strain in strains)
@@ -60,7 +60,7 @@ def caption(strain: SurfaceStrain) -> str:
     if strain.load:
         unit = strain.unit.replace("N m", "N·m").replace("^2", "²")
         size = f"× {number(strain.size)}" if unit == "1" else quantity(strain.size, unit)
-        return f"{strain.load} alone, {size} {'against inertia' if strain.free else 'at rest'}"
+        return f"{strain.load} alone, {size}, {'static with inertia relief' if strain.free else 'static'}"
     run = f"load case {strain.case}" if strain.case else "training run"
     return f"{run}, t = {strain.instant:.4g} s"
 

@@ -80,7 +80,7 @@ def _modes(title: str, layout: PictureLayout, mesh: Mesh, part: ReducedBody) -> 
     still = ~np.any([np.any(rows, axis=0) for rows in part.interface.values()], axis=0)
     fixed = np.flatnonzero(still)[: len(part.frequency)]
     shapes = np.moveaxis(part.basis[:, fixed].reshape(len(mesh.position), 3, -1), 2, 0)
-    return modes_view(f"{title}, fixed interfaces", layout, shapes, part.frequency)
+    return modes_view(f"{title}, modes with fixed interfaces", layout, shapes, part.frequency)
 
 
 def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
@@ -89,8 +89,8 @@ def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
     step = np.full(len(pool), len(removed) + 1.0)
     step[removed] = np.arange(1, len(removed) + 1)
     outside = replace(layout, pool=np.delete(position, pool, axis=0))
-    title = f"{title}, {len(position)} candidates, {len(pool)} in the pool"
-    return _dotted(title, outside, position[pool], step, "step of removal", "–")
+    title = f"{title}, {len(position)} candidates, {len(pool)} after screening"
+    return _dotted(title, outside, position[pool], step, "step in which the candidate was removed", "–")
 
 
 def _dotted(
@@ -175,11 +175,11 @@ def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | No
     shown = next(iter(records)) if record is None else record
     if record is not None and record not in names:
         raise UserError(
-            f"--record {record}: the test has {'no record with that name' if names else 'one record'}",
+            f"--record {record}: the test has {'no record with that name' if names else 'only one record'}",
             where=str(estimate.path),
             remedy=did_you_mean(record, names, f"use one of the records {', '.join(names)}")
             if names
-            else "omit the option",
+            else "omit --record",
         )
     estimated, of = records[shown], f", record {shown} of {', '.join(names)}" * bool(shown)
     title = f"{name}: estimate of the test {estimated.source.file}{of}"
@@ -204,14 +204,14 @@ def _placement_candidates(name: str, layout: PictureLayout, train: Artefact) -> 
     rms = training.rms[candidates.channel_of_grid[strains]]
     others = candidates.first[candidates.quantity[candidates.first] != STRAIN]
     title, layout = f"{name}: {candidates.gauges} candidates", replace(layout, pool=candidates.position[others])
-    return _dotted(title, layout, grids.position[strains], rms * MICRO, "RMS training strain", "µm/m")
+    return _dotted(title, layout, grids.position[strains], rms * MICRO, "RMS strain of the training run", "µm/m")
 
 
 def _strain(title: str, layout: PictureLayout, up: Mapping[str, Artefact]) -> View:
     field, candidates = read(Validated, up["validate"]).field, read(Training, up["train"]).candidates
     grids, strain = candidates.grids, field.strain[candidates.channel_of_grid]
     known = np.flatnonzero(np.isfinite(strain) & (grids.quantity == STRAIN))
-    layout, when = replace(layout, pool=NOTHING), f"t = {field.instant:.4g} s, largest true strain"
+    layout, when = replace(layout, pool=NOTHING), f"t = {field.instant:.4g} s (largest true strain)"
     quantity = "estimated strain of every candidate"
     return _dotted(title, layout, grids.position[known], strain[known] * MICRO, quantity, "µm/m", when)
 
@@ -298,7 +298,7 @@ def opened(stages: Sequence[str], folder: Path) -> dict[str, Artefact]:
     for stage, artefact in artefacts.items():
         if artefact.header.stage != stage:
             raise ArtefactError(
-                f"this is an artefact of stage '{artefact.header.stage}', not of '{stage}'",
+                f"the file is the result of the stage '{artefact.header.stage}', not of the stage '{stage}'",
                 where=str(artefact.path),
                 remedy=f"run the stage again: strainsight {stage} CONFIG --force",
             )
@@ -323,9 +323,9 @@ def view_of(
     "test" or "validation", whose field, None: the test's where there is one; record: of a test of several, None: the first.
     Raises UserError for what the run does not have or has not computed yet."""
     if body is not None and not isinstance(config, BenchConfig):
-        raise UserError(f"--body {body}: a placement has a single body", where=config_file, remedy="omit the option")
+        raise UserError(f"--body {body}: a placement has a single body", where=config_file, remedy="omit --body")
     if of is not None and (isinstance(config, BenchConfig) or what not in (None, "field")):
-        remedy = "omit the option; a bench has one field" if isinstance(config, BenchConfig) else "use --what field"
+        remedy = "omit --of: a bench has only one field" if isinstance(config, BenchConfig) else "use --what field"
         raise UserError(f"--of {of}: this view has one source only", where=config_file, remedy=remedy)
     shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
     available = VALIDATION if missing_stages(folder, [STAGE[TEST]]) else TEST
@@ -338,18 +338,14 @@ def view_of(
         read = offers.gauges
     up = opened(read, folder)
     if at is not None and not (picked in ("field", "strain") and "/VTKHDF/Steps" in up[read[-1]]):
-        remedy = (
-            "omit the option, or use --what field"
-            if picked != "field"
-            else "omit the option; the field has one instant only"
-        )
+        remedy = "omit --at, or use --what field" if picked != "field" else "omit --at: the field has one instant only"
         remedy += "; set `estimate.field` for a field over time" * (read[-1] == STAGE[TEST])
-        raise UserError(f"--at {at:g}: the view {picked} does not depend on time", where=config_file, remedy=remedy)
+        raise UserError(f"--at {at:g}: the view '{picked}' does not depend on time", where=config_file, remedy=remedy)
     if record is not None and (isinstance(config, BenchConfig) or picked != "field" or read[-1] != STAGE[TEST]):
         raise UserError(
-            f"--record {record}: the view {picked} does not depend on a record",
+            f"--record {record}: the view '{picked}' does not depend on a record",
             where=config_file,
-            remedy="use --what field",
+            remedy="omit --record, or, for the test of a placement, use --what field --of test",
         )
     if isinstance(config, BenchConfig):
         return bench_view(config, picked, shown, up, at), read
