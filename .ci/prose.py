@@ -149,23 +149,11 @@ def is_sentence(text):
     return len(re.findall(r"(?<![\w/.-])[A-Za-z]{2,}(?![\w/-])", text)) >= 3
 
 
-def local_texts(function):
-    """Texts of the local variables of a function that are set to nothing else."""
-    values, texts = {}, {}
-    for node in ast.walk(function):
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            values.setdefault(node.targets[0].id, []).append(joined(node.value, texts))
-            if None not in (parts := values[node.targets[0].id]):
-                texts[node.targets[0].id] = parts[0] if len(parts) == 1 else f"[{'|'.join(parts)}]"
-            else:
-                texts.pop(node.targets[0].id, None)
-    return texts
-
-
 def entries(node, texts={}, key=""):  # noqa: B006  # never changed
     """(line, text) of what a reader meets together: a message with its remedy, a key with its description."""
     if isinstance(node, ast.FunctionDef):
-        texts = local_texts(node)
+        yield from in_order(node.body, {})
+        return
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
         return
     is_call = isinstance(node, ast.Call)
@@ -179,13 +167,42 @@ def entries(node, texts={}, key=""):  # noqa: B006  # never changed
         for name, value in zip(node.keys, node.values, strict=True):
             yield from entries(value, texts, (name and joined(name)) or "")
         return
-    elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id in texts:
-        return
     else:
         key = node.target.id if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) else ""
         nodes = list(ast.iter_child_nodes(node))
     for child in nodes:
         yield from entries(child, texts, key)
+
+
+def in_order(statements, texts):
+    """Entries of the statements of a function; texts: those of its local variables, as the statements set them."""
+    for statement in statements:
+        name = getattr(statement, "targets", [None])[0]
+        bodies = [
+            getattr(statement, part) for part in ("body", "orelse", "finalbody") if getattr(statement, part, None)
+        ]
+        bodies += [case.body for case in (*getattr(statement, "handlers", ()), *getattr(statement, "cases", ()))]
+        if isinstance(statement, ast.Assign) and isinstance(name, ast.Name):
+            if (text := joined(statement.value, texts)) is None:
+                yield from entries(statement.value, texts)
+                texts.pop(name.id, None)
+            else:
+                texts[name.id] = text
+        elif not bodies or isinstance(statement, (ast.FunctionDef, ast.ClassDef)):
+            yield from entries(statement, texts)
+        else:
+            for part in ast.iter_child_nodes(statement):
+                if isinstance(part, ast.expr):
+                    yield from entries(part, texts)
+            ends = [] if getattr(statement, "orelse", None) else [dict(texts)]
+            for body in bodies:
+                branch = dict(texts)
+                yield from in_order(body, branch)
+                if not isinstance(body[-1], (ast.Return, ast.Raise, ast.Continue)):
+                    ends.append(branch)
+            for each in {name for end in ends for name in end}:
+                found = list(dict.fromkeys(end.get(each) for end in ends))
+                texts[each] = found[0] if len(found) == 1 else f"[{'|'.join(filter(None, found))}]"
 
 
 def user_sentences():
