@@ -145,7 +145,7 @@ def test_the_robust_layout_loses_least_in_its_worst_failure():
 @pytest.mark.parametrize(
     ("changes", "key", "says"),
     [
-        (("place.metric_over=[dwn]",), "place.metric_over[0]", "no unknown of estimate.inputs"),
+        (("place.metric_over=[dwn]",), "place.metric_over[0]", "no entry of estimate.inputs with the name"),
         (("place.prove=1", "place.optimise=worst_failure"), "place.prove", "not for worst_failure"),
         (("place.keep=1", BONDED.replace("direction: [1, 0, 0]", "direction: [1, 0, 0], angles: [0, 90]")),
          "place.keep", "2 gauges are already bonded"),

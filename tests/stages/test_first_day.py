@@ -84,7 +84,7 @@ FILES = {
 """What the files contradict, before the import."""
 WORDS = {
     "a misspelt override": (["run", "test.yaml", "--set", "place.kep=3"], "--set place.kep  place.kep", "did you mean keep?"),
-    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  the config is larger than 128 KiB", "not a deck"),
+    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  the config is larger than 128 KiB", "not of a mesh file"),
     "a misspelt config": (["run", "tset.yaml"], "tset.yaml  config file not found", "create one with `strainsight init DECK`"),
     "a config for a deck": (["init", "test.yaml"], "test.yaml  the file is a config, not a deck", "strainsight run test.yaml"),
 }

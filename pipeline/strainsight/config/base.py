@@ -76,7 +76,7 @@ def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
     names = [f"'{name}'" for name, value in values.items() if value is not None]
     if len(names) != 1:
         listed = [f"'{name}'" for name in values]
-        what = f"{' and '.join(names)} are both set" if names else f"none of {', '.join(listed)} is set"
+        what = f"{' and '.join(names)} cannot be combined" if names else f"none of {', '.join(listed)} is set"
         yield Problem(key, what, f"set exactly one of {', '.join(listed)}", at_key=True)
 
 
@@ -85,8 +85,8 @@ def step_problems(key: str, duration: float, step: float, fewest: int, most: int
     may change as well."""
     steps = duration / step
     if not fewest * (1 - 1e-9) <= steps <= most:
-        limit = f"at least {fewest}" if steps < fewest else f"at most {most}"
-        yield Problem(key, f"a duration of {duration:g} s has {steps:.3g} steps of {step:g} s", f"use {limit} steps")
+        remedy = f"change the time step to get {f'at least {fewest}' if steps < fewest else f'at most {most}'} steps"
+        yield Problem(key, f"the duration of {duration:g} s is {steps:.3g} times the time step of {step:g} s", remedy)
     elif abs(steps - round(steps)) > 1e-6 * steps:
         what = f"the step of {step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
         longer = f", or {other}: {step * round(steps):.9g}" if other else ""
@@ -110,9 +110,8 @@ def duplicate_name_problems(key: str, names: Sequence[str]) -> Iterator[Problem]
 def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
     """Yield a problem unless the first corner is the lower one."""
     if any(low >= high for low, high in zip(*box, strict=True)):
-        yield Problem(
-            key, "the lower corner is not below the upper corner", "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]"
-        )
+        what = "the first corner of the box has to be below the second corner in x, y and z"
+        yield Problem(key, what, "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]")
 
 
 UNITS = {
@@ -236,7 +235,7 @@ def implausible(config: BaseModel, extent: float = inf) -> Iterator[Problem]:
 
 
 def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterator[Problem]:
-    size, unit = abs(value), "" if limits.unit == "-" else f" {limits.unit}"
+    size, unit = abs(value), "" if re.search("^-| or |^in ", limits.unit) else f" {limits.unit}"
     if value != 0 and not limits.low <= size <= limits.high:
         others = UNITS.get(limits.unit, {}).items()
         meant = (
@@ -249,9 +248,8 @@ def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterat
     elif size > limits.share * extent:
         share = "" if limits.share == 1 else f"{limits.share:g} times "
         what = f"{value:g} m is larger than {share}the size of the structure, {extent:.4g} m"
-        yield Problem(
-            key, what, f"use a length in m, at most {limits.share * extent:.2g}, or check the length unit of the mesh"
-        )
+        remedy = f"use a length in m, at most {limits.share * extent:.2g}, or check the key `length_unit` of the mesh"
+        yield Problem(key, what, remedy)
 
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
@@ -327,7 +325,10 @@ PARALLEL = 1e-6
 class AxesSection(Section):
     """A right-handed coordinate system, z = x × y."""
 
-    origin: Point = Field((0.0, 0.0, 0.0), description="Origin [m; for a datum in the length unit of the deck].")
+    origin: Point = Field(
+        (0.0, 0.0, 0.0),
+        description="Origin of the coordinate system [m; for `report.datum`: in the length unit of the deck].",
+    )
     x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of the x axis [-].")
     y: DirectionVector = Field((0.0, 1.0, 0.0), description="Vector in the x-y plane with a positive y component [-].")
 
@@ -337,7 +338,9 @@ class AxesSection(Section):
         along = sum(a * b for a, b in zip(x, y, strict=True))
         if any(x) and any(y) and along**2 >= (1 - PARALLEL) * sum(a * a for a in x) * sum(b * b for b in y):
             yield Problem(
-                "y", f"{list(y)} is parallel to the x axis, {list(x)}", "use another direction in the x-y plane"
+                "y",
+                f"{list(y)} is parallel to the x axis, {list(x)}",
+                "use a vector in the x-y plane that is not parallel to `x`",
             )
 
 

@@ -101,7 +101,8 @@ def _rename_values(data: dict[str, Any], places: Mapping[str, str]) -> None:
         if isinstance(section, dict) and section.get(last) == old:
             section[last] = new
             warnings.warn(
-                f"{_locate(places, key)}  {key}: '{old}' is now called '{new}'. Use the new name; the old one will be removed.",
+                f"{_locate(places, key)}  {key}: '{old}' is now called '{new}'. Write '{new}', since later versions do not "
+                f"accept '{old}'.",
                 UserWarning,
             )
 
@@ -136,7 +137,8 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     """Data, and the location of every value and of every key."""
     if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for
-        raise ConfigError("the config is not a regular file", where=str(path), remedy="write the config to a file")
+        remedy = "save the config in a file, and specify the path of this file"
+        raise ConfigError("the config is not a regular file", where=str(path), remedy=remedy)
     try:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST + 1)
@@ -144,7 +146,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
             raise ConfigError(
                 f"the config is larger than {LARGEST // 1024} KiB",
                 where=str(path),
-                remedy="specify a config, not a deck",
+                remedy="specify the path of a config, not of a mesh file",
             )
         text = raw.decode("utf-8-sig")
     except FileNotFoundError:
@@ -156,7 +158,9 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
         raise ConfigError("not UTF-8 text", where=f"{path}:{line}", remedy="save the file as UTF-8") from None
     except OSError as error:
         raise ConfigError(
-            f"the config cannot be read: {error.strerror}", where=str(path), remedy="specify a config file"
+            f"the config cannot be read: {error.strerror}",
+            where=str(path),
+            remedy="check the path and the permissions of the config file",
         ) from None
     try:
         document = parse(text)
