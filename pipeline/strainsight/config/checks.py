@@ -164,7 +164,7 @@ def _resolved(frequencies: Mapping[str, float], step: float, of: str) -> Iterato
 def _filter(config: PlacementConfig) -> Iterator[Problem]:
     if config.filter.method == "grid" and config.filter.drift:
         what = "parameters are constant in the grid filter"
-        yield Problem("filter.drift", what, "remove the key, or set filter.method: extended or sigma-point")
+        yield Problem("filter.drift", what, "remove filter.drift, or set filter.method to extended or sigma-point")
 
 
 def _drifting(config: PlacementConfig) -> Iterator[Problem]:

@@ -101,7 +101,7 @@ class DamageSettings(Section):
         1e6, description="Reference number of cycles N_eq of the damage-equivalent stress range [-]."
     )
     repetitions: Annotated[Positive, Plausible(1e-6, 1e12)] = Field(
-        1.0, description="Number of repetitions of the record [-]; the damage is that of all repetitions."
+        1.0, description="Number of repetitions of the record [-]; the damage is the sum over all repetitions."
     )
     hot_spots: Annotated[int, Field(ge=1, le=1000)] = expert(
         10, description="Number of hot spots (surface points with the largest damage) in the printed table [-]."
@@ -114,7 +114,7 @@ class DamageSettings(Section):
             yield Problem("curve.second_slope", "the S-N curve has no knee point", remedy, at_key=True)
         if curve.cut_off is not None and curve.knee is not None and curve.cut_off <= curve.knee:
             what = f"a cut-off at {curve.cut_off:g} cycles is not beyond the knee point at {curve.knee:g} cycles"
-            yield Problem("curve.cut_off", what, "increase `cut_off`, or remove it")
+            yield Problem("curve.cut_off", what, "increase `cut_off`, or remove `cut_off`")
         if curve.cut_off is not None and curve.knee is not None and curve.second_slope is None:
             what = "has no effect: without second_slope, stress ranges below the knee point cause no damage"
             yield Problem("curve.cut_off", what, "set `second_slope`, or remove `cut_off`", at_key=True)
@@ -244,7 +244,7 @@ RATES = {"Hz": 1.0, "kHz": 1e3}
 
 
 class ClockSection(Section):
-    """Time of the samples. UFF functions always contain their time; MDF4 and TDMS channels usually contain their time."""
+    """Time of the samples. UFF functions always contain the time; MDF4 and TDMS channels usually contain the time."""
 
     channel: Text | None = Field(
         None,
@@ -346,8 +346,8 @@ class EstimateOptions(Section):
     hold_out: Literal["each"] | None = expert(
         None,
         description="`each`: omit every gauge in turn (in a bench also every component of other sensors), and compare the "
-        "readings of this gauge with their prediction from the other sensors. This needs one more filter run for every "
-        "gauge, and for a structure one more smoother run. Null: no comparison.",
+        "readings of this gauge with the readings predicted from the other sensors. This needs one more filter run for "
+        "every gauge, and for a structure one more smoother run. Null: no comparison.",
     )
     accept: bool = expert(
         False,
@@ -399,7 +399,7 @@ class Estimate(RecordedFile, EstimateOptions):
     start: Literal["rest", "moving", "settled"] = Field(
         "moving",
         description="Initial motion. With `rest`: the structure is at rest at the start of the record. With `settled`: periodic "
-        "motion under known loads, which have to be sines or multisines in `loads`; their amplitudes and phases are taken "
+        "motion under known loads. Every load has to be a sine or a multisine in `loads`; amplitudes and phases are taken "
         "from the record. With `moving`: unknown motion.",
     )
     initial_std: Annotated[dict[Name, Positive], RELATIVE_STD] = expert(
@@ -418,7 +418,7 @@ class Estimate(RecordedFile, EstimateOptions):
     tune: Tune = expert(default_factory=Tune, description="Tuning of noise levels from the measurements.")
     loads_as_stated: bool = expert(
         False,
-        description="With `true`: unknown loads follow their `process_noise` exactly. With `false`: unknown loads are "
-        "arbitrary. Then parameters are estimated only from strains that no unknown load can cause, and σ of the parameters "
-        "is omitted if no load is known. The stages `place` and `validate` always assume arbitrary loads.",
+        description="With `true`: every unknown load follows the model in `process_noise` exactly. With `false`: unknown loads "
+        "are arbitrary. Then parameters are estimated only from strains that no unknown load can cause, and σ of the "
+        "parameters is omitted if no load is known. The stages `place` and `validate` always assume arbitrary loads.",
     )

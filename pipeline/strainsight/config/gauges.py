@@ -371,7 +371,7 @@ class Snapped(Section):
 class Noisy(Section):
     """A sensor with noise."""
 
-    noise_std: NoiseStd = Field(description="Noise standard deviation of every channel.")
+    noise_std: NoiseStd = Field(description="Noise standard deviation of one sample of every channel.")
 
 
 class SensorSites(Priced):

@@ -44,7 +44,7 @@ class Oscillation(Section):
 
 
 class SineSection(Oscillation):
-    """u(t) = a sin(2πft + φ)."""
+    """A sine: u(t) = a sin(2πft + φ)."""
 
     type: Literal["sine"] = Field(description="Kind of signal.")
     frequency: Frequency = Field(description="Frequency f of the sine [Hz].")
@@ -126,8 +126,9 @@ class InputNoise(TypicalMotion):
     )
     kappa: Annotated[Positive | None, Plausible(1e-6, 1e4)] = expert(
         None,
-        description="Factor κ of the noise intensity κω of `random_walk` and `integrated_random_walk` [-]. Null: 1/(2π), with "
-        "which the σ of the change of the load in one period is one amplitude (integrated: of the change of its rate).",
+        description="Factor κ of the noise intensity κω of `random_walk` and `integrated_random_walk` [-]. Null: 1/(2π). Then "
+        "the σ of the change of the load in one period is one amplitude (`integrated_random_walk`: the σ of the change of "
+        "the load rate is ω times one amplitude).",
     )
     smoothness: Literal["1/2", "3/2", "5/2"] = expert(
         "3/2", description="Smoothness ν of the Matérn model [-]: the load has ν − ½ continuous derivatives."
@@ -154,7 +155,7 @@ class LoadSection(Section):
         ge=1,
         description="Id of the loaded node in the deck [-]; it may be the reference node of an RBE2 or RBE3.",
     )
-    set: Text | None = Field(None, description="Name of a node set or face, instead of a node.")
+    set: Text | None = Field(None, description="Name of the loaded node set or face, instead of `node`.")
     deck_load: Text | None = Field(
         None,
         description="Name of a load of the deck, instead of `node` or `set` and `direction`. Nastran: FORCE-7 for load set 7 "

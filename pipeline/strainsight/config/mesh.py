@@ -171,15 +171,15 @@ class Support(Section):
     """A fixed support, or springs to the ground, in addition to the supports of the mesh file."""
 
     node: NodeId | None = Field(None, description="Id of the supported node.")
-    set: Text | None = Field(None, description="Name of a node set or face, instead of a node.")
+    set: Text | None = Field(None, description="Name of the supported node set or face, instead of `node`.")
     components: Components = Field(
         (1, 2, 3), description="Supported components: 1-3 are translations, 4-6 are rotations of a reference node."
     )
     stiffness: Annotated[NotNegative | Vector | None, STIFFNESS] = Field(
         None,
         description="Stiffness of springs to the ground, instead of a fixed support [N/m, for rotations N m/rad]. Either one "
-        "value for every component, or three values along x, y and z. The value is the stiffness of the whole support. It "
-        "is shared equally by the nodes of a set, and distributed over the area of a face. An estimated modulus does not "
+        "value for every component, or three values along x, y and z. The value is the stiffness of the whole support: the "
+        "nodes of a set have equal shares, and a face has a constant stiffness per area. An estimated modulus does not "
         "change this stiffness.",
     )
 
@@ -296,7 +296,7 @@ class MatrixTerm(Section):
 
 
 class Matrices(Section):
-    """Stiffness and mass matrices from another program, instead of matrices assembled here."""
+    """Stiffness and mass matrices from another program, instead of matrices assembled by strainsight."""
 
     numbering: Text = Field(
         description="CSV file with one line for each matrix row: node id, component 1-6; the header is node,component. Or a "
@@ -344,13 +344,13 @@ class ResultsFile(Section):
         "(universal), .rst (Ansys), .vtu or .vtk. Modes and responses without `file` are read from this file."
     )
     modes: ModesOfResults = expert(
-        default_factory=ModesOfResults, description="Step with the natural frequencies and mode shapes."
+        default_factory=ModesOfResults, description="File and step with the natural frequencies and mode shapes."
     )
 
 
 class SecondResults(ResultsFile):
-    """Modes and static responses at another value of one parameter, to separate the stiffness or mass of its regions from the
-    rest."""
+    """Modes and static responses at another value of one parameter, to separate the stiffness or mass of the regions of this
+    parameter from the rest."""
 
     parameter: Name = Field(
         description="Name of the parameter: a youngs_modulus, stiffness_factor or density of some regions."
@@ -371,14 +371,14 @@ class ResultsSection(ResultsFile):
 
     loads: dict[Name, ResponseOfLoad] = Field(
         {},
-        description="Static response to each load alone, by load name (`loads`). It contains the local deformation that the "
-        "modes cannot represent: without this response, the strain near the load is too small.",
+        description="Static response to each load alone, by load name (`loads`). The response contains the local deformation "
+        "that the modes cannot represent. Without this response, the strain near the load is too small.",
     )
     modal_mass: Literal["auto", "unit", "mesh"] = expert(
         "auto",
         description="Modal masses ΦᵀMΦ of the mode shapes. With `unit`: 1 in the units of the mesh. With `mesh`: computed from "
-        "the densities of the mesh. With `auto`: as stated in the results file; if the file does not state them, computed "
-        "from the densities of the mesh.",
+        "the densities of the mesh. With `auto`: as stated in the results file; if the file states no modal masses, as with "
+        "`mesh`.",
     )
     at: dict[Name, ParameterValue] = Field(
         {},
@@ -387,8 +387,8 @@ class ResultsSection(ResultsFile):
     )
     second: SecondResults | None = Field(
         None,
-        description="A second set of results, from the same model with another value of one parameter of some regions. It is "
-        "required for a parameter with `region`.",
+        description="A second set of results, from the same model with another value of one parameter of some regions. The "
+        "second set is required for a parameter with `region`.",
     )
 
 
@@ -427,8 +427,8 @@ class MeshFile(Section):
     mass: Literal["consistent", "lumped"] | None = expert(
         None,
         description="Mass matrix of solids. With `consistent`: ∫ ρ N_a N_b dV. With `lumped`: the diagonal of this matrix, "
-        "scaled to the mass of each element; use it to compare frequencies with programs that use lumped masses. Null: "
-        "`lumped` if a Nastran deck of solids requests it (PARAM,COUPMASS,-1), otherwise `consistent`.",
+        "scaled to the mass of each element; use `lumped` to compare frequencies with programs that use lumped masses. "
+        "Null: `lumped` if a Nastran deck of solids requests lumped masses (PARAM,COUPMASS,-1), otherwise `consistent`.",
     )
     spc: SetId | None = expert(
         None,

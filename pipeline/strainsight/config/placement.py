@@ -137,7 +137,7 @@ class ModalDamping(Section):
 
 
 class RayleighDamping(Section):
-    """C = αM + βK."""
+    """Rayleigh damping: C = αM + βK."""
 
     type: Literal["rayleigh"] = Field(description="Kind of damping.")
     alpha: Annotated[NotNegative, Plausible(1e-6, 1e3, "1/s")] = expert(

@@ -115,7 +115,7 @@ class StudySection(Noted):
     name: Text = Field(description="Name of the study, as in runs[].study; the page has a heading with this name.")
     over: Text | None = Field(
         None,
-        description="Dotted key that the runs vary, such as estimate.time_step. The figures show it on the "
+        description="Dotted key that the runs vary, such as estimate.time_step. The figures show the values of this key on the "
         "horizontal axis, with one line for each group.",
     )
     numbers: tuple[Text, ...] = expert(
@@ -141,7 +141,7 @@ def study_problems(studies: Sequence[StudySection], named: Sequence[str]) -> Ite
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 """A dotted key, as in --set place.keep=6."""
 OWN = {
-    "name": "set `name` of the run next to `config`",
+    "name": "set `name` in the entry of the run, next to `config`",
     "kind": "remove `kind`; the config of each run defines its kind",
 }
 
@@ -169,7 +169,7 @@ class SuiteRun(Overriding, Noted):
 
 
 class SuiteConfig(Overriding):
-    """A suite of runs: it updates each run, then compares them on one page."""
+    """A suite of runs. A suite updates each run, and then compares the runs on one page."""
 
     kind: Literal["suite"] = Field(description="Kind of config: suite of runs.")
     name: RunName = Field(description="Name of the suite; its page and results are written to results/NAME.")

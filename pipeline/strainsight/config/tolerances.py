@@ -31,8 +31,8 @@ class GaugeTolerances(Section):
 
     position: Annotated[NotNegative, MISPLACED] = Field(
         0.002,
-        description="Standard deviation of the location of a gauge in each of two directions [m]; typically 2 mm for a "
-        "location marked by hand.",
+        description="Standard deviation of the location of a gauge in each of two directions along the surface [m]; typically 2 "
+        "mm for a location marked by hand.",
     )
     angle: Annotated[float, MISALIGNED] = expert(
         2.0,
@@ -161,7 +161,9 @@ class TruthSection(Section):
         "(`validate.truth.modes`) and static corrections. With `perturbed`: as `modes`, with errors of model, gauges and "
         "loads sampled from `tolerances`. With `rom`: the reduced model of the filter.",
     )
-    modes: Count = Field(60, ge=1, description="Number of modes of the simulated test [-].")
+    modes: Count = Field(
+        60, ge=1, description="Number of modes of the simulated test with the model `modes` or `perturbed` [-]."
+    )
     parameters: dict[Name, ParameterValue] = Field(
         {},
         description="Parameter values of the simulated test, by parameter name [Pa, kg/m³, or 1 for a factor]; default: the "
