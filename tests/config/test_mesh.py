@@ -162,7 +162,7 @@ def test_load_case_without_overrides_equals_configured_loads():
         ("{a: {loads: {tip: {signal: {type: multisine, lowest: 9, highest: 3, count: 2, amplitude: 1}}}}}",
          "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "exchange the values of `lowest`"),
         ("{a: {loads: {side: none, tip: {signal: {type: sine, frequency: 1, amplitude: 1}}}, time_step: 0.01}, b: {}}",
-         "place.load_cases.a.loads.side", "for 30 Hz, the time step of load case 'a' gives 3.33 steps", "or reduce the time step"),
+         "place.load_cases.a.loads.side", "the period at 30 Hz is 3.33 times the time step of load case 'a'", "or reduce the time step"),
         ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "use"),
     ],
 )  # fmt: skip
@@ -180,7 +180,7 @@ def test_time_step_of_case_resolves_process_noise():
     slow = "{type: sine, frequency: 1, amplitude: 1}"
     cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
     assert loaded(cases)["a"].time_step == 0.01
-    with expect_refusal(ConfigError, "for 40 Hz, the time step of load case 'a'", key="loads.side.process_noise.frequency"):
+    with expect_refusal(ConfigError, r"the period at 40 Hz is 2\.5 times the time step of load case 'a'", key="loads.side.process_noise.frequency"):
         loaded(cases, "loads.side.process_noise.frequency=40")
 
 

@@ -308,7 +308,7 @@ class TimeSpan(Section):
     """Duration and time step of a run."""
 
     duration: Duration = Field(description="Duration of the run [s].")
-    time_step: TimeStep = Field(description="Time step [s].")
+    time_step: TimeStep = Field(description="Time step of the run [s].")
 
 
 class NamedRun(Section):

@@ -56,8 +56,8 @@ def _time(section: str, duration: float, step: float, signals: Mapping[str, Load
         if highest is not None and step * highest * FEWEST_STEPS_A_PERIOD > 1:
             yield Problem(
                 key,
-                f"the time step of {step:g} s gives {1 / (step * highest):.3g} steps per period of load '{name}' "
-                f"({highest:g} Hz), fewer than {FEWEST_STEPS_A_PERIOD}",
+                f"the period of load '{name}' ({highest:g} Hz) is {1 / (step * highest):.3g} times the time step of "
+                f"{step:g} s, less than {FEWEST_STEPS_A_PERIOD} times",
                 f"use at most {1 / (FEWEST_STEPS_A_PERIOD * highest):.3g} s",
             )
 
@@ -156,9 +156,9 @@ def _resolved(frequencies: Mapping[str, float], step: float, of: str) -> Iterato
     """Yield a problem for each frequency [Hz] that a step [s] does not resolve; of: name of the step."""
     for key, frequency in frequencies.items():
         if step * frequency * FEWEST_STEPS_A_PERIOD > 1 + 1e-9:
-            steps = f"{1 / (step * frequency):.3g} steps per period, fewer than {FEWEST_STEPS_A_PERIOD}"
+            ratio = f"{1 / (step * frequency):.3g} times {of}, less than {FEWEST_STEPS_A_PERIOD} times"
             remedy = f"use at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or reduce {of}"
-            yield Problem(key, f"for {frequency:g} Hz, {of} gives {steps}", remedy)
+            yield Problem(key, f"the period at {frequency:g} Hz is {ratio}", remedy)
 
 
 def _filter(config: PlacementConfig) -> Iterator[Problem]:

@@ -278,7 +278,7 @@ class TextForm(Section):
     delimiter: Literal[",", ";", "\t"] | None = expert(
         None, description="Column separator; null: detected from the first line."
     )
-    decimal: Literal[".", ","] = expert(".", description="Decimal mark.")
+    decimal: Literal[".", ","] = expert(".", description="Decimal mark of the numbers.")
     comment: str = expert("#", description="First characters of comment lines; empty: no comments.")
     header_line: Count | None = expert(
         None,

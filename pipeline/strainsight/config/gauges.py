@@ -47,7 +47,7 @@ class GaugeType(Section):
         description="Length of the carrier along the grid, untrimmed [m]."
     )
     carrier_width: Annotated[Positive, GRID] = Field(description="Width of the carrier, untrimmed [m].")
-    resistance: Annotated[Positive, RESISTANCE] = Field(description="Nominal resistance [Ω].")
+    resistance: Annotated[Positive, RESISTANCE] = Field(description="Nominal resistance of the gauge [Ω].")
     gauge_factor: Annotated[Positive, GAUGE_FACTOR] = expert(
         2.0, description="Nominal gauge factor [-]; the gauge factor of the batch is printed on the package."
     )
@@ -155,7 +155,7 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
         )
         fitting = [name for name, kind in known.items() if kind.grids == rosette]
         remedy = f"set gauges.type to {' or '.join(fitting)}" if fitting else "define the rosette under gauges.types"
-        yield Problem("gauges.type", what, f"{remedy}; for a rosette, set also gauges.rosette: true")
+        yield Problem("gauges.type", what, remedy + "; for a rosette, set gauges.rosette: true" * (rosette == 1))
 
 
 def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -71,7 +71,7 @@ class CylinderZone(Section):
 class InCylinder(Section):
     """The inside of a cylinder of infinite length."""
 
-    cylinder: CylinderZone = expert(description="The cylinder.")
+    cylinder: CylinderZone = expert(description="Axis and radius of the cylinder.")
 
 
 class ConeZone(Section):
@@ -156,7 +156,7 @@ Keep = Annotated[
 class ZoneLimit(Section):
     """Largest number of gauges in a zone."""
 
-    zone: Zone = expert(description="The zone.")
+    zone: Zone = expert(description="Zone of the surface to which the limit applies.")
     count: Annotated[int, Plausible(0, 1000)] = expert(ge=0, description="Largest number of gauges in the zone [-].")
 
 

@@ -75,7 +75,7 @@ class MaterialSection(RegionProperty):
     shear_modulus: Annotated[Moduli | None, MODULUS] = expert(
         None, description="Shear moduli [G12, G13, G23] of an orthotropic material [Pa]."
     )
-    density: Annotated[NotNegative, DENSITY] = Field(description="Density [kg/m³].")
+    density: Annotated[NotNegative, DENSITY] = Field(description="Density of the material [kg/m³].")
     axes: MaterialAxes | None = expert(
         None, description="Material axes of an orthotropic material; null: x, y and z of the mesh."
     )
@@ -314,7 +314,7 @@ Step = Annotated[Id, Field(ge=0)] | Text
 class InResults(Section):
     """Location of a result in the results of another program."""
 
-    file: Text | None = Field(None, description="Results file; null: mesh.results.file.")
+    file: Text | None = Field(None, description="Results file of the other program; null: mesh.results.file.")
     step: Step | None = Field(
         None,
         description="Number or title of the step or subcase in the results file. For a static response: the step in which this "
@@ -402,10 +402,10 @@ class MeshFile(Section):
     format: Literal["auto", "nastran", "abaqus", "gmsh", "frd", "meshio"] = expert(
         "auto", description="File format; `auto`: by the file extension."
     )
-    length_unit: Literal["m", "mm", "cm", "km", "in", "ft"] = Field("m", description="Length unit of the file.")
+    length_unit: Literal["m", "mm", "cm", "km", "in", "ft"] = Field("m", description="Length unit of the mesh file.")
     mass_unit: Literal["kg", "t", "g", "lb", "slug", "lbf*s2/in"] = Field(
         "kg",
-        description="Mass unit of the file. The time unit is s: use t with N and mm, and lbf*s2/in with lbf and in.",
+        description="Mass unit of the mesh file. The time unit is s: use t with N and mm, and lbf*s2/in with lbf and in.",
     )
     region_data: Text | None = expert(
         None,

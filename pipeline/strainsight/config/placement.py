@@ -133,7 +133,7 @@ class ModalDamping(Section):
     """Equal damping ratio in every mode."""
 
     type: Literal["modal"] = Field(description="Kind of damping.")
-    ratio: Annotated[float, Plausible(1e-5, 0.2)] = Field(ge=0, lt=1, description="Damping ratio [-].")
+    ratio: Annotated[float, Plausible(1e-5, 0.2)] = Field(ge=0, lt=1, description="Damping ratio of every mode [-].")
 
 
 class RayleighDamping(Section):
