@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
-from strainsight.errors import did_you_mean
+from strainsight.errors import at_least, at_most, did_you_mean
 
 
 def mark_of(field: FieldInfo, kind: Any) -> Any:
@@ -85,8 +85,11 @@ def step_problems(key: str, duration: float, step: float, fewest: int, most: int
     may change as well."""
     steps = duration / step
     if not fewest * (1 - 1e-9) <= steps <= most:
-        remedy = f"change the time step to get {f'at least {fewest}' if steps < fewest else f'at most {most}'} steps"
-        yield Problem(key, f"the duration of {duration:g} s is {steps:.3g} times the time step of {step:g} s", remedy)
+        what = f"the duration of {duration:g} s is {steps:.3g} times the time step of {step:g} s"
+        if steps < fewest:
+            yield Problem(key, f"{what}, below the limit of {fewest}", f"use at most {at_most(duration / fewest)} s")
+        else:
+            yield Problem(key, f"{what}, above the limit of {most:g}", f"use at least {at_least(duration / most)} s")
     elif abs(steps - round(steps)) > 1e-6 * steps:
         what = f"the step of {step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
         longer = f", or {other}: {step * round(steps):.9g}" if other else ""
