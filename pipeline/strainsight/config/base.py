@@ -183,9 +183,9 @@ class Unbounded:
 
 Marker = Plausible | PlausibleBy | Unbounded
 
-PRICE = Unbounded("in any currency")
-READING = Unbounded("in the unit of the file")
-COMPARED = Unbounded("a number of any stage")
+PRICE = Unbounded("a price in any currency")
+READING = Unbounded("a reading in the unit of the measurement file")
+COMPARED = Unbounded("a result of any stage, in any unit")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
@@ -261,14 +261,14 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)
 RunName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
 """Name of a run: its folder in the results folder."""
 
-Id = Annotated[int, Unbounded("an id of the deck")]
+Id = Annotated[int, Unbounded("an id of a node, set or region of the deck")]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Count = Annotated[int, Field(ge=1), Plausible(1, 10_000)]
 Text = Annotated[str, Field(min_length=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector = tuple[float, float, float]
-DIRECTION = Unbounded("only the direction counts")
+DIRECTION = Unbounded("a direction vector of any length")
 DirectionVector = Annotated[Vector, DIRECTION]
 """A vector of nonzero length (checked by `section_problems`)."""
 Point = Annotated[Vector, Plausible(0.0, 1e4, "m")]
