@@ -36,7 +36,7 @@ class SNCurve(Section):
     """S-N curve N = cycles · (stress/Δσ)^slope: straight lines of ln N over ln Δσ."""
 
     slope: Annotated[float, Field(ge=1, le=30)] = Field(
-        description="Slope m of the S-N curve below the knee point [-]."
+        description="Slope m of the S-N curve through `stress`, for fewer cycles than `knee` [-]."
     )
     stress: Stress = Field(
         description="Stress range or amplitude (see `of`) with a fatigue life of `cycles` cycles [Pa]."

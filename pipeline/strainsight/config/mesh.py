@@ -197,9 +197,7 @@ class Support(Section):
             yield Problem("components", what, "remove `components`, or set one stiffness value", at_key=True)
         if len({component > 3 for component in self.components}) > 1:
             what = "one stiffness cannot apply to translations [N/m] and to rotations [N m/rad]"
-            yield Problem(
-                "components", what, "define two supports: one with components 1-3, and one with components 4-6"
-            )
+            yield Problem("components", what, "define two supports, one with components 1-3 and one with 4-6")
 
 
 class Face(Section):
@@ -220,14 +218,12 @@ class Face(Section):
         description="Lower and upper corner [[x, y, z], [x, y, z]] [m]; selects the facets with their centre in the box.",
     )
     radius: Size | None = Field(
-        None, description="Radius of the bores and cylinders to select [m], with a tolerance of 2 %."
+        None, description="Radius of bores and cylinders to select [m], with a tolerance of 2 %."
     )
 
     def problems(self) -> Iterator[Problem]:
         if not (self.near or self.normal or self.box or self.radius):
-            yield Problem(
-                "", "no criterion for the facets is set", "set `near`, `normal`, `box` or `radius`", at_key=True
-            )
+            yield Problem("", "no criterion is set", "set `near`, `normal`, `box` or `radius`", at_key=True)
         if self.box is not None:
             yield from box_problem("box", self.box)
 
@@ -245,11 +241,9 @@ class Tie(Section):
     )
     at: Point | None = Field(None, description="Position of a new reference node [m].")
     set: Text = Field(
-        description="Name of the node set or face with the tied nodes; with `surface`, on the side of the finer mesh."
+        description="Name of the node set or face with the tied nodes; with `surface`, on the finer mesh."
     )
-    to: Text | None = Field(
-        None, description="With `type: surface`: name of the node set or face on the side of the coarser mesh."
-    )
+    to: Text | None = Field(None, description="With `type: surface`: name of the node set or face on the coarser mesh.")
     within: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=0.1)] = expert(
         1e-4,
         description="With `type: surface`: largest permitted distance of the tied nodes from the coarser mesh [m].",
@@ -282,9 +276,7 @@ class MatrixTerm(Section):
         description="Matrix file in the units of the deck: OP4 (.op4), Matrix Market (.mtx), NumPy/SciPy (.npz) or CalculiX "
         "(.sti, .mas)."
     )
-    name: Text | None = Field(
-        None, description="Name of the matrix in the file, if the file contains several matrices."
-    )
+    name: Text | None = Field(None, description="Name of the matrix, if the file contains several matrices.")
     parameter: Name | None = Field(
         None, description="Name of the parameter to which this term is proportional; null: the term is constant."
     )
