@@ -338,7 +338,7 @@ def _mirrored(config: PlacementConfig) -> Iterator[Problem]:
     angles = {round(angle % 180, 6) for angle in direction.angles}
     if angles != {round(-angle % 180, 6) for angle in direction.angles}:
         listed = ", ".join(f"{0.0 - angle:g}" for angle in direction.angles)
-        what = f"place.symmetry needs the angles and their mirror images ({listed}) in this list"
+        what = f"place.symmetry needs the angles and their mirror images ({listed} deg) in this list"
         remedy = "add the mirror images, or use angles such as [0, 60, 120], [0, 90] or [-45, 0, 45]"
         yield Problem("gauges.direction.angles", what, remedy)
 
