@@ -207,7 +207,7 @@ def test_a_mesh_of_quadrangles_alone_asks_for_their_thickness(tmp_path, monkeypa
     assert CliRunner().invoke(app, ["init", "strip.msh", "-o", "own.yaml", *options]).exit_code == 0
     written = Path("own.yaml").read_text()
     assert blanks() == ["mesh.sections.shells"]
-    assert "shells of the regions skin ←" in written
+    assert "← shells of the regions skin: thickness [m]" in written
     Path("own.yaml").write_text(written.replace("thickness: }", "thickness: 0.01}"))
     config = load_config("own.yaml").model
     assert config.mesh.supports[0].components == (1, 2, 3, 4, 5, 6)

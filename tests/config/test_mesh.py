@@ -91,7 +91,7 @@ CHANGES = [
 ]
 SECTIONS = [
     ("regions: all", "", "none of 'thickness', 'area' is set"),
-    ("regions: all, thickness: 0.002, area: 1.0e-4", "", "are both set"),
+    ("regions: all, thickness: 0.002, area: 1.0e-4", "", "cannot be combined"),
     ("regions: all, thickness: 0", ".thickness", "has to be above 0"),
     ("regions: all, thickness: 0.002, direction: [0, 0, 1]", ".direction", "applies to beams only"),
     ("regions: all, area: 1.0e-4, direction: [0, 0, 1]", ".direction", "this is a rod"),
@@ -150,7 +150,7 @@ def test_load_case_without_overrides_equals_configured_loads():
         ("{a: {weight: 0}}", "place.load_cases.a.weight", "is 0, but has to be above 0", ""),
         ("{a: {loads: {sid: none}}}", "place.load_cases.a.loads.sid", "no load 'sid'", "did you mean side?"),
         ("{a: {loads: {side: none, tip: none}}, b: {}}", "place.load_cases.a.loads", "no load acts", "remove the case"),
-        ("{a: {loads: {side: none}}}", "place.load_cases", "'side' is silent in every case", "add a signal of side"),
+        ("{a: {loads: {side: none}}}", "place.load_cases", "'side' does not act in any load case", "`loads: {side: {signal: …}}`"),
         ("{a: {loads: {tip: {signal: {type: sin, frequency: 1, amplitude: 1}}}}}", "place.load_cases.a.loads.tip.signal.type",
          "'sin' is not one of", "did you mean sine?"),
         ("{a: {loads: {tip: {signal: {type: sine, frequency: 900, amplitude: 1}}}}}", "place.load_cases.a.time_step",
@@ -160,9 +160,9 @@ def test_load_case_without_overrides_equals_configured_loads():
         ("{a: {loads: {tip: {signal: {type: csv, file: f.csv, time_column: t, value_column: F}}}}}",
          "place.load_cases.a.loads.tip.frequency", "needs a typical frequency", "[Hz]"),
         ("{a: {loads: {tip: {signal: {type: multisine, lowest: 9, highest: 3, count: 2, amplitude: 1}}}}}",
-         "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "swap the two"),
+         "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "exchange the values of `lowest`"),
         ("{a: {loads: {side: none, tip: {signal: {type: sine, frequency: 1, amplitude: 1}}}, time_step: 0.01}, b: {}}",
-         "place.load_cases.a.loads.side", "for 30 Hz, the time step of this case gives 3.33 steps", "a smaller time step"),
+         "place.load_cases.a.loads.side", "the period at 30 Hz is 3.33 times the time step of load case 'a'", "or reduce the time step"),
         ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "use"),
     ],
 )  # fmt: skip
@@ -180,7 +180,7 @@ def test_time_step_of_case_resolves_process_noise():
     slow = "{type: sine, frequency: 1, amplitude: 1}"
     cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
     assert loaded(cases)["a"].time_step == 0.01
-    with expect_refusal(ConfigError, "for 40 Hz, the time step of this case", key="loads.side.process_noise.frequency"):
+    with expect_refusal(ConfigError, r"the period at 40 Hz is 2\.5 times the time step of load case 'a'", key="loads.side.process_noise.frequency"):
         loaded(cases, "loads.side.process_noise.frequency=40")
 
 
@@ -247,7 +247,7 @@ def test_user_defined_gauge_type_may_replace_catalogue_type(load_typed):
         (["gauges.type=3/350-rosette"], r"gauges\.type: gauge type 3/350-rosette has 3 grids, but the gauges"),
         (
             ["gauges.type=3/350", "gauges.rosette=true", "gauges.direction={type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}"],
-            r"gauge type 3/350 has 1 grid, but the gauges of the config have 3 +use 3/350-rosette",
+            r"gauge type 3/350 has 1 grid, but the gauges of the config have 3 +set gauges.type to 3/350-rosette",
         ),
     ],
 )

@@ -142,7 +142,7 @@ def test_parameter_range_follows_property(tmp_path):
 # What pydantic finds is said of the keys as they stand in the file, with what the key is for or what was meant.
 CONFIGS = Path(__file__).parents[2] / "configs"
 FORMS = "'box', 'cylinder', 'normal_cone', 'near_edges', 'near_set', 'shell_face', 'on_elements'"
-BOX = "box: Lower and upper corner [[x, y, z], [x, y, z]] [m]."
+BOX = "box: Lower and upper corner of the box [[x, y, z], [x, y, z]] [m]."
 
 
 def refused(name: str, override: str | Override) -> list[ConfigError]:
@@ -156,7 +156,7 @@ def refused(name: str, override: str | Override) -> list[ConfigError]:
     [
         ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "is a mapping, but has to be a list", BOX),
         ("{box: [[0, 0, 0], [1, 1, 1]], at: 1}", ".at", "unknown key", "known keys: box"),
-        ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing", "axis: Direction of the axis [-]."),
+        ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing", "axis: Direction of the axis of the cylinder [-]."),
         ("{near_edgs: 0.1}", "", f"set exactly one of {FORMS}", "did you mean near_edges?"),
     ],
 )
@@ -208,7 +208,7 @@ def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
 def test_a_section_that_only_an_override_made_has_to_be_added():
     (error,) = refused("cantilever-youngs-modulus.yaml", Override("estimate.file", "a.csv", "--measurements"))
     assert (error.key, error.where) == ("estimate.channels", "--measurements")
-    assert error.remedy.startswith("add the section `estimate` to the config; channels: Channels of gauges")
+    assert error.remedy.startswith("add the section `estimate` to the config; channels: Channels of the gauges")
     assert "docs/estimation.md" in error.remedy
 
 
@@ -258,9 +258,9 @@ ARMS = "gauges.fixed[0].arms"
     ("overrides", "key", "what", "remedy"),
     [
         ([one()], ARMS, "the bridge has 0 arms", "use two to four arms"),
-        ([one(UP + "}")], ARMS, "the bridge has 1 arm", "for a single gauge set position and direction"),
-        ([one(UP + "}", UP + "}", DOWN + "}")], ARMS, "the bridge has 3 arms with the sign 1", "at most two of each sign"),
-        ([one(UP + ", sign: -1}", DOWN + ", sign: -1}")], ARMS, "no arm with the sign 1", "sign: -1 for the channel"),
+        ([one(UP + "}")], ARMS, "the bridge has 1 arm", "for a single gauge, set `position` and `direction`"),
+        ([one(UP + "}", UP + "}", DOWN + "}")], ARMS, "the bridge has 3 arms with the sign 1", "at most two arms of each sign"),
+        ([one(UP + ", sign: -1}", DOWN + ", sign: -1}")], ARMS, "no arm with the sign 1", "`sign: -1` for the channel"),
         ([one(UP + ", sign: 2}", DOWN + "}")], f"{ARMS}[0].sign", "2 is not one of 1, -1", "Sign of the arm"),
         (["gauges.bridge=half-bendng"], "gauges.bridge", "'half-bendng' is not one of half-bending, full-bending", ""),
         (["gauges.bridge=full-torsion", "gauges.rosette=true", "gauges.direction.angles=[0, 90]"],

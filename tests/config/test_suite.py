@@ -159,14 +159,14 @@ def test_fault_in_run_config_is_located_there_and_reported_once(write):
 def test_a_guess_from_a_run_that_comes_later_is_refused(write):
     head, first, _, last = SUITE.split("  - config: ")
     (error,) = refused(write(f"{head}  - config: {last}  - config: {first}"))
-    assert "which runs later in this suite" in error.what
+    assert "but the suite runs 'cantilever-youngs-modulus' later" in error.what
     assert error.key == "parameters.E.guess.from"
     assert "cantilever-input.yaml:" in error.where
 
 
 @pytest.mark.parametrize(
     ("given", "remedy"),
-    [("place.keep=5", "write set.place.keep=5"), ("jbos=2", "did you mean jobs?")],
+    [("place.keep=5", "for a key of the runs, write set.place.keep=5"), ("jbos=2", "did you mean jobs?")],
 )
 def test_a_key_of_the_runs_behind_set_is_placed_there(write, given, remedy):
     (error,) = refused(write(), given)
@@ -198,8 +198,8 @@ def test_page_lists_varied_key_and_location_of_results(write):
 
 MISTAKES = {
     SUITE: [
-        ("runs:", "runs: []\nrest:", "runs", "has to be at least 1 entries long"),
-        ("suffix: -short", "suffix: a b", "suffix", "is not a name"),
+        ("runs:", "runs: []\nrest:", "runs", "has to be at least 1 entry long"),
+        ("suffix: -short", "suffix: a b", "suffix", "is not a valid name"),
         ("{place.keep: 5}", "{place..keep: 5}", "runs[0].set.place..keep", "is not a dotted key"),
         ("{place.keep: 5}", "{name: other}", "runs[0].set.name", "cannot set 'name'"),
         ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite"),
@@ -215,9 +215,9 @@ MISTAKES = {
     STUDIES: [
         ("run: long,", "run: lnog,", "claims[0].run", "unknown run 'lnog'"),
         (", below: 3", "", "claims[0]", "no limit is set"),
-        ("above: 4.5", "above: 6", "claims[1].above", "6 is not smaller than below, 5.5"),
+        ("above: 4.5", "above: 6", "claims[1].above", "the lower limit 6 is not smaller than the upper limit 5.5"),
         ("below: 3", "against_number: steps, below: 3", "claims[0].against_number", "the reference run is missing"),
-        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is not a number in runs[0], 'long-x'"),
+        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is not a number in the config of runs[0], 'long-x'"),
         ("over: simulate.time_step, ", "", "studies[0].numbers", "have no horizontal axis"),
         ("name: steps, note", "name: stops, note", "studies[0].name", "no run belongs to the study 'stops'"),
         ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "appears twice"),
@@ -282,4 +282,4 @@ def test_reference_run_of_measure_gets_suffix(write):
     later = text.replace("NAME", "late") + "  - {config: full.yaml, name: late, label: l}\n"
     (error,) = refused(write(later))
     assert error.key == "estimate.measured.from"
-    assert "which runs later in this suite" in error.what
+    assert "but the suite runs 'late' later" in error.what

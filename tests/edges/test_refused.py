@@ -42,8 +42,8 @@ PLACEMENTS = [
     (DAMPING, "the smallest damping ratio", {DAMPING: {"type": "rayleigh", "alpha": 1e30, "beta": 0.0}}),
     ("rom.modes", "200 modes were requested, but the model has only 30 unknowns with mass", {"rom.modes": 200}),
     ("loads", "above the limit of 1e+50", {"loads.tip.signal.amplitude": 1e300}),
-    ("train.time_step", "1 steps", {"train.duration": 1e-3}),
-    ("place.keep", "8, larger than", {"place.keep": 8, "screen.keep": 4}),
+    ("train.time_step", "1 times the time step", {"train.duration": 1e-3}),
+    ("place.keep", "8, but screen.keep limits the candidates to 4", {"place.keep": 8, "screen.keep": 4}),
 ]
 
 

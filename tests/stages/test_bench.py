@@ -121,7 +121,7 @@ TURNED = "x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre"
 @pytest.mark.parametrize(
     ("changes", "key", "says"),
     [
-        ({"time_step: 5.0e-4": "time_step: 5.0"}, "simulate.time_step", "0.2 steps"),
+        ({"time_step: 5.0e-4": "time_step: 5.0"}, "simulate.time_step", "0.2 times the time step"),
         ({"duration: 1.0": "duration: 1.0003"}, "simulate.time_step", ""),
         ({TURNED: TURNED.replace("[1, 0", "[0, 2")}, "frames.hinge", "parallel"),
         ({TURNED: TURNED.replace("[0, 1", "[0, -1")}, "joints.hinge", "opposite"),  # constraints hold for half a turn, too

@@ -151,12 +151,12 @@ def one_more(line):
     [
         (one_more("{name: more, file: low.csv}"), (), "estimate.records[3].file", "one of the two"),
         (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "relative to the folder of the config"),
-        ("  file: low.csv\n" + RECORDS, (), "estimate.records", "one file, or a list of records"),
+        ("  file: low.csv\n" + RECORDS, (), "estimate.records", "remove estimate.records, or estimate.file"),
         (
             one_more("{name: more, file: more.csv, channels: [{channel: G1, gauge: G1, unit: m/m}]}"),
             (),
             "estimate.records[3].channels",
-            "the same gauges and grids in the same order",
+            "the same gauges and grids as in estimate.channels, in the same order",
         ),
         (RECORDS, [("validate:\n", "filter: {method: extended}\nvalidate:\n")], "estimate.records", "filter.method: grid"),
         (RECORDS + "  tune: {parts: [noise]}\n", (), "estimate.tune.parts", "estimate.file"),
@@ -180,4 +180,4 @@ def test_a_channel_that_one_file_lacks_is_named_with_the_record(project):
 def test_a_file_on_the_command_line_is_not_put_with_records(project):
     code, said, _ = run(project, RECORDS, "--measurements", str(project / "low.csv"))
     assert code == 2
-    assert "'file' (low.csv) and 'records' are both set" in said
+    assert "estimate.records: cannot be combined with estimate.file (low.csv)" in said

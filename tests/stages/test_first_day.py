@@ -40,13 +40,13 @@ CONFIG = {
     "a decimal comma": ([("ratio: 0.01", "ratio: 0,01")], "test.yaml:13:10  damping: ',01'", "decimal point, as in 0.01"),
     "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: is '0.4 s'", "and without"),
     "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: is 'no'", "rite false"),
-    "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "the first one is at 4:1"),
+    "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "the first key is at 4:1"),
     "a coarse step": (
         [("time_step: 1.0e-3}", "time_step: 1.0e-2}")],
-        "train.time_step: the time step of 0.01 s gives 1.67 steps",
+        "train.time_step: the period of load 'tip' (60 Hz) is 1.67 times the time step of 0.01 s",
         "at most 0.00208 s",
     ),
-    "noise in um/m": ([("value: 2.0e-6", "value: 2.0")], "gauges.noise_std.value: 2 m/m", "2 um/m is 2.0e-06"),
+    "noise in um/m": ([("value: 2.0e-6", "value: 2.0")], "gauges.noise_std.value: a noise of 2 m/m is 200 % strain", "2 um/m is 2.0e-06"),
     "a misspelt gauge": ([("below,", "bellow,")], "test.yaml:32:28  estimate.channels.2.gauge", "did you mean below?"),
     "a known load without a channel": (
         KNOWN,
@@ -84,7 +84,7 @@ FILES = {
 """What the files contradict, before the import."""
 WORDS = {
     "a misspelt override": (["run", "test.yaml", "--set", "place.kep=3"], "--set place.kep  place.kep", "did you mean keep?"),
-    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  the config is larger than 128 KiB", "not a deck"),
+    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  the config is larger than 128 KiB", "not of a mesh file"),
     "a misspelt config": (["run", "tset.yaml"], "tset.yaml  config file not found", "create one with `strainsight init DECK`"),
     "a config for a deck": (["init", "test.yaml"], "test.yaml  the file is a config, not a deck", "strainsight run test.yaml"),
 }

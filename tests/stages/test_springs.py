@@ -174,9 +174,9 @@ INERTIA = r"train\.model: static"
 @pytest.mark.parametrize(
     ("changes", "key", "what"),
     [
-        ({"mesh.supports": [MIXED]}, "mesh.supports[0].components", "one stiffness cannot be both"),
+        ({"mesh.supports": [MIXED]}, "mesh.supports[0].components", "one stiffness cannot apply to translations"),
         ({"parameters.s.springs": ["mesh.support.0"]}, "parameters.s.springs", "no spring 'mesh.support.0'"),
-        ({"parameters.s.region": 1}, "parameters.s.springs", "region is set as well"),
+        ({"parameters.s.region": 1}, "parameters.s.springs", "`springs` and `region` are both set"),
         (
             {"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]},
             "parameters.s.guess",

@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
-from strainsight.errors import did_you_mean
+from strainsight.errors import at_least, at_most, did_you_mean
 
 
 def mark_of(field: FieldInfo, kind: Any) -> Any:
@@ -76,7 +76,7 @@ def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
     names = [f"'{name}'" for name, value in values.items() if value is not None]
     if len(names) != 1:
         listed = [f"'{name}'" for name in values]
-        what = f"{' and '.join(names)} are both set" if names else f"none of {', '.join(listed)} is set"
+        what = f"{' and '.join(names)} cannot be combined" if names else f"none of {', '.join(listed)} is set"
         yield Problem(key, what, f"set exactly one of {', '.join(listed)}", at_key=True)
 
 
@@ -85,8 +85,11 @@ def step_problems(key: str, duration: float, step: float, fewest: int, most: int
     may change as well."""
     steps = duration / step
     if not fewest * (1 - 1e-9) <= steps <= most:
-        limit = f"at least {fewest}" if steps < fewest else f"at most {most}"
-        yield Problem(key, f"a duration of {duration:g} s has {steps:.3g} steps of {step:g} s", f"use {limit} steps")
+        what = f"the duration of {duration:g} s is {steps:.3g} times the time step of {step:g} s"
+        if steps < fewest:
+            yield Problem(key, f"{what}, below the limit of {fewest}", f"use at most {at_most(duration / fewest)} s")
+        else:
+            yield Problem(key, f"{what}, above the limit of {most:g}", f"use at least {at_least(duration / most)} s")
     elif abs(steps - round(steps)) > 1e-6 * steps:
         what = f"the step of {step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
         longer = f", or {other}: {step * round(steps):.9g}" if other else ""
@@ -110,9 +113,8 @@ def duplicate_name_problems(key: str, names: Sequence[str]) -> Iterator[Problem]
 def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
     """Yield a problem unless the first corner is the lower one."""
     if any(low >= high for low, high in zip(*box, strict=True)):
-        yield Problem(
-            key, "the lower corner is not below the upper corner", "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]"
-        )
+        what = "the first corner of the box has to be below the second corner in x, y and z"
+        yield Problem(key, what, "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]")
 
 
 UNITS = {
@@ -181,9 +183,9 @@ class Unbounded:
 
 Marker = Plausible | PlausibleBy | Unbounded
 
-PRICE = Unbounded("in any currency")
-READING = Unbounded("in the unit of the file")
-COMPARED = Unbounded("a number of any stage")
+PRICE = Unbounded("a price in any currency")
+READING = Unbounded("a reading in the unit of the measurement file")
+COMPARED = Unbounded("a result of any stage, in any unit")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
@@ -236,7 +238,7 @@ def implausible(config: BaseModel, extent: float = inf) -> Iterator[Problem]:
 
 
 def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterator[Problem]:
-    size, unit = abs(value), "" if limits.unit == "-" else f" {limits.unit}"
+    size, unit = abs(value), "" if re.search("^-| or |^in ", limits.unit) else f" {limits.unit}"
     if value != 0 and not limits.low <= size <= limits.high:
         others = UNITS.get(limits.unit, {}).items()
         meant = (
@@ -249,9 +251,8 @@ def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterat
     elif size > limits.share * extent:
         share = "" if limits.share == 1 else f"{limits.share:g} times "
         what = f"{value:g} m is larger than {share}the size of the structure, {extent:.4g} m"
-        yield Problem(
-            key, what, f"use a length in m, at most {limits.share * extent:.2g}, or check the length unit of the mesh"
-        )
+        remedy = f"use a length in m, at most {limits.share * extent:.2g}, or check the key `length_unit` of the mesh"
+        yield Problem(key, what, remedy)
 
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
@@ -260,14 +261,14 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)
 RunName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
 """Name of a run: its folder in the results folder."""
 
-Id = Annotated[int, Unbounded("an id of the deck")]
+Id = Annotated[int, Unbounded("an id of a node, set or region of the deck")]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Count = Annotated[int, Field(ge=1), Plausible(1, 10_000)]
 Text = Annotated[str, Field(min_length=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector = tuple[float, float, float]
-DIRECTION = Unbounded("only the direction counts")
+DIRECTION = Unbounded("a direction vector of any length")
 DirectionVector = Annotated[Vector, DIRECTION]
 """A vector of nonzero length (checked by `section_problems`)."""
 Point = Annotated[Vector, Plausible(0.0, 1e4, "m")]
@@ -310,7 +311,7 @@ class TimeSpan(Section):
     """Duration and time step of a run."""
 
     duration: Duration = Field(description="Duration of the run [s].")
-    time_step: TimeStep = Field(description="Time step [s].")
+    time_step: TimeStep = Field(description="Time step of the run [s].")
 
 
 class NamedRun(Section):
@@ -327,7 +328,10 @@ PARALLEL = 1e-6
 class AxesSection(Section):
     """A right-handed coordinate system, z = x × y."""
 
-    origin: Point = Field((0.0, 0.0, 0.0), description="Origin [m; for a datum in the length unit of the deck].")
+    origin: Point = Field(
+        (0.0, 0.0, 0.0),
+        description="Origin of the coordinate system [m; for `report.datum`: in the length unit of the deck].",
+    )
     x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of the x axis [-].")
     y: DirectionVector = Field((0.0, 1.0, 0.0), description="Vector in the x-y plane with a positive y component [-].")
 
@@ -337,7 +341,9 @@ class AxesSection(Section):
         along = sum(a * b for a, b in zip(x, y, strict=True))
         if any(x) and any(y) and along**2 >= (1 - PARALLEL) * sum(a * a for a in x) * sum(b * b for b in y):
             yield Problem(
-                "y", f"{list(y)} is parallel to the x axis, {list(x)}", "use another direction in the x-y plane"
+                "y",
+                f"{list(y)} is parallel to the x axis, {list(x)}",
+                "use a vector in the x-y plane that is not parallel to `x`",
             )
 
 

@@ -25,7 +25,7 @@ MOST_STEPS = 10_000_000  # a time step in the wrong unit, rather than a run that
 FEWEST_STEPS_A_PERIOD = 8
 LARGEST_START = 10.0
 """Largest initial σ of the logarithm of a parameter: a factor of exp(10)."""
-ONE = "or estimate one record with estimate.file"
+ONE = "or replace estimate.records by estimate.file with one record"
 
 
 def problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -56,15 +56,15 @@ def _time(section: str, duration: float, step: float, signals: Mapping[str, Load
         if highest is not None and step * highest * FEWEST_STEPS_A_PERIOD > 1:
             yield Problem(
                 key,
-                f"the time step of {step:g} s gives {1 / (step * highest):.3g} steps per period of load '{name}' "
-                f"({highest:g} Hz)",
+                f"the period of load '{name}' ({highest:g} Hz) is {1 / (step * highest):.3g} times the time step of "
+                f"{step:g} s, less than {FEWEST_STEPS_A_PERIOD} times",
                 f"use at most {1 / (FEWEST_STEPS_A_PERIOD * highest):.3g} s",
             )
 
 
 def _settle(section: str, settle: Settle, step: float) -> Iterator[Problem]:
     if isinstance(settle, float) and settle / step > MOST_STEPS:
-        what = f"a start {settle:g} s before t = 0 needs {settle / step:.3g} steps of {step:g} s"
+        what = f"a start {settle:g} s before t = 0 needs {settle / step:.3g} steps of {step:g} s, more than {MOST_STEPS:.0e}"
         yield Problem(f"{section}.settle", what, f"use at most {at_most(MOST_STEPS * step)} s, or auto")
 
 
@@ -91,7 +91,7 @@ def _load_cases(config: PlacementConfig) -> Iterator[Problem]:
                 frequencies[f"{key}.loads.{load_name}"] = (
                     highest  # silent, it has the process noise that it has as stated
                 )
-        yield from _resolved(frequencies, step, "the time step of this case")
+        yield from _resolved(frequencies, step, f"the time step of load case '{name}'")
 
 
 def _highest(signal: LoadSignal) -> float | None:
@@ -111,18 +111,19 @@ def _estimate(config: PlacementConfig) -> Iterator[Problem]:
         key = f"place.estimate.{i}"
         yield from known(key, name, [*config.parameters, *config.loads], "parameter or load")
         if name in config.loads and config.loads[name].known:
-            yield Problem(key, f"load '{name}' is known", f"set loads.{name}.known: false, or remove it from the list")
+            what = f"load '{name}' is known, but place.estimate is a list of unknowns"
+            yield Problem(key, what, f"set loads.{name}.known: false, or remove {name} from place.estimate")
     for name, load in config.loads.items():
         if not load.known and name not in config.place.estimate:
-            what = f"the unknown load '{name}' is not estimated"
-            yield Problem("place.estimate", what, f"add {name}, or set loads.{name}.known: true")
+            what = f"the unknown load '{name}' is not in the list"
+            yield Problem("place.estimate", what, f"add {name} to place.estimate, or set loads.{name}.known: true")
 
 
 def _optimum(config: PlacementConfig) -> Iterator[Problem]:
     bonded = len(config.gauges.fixed)
     yield from layout_problems(config.place, config.place.estimate, "place.estimate", bonded, "gauges.fixed")
     if config.place.symmetry is not None and config.place.optimise != "metric":
-        what = "place.optimise: worst_failure removes single gauges, but symmetry places gauges in pairs"
+        what = "place.optimise: worst_failure removes single gauges, but place.symmetry places gauges in pairs"
         yield Problem("place.symmetry", what, "remove place.symmetry, or set place.optimise: metric")
 
 
@@ -133,9 +134,9 @@ def _input_models(config: PlacementConfig) -> Iterator[Problem]:
         if not load.known and load.process_noise.model != "random_walk":
             yield Problem(
                 "process_noise.rule",
-                f"the rule '{config.process_noise.rule}' applies to random walks only, but the model of load "
-                f"'{name}' is {load.process_noise.model}",
-                "set process_noise.rule: continuous, or use the model random_walk for the load",
+                f"the rule '{config.process_noise.rule}' applies to the load model random_walk only, but "
+                f"loads.{name}.process_noise.model is {load.process_noise.model}",
+                f"set process_noise.rule: continuous, or loads.{name}.process_noise.model: random_walk",
             )
 
 
@@ -155,14 +156,15 @@ def _resolved(frequencies: Mapping[str, float], step: float, of: str) -> Iterato
     """Yield a problem for each frequency [Hz] that a step [s] does not resolve; of: name of the step."""
     for key, frequency in frequencies.items():
         if step * frequency * FEWEST_STEPS_A_PERIOD > 1 + 1e-9:
-            what = f"for {frequency:g} Hz, {of} gives {1 / (step * frequency):.3g} steps per period"
-            yield Problem(key, what, f"use at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or a smaller time step")
+            ratio = f"{1 / (step * frequency):.3g} times {of}, less than {FEWEST_STEPS_A_PERIOD} times"
+            remedy = f"use at most {1 / (FEWEST_STEPS_A_PERIOD * step):.4g} Hz, or reduce {of}"
+            yield Problem(key, f"the period at {frequency:g} Hz is {ratio}", remedy)
 
 
 def _filter(config: PlacementConfig) -> Iterator[Problem]:
     if config.filter.method == "grid" and config.filter.drift:
         what = "parameters are constant in the grid filter"
-        yield Problem("filter.drift", what, "remove the key, or set filter.method: extended or sigma-point")
+        yield Problem("filter.drift", what, "remove filter.drift, or set filter.method to extended or sigma-point")
 
 
 def _drifting(config: PlacementConfig) -> Iterator[Problem]:
@@ -174,9 +176,9 @@ def _drifting(config: PlacementConfig) -> Iterator[Problem]:
         if parameter.process_noise_scale * drift > 1:
             yield Problem(
                 f"parameters.{name}.process_noise_scale",
-                f"{parameter.process_noise_scale:g} permits a drift of "
-                f"{100 * parameter.process_noise_scale * drift:.3g} % in one step of {step:g} s",
-                f"use at most {at_most(1 / drift)}, and without prior knowledge {at_most(0.01 / drift)}",
+                f"a drift rate of {parameter.process_noise_scale:g} changes the parameter by "
+                f"{100 * parameter.process_noise_scale * drift:.3g} % in one step of {step:g} s, more than 100 %",
+                f"use at most {at_most(1 / drift)}; if the drift rate is not known, use {at_most(0.01 / drift)}",
             )
 
 
@@ -187,16 +189,19 @@ def _validation(config: PlacementConfig) -> Iterator[Problem]:
         low, high = parameters[name].range if name in parameters else (value, value)
         if low <= high and not low <= value <= high:
             what = f"{value:g} is outside parameters.{name}.range, {low:g} to {high:g}, the range of the reduced model"
-            yield Problem(f"validate.truth.parameters.{name}", what, "correct the value, or extend the range")
+            remedy = f"change the value, or extend parameters.{name}.range"
+            yield Problem(f"validate.truth.parameters.{name}", what, remedy)
     for name, std in config.validation.initial_std.items():
         if name in parameters and std > LARGEST_START:
-            what = f"{std:g} times the guess is far larger than the range of the parameter"
-            yield Problem(f"validate.initial_std.{name}", what, f"use at most {LARGEST_START:g}; 0.1 is 10 %")
+            what = f"the initial σ is {std:g} times the guess, more than {LARGEST_START:g} times"
+            remedy = f"use at most {LARGEST_START:g}; 0.1 is 10 % of the guess"
+            yield Problem(f"validate.initial_std.{name}", what, remedy)
         yield from known(f"validate.initial_std.{name}", name, unknowns, "parameter or load", at_key=True)
     for name in config.place.estimate:
         if name in unknowns and name not in config.validation.initial_std:
             what = f"the initial standard deviation of '{name}' is missing"
-            yield Problem("validate.initial_std", what, f"add {name}: 0.1 (relative)", at_key=True)
+            remedy = f"add {name}: 0.1 (10 % of the guess or of the load amplitude)"
+            yield Problem("validate.initial_std", what, remedy, at_key=True)
 
 
 def _measurements(config: PlacementConfig) -> Iterator[Problem]:
@@ -204,7 +209,9 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
     if config.estimate is None:
         return
     for name in config.estimate.initial_std:
-        yield from known(f"estimate.initial_std.{name}", name, config.place.estimate, "unknown")
+        yield from known(
+            f"estimate.initial_std.{name}", name, config.place.estimate, "entry of place.estimate with the name"
+        )
     yield from record_problems(config, config.estimate)
     load_names = {f"estimate.inputs.{name}": name for name in config.estimate.inputs}
     for i, record in enumerate(config.estimate.records):
@@ -212,7 +219,7 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
     for key, name in load_names.items():
         yield from known(key, name, config.loads, "load")
         if name in config.loads and not config.loads[name].known:
-            what = f"load '{name}' is unknown, so its channel has no effect"
+            what = f"load '{name}' is unknown, so the channel of the load has no effect"
             remedy = f"remove the channel, or set loads.{name}.known: true and remove {name} from place.estimate"
             yield Problem(key, what, remedy)
 
@@ -223,15 +230,17 @@ def record_problems(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
     if not records:
         return
     if settings.file is not None:
-        what = f"'file' ({settings.file}) and 'records' are both set"
-        yield Problem("estimate.records", what, "set one file, or a list of records", at_key=True)
+        what = f"cannot be combined with estimate.file ({settings.file})"
+        yield Problem(
+            "estimate.records", what, "remove estimate.records, or estimate.file (option --measurements)", at_key=True
+        )
     names, files = [record.name.lower() for record in records], [record.file for record in records]
     for i, record in enumerate(records):
         key = f"estimate.records.{i}"
         if record.name.lower() in names[:i]:
-            yield Problem(f"{key}.name", f"'{record.name}' appears twice", "use a different name for every record")
+            yield Problem(f"{key}.name", f"'{record.name}' appears twice", "rename one of the two records")
         if record.file in files[:i]:
-            yield Problem(f"{key}.file", f"{record.file} would count twice", "remove one of the two records")
+            yield Problem(f"{key}.file", f"{record.file} is the file of two records", "remove one of the two records")
         if record.channels is not None:
             yield from _other_channels(f"{key}.channels", settings.channels, record.channels)
     if len(records) > 1:
@@ -241,30 +250,30 @@ def record_problems(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
 def _other_channels(
     key: str, shared: tuple[GaugeChannel, ...], channels: tuple[GaugeChannel, ...]
 ) -> Iterator[Problem]:
-    remedy = "list the same gauges and grids in the same order, with the same bias"
+    remedy = "list the same gauges and grids as in estimate.channels, in the same order and with the same `bias`"
     if len(channels) != len(shared):
-        yield Problem(key, f"the record has {len(channels)} channels, but estimate.channels has {len(shared)}", remedy)
+        yield Problem(key, f"the number of channels is {len(channels)}, but {len(shared)} in estimate.channels", remedy)
         return
     for i, (one, other) in enumerate(zip(channels, shared, strict=True)):
         for field in ("gauge", "grid", "bias"):
             actual, expected = getattr(one, field), getattr(other, field)
             if actual != expected:
-                yield Problem(f"{key}.{i}", f"{field} is {actual}, but {expected} in estimate.channels.{i}", remedy)
+                yield Problem(f"{key}.{i}", f"`{field}` is {actual}, but {expected} in estimate.channels[{i}]", remedy)
 
 
 def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Problem]:
     """Check the keys that support one record only."""
     method = config.filter.method
     if method != "grid":
-        what = f"filter.method: {method} does not support constants common to several records"
+        what = f"filter.method: {method} supports one record only"
         yield Problem("estimate.records", what, f"set filter.method: grid, {ONE}", at_key=True)
     if config.filter.compare:
-        what = "filters other than the grid filter support one record only"
-        yield Problem("filter.compare", what, f"remove the key, {ONE}")
+        what = "the comparison with the other filters supports one record only"
+        yield Problem("filter.compare", what, f"remove filter.compare, {ONE}")
     if settings.tune.parts:
         what = "noise levels can be tuned with one record only"
-        remedy = "tune noise levels in a run with one record (estimate.file), and set the results in this config"
+        remedy = "tune noise levels in a run with one record (estimate.file), and copy the tuned values to this config"
         yield Problem("estimate.tune.parts", what, remedy)
     if settings.field is not None:
         what = "strain of the surface over time is available for one record only"
-        yield Problem("estimate.field", what, f"remove the key, {ONE}")
+        yield Problem("estimate.field", what, f"remove estimate.field, {ONE}")

@@ -11,20 +11,22 @@ from strainsight.config.placement import GuessFrom, PlacementConfig, RayleighDam
 from strainsight.config.tolerances import tolerances_of
 
 DAMPING = "damping_factor"
+OF_STEP = "set the load magnitude in the step of this response, in the unit of the load"
 
 
 def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Check that imported matrices depend on exactly the parameters of the config."""
     matrices = config.mesh.matrices
     if matrices is not None and config.mesh.free:
-        what = "cannot be combined with mesh.matrices, since a free structure needs an assembled model"
-        yield Problem("mesh.free", what, "remove one of the two keys")
+        what = "cannot be combined with mesh.matrices, since a free structure needs matrices assembled from the mesh"
+        yield Problem("mesh.free", what, "remove mesh.free or mesh.matrices")
     if matrices is not None and config.mesh.mass is not None:
-        yield Problem("mesh.mass", "the mass comes from mesh.matrices", "remove one of the two keys")
+        what = "mesh.matrices already contains the mass matrix"
+        yield Problem("mesh.mass", what, "remove mesh.mass or mesh.matrices")
     for name, load in config.loads.items():
         if matrices is not None and (load.gravity or load.rotation):
-            what = "mesh.matrices does not contain the positions of the masses"
-            yield Problem(f"loads.{name}", what, "define the load as forces of the deck (deck_load)", at_key=True)
+            what = "gravity and rotation need the positions of the masses, but mesh.matrices contains no positions"
+            yield Problem(f"loads.{name}", what, "define forces in the deck, and name them in `deck_load`", at_key=True)
     if matrices is None:
         return
     named: set[str] = set()
@@ -33,19 +35,20 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
             key = f"mesh.matrices.{kind}.{i}"
             if term.parameter is None:
                 if term.at is not None:
-                    yield Problem(f"{key}.at", "`at` is set without `parameter`", "set the parameter, or remove `at`")
+                    yield Problem(f"{key}.at", "`at` is set without `parameter`", "set `parameter`, or remove `at`")
                 continue
             named.add(term.parameter)
             wanted = {"stiffness": ("youngs_modulus", "stiffness_factor"), "mass": ("density",)}[kind]
             yield from known(f"{key}.parameter", term.parameter, config.parameters, "parameter")
             parameter = config.parameters.get(term.parameter)
             if parameter is not None and parameter.property not in wanted:
-                what = f"'{term.parameter}' is a {parameter.property}"
-                yield Problem(f"{key}.parameter", what, f"use a {' or '.join(wanted)} for a {kind} term")
+                what = f"parameter '{term.parameter}' has the property {parameter.property}"
+                yield Problem(f"{key}.parameter", what, f"for a {kind} term, use the property {' or '.join(wanted)}")
     for name in config.parameters:
         if name not in named and named <= set(config.parameters) and config.parameters[name].property != DAMPING:
             what = "no term of mesh.matrices depends on this parameter"
-            yield Problem(f"parameters.{name}", what, f"set parameter: {name} for one term", at_key=True)
+            remedy = f"set `parameter: {name}` for one term of mesh.matrices, or remove the parameter"
+            yield Problem(f"parameters.{name}", what, remedy, at_key=True)
 
 
 def result_problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -60,36 +63,36 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
         "gauges.strain_operator": config.gauges.strain_operator is not None,
     }
     for key in (key for key, is_set in others.items() if is_set):
-        what = "cannot be combined with mesh.results, which apply to a supported structure with the nodes of the mesh"
-        yield Problem(key, what, "remove the key, or mesh.results", at_key=True)
+        what = "cannot be combined with mesh.results, the results of a supported structure at the nodes of the mesh"
+        yield Problem(key, what, f"remove {key} or mesh.results", at_key=True)
     for i, support in enumerate(config.mesh.supports):
         if support.stiffness is not None:
-            what = "the stiffness comes from mesh.results"
-            remedy = "include the spring in the model that produced the results"
+            what = "mesh.results already contains the stiffness of all springs"
+            remedy = "remove `stiffness`, and include the spring in the model of the other program"
             yield Problem(f"mesh.supports.{i}.stiffness", what, remedy, at_key=True)
     for name, entry in results.loads.items():
         key = f"mesh.results.loads.{name}"
         yield from known(key, name, config.loads, "load", at_key=True)
         if entry.magnitude == 0:
             what = "the load magnitude is zero"
-            yield Problem(f"{key}.magnitude", what, "set the load magnitude of that step, in the unit of the load")
+            yield Problem(f"{key}.magnitude", what, OF_STEP)
     for name in results.at:
         yield from known(f"mesh.results.at.{name}", name, config.parameters, "parameter", at_key=True)
     yield from _second_results(config, results)
     for kind, properties in (("stiffness", ("youngs_modulus", "stiffness_factor")), ("mass", ("density",))):
         own_names = [name for name, entry in config.parameters.items() if entry.property in properties]
         for name in own_names[1:]:
-            what = f"the {kind} of mesh.results is already proportional to {own_names[0]}"
-            yield Problem(f"parameters.{name}", what, "remove one of the two parameters", at_key=True)
+            what = f"the {kind} of mesh.results already depends on the parameter {own_names[0]}"
+            yield Problem(f"parameters.{name}", what, f"remove the parameter {name} or {own_names[0]}", at_key=True)
     for name, own_parameter in config.parameters.items():
         if own_parameter.property not in ("youngs_modulus", "stiffness_factor", "density", DAMPING):
-            what = f"mesh.results does not contain the dependence on a {own_parameter.property}"
-            yield Problem(
-                f"parameters.{name}.property", what, "use a stiffness_factor of all regions, or remove mesh.results"
-            )
+            what = f"mesh.results does not contain the effect of the property {own_parameter.property}"
+            remedy = "set property: stiffness_factor without `region`, or remove mesh.results"
+            yield Problem(f"parameters.{name}.property", what, remedy)
         if own_parameter.springs is not None:
-            what = "mesh.results does not contain the stiffness of the springs"
-            yield Problem(f"parameters.{name}.springs", what, "replace mesh.results by mesh.matrices", at_key=True)
+            what = "mesh.results does not contain the stiffness of single springs"
+            remedy = "replace mesh.results by mesh.matrices, with a separate stiffness term for the springs"
+            yield Problem(f"parameters.{name}.springs", what, remedy, at_key=True)
 
 
 def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterator[Problem]:
@@ -101,24 +104,21 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
     if parameter is None:
         yield from known(f"{key}.parameter", second.parameter, config.parameters, "parameter")
     elif parameter.property not in ("youngs_modulus", "stiffness_factor", "density") or parameter.region is None:
-        kind = f"is a {parameter.property}" if parameter.region is not None else "applies to all regions"
-        what = f"'{second.parameter}' {kind}"
-        remedy = (
-            "use a youngs_modulus, stiffness_factor or density of some regions; other parameters need no second set"
-        )
+        kind = f"has the property {parameter.property}" if parameter.region is not None else "applies to all regions"
+        what = f"parameter '{second.parameter}' {kind}"
+        remedy = "name a parameter with `region` and with the property youngs_modulus, stiffness_factor or density"
         yield Problem(f"{key}.parameter", what, remedy)
     if second.loads is None:
         for name, load in results.loads.items():
             if load.file is not None:
-                what = f"the response to {name} in the first set is in a separate file"
-                yield Problem(f"{key}.loads", what, "set the loads of the second set, each with its file", at_key=True)
+                what = f"the response to load {name} is in a separate file (mesh.results.loads.{name}.file)"
+                remedy = "set `file` for every load under mesh.results.second.loads"
+                yield Problem(f"{key}.loads", what, remedy, at_key=True)
         return
     for name, load in second.loads.items():
         yield from known(f"{key}.loads.{name}", name, config.loads, "load", at_key=True)
         if load.magnitude == 0:
-            yield Problem(
-                f"{key}.loads.{name}.magnitude", "the load magnitude is zero", "set the magnitude in that step"
-            )
+            yield Problem(f"{key}.loads.{name}.magnitude", "the load magnitude is zero", OF_STEP)
 
 
 MODULI = ("youngs_modulus", "e1", "e2", "g12", "g1z", "g2z")
@@ -136,9 +136,8 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from result_problems(config)
     for name, parameter in config.parameters.items():
         if isinstance(parameter.guess, GuessFrom) and parameter.guess.source == config.name:
-            yield Problem(
-                f"parameters.{name}.guess.from", "a run cannot use its own estimate as guess", "name another run"
-            )
+            what = "a run cannot use its own estimate as guess"
+            yield Problem(f"parameters.{name}.guess.from", what, "set `from` to another run, or `guess` to a number")
 
 
 def _static(config: PlacementConfig) -> Iterator[Problem]:
@@ -147,24 +146,26 @@ def _static(config: PlacementConfig) -> Iterator[Problem]:
         return
     for name, parameter in config.parameters.items():
         if parameter.property == "density" and not any(load.gravity or load.rotation for load in config.loads.values()):
-            what = "a static model (train.model: static) does not depend on the density"
+            what = "without gravity or rotation, a static model (train.model: static) does not depend on the density"
             yield Problem(f"parameters.{name}.property", what, "set train.model: dynamic, or add a gravity load")
     for name, sensors in config.motion_sensors.items():
         if sensors.quantity == "acceleration":
             what = "a static model (train.model: static) has no accelerations"
             yield Problem(
-                f"motion_sensors.{name}.quantity", what, "set train.model: dynamic, or remove the accelerometers"
+                f"motion_sensors.{name}.quantity", what, f"set train.model: dynamic, or remove motion_sensors.{name}"
             )
 
 
 def _names(config: PlacementConfig) -> Iterator[Problem]:
     for name in config.parameters:
         if name in config.loads:
-            yield Problem(f"loads.{name}", "a parameter has the same name", "use different names", at_key=True)
+            what = "a parameter has the same name"
+            yield Problem(f"loads.{name}", what, "rename the load or the parameter", at_key=True)
     for section, names in (("parameters", config.parameters), ("loads", config.loads)):
         for name in names:
             if name in RESERVED:
-                yield Problem(f"{section}.{name}", f"the name '{name}' is reserved", "use another name", at_key=True)
+                what = f"the name '{name}' is reserved for strainsight"
+                yield Problem(f"{section}.{name}", what, f"rename this entry of {section}", at_key=True)
 
 
 def _places(config: PlacementConfig) -> Iterator[Problem]:
@@ -174,35 +175,36 @@ def _places(config: PlacementConfig) -> Iterator[Problem]:
         key = f"parameters.{name}"
         if parameter.material is not None and parameter.property not in MODULI:
             what = f"a ply material does not have the property {parameter.property}"
-            yield Problem(f"{key}.material", what, f"remove the key, or set property to one of {', '.join(MODULI)}")
+            remedy = f"remove `material`, or set `property` to one of {', '.join(MODULI)}"
+            yield Problem(f"{key}.material", what, remedy)
         if parameter.springs is not None:
             if matrices is not None:
-                yield Problem(
-                    f"{key}.springs", "springs are part of mesh.matrices", "define a separate term for the springs"
-                )
+                remedy = "remove `springs`, and define a separate stiffness term of the springs in mesh.matrices"
+                yield Problem(f"{key}.springs", "the springs are part of mesh.matrices", remedy)
             elif parameter.region is not None:
-                yield Problem(f"{key}.springs", "region is set as well", "define two parameters, or remove one key")
+                remedy = "remove `springs` or `region`, or define two parameters"
+                yield Problem(f"{key}.springs", "`springs` and `region` are both set", remedy)
             if parameter.property != "stiffness_factor":
                 what = f"springs do not have the property {parameter.property}"
-                yield Problem(f"{key}.property", what, "use property: stiffness_factor, which scales their stiffness")
+                remedy = "set property: stiffness_factor, a factor on the stiffness of the springs"
+                yield Problem(f"{key}.property", what, remedy)
         elif parameter.property == DAMPING:
             continue
         elif parameter.region is None and matrices is None and config.mesh.results is None:
-            remedy = "set the id or name of a region, a list of regions, or the names of springs (springs)"
+            remedy = "set `region` to an id, a name or a list of regions, or set `springs` to a list of spring names"
             yield Problem(f"{key}.region", "missing", remedy, at_key=True)
         elif parameter.region is not None and matrices is not None:
-            yield Problem(
-                f"parameters.{name}.region", "mesh.matrices defines the terms of the parameter", "remove the key"
-            )
+            what = "with mesh.matrices, a parameter applies to terms of the matrices, not to regions"
+            yield Problem(f"parameters.{name}.region", what, "remove `region`")
 
 
 def _free(config: PlacementConfig) -> Iterator[Problem]:
     """Check for sensors and loads that a free structure cannot have, since its position depends on the whole past."""
     if not config.mesh.free:
         return
-    soft = "use strain gauges, or replace mesh.free by soft springs (mesh.supports, stiffness)"
+    soft = "remove these sensors, or replace mesh.free by soft springs (`stiffness` in mesh.supports)"
     for name, sensors in config.motion_sensors.items():
-        what = "sensors measure the rigid-body motion, which a free structure (mesh.free) omits"
+        what = "sensors measure the rigid-body motion, but the model of a free structure (mesh.free) omits this motion"
         yield Problem(f"motion_sensors.{name}", f"{sensors.quantity} {what}", soft, at_key=True)
 
 
@@ -210,27 +212,26 @@ def damping_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Check the parameters with property damping_factor."""
     names = [name for name, parameter in config.parameters.items() if parameter.property == DAMPING]
     for name in names[1:]:
-        what = f"{names[0]} is already a factor on the damping"
-        yield Problem(f"parameters.{name}", what, "remove one of the two parameters", at_key=True)
+        what = f"the parameter {names[0]} is already a {DAMPING}"
+        yield Problem(f"parameters.{name}", what, f"remove the parameter {name} or {names[0]}", at_key=True)
     for name in names:
         parameter = config.parameters[name]
         if parameter.region is not None:
-            what = f"a {DAMPING} scales `damping` in every mode; it has no region"
-            yield Problem(f"parameters.{name}.region", what, "remove the key")
+            what = f"a {DAMPING} scales `damping` in every mode, not in a region"
+            yield Problem(f"parameters.{name}.region", what, "remove `region`")
         law = config.damping
         none = not (law.alpha or law.beta) if isinstance(law, RayleighDamping) else not law.ratio
         if none:
             what = f"a {DAMPING} has no effect, since `damping` is zero"
-            yield Problem(
-                f"parameters.{name}.property", what, "set `damping` to the expected value, such as ratio: 0.01"
-            )
+            remedy = "set `damping` to the expected value, such as {type: modal, ratio: 0.01}"
+            yield Problem(f"parameters.{name}.property", what, remedy)
         spread = tolerances_of(config.tolerances).damping
         if name in config.place.estimate and spread > 1:
             what = (
-                "a common factor of all modes is estimated, but each mode has its own damping tolerance, a "
-                f"factor of {spread:g} (tolerances.damping)"
+                f"a {DAMPING} is one factor for all modes, but tolerances.damping permits a separate factor of "
+                f"{spread:g} for each mode"
             )
-            remedy = "set tolerances: {damping: 1} for constant ratios between modes, or do not estimate the factor"
+            remedy = f"set tolerances: {{damping: 1}}, or remove {name} from place.estimate"
             yield Problem(f"parameters.{name}.property", what, remedy)
         if config.train.model == "static":
             what = "a static model (train.model: static) does not depend on the damping"
@@ -248,23 +249,22 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     gauges = config.gauges
     yield from _strain_rows(config)
     if isinstance(gauges.noise_std, AbsoluteNoise) and (value := gauges.noise_std.value) > LARGEST_NOISE:
-        what = f"{value:g} m/m is {100 * value:g} % strain"
-        yield Problem("gauges.noise_std.value", what, f"use m/m: {value:g} um/m is {1e-6 * value:.1e} m/m")
+        what = f"a noise of {value:g} m/m is {100 * value:g} % strain, more than {100 * LARGEST_NOISE:g} %"
+        yield Problem("gauges.noise_std.value", what, f"set the noise in m/m: {value:g} um/m is {1e-6 * value:.1e} m/m")
     grids = 0 if gauges.direction is None or not gauges.rosette else len(gauges.direction.angles)
     if grids == 1:
-        yield Problem(
-            "gauges.rosette", "a rosette needs more than one grid", "set gauges.direction.angles, such as [0, 45, 90]"
-        )
+        what = "a rosette needs two or three grids, but gauges.direction.angles has one angle"
+        remedy = "set gauges.direction.angles, such as [0, 45, 90], or remove gauges.rosette"
+        yield Problem("gauges.rosette", what, remedy)
     if grids > LARGEST_ROSETTE:
-        yield Problem(
-            "gauges.direction.angles", f"a rosette with {grids} grids is not supported", "use at most three grids"
-        )
+        what = f"a rosette with {grids} grids is not supported"
+        yield Problem("gauges.direction.angles", what, "use at most three angles, or remove gauges.rosette")
     if gauges.direction is not None:
         yield from type_problems(gauges, len(gauges.direction.angles) if gauges.rosette else 1)
     for name, sensors in config.motion_sensors.items():
         directions = [axis if axis == "normal" else _unit(axis) for axis in sensors.axes]
         if any(a in directions[:i] for i, a in enumerate(directions)):
-            yield Problem(f"motion_sensors.{name}.axes", "one axis repeats another axis", "remove the repeated axis")
+            yield Problem(f"motion_sensors.{name}.axes", "two axes are parallel", "remove one of the parallel axes")
     yield from _mirrored(config)
     yield from _bridges(config)
     yield from _count(config)
@@ -284,19 +284,13 @@ def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
     gauges = config.gauges
     if gauges.strain_operator is None:
         if gauges.direction is None:
-            yield Problem(
-                "gauges.direction",
-                "missing",
-                "set {type: axis, axis: [1, 0, 0]}, or gauges.strain_operator",
-                at_key=True,
-            )
+            remedy = "set gauges.direction: {type: axis, axis: [1, 0, 0]}, or set gauges.strain_operator"
+            yield Problem("gauges.direction", "missing", remedy, at_key=True)
         return
     if config.mesh.matrices is None:
+        what = "the rows of the strain operator need mesh.matrices"
         yield Problem(
-            "gauges.strain_operator",
-            "rows of the strain operator need imported matrices",
-            "set mesh.matrices",
-            at_key=True,
+            "gauges.strain_operator", what, "set mesh.matrices, or remove gauges.strain_operator", at_key=True
         )
     for key, is_set in (
         ("gauges.direction", gauges.direction is not None),
@@ -315,7 +309,7 @@ def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
                 "gauges.direction": "the candidates already have directions",
                 "gauges.bridge": "the row of a bridge already contains the sum of its arms",
             }.get(key, "this key needs a mesh surface")
-            yield Problem(key, f"cannot be combined with gauges.strain_operator: {what}", "remove the key", at_key=True)
+            yield Problem(key, f"cannot be combined with gauges.strain_operator: {what}", f"remove {key}", at_key=True)
 
 
 def _bridges(config: PlacementConfig) -> Iterator[Problem]:
@@ -323,12 +317,11 @@ def _bridges(config: PlacementConfig) -> Iterator[Problem]:
     if config.gauges.bridge is None:
         return
     if config.gauges.rosette:
-        yield Problem(
-            "gauges.rosette", "a rosette cannot be an arm of a bridge", "remove the key, or gauges.bridge", at_key=True
-        )
+        what = "a rosette cannot be an arm of a bridge"
+        yield Problem("gauges.rosette", what, "remove gauges.rosette or gauges.bridge", at_key=True)
     if config.place.symmetry is not None:
         what = "candidates with bridges cannot be placed in mirrored pairs"
-        remedy = "remove the key, or gauges.bridge; bonded bridges are permitted"
+        remedy = "remove place.symmetry or gauges.bridge; bridges in gauges.fixed are permitted"
         yield Problem("place.symmetry", what, remedy, at_key=True)
 
 
@@ -346,25 +339,24 @@ def _mirrored(config: PlacementConfig) -> Iterator[Problem]:
         return
     angles = {round(angle % 180, 6) for angle in direction.angles}
     if angles != {round(-angle % 180, 6) for angle in direction.angles}:
-        listed = ", ".join(f"{-angle:g}" for angle in direction.angles)
-        what = f"the angles do not contain their mirror images, {listed}"
-        remedy = "with place.symmetry, use angles such as [0, 60, 120], [0, 90] or [-45, 0, 45]"
+        listed = ", ".join(f"{0.0 - angle:g}" for angle in direction.angles)
+        what = f"place.symmetry needs the angles and their mirror images ({listed} deg) in this list"
+        remedy = "add the mirror images, or use angles such as [0, 60, 120], [0, 90] or [-45, 0, 45]"
         yield Problem("gauges.direction.angles", what, remedy)
 
 
 def _count(config: PlacementConfig) -> Iterator[Problem]:
     keep, names = config.place.keep, tuple(dict.fromkeys(config.place.estimate))
-    kinds = {"inputs" if name in config.loads else "parameters" for name in names}
+    kinds = {"loads" if name in config.loads else "parameters" for name in names}
     what = f"unknown {kinds.pop()}" if len(kinds) == 1 else "unknowns"
     signals = keep * channels_of_a_gauge(config)
     if signals < len(names):
         yield Problem(
             "place.keep",
             f"{keep} gauge{'s' * (keep != 1)} cannot observe {len(names)} {what} ({', '.join(names)})",
-            f"set keep to at least {-(-len(names) * keep // signals)}, or estimate fewer "
-            f"{what.removeprefix('unknown ')}",
+            f"set place.keep to at least {-(-len(names) * keep // signals)}, or remove unknowns from place.estimate",
         )
     pool = config.screen.keep
     if pool != "all" and keep > pool:
-        what = f"keep is {keep}, larger than the pool of {pool} candidates (screen.keep)"
-        yield Problem("place.keep", what, f"set keep to at most {pool}, or increase screen.keep")
+        what = f"place.keep is {keep}, but screen.keep limits the candidates to {pool}"
+        yield Problem("place.keep", what, f"set place.keep to at most {pool}, or increase screen.keep")

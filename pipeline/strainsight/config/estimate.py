@@ -35,33 +35,44 @@ from strainsight.config.layout import key_of
 class SNCurve(Section):
     """S-N curve N = cycles · (stress/Δσ)^slope: straight lines of ln N over ln Δσ."""
 
-    slope: Annotated[float, Field(ge=1, le=30)] = Field(description="Slope m of the line through `stress` [-].")
-    stress: Stress = Field(description="Stress range or amplitude with a life of `cycles` cycles [Pa].")
+    slope: Annotated[float, Field(ge=1, le=30)] = Field(
+        description="Slope m of the S-N curve through `stress`, for fewer cycles than `knee` [-]."
+    )
+    stress: Stress = Field(
+        description="Stress range or amplitude (see `of`) with a fatigue life of `cycles` cycles [Pa]."
+    )
     of: Literal["range", "amplitude"] = expert(
-        "range", description="Kind of `stress`: a range Δσ, from valley to peak, or an amplitude σ_a = Δσ/2."
+        "range",
+        description="Kind of `stress`: the stress range Δσ from valley to peak, or the stress amplitude σ_a = Δσ/2.",
     )
     cycles: Cycles = Field(2e6, description="Number of cycles to failure at `stress` [-].")
-    knee: Cycles | None = Field(None, description="Number of cycles at the knee point [-]; null: no knee point.")
+    knee: Cycles | None = Field(
+        None, description="Number of cycles at the knee point of the S-N curve [-]; null: no knee point."
+    )
     second_slope: Annotated[float, Field(ge=1, le=60)] | None = Field(
-        None, description="Slope m₂ beyond the knee point [-]; null: ranges below the knee point cause no damage."
+        None,
+        description="Slope m₂ of the S-N curve for more cycles than `knee` [-]; null: stress ranges below the knee point "
+        "cause no damage.",
     )
     cut_off: Cycles | None = Field(
-        None, description="Number of cycles at the cut-off limit [-]: smaller ranges cause no damage. Null: none."
+        None,
+        description="Number of cycles at the cut-off limit of the S-N curve [-]; stress ranges below the cut-off limit "
+        "cause no damage. Null: no cut-off limit.",
     )
 
 
 class MeanStressSection(Section):
-    """Mean stress correction: range with the same damage at zero mean stress. The S-N curve then has to be for zero mean stress
-    (R = −1)."""
+    """Mean stress correction: every stress range is replaced by the range with the same damage at zero mean stress. The S-N curve
+    has to be valid for zero mean stress (stress ratio R = −1)."""
 
     rule: Literal["none", "goodman", "fkm"] = expert(
         "none",
-        description="Rule. With `none`: no correction. With `goodman`: Δσ/(1 − σ_m/R_m) for tensile mean stress. With `fkm`: "
-        "mean stress sensitivity M of the FKM guideline.",
+        description="Rule of the correction. With `none`: no correction. With `goodman`: Δσ/(1 − σ_m/R_m) for a tensile mean "
+        "stress σ_m. With `fkm`: FKM guideline with the mean stress sensitivity M.",
     )
-    tensile_strength: Stress | None = expert(None, description="Tensile strength R_m for goodman [Pa].")
+    tensile_strength: Stress | None = expert(None, description="Tensile strength R_m for `rule: goodman` [Pa].")
     sensitivity: Annotated[float, Field(ge=0, le=1)] | None = expert(
-        None, description="Mean stress sensitivity M for fkm [-]."
+        None, description="Mean stress sensitivity M for `rule: fkm` [-]."
     )
 
 
@@ -72,41 +83,47 @@ class DamageSettings(Section):
     mean_stress: MeanStressSection = expert(default_factory=MeanStressSection, description="Mean stress correction.")
     stress: Literal["signed_von_mises", "principal"] = expert(
         "signed_von_mises",
-        description="Stress at the surface: von Mises stress with the sign of the principal stress of largest "
-        "magnitude, or this principal stress. For a virtual gauge, the stress is E ε along the gauge.",
+        description="Stress for the damage at the surface. With `signed_von_mises`: von Mises stress with the sign of the "
+        "principal stress of largest magnitude. With `principal`: the principal stress of largest magnitude. For a virtual "
+        "gauge, the stress is always E ε along the gauge.",
     )
     draws: Annotated[int, Field(ge=40, le=10_000)] = Field(
-        200, description="Number of stress histories sampled from the posterior of the smoother [-]."
+        200,
+        description="Number of stress histories sampled from the posterior of the smoother, for the uncertainty interval "
+        "[-].",
     )
     points: Annotated[Annotated[int, Field(ge=1)] | None, Plausible(1, 1e6)] = Field(
         None,
-        description="Number of surface points with an uncertainty interval, those with the largest damage first [-]; null: all.",
+        description="Number of surface points with an uncertainty interval of the damage [-]: the points with the largest "
+        "damage. Null: all points.",
     )
     equivalent_cycles: Cycles = expert(
-        1e6, description="Reference number of cycles N_eq of the damage-equivalent range [-]."
+        1e6, description="Reference number of cycles N_eq of the damage-equivalent stress range [-]."
     )
     repetitions: Annotated[Positive, Plausible(1e-6, 1e12)] = Field(
-        1.0, description="Number of repetitions of the record [-]; the damage is that of all repetitions."
+        1.0, description="Number of repetitions of the record [-]; the damage is the sum over all repetitions."
     )
-    hot_spots: Annotated[int, Field(ge=1, le=1000)] = expert(10, description="Number of hot spots in the table [-].")
+    hot_spots: Annotated[int, Field(ge=1, le=1000)] = expert(
+        10, description="Number of hot spots (surface points with the largest damage) in the printed table [-]."
+    )
 
     def problems(self) -> Iterator[Problem]:
         curve, mean = self.curve, self.mean_stress
         if curve.second_slope is not None and curve.knee is None:
-            remedy = "set estimate.damage.curve.knee, or remove this key"
-            yield Problem("curve.second_slope", "the curve has no knee point", remedy, at_key=True)
+            remedy = "set estimate.damage.curve.knee, or remove `second_slope`"
+            yield Problem("curve.second_slope", "the S-N curve has no knee point", remedy, at_key=True)
         if curve.cut_off is not None and curve.knee is not None and curve.cut_off <= curve.knee:
             what = f"a cut-off at {curve.cut_off:g} cycles is not beyond the knee point at {curve.knee:g} cycles"
-            yield Problem("curve.cut_off", what, "increase the number of cycles, or remove the key")
+            yield Problem("curve.cut_off", what, "increase `cut_off`, or remove `cut_off`")
         if curve.cut_off is not None and curve.knee is not None and curve.second_slope is None:
-            what = "has no effect: without second_slope, ranges below the knee point cause no damage"
-            yield Problem("curve.cut_off", what, "set second_slope, or remove this key", at_key=True)
+            what = "has no effect: without second_slope, stress ranges below the knee point cause no damage"
+            yield Problem("curve.cut_off", what, "set `second_slope`, or remove `cut_off`", at_key=True)
         for rule, name in (("goodman", "tensile_strength"), ("fkm", "sensitivity")):
             is_set = getattr(mean, name) is not None
             if mean.rule == rule and not is_set:
-                yield Problem("mean_stress", f"{rule} needs {name}", f"set estimate.damage.mean_stress.{name}")
+                yield Problem("mean_stress", f"the rule {rule} needs {name}", f"set estimate.damage.mean_stress.{name}")
             if mean.rule != rule and is_set:
-                remedy = f"remove the key, or set rule: {rule}"
+                remedy = f"remove `{name}`, or set estimate.damage.mean_stress.rule: {rule}"
                 yield Problem(f"mean_stress.{name}", f"has no effect with the rule {mean.rule}", remedy, at_key=True)
 
 
@@ -116,12 +133,13 @@ BridgeKind = Literal[
 
 
 class BridgeSection(Section):
-    """Wheatstone bridge of a channel in mV/V."""
+    """Wheatstone bridge of a channel in mV/V or V/V."""
 
     arrangement: BridgeKind = Field(
-        description="Bridge circuit, see docs/estimation.md; `sum`: a bridge of gauges.fixed."
+        description="Bridge circuit; docs/estimation.md lists the circuits. With `sum`: a bridge of gauges.fixed or "
+        "gauges.bridge."
     )
-    gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(description="Gauge factor [-].")
+    gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(description="Gauge factor of the gauges in the bridge [-].")
     poisson_ratio: float | None = expert(
         None, gt=-1, lt=0.5, description="Poisson's ratio of the part, for circuits with transverse gauges [-]."
     )
@@ -131,7 +149,8 @@ class DelayInSamples(Section):
     """A delay in sampling intervals of the file."""
 
     samples: Annotated[int, Plausible(0, 1e6)] = expert(
-        description="Delay of the channel in whole samples; negative: advance [-]."
+        description="Delay of the channel in samples [-]: a positive value if the channel is late, a negative value if the "
+        "channel is early."
     )
 
 
@@ -139,7 +158,8 @@ class DelayInSeconds(Section):
     """A delay in seconds."""
 
     seconds: Annotated[float, Plausible(0.0, 1e4, "s")] = expert(
-        description="Delay of the channel, a whole number of sampling intervals; negative: advance [s]."
+        description="Delay of the channel, a multiple of the sampling interval [s]: a positive value if the channel is late, a "
+        "negative value if the channel is early."
     )
 
 
@@ -149,40 +169,51 @@ Delay = Annotated[
 
 
 class Channel(Section):
-    """A channel of the file and its corrections. Unit and bridge are never guessed."""
+    """A channel of the file and the corrections of its readings. Unit and bridge are never guessed."""
 
     channel: Text = Field(
-        description="Name of the channel: column, dataset, channel or variable (a.b for a struct of a MAT file). For UFF: "
-        "node:direction or id line of the function. For MDF4 and TDMS: channel or group/channel."
+        description="Name of the channel in the file: column, dataset, channel or variable (a.b for the field b of a struct a "
+        "in a MAT file). For UFF: node:direction or id line of the function. For MDF4 and TDMS: channel or group/channel."
     )
     unit: Text = Field(
-        description="Unit of the readings: um/m, mV/V, m/s2, g, mm, kN, …; it has to agree with the unit in the file."
+        description="Unit of the readings: um/m, mV/V, m/s2, g, mm, kN, …; this unit has to agree with the unit in the file."
     )
     override: bool = expert(
         False,
-        description="`true`: accept this channel although its unit differs from the file, its readings are implausibly "
-        "small, or it repeats values like a slower channel.",
+        description="`true`: accept this channel although the unit differs from the unit in the file, readings are implausibly "
+        "small, or values repeat as in a slower channel.",
     )
     bridge: BridgeSection | None = Field(
-        None, description="Wheatstone bridge; required for mV/V and V/V, not permitted otherwise."
+        None,
+        description="Wheatstone bridge of the channel; required for the units mV/V and V/V, not permitted for other units.",
     )
-    sign: Literal[1, -1] = expert(1, description="Polarity [-]; −1: reversed wiring.")
-    scale: Annotated[Positive, Plausible(1e-6, 1e6)] = expert(1.0, description="Factor on the calibrated signal [-].")
-    offset: Annotated[float, READING] = expert(0.0, description="Offset, subtracted from the readings [unit].")
+    sign: Literal[1, -1] = expert(
+        1, description="Polarity of the channel, a factor on the readings [-]; −1 for reversed wiring."
+    )
+    scale: Annotated[Positive, Plausible(1e-6, 1e6)] = expert(
+        1.0, description="Factor on the signal after all other corrections [-]."
+    )
+    offset: Annotated[float, READING] = expert(
+        0.0, description="Offset that is subtracted from the readings [unit of the readings]."
+    )
     drift: Annotated[float, READING] = expert(
         0.0,
-        description="Drift rate; its product with the time since the start is subtracted from the readings [unit/s].",
+        description="Drift rate of the readings [unit of the readings per s]; drift rate times time since the start of the "
+        "record is subtracted from the readings.",
     )
     zero: Annotated[tuple[float, float] | None, INSTANT] = Field(
-        None, description="Zero interval [from, to] [s]; the mean of its readings is subtracted."
+        None,
+        description="Time interval [from, to] of the zero readings, in the time of the file [s]; the mean of these "
+        "readings is subtracted from the readings.",
     )
     missing: Annotated[tuple[tuple[float, float], ...], INSTANT] = Field(
         (),
-        description="Intervals [[from, to], …] of missing samples, such as spikes, in the time of the file [s].",
+        description="Time intervals [[from, to], …] with invalid samples, such as spikes, in the time of the file [s]; the "
+        "filter skips these samples.",
     )
     delay: Delay | None = expert(
         None,
-        description="Delay of the channel to correct, {samples: n} or {seconds: s}; null: none.",
+        description="Delay of the channel, which is corrected by a shift: {samples: n} or {seconds: s}; null: no delay.",
     )
 
 
@@ -190,16 +221,16 @@ class GaugeChannel(Channel):
     """A channel of a gauge."""
 
     gauge: Text | Id = Field(
-        description="Name of the gauge in gauges.fixed, its number in the table of gauges.strain_operator, or its label in the "
-        "layout (G1, as in gauges.csv)."
+        description="Name of the gauge in gauges.fixed, number of the gauge in the table of gauges.strain_operator, or label of the gauge "
+        "in the layout, such as G1 in gauges.csv."
     )
     grid: Annotated[int, Plausible(1, 3)] = expert(
-        1, ge=1, description="Number of the grid of a rosette or of the axis of a sensor, from 1 [-]."
+        1, ge=1, description="Number of the measuring grid of a rosette, or of the axis of a motion sensor, from 1 [-]."
     )
     noise_std: Annotated[Positive | None, NOISE] = expert(
         None,
-        description="Noise standard deviation of one sample [strain, m/s² or m]; null: that of the config, at the sampling "
-        "rate of the file.",
+        description="Noise standard deviation of one sample of the file [strain, m/s² or m]; null: noise_std of the section "
+        "`gauges` or `motion_sensors`, converted to the sampling rate of the file.",
     )
     bias: Annotated[Positive | None, Plausible(1e-12, 1e3, "strain, m/s² or m")] = expert(
         None,
@@ -213,16 +244,16 @@ RATES = {"Hz": 1.0, "kHz": 1e3}
 
 
 class ClockSection(Section):
-    """Time of the samples. UFF functions contain it; MDF4 and TDMS channels usually do."""
+    """Time of the samples. UFF functions always contain the time; MDF4 and TDMS channels usually contain the time."""
 
     channel: Text | None = Field(
         None,
-        description="Column, dataset, channel or variable with the time. In a MAT file, it may be the sampling interval, or "
-        "with unit Hz the sampling rate.",
+        description="Name of the column, dataset, channel or variable with the time. In a MAT file, the variable may also "
+        "contain the sampling interval, or with `unit: Hz` the sampling rate.",
     )
-    unit: Text = expert("s", description="Unit of the time: s, ms, us, min; Hz for a rate.")
+    unit: Text = expert("s", description="Unit of the time: s, ms, us or min. For a sampling rate: Hz or kHz.")
     rate: Annotated[Positive | None, Plausible(1e-3, 1e7, "Hz or kHz")] = expert(
-        None, description="Sampling rate of a file without time, instead of channel: {rate: 100, unit: Hz}."
+        None, description="Sampling rate of a file without a time channel, instead of `channel`: {rate: 100, unit: Hz}."
     )
 
     @model_validator(mode="after")
@@ -230,7 +261,7 @@ class ClockSection(Section):
         if self.rate is None:
             return self
         if self.channel is not None:
-            raise ValueError("`channel` and `rate` are both set; remove one of them")
+            raise ValueError("`channel` and `rate` are both set; remove `channel` or `rate`")
         if "unit" in self.model_fields_set and self.unit not in RATES:
             raise ValueError(f"{self.unit} is not a unit of a sampling rate; set `unit` to one of {', '.join(RATES)}")
         return self
@@ -247,13 +278,15 @@ class TextForm(Section):
     delimiter: Literal[",", ";", "\t"] | None = expert(
         None, description="Column separator; null: detected from the first line."
     )
-    decimal: Literal[".", ","] = expert(".", description="Decimal mark.")
+    decimal: Literal[".", ","] = expert(".", description="Decimal mark of the numbers.")
     comment: str = expert("#", description="First characters of comment lines; empty: no comments.")
     header_line: Count | None = expert(
-        None, description="Number of the header line, if other lines precede it without a comment character [-]."
+        None,
+        description="Line number of the column names, from 1 [-]. Required if lines without a comment character precede "
+        "the column names.",
     )
     missing: tuple[Text, ...] = expert(
-        (), description="Words for a missing sample, in addition to an empty cell and NaN."
+        (), description="Words or numbers that mark a missing sample, in addition to an empty cell and NaN."
     )
 
 
@@ -261,7 +294,7 @@ class Field3D(Section):
     """Strain and stress of the whole surface over time."""
 
     every: Annotated[Positive | None, Plausible(1e-6, 1e5, "s")] = Field(
-        None, description="Time between frames [s]; null: 100 frames."
+        None, description="Time between two frames of the surface [s]; null: 100 frames in the record."
     )
 
 
@@ -269,7 +302,10 @@ class Tune(Section):
     """Maximum-likelihood tuning of noise levels from the measurements."""
 
     parts: tuple[Literal["process", "inputs", "model_error", "parameters", "noise"], ...] = expert(
-        (), description="Noise levels to tune, each by one factor; empty: no tuning."
+        (),
+        description="Noise levels to tune, each by one factor; empty: no tuning. With `noise`: measurement noise. With "
+        "`process`: all process noise. With `inputs`, `model_error` or `parameters`: process noise of the loads, of the "
+        "velocities or of the parameters.",
     )
 
 
@@ -277,27 +313,29 @@ FileFormat = Literal["auto", "csv", "hdf5", "uff58", "mdf", "tdms", "mat"]
 
 
 class RecordedFile(Section):
-    """File format of a test."""
+    """Format of a measurement file."""
 
     format: FileFormat = expert(
         "auto",
-        description="File format; `auto`: by the file extension. mdf and tdms need the optional dependencies `daq`.",
+        description="File format; `auto`: by the file extension. `mdf` and `tdms` need the installation `strainsight[daq]`.",
     )
     text: TextForm = expert(default_factory=TextForm, description="Format of a CSV file.")
     time: ClockSection = with_defaults(ClockSection, "Time of the samples.")
 
 
 class RecordOfTest(Section):
-    """One record of a campaign: its file, and keys that differ from the other records."""
+    """One record of a campaign: file of the record, and keys that differ from the section `estimate`."""
 
     name: RunName = Field(description="Name of the record in tables, pages and file names: letters, digits, - and _.")
-    file: Text = Field(description="Measurement file, as estimate.file.")
+    file: Text = Field(description="Measurement file of this record, in a format of estimate.file.")
     date: Text | None = Field(None, description="Date of the test; null: estimate.date.")
     format: FileFormat | None = Field(None, description="File format; null: estimate.format.")
     text: TextForm | None = expert(None, description="Format of a CSV file; null: estimate.text.")
     time: ClockSection | None = Field(None, description="Time of the samples; null: estimate.time.")
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] | None = expert(
-        None, description="Channels of the same gauges, grids and biases in the same order; null: estimate.channels."
+        None,
+        description="Channels of this record, with the gauges, grids and biases of estimate.channels in the same order; "
+        "null: estimate.channels.",
     )
     inputs: dict[Name, Channel] | None = Field(None, description="Channels of the known loads; null: estimate.inputs.")
 
@@ -307,19 +345,19 @@ class EstimateOptions(Section):
 
     hold_out: Literal["each"] | None = expert(
         None,
-        description="`each`: leave out every gauge in turn (in a bench also every component of other sensors), and compare its "
-        "readings with the prediction from the others. This costs one more filter run per gauge, and for a structure a "
-        "smoother run.",
+        description="`each`: omit every gauge in turn (in a bench also every component of other sensors), and compare the "
+        "readings of this gauge with the readings predicted from the other sensors. This needs one more filter run for "
+        "every gauge, and for a structure one more smoother run. Null: no comparison.",
     )
     accept_inconsistent: bool = expert(
         False,
-        description="`true`: report uncertainties even if the measurements are inconsistent with the model. `estimate "
-        "--accept` has the same effect for one run.",
+        description="`true`: report uncertainties even if the measurements are inconsistent with the model. The option "
+        "`--accept` of `strainsight estimate` has the same effect for one run.",
     )
     allow_unobservable: bool = expert(
         False,
-        description="`true`: continue although the sensors cannot distinguish all unknowns (in a bench, at any instant of the "
-        "run).",
+        description="`true`: continue although the sensors cannot distinguish all unknowns. A bench checks several instants of "
+        "the run, and stops only if the unknowns are indistinguishable at all these instants.",
     )
 
 
@@ -328,55 +366,59 @@ class Estimate(RecordedFile, EstimateOptions):
 
     file: Text | None = Field(
         None,
-        description="Measurement file in CSV, HDF5, UFF58, MDF4, TDMS or MAT format, relative to the folder of the config. "
-        "`estimate --measurements FILE` overrides it.",
+        description="Measurement file in CSV, HDF5, UFF58, MDF4, TDMS or MAT format, relative to the folder of the config. The "
+        "option `--measurements FILE` of `strainsight estimate` overrides this key.",
     )
     records: tuple[RecordOfTest, ...] = Field(
         (),
-        description="Several records of one test in one estimate, instead of file: {name: low, file: low.csv}. Parameters "
-        "and gauge errors are common to all records; loads, motion and zero offsets differ (docs/estimation.md).",
+        description="Several records of one test for one estimate, instead of `file`, with entries such as {name: low, file: "
+        "low.csv}. Parameters and gauge errors are common to all records; loads, motion and zero offsets differ "
+        "(docs/estimation.md).",
     )
-    date: Text | None = expert(None, description="Date of the test, as printed on its page.")
+    date: Text | None = expert(None, description="Date of the test, printed on the results page.")
     time_step: TimeStep | None = expert(
         None,
-        description="Time step of the filter [s], an integer fraction of the sampling interval. Null: the sampling interval, "
-        "or a half or a third of it for known loads with high frequencies.",
+        description="Time step of the filter [s], an integer fraction of the sampling interval. Null: the sampling interval; "
+        "for known loads with high frequencies, a half or a third of the sampling interval.",
     )
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] = Field(
-        description="Channels of gauges, with one entry each: {gauge: G1, channel: NAME, unit: um/m}; see docs/estimation.md."
+        description="Channels of the gauges, one entry for each channel, such as {gauge: G1, channel: NAME, unit: um/m}; see "
+        "docs/estimation.md."
     )
     gauges_file: Text | None = Field(
         None,
-        description="Copy of gauges.csv with the locations where the gauges were bonded. Required for channels of "
-        "layout gauges without a name, such as G1.",
+        description="Copy of gauges.csv with the locations where the gauges of the layout were bonded. Required if a channel "
+        "has the label of a gauge of the layout as `gauge`, such as G1.",
     )
     as_placed: bool = expert(
         False,
-        description="`true`: use the locations of the current layout instead of gauges_file; this is not checked.",
+        description="`true`: use the locations of the current layout instead of `gauges_file`. It is not checked whether the "
+        "gauges were bonded at these locations.",
     )
     inputs: dict[Name, Channel] = Field({}, description="Channels of the known loads, by load name.")
     start: Literal["rest", "moving", "settled"] = Field(
         "moving",
-        description="Initial motion. With `rest`: the structure is at rest when the record begins. With `settled`: periodic "
-        "motion; all loads have to be known sums of sines as in `loads`, with amplitudes and phases of the record. With "
-        "`moving`: unknown motion.",
+        description="Initial motion. With `rest`: the structure is at rest at the start of the record. With `settled`: periodic "
+        "motion under known loads. Every load has to be a sine or a multisine in `loads`; amplitudes and phases are taken "
+        "from the record. With `moving`: unknown motion.",
     )
     initial_std: Annotated[dict[Name, Positive], RELATIVE_STD] = expert(
         {},
-        description="Initial standard deviation of the unknowns, relative to guess or amplitude [-]; default: that of validate.",
+        description="Initial standard deviation of each unknown, by name, relative to the guess of the parameter or to the "
+        "amplitude of the load [-]; default: validate.initial_std.",
     )
     virtual: tuple[NamedGauge, ...] = Field(
         (), description="Virtual gauges: locations without a sensor where the strain is estimated."
     )
-    field: Field3D | None = Field(None, description="Strain and stress of the surface over time; null: none.")
+    field: Field3D | None = Field(None, description="Strain and stress of the surface over time; null: not computed.")
     damage: DamageSettings | None = Field(
         None,
-        description="Fatigue damage at the surface and at virtual gauges, with its uncertainty interval; null: none.",
+        description="Fatigue damage at the surface and at virtual gauges, with uncertainty intervals; null: not computed.",
     )
     tune: Tune = expert(default_factory=Tune, description="Tuning of noise levels from the measurements.")
     loads_follow_model: bool = expert(
         False,
-        description="`true`: the unknown loads follow the model of process_noise. With `false`: the unknown loads "
-        "are arbitrary. Then only strains that no unknown load can cause carry information on parameters, and σ is "
-        "omitted if no load is known. place and validate always assume arbitrary loads.",
+        description="With `true`: every unknown load follows the model in `process_noise` exactly. With `false`: unknown loads "
+        "are arbitrary. Then parameters are estimated only from strains that no unknown load can cause, and σ of the "
+        "parameters is omitted if no load is known. The stages `place` and `validate` always assume arbitrary loads.",
     )

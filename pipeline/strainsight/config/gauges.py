@@ -40,26 +40,33 @@ class GaugeType(Section):
     """A type of strain gauge."""
 
     grid_length: Annotated[Positive, GRID] = Field(
-        description="Length of the measuring grid [m]; the gauge measures the mean strain over it."
+        description="Length of the measuring grid [m]; the gauge measures the mean strain over the grid."
     )
     grid_width: Annotated[Positive, GRID] = Field(description="Width of the measuring grid [m].")
     carrier_length: Annotated[Positive, GRID] = Field(
         description="Length of the carrier along the grid, untrimmed [m]."
     )
     carrier_width: Annotated[Positive, GRID] = Field(description="Width of the carrier, untrimmed [m].")
-    resistance: Annotated[Positive, RESISTANCE] = Field(description="Nominal resistance [Ω].")
+    resistance: Annotated[Positive, RESISTANCE] = Field(description="Nominal resistance of the gauge [Ω].")
     gauge_factor: Annotated[Positive, GAUGE_FACTOR] = expert(
-        2.0, description="Nominal gauge factor [-]; the value of the batch is on the package."
+        2.0, description="Nominal gauge factor [-]; the gauge factor of the batch is printed on the package."
     )
-    gauge_factor_tolerance: float = expert(0.01, gt=0, le=0.5, description="Tolerance of the gauge factor [-].")
-    range: Annotated[Positive, STRAIN_RANGE] = expert(0.05, description="Maximum strain [strain].")
+    gauge_factor_tolerance: float = expert(
+        0.01, gt=0, le=0.5, description="Relative tolerance of the gauge factor [-]; 0.01 is ±1 %."
+    )
+    range: Annotated[Positive, STRAIN_RANGE] = expert(
+        0.05, description="Largest strain that the gauge can measure [strain]."
+    )
     bend_radius: Annotated[NotNegative, Plausible(1e-4, 1.0, "m")] = expert(
-        0.0, description="Minimum bend radius, including solder tabs [m]; 0: no limit."
+        0.0, description="Smallest permitted bend radius of the gauge and its solder tabs [m]; 0: no limit."
     )
     grids: int = expert(
-        default=1, ge=1, le=3, description="Number of grids on the carrier [-]: 1, or 2 or 3 for a rosette."
+        default=1,
+        ge=1,
+        le=3,
+        description="Number of measuring grids on the carrier [-]: 1 for a single gauge, 2 or 3 for a rosette.",
     )
-    source: str = expert("", description="Manufacturer and model, for the results page.")
+    source: str = expert("", description="Manufacturer and model of the gauge, printed on the results page.")
 
     @property
     def spacing(self) -> float:
@@ -138,15 +145,17 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
         return
     known = {**CATALOGUE, **gauges.types}
     if gauges.type not in known:
-        remedy = did_you_mean(gauges.type, known, f"known types: {', '.join(known)}; or define it under gauges.types")
+        remedy = did_you_mean(
+            gauges.type, known, f"known types: {', '.join(known)}; define other types under gauges.types"
+        )
         yield Problem("gauges.type", f"unknown gauge type '{gauges.type}'", remedy)
     elif (grids := known[gauges.type].grids) != rosette:
         what = (
             f"gauge type {gauges.type} has {grids} grid{'s' * (grids > 1)}, but the gauges of the config have {rosette}"
         )
         fitting = [name for name, kind in known.items() if kind.grids == rosette]
-        remedy = f"use {' or '.join(fitting)}" if fitting else "define the rosette under gauges.types"
-        yield Problem("gauges.type", what, f"{remedy}; for a rosette set gauges.rosette: true")
+        remedy = f"set gauges.type to {' or '.join(fitting)}" if fitting else "define the rosette under gauges.types"
+        yield Problem("gauges.type", what, remedy + "; for a rosette, set gauges.rosette: true" * (rosette == 1))
 
 
 def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -205,37 +214,39 @@ class Angled(Section):
 
     angles: Angles = Field(
         (0.0,),
-        description="Angles from the direction, counter-clockwise about the outward normal [deg]; an axis is first projected "
-        "onto the facet. Each angle is a candidate, or a grid of a rosette.",
+        description="Angles from the measuring direction, counter-clockwise about the outward normal [deg]; the direction is "
+        "first projected onto the surface. Each angle of a candidate is a separate gauge, or with gauges.rosette a grid of "
+        "the rosette. Each angle of a bonded gauge is a grid.",
     )
 
     def problems(self) -> Iterator[Problem]:
         # A gauge turned by half a turn is the same gauge.
         if len({angle % 180 for angle in self.angles}) < len(self.angles):
-            yield Problem("angles", "one angle repeats the direction of another angle", "remove the repeated angle")
+            yield Problem("angles", "two angles have the same direction", "remove one of the two angles")
 
 
 class AxisDirection(Angled):
     """Measuring directions along an axis that is projected onto the facet, and rotated by angles."""
 
-    type: Literal["axis"] = Field(description="Kind of direction.")
+    type: Literal["axis"] = Field(description="Kind of measuring direction.")
     axis: DirectionVector = Field(description="Axis in global coordinates [-]; its length is not used.")
 
 
 class PrincipalDirection(Angled):
     """Measuring directions along the principal strain direction in the training run, for each facet, and rotated by angles."""
 
-    type: Literal["principal"] = Field(description="Kind of direction.")
+    type: Literal["principal"] = Field(description="Kind of measuring direction.")
 
 
 Direction = Annotated[AxisDirection | PrincipalDirection, Field(discriminator="type")]
 
 
 class RelativeNoise(Section):
-    """Noise relative to the strongest candidate."""
+    """Noise relative to the largest RMS reading of the candidates."""
 
     relative_to_strongest: Annotated[Positive, Plausible(1e-9, 1.0)] = Field(
-        description="Noise standard deviation divided by the largest RMS reading [-]."
+        description="Noise standard deviation of one sample, divided by the largest RMS reading of the candidates in the "
+        "training run [-]."
     )
 
 
@@ -243,7 +254,7 @@ class AbsoluteNoise(Section):
     """Noise in the unit of the readings."""
 
     value: Annotated[Positive, NOISE] = Field(
-        description="Noise standard deviation of one sample at train.time_step [strain, m/s² or m]."
+        description="Noise standard deviation of one sample at the sampling interval train.time_step [strain, m/s² or m]."
     )
 
 
@@ -254,14 +265,15 @@ NoiseStd = Annotated[
 
 
 class GaugeRows(Section):
-    """Candidates defined by rows of the strain operator, if the mesh has no solids to derive them from (shells, beams)."""
+    """Candidates defined by rows of the strain operator from another program; they need mesh.matrices."""
 
     rows: Text = Field(
-        description="Matrix file (.mtx, .npz, .op4): strain of each gauge per unit motion of each degree of freedom."
+        description="Matrix file (.mtx, .npz, .op4) with one row for each gauge: strain of the gauge per unit motion of each "
+        "degree of freedom."
     )
     table: Text = Field(
-        description="CSV file with one line for each gauge: gauge,x,y,z,dx,dy,dz (number, position in the length unit of the "
-        "mesh, direction)."
+        description="CSV file with one line for each gauge and the header gauge,x,y,z,dx,dy,dz: number, position in the length "
+        "unit of the mesh, measuring direction."
     )
 
 
@@ -269,19 +281,24 @@ class BondedGrid(Section):
     """A bonded measuring grid."""
 
     position: Point = Field(
-        description="Position of the grid centre [m]; it is moved to the nearest point of the surface."
+        description="Position of the grid centre [m]; the grid centre is moved to the nearest point of the surface."
     )
-    direction: DirectionVector = Field(description="Measuring direction [-]; it is projected onto the surface.")
+    direction: DirectionVector = Field(
+        description="Measuring direction [-]; the direction is projected onto the surface."
+    )
     length: Annotated[NotNegative | None, GRID] = Field(
         None,
-        description="Length of the grid [m]; null: gauges.grid_length; in a bench 0, the strain at the grid centre.",
+        description="Length of the measuring grid [m]. Null: gauges.grid_length for a structure; 0 (strain at the grid centre) "
+        "for a bench.",
     )
 
 
 class Named(Section):
     """An entry with a name."""
 
-    name: Name | None = Field(None, description="Name of the gauge in tables and files; null: the next free number.")
+    name: Name | None = Field(
+        None, description="Name of the gauge in tables and files; null: the next free label, such as G1."
+    )
 
 
 class BondedGauge(BondedGrid, Angled):
@@ -304,24 +321,29 @@ def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
     """Fault of a bridge with these arm signs and its remedy, or None."""
     count = f"{len(signs)} arm{'s' * (len(signs) != 1)}"
     if len(signs) < 2:
-        return count, "use two to four arms; for a single gauge set position and direction"
+        return count, "use two to four arms; for a single gauge, set `position` and `direction` instead of `arms`"
     if not {*signs} <= {1, -1}:
-        return f"an arm with the sign {next(s for s in signs if s not in (1, -1)):g}", "use 1 or -1"
+        return f"an arm with the sign {next(s for s in signs if s not in (1, -1)):g}", "set `sign` to 1 or -1"
     for sign in (1, -1):
         if (equal := list(signs).count(sign)) > 2:
             return (
                 f"{equal} arms with the sign {sign}",
-                "use at most two of each sign: arms 1 and 3 increase the output, arms 2 and 4 reduce it",
+                "use at most two arms of each sign: arms 1 and 3 increase the output, arms 2 and 4 reduce it",
             )
     if 1 not in signs:
-        return "no arm with the sign 1", "reverse all signs, and set sign: -1 for the channel under estimate"
+        return (
+            "no arm with the sign 1",
+            "reverse `sign` of every arm, and set `sign: -1` for the channel in estimate.channels",
+        )
     return None
 
 
 class BondedBridge(Named):
     """A bonded Wheatstone bridge: its reading is the signed sum of the arm strains."""
 
-    arms: tuple[BridgeArm, ...] = Field(description="Two to four arms, with at most two of each sign.")
+    arms: tuple[BridgeArm, ...] = Field(
+        description="Two to four arms of the bridge, with at most two arms of each sign."
+    )
 
     def problems(self) -> Iterator[Problem]:
         if problem := bridge_problem([arm.sign for arm in self.arms]):
@@ -337,7 +359,8 @@ class Priced(Section):
     """An entry with a price."""
 
     price: Annotated[NotNegative, PRICE] = expert(
-        1.0, description="Price of one sensor (in a bench, of each component), in the unit of place.budget."
+        1.0,
+        description="Price of one sensor in the unit of place.budget; in a bench, price of each component of the sensor.",
     )
 
 
@@ -352,7 +375,7 @@ class Snapped(Section):
 class Noisy(Section):
     """A sensor with noise."""
 
-    noise_std: NoiseStd = Field(description="Noise standard deviation of every channel.")
+    noise_std: NoiseStd = Field(description="Noise standard deviation of one sample of every channel.")
 
 
 class SensorSites(Priced):
@@ -360,15 +383,17 @@ class SensorSites(Priced):
 
     surface: Text = Field(
         "all",
-        description="Candidate surface: 'all' exterior facets, or the name of a face, an element set or a node set.",
+        description="Surface with the candidate locations: 'all' (all exterior facets), or the name of a face, an element set "
+        "or a node set.",
     )
     include: tuple[Zone, ...] = expert(
-        (), description="Zones for candidates (each candidate is in at least one zone); `none`: everywhere."
+        (),
+        description="Zones for candidates; each candidate is in at least one of these zones. Empty list: no restriction.",
     )
     exclude: tuple[Zone, ...] = Field(
         (),
-        description="Zones without candidates. A zone may be the name of a face, an element set or a node set; "
-        "strain gauges also keep their clearance to this face or set.",
+        description="Zones without candidates. A zone may be the name of a face, an element set or a node set; strain gauges "
+        "then also keep the distance `clearance` from this face or set.",
     )
 
 
@@ -381,52 +406,58 @@ class Gauges(GaugeSites, Noisy):
 
     type: Text | None = Field(
         None,
-        description="Gauge type, as 3/350 for 3 mm and 350 Ω: 1.5/350, 3/350, 6/350, 1.5/120, 3/120, 6/120, 10/120, "
-        "3/350-rosette, or one of `types`. The type sets the defaults of grid_length, clearance, range, screen.minimum_spacing, "
-        "place.minimum_spacing and tolerances.gain, and excludes surfaces below its bend radius. Null: no type.",
+        description="Gauge type, named by grid length and resistance, as 3/350 for 3 mm and 350 Ω: 1.5/350, 3/350, 6/350, "
+        "1.5/120, 3/120, 6/120, 10/120, 3/350-rosette, or a name of `types`. The type sets the defaults of grid_length, "
+        "clearance, range, screen.minimum_spacing, place.minimum_spacing and tolerances.gain. Surfaces with a radius of "
+        "curvature below the bend radius of the type are excluded. Null: no type.",
     )
-    types: dict[TypeName, GaugeType] = Field({}, description="User-defined gauge types, by name, for `type`.")
+    types: dict[TypeName, GaugeType] = Field(
+        {}, description="User-defined gauge types, by name; the name is a value of `type`."
+    )
     fixed: tuple[NamedGaugeOrBridge, ...] = Field(
         (),
-        description="Gauges and bridges ({arms: […]}) that are already bonded; each counts as one in place.keep.",
+        description="Gauges and bridges ({arms: […]}) that are already bonded; each counts as one gauge in place.keep.",
     )
     fixed_file: Text | None = Field(
         None,
-        description="CSV file of further bonded gauges, with their names: gauges.csv of `place`, or a file with the columns "
-        "gauge, position_x, …, direction_x, … in metres.",
+        description="CSV file with the names and locations of further bonded gauges: gauges.csv of the stage `place`, or a file "
+        "with the columns gauge, position_x, …, direction_x, … in metres.",
     )
     direction: Direction | None = Field(
         None, description="Measuring directions of the candidates; required unless `given` is set."
     )
     rosette: bool = expert(
         False,
-        description="`true`: the angles at one location are the grids of a rosette, placed and removed together; `false`: each "
-        "angle is a gauge.",
+        description="`true`: the angles at one location are the grids of one rosette, and are placed and removed together. "
+        "`false`: each angle is a separate gauge.",
     )
     bridge: Literal["half-bending", "full-bending", "half-axial", "full-torsion"] | None = Field(
         None,
-        description="Bridge of every candidate, with arms at a location and at the opposite side of the body. Readings: ε − "
-        "ε′ (half-bending), 2 (ε − ε′) (full-bending), ε + ε′ (half-axial), ε₊₄₅ − ε₋₄₅ + ε′₊₄₅ − ε′₋₄₅ (full-torsion). "
-        "Null: single gauges.",
+        description="Bridge of every candidate, with arms at the location (strain ε) and on the opposite side of the body "
+        "(strain ε′). Readings: ε − ε′ (half-bending), 2 (ε − ε′) (full-bending), ε + ε′ (half-axial), ε₊₄₅ − ε₋₄₅ + ε′₊₄₅ "
+        "− ε′₋₄₅ (full-torsion, arms at ±45°). Null: every candidate is a single gauge.",
     )
     grid_length: Annotated[NotNegative, GRID] = expert(
         0.0,
-        description="Length of the measuring grid [m]; the gauge measures the mean strain over it. 0: the strain at its "
+        description="Length of the measuring grid [m]; the gauge measures the mean strain over the grid. 0: strain at the grid "
         "centre. Default with `type`: grid length of the type.",
     )
     clearance: Size | Literal["none"] | None = Field(
         None,
-        description="Smallest straight distance of a gauge centre from sharp edges, supported or tied nodes, loaded nodes "
-        "and the faces of `exclude` [m], or 'none'. Null: half the diagonal of the carrier of `type`, or of the carrier "
-        "assumed for the grid (4.6 mm for grid_length 0). The default is reduced if the part is too small for it.",
+        description="Smallest straight-line distance of a gauge centre from sharp edges, supported or tied nodes, loaded nodes "
+        "and the faces in `exclude` [m], or 'none'. Null: half the diagonal of the carrier of `type`. Without `type`: half "
+        "the diagonal of a carrier assumed for grid_length (4.6 mm for grid_length 0). This default is reduced if the part "
+        "is too small.",
     )
     strain_operator: GaugeRows | None = Field(
-        None, description="Candidates defined by rows of the strain operator, instead of a surface."
+        None,
+        description="Candidates defined by rows of the strain operator, instead of locations on a surface; they need "
+        "mesh.matrices.",
     )
     range: Annotated[Positive | None, STRAIN_RANGE] = expert(
         None,
-        description="Maximum strain of a gauge or of a bridge arm [strain]; candidates with a larger strain in "
-        "training are removed. Default with `type`: range of the type.",
+        description="Largest strain that a gauge or a bridge arm can measure [strain]; candidates with a larger strain in the "
+        "training run are removed. Default with `type`: range of the type.",
     )
 
 
@@ -439,9 +470,13 @@ class MotionSensors(SensorSites, Noisy):
     axes: Annotated[tuple[DirectionVector | Literal["normal"], ...], Field(min_length=1, max_length=3)] = Field(
         ("normal",),
         description="Measuring directions: 'normal' to the surface, or vectors in global coordinates [-]. Several directions "
-        "form one sensor, such as a triaxial accelerometer.",
+        "belong to one sensor, such as a triaxial accelerometer.",
     )
-    every: Size | None = Field(None, description="Smallest distance between candidates [m]; null: one on every facet.")
+    every: Size | None = Field(
+        None, description="Smallest distance between candidates [m]; null: one candidate on every facet."
+    )
     range: Annotated[Positive | None, Plausible(1e-9, 1e6, "m/s² or m")] = expert(
-        None, description="Largest reading [m/s² or m]; candidates with a larger reading in training are removed."
+        None,
+        description="Largest reading of the sensor [m/s² or m]; candidates with a larger reading in the training run are "
+        "removed.",
     )

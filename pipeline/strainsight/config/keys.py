@@ -146,6 +146,7 @@ TYPES = {
 YES, NO = {"yes", "y", "on"}, {"no", "n", "off"}
 """Words that YAML 1.1 read as true and false."""
 UNKNOWN, MISSING = "unknown key", "missing"
+NAME_FORM = "use letters, digits, - and _ only, with a letter first"
 BOUNDS = {
     "greater_than": ("gt", "above"),
     "greater_than_equal": ("ge", "at least"),
@@ -173,6 +174,7 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
         for problem in problems
         if problem.what == UNKNOWN
     }
+    problems = list(dict.fromkeys(problems))  # a vector lacks each of its three components
     return [problem for problem in problems if problem.what != MISSING or problem.key not in misspelt]
 
 
@@ -191,13 +193,13 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
             above = ".".join(path[:-1]) if path and path[-1].isdigit() else key
             return Problem(
                 above,
-                f"{len(first['input'])} entries are not enough",
+                f"the list is too short: its length is {len(first['input'])}",
                 _description(model, tuple(above.split(".")), data),
             )
         case "missing":
             return Problem(key, MISSING, _description(model, path, data), True)
         case "string_pattern_mismatch" if first["loc"][-1] == "[key]" or path[-1] in ("name", "suffix"):
-            return Problem(key, f"{_shown(first['input'])} is not a name", "use letters, digits, - and _ only", True)
+            return Problem(key, f"{_shown(first['input'])} is not a valid name", NAME_FORM, True)
         case "union_tag_not_found":
             known = _tags(first["ctx"]) or [
                 tag for member in sections_at(model, path, data) for tag in types_of(member)
@@ -206,12 +208,15 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
         case "union_tag_invalid":
             known, tag = _tags(first["ctx"]), first["ctx"]["tag"]
             what = f"'{tag}' is not one of {', '.join(known)}"
-            return Problem(f"{key}.type", what, did_you_mean(str(tag), known, "use one of them"))
+            return Problem(f"{key}.type", what, did_you_mean(str(tag), known, "set `type` to one of these values"))
         case "one_key":
             value, known = first["input"], keys_at(model, path, data)
             alone = isinstance(value, dict) and len(value) == 1 and not {*value} <= {*known}
             meant = did_you_mean(str(*value), known) if alone else ""
             return Problem(key, first["msg"], meant or _description(model, path, data))
+        case "value_error":
+            what, _, remedy = first["msg"].removeprefix("Value error, ").partition("; ")
+            return Problem(key, what, remedy or _description(model, path, data))
     if first["input"] is None and first["type"] != "missing":
         return Problem(key, "no value", _description(model, path, data), at_key=True)
     problem = _wrong_value(key, entries)
@@ -233,8 +238,10 @@ def _wrong_value(key: str, entries: list[Any]) -> Problem:
             wanted.append(f"{word} {context[bound]:g}")
         elif kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
             limit = context.get("min_length", context.get("max_length"))
-            unit = "characters" if "string" in kind else "entries"
-            wanted.append(f"{'at least' if 'short' in kind else 'at most'} {limit} {unit} long")
+            one, several = ("character", "characters") if "string" in kind else ("entry", "entries")
+            wanted.append(
+                f"{'at least' if 'short' in kind else 'at most'} {limit} {one if limit == 1 else several} long"
+            )
         else:
             wanted.append(entry["msg"][0].lower() + entry["msg"][1:])
     remedy = did_you_mean(value, choices) if choices and isinstance(value, str) else ""
@@ -336,7 +343,7 @@ def put(data: dict[str, Any], override: Override) -> list[str]:
 def _index(entries: Sequence[Any], part: str, override: Override) -> int:
     if (place := place_in(part, len(entries))) is None:
         raise ConfigError(
-            f"the list of {len(entries)} entries has no entry '{part}'",
+            f"the list of length {len(entries)} has no entry '{part}'",
             where=override.where,
             remedy=f"use an index from 0, or set the whole list, {override.key.partition('.' + part)[0]}: [a, b]",
         )
@@ -363,8 +370,9 @@ def explain_suite_key(problem: Problem, overrides: Sequence[Override]) -> Proble
         return problem
     matches = [o for o in overrides if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
     if not matches:
-        return replace(problem, remedy=f"write the keys below it as set: {{{problem.key}.KEY: …}}")
+        return replace(problem, remedy=f"write keys of the runs as set: {{{problem.key}.KEY: …}}")
     value = matches[-1].value
     return replace(
-        problem, remedy=f"write set.{matches[-1].key}={value if isinstance(value, str) else json.dumps(value)}"
+        problem,
+        remedy=f"for a key of the runs, write set.{matches[-1].key}={value if isinstance(value, str) else json.dumps(value)}",
     )

@@ -54,7 +54,7 @@ def key_of(*keys: str, text: bool = False) -> Any:
 class BoxZone(Section):
     """A box."""
 
-    box: tuple[Point, Point] = Field(description="Lower and upper corner [[x, y, z], [x, y, z]] [m].")
+    box: tuple[Point, Point] = Field(description="Lower and upper corner of the box [[x, y, z], [x, y, z]] [m].")
 
     def problems(self) -> Iterator[Problem]:
         yield from box_problem("box", self.box)
@@ -64,54 +64,61 @@ class CylinderZone(Section):
     """A cylinder of infinite length."""
 
     point: Point = expert(description="A point on the axis of the cylinder [m].")
-    axis: DirectionVector = expert(description="Direction of the axis [-].")
-    radius: Annotated[Positive, Plausible(1e-6, 100.0, "m")] = expert(description="Radius [m].")
+    axis: DirectionVector = expert(description="Direction of the axis of the cylinder [-].")
+    radius: Annotated[Positive, Plausible(1e-6, 100.0, "m")] = expert(description="Radius of the cylinder [m].")
 
 
 class InCylinder(Section):
     """The inside of a cylinder of infinite length."""
 
-    cylinder: CylinderZone = expert(description="The cylinder.")
+    cylinder: CylinderZone = expert(description="Axis and radius of the cylinder.")
 
 
 class ConeZone(Section):
     """Facet normals close to an axis."""
 
-    axis: DirectionVector = Field(description="Axis in global coordinates [-]; its sign is not used.")
+    axis: DirectionVector = Field(
+        description="Axis in global coordinates [-]; the length and the sign of the axis are not used."
+    )
     angle: float = Field(gt=0, le=90, description="Largest angle between the normal of the facet and the axis [deg].")
 
 
 class FacingZone(Section):
     """Facets with a normal close to an axis."""
 
-    normal_cone: ConeZone = Field(description="Axis, and largest angle between axis and facet normals.")
+    normal_cone: ConeZone = Field(
+        description="Axis, and largest angle between the axis and the facet normals of the zone."
+    )
 
 
 class SetZone(Section):
-    """A set and a distance from it."""
+    """A set, and the largest distance of the zone from the set."""
 
     set: Text = Field(description="Name of a node or element set.")
     distance: Size = Field(description="Largest distance from the nearest node of the set [m].")
 
 
 class NearSetZone(Section):
-    """The neighbourhood of a set."""
+    """The part of the surface near a set."""
 
-    near_set: SetZone = Field(description="Name of the set, and largest distance from the set.")
+    near_set: SetZone = Field(description="Name of the set, and largest distance of the zone from the set.")
 
 
 class NearEdgesZone(Section):
-    """The neighbourhood of edges."""
+    """The part of the surface near sharp edges."""
 
-    near_edges: Size = expert(description="Largest distance from an edge of the body [m].")
+    near_edges: Size = expert(
+        description="Largest distance of the zone from a sharp edge [m]; at a sharp edge, the normal "
+        "turns by more than 30°."
+    )
 
 
 class ShellFaceZone(Section):
     """One side of all shells."""
 
     shell_face: Literal["upper", "lower"] = Field(
-        description="Side of the shells. With `upper`: the side of the normal (right-hand rule on the node order); `lower`: the "
-        "opposite side."
+        description="Side of the shells. With `upper`: the side of the normal (right-hand rule on the node order). With "
+        "`lower`: the opposite side."
     )
 
 
@@ -140,7 +147,8 @@ Keep = Annotated[
     Count,
     Field(
         ge=1,
-        description="Number of gauges of the layout [-], including gauges already bonded; with `budget`, the largest number.",
+        description="Number of gauges of the layout [-], including the gauges already bonded. With `budget`: largest number of "
+        "gauges.",
     ),
 ]
 
@@ -148,7 +156,7 @@ Keep = Annotated[
 class ZoneLimit(Section):
     """Largest number of gauges in a zone."""
 
-    zone: Zone = expert(description="The zone.")
+    zone: Zone = expert(description="Zone of the surface to which the limit applies.")
     count: Annotated[int, Plausible(0, 1000)] = expert(ge=0, description="Largest number of gauges in the zone [-].")
 
 
@@ -158,48 +166,51 @@ class LayoutSettings(Section):
     keep: Keep
     criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = expert(
         "trace",
-        description="Criterion to minimise, from the covariance of the unknowns. With `trace`: sum of the variances. "
-        "With `log_determinant`: volume of the confidence ellipsoid, independent of units. With `worst_eigenvalue`: "
-        "variance of the least certain combination.",
+        description="Criterion to minimise, from the covariance of the unknowns. With `trace`: sum of the variances. With "
+        "`log_determinant`: volume of the confidence ellipsoid, independent of units. With `worst_eigenvalue`: variance of "
+        "the least certain combination of unknowns.",
     )
     metric_over: tuple[Name, ...] = expert(
         (),
-        description="Unknowns of the criterion; empty: all. All other unknowns are estimated too, but their uncertainty does "
-        "not count.",
+        description="Names of the unknowns whose variances enter the criterion; empty: all unknowns. The other unknowns are "
+        "estimated, but do not enter the criterion.",
     )
     minimum_spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
-        description="Smallest distance between gauges of the layout [m]. Default for a structure with gauges.type: "
-        "the longer side of the carrier.",
+        description="Smallest distance between two gauges of the layout [m]. Default for a structure with gauges.type: the "
+        "longer side of the carrier.",
     )
-    at_most: tuple[ZoneLimit, ...] = expert((), description="Limits on the number of gauges in zones.")
+    at_most: tuple[ZoneLimit, ...] = expert((), description="Largest numbers of gauges in zones of the surface.")
     budget: Annotated[Positive | None, PRICE] = expert(
-        None, description="Largest total price of the gauges, from their `price`; null: no limit."
+        None, description="Largest sum of the prices (`price`) of the gauges; null: no limit."
     )
     aggregate: Literal["mean", "worst"] = Field(
         "mean",
-        description="Aggregation of the criterion over instants, parameter samples and load cases, or over poses of a bench.",
+        description="Aggregation of the criterion over instants, parameter samples and load cases, or over poses of a bench. "
+        "With `mean`: mean value. With `worst`: largest value.",
     )
     certificate: bool = Field(
-        True, description="`true`: compute a lower bound of the criterion for all layouts of the same size."
+        True,
+        description="`true`: compute a lower bound of the criterion for all layouts with the same number of gauges.",
     )
     exchange: bool = expert(
-        True, description="`true`: exchange gauges after the elimination until no exchange improves the criterion."
+        True,
+        description="`true`: exchange single gauges after the elimination until no exchange improves the criterion.",
     )
     optimise: Literal["metric", "worst_failure"] = expert(
         "metric",
-        description="Objective. With `metric`: the criterion; `worst_failure`: the criterion after the most harmful failure "
-        "of one gauge.",
+        description="Objective of the search. With `metric`: the criterion of the whole layout. With `worst_failure`: the "
+        "criterion without the gauge whose failure increases the criterion most.",
     )
     prove: Annotated[NotNegative, DURATION] = expert(
         0.0,
-        description="Time limit of a branch-and-bound search that improves the layout or proves it optimal [s]; 0: no "
-        "search. Without a proof, the result depends on the speed of the machine.",
+        description="Time limit of a branch-and-bound search [s]; 0: no search. The search improves the layout, or proves that "
+        "the layout is optimal. If the search ends without a proof, the layout depends on the speed of the machine.",
     )
 
     def problems(self) -> Iterator[Problem]:
         if self.prove > 0 and self.optimise != "metric":
-            what = "optimality can be proved for the metric only, not for worst_failure"
+            what = "optimality can be proved for place.optimise: metric only, not for worst_failure"
             yield Problem("prove", what, "remove place.prove, or set place.optimise: metric")
 
 
@@ -209,8 +220,8 @@ def layout_problems(
     """Yield the inconsistencies between limits, criterion and search; among: key of the unknowns; bonded: number of gauges
     already bonded, by `key`."""
     for i, name in enumerate(place.metric_over):
-        yield from known(f"place.metric_over.{i}", name, unknowns, f"unknown of {among}")
+        yield from known(f"place.metric_over.{i}", name, unknowns, f"entry of {among} with the name")
     yield from duplicate_name_problems("place.metric_over", place.metric_over)
     if place.keep < bonded:
-        what = f"keep is {place.keep}, but {bonded} gauges are already bonded ({key})"
-        yield Problem("place.keep", what, f"set keep to at least {bonded}")
+        what = f"place.keep is {place.keep}, but {bonded} gauges are already bonded ({key})"
+        yield Problem("place.keep", what, f"set place.keep to at least {bonded}")

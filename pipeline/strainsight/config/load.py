@@ -140,7 +140,7 @@ def _entries(node: Any, path: Sequence[str], above: str = "") -> Iterator[tuple[
 
 def _warn_renamed(places: Mapping[str, str], key: str, old: str, new: str) -> None:
     warnings.warn(
-        f"{_locate(places, key)}  {key}: '{old}' is now called '{new}'. Use the new name; the old one will be removed.",
+        f"{_locate(places, key)}  {key}: '{old}' is now called '{new}'. Write '{new}', since later versions do not accept '{old}'.",
         UserWarning,
     )
 
@@ -175,7 +175,8 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     """Data, and the location of every value and of every key."""
     if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for
-        raise ConfigError("the config is not a regular file", where=str(path), remedy="write the config to a file")
+        remedy = "save the config in a file, and specify the path of this file"
+        raise ConfigError("the config is not a regular file", where=str(path), remedy=remedy)
     try:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST + 1)
@@ -183,7 +184,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
             raise ConfigError(
                 f"the config is larger than {LARGEST // 1024} KiB",
                 where=str(path),
-                remedy="specify a config, not a deck",
+                remedy="specify the path of a config, not of a mesh file",
             )
         text = raw.decode("utf-8-sig")
     except FileNotFoundError:
@@ -195,7 +196,9 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
         raise ConfigError("not UTF-8 text", where=f"{path}:{line}", remedy="save the file as UTF-8") from None
     except OSError as error:
         raise ConfigError(
-            f"the config cannot be read: {error.strerror}", where=str(path), remedy="specify a config file"
+            f"the config cannot be read: {error.strerror}",
+            where=str(path),
+            remedy="check the path and the permissions of the config file",
         ) from None
     try:
         document = parse(text)

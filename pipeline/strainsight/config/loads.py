@@ -38,21 +38,21 @@ class Oscillation(Section):
     """A signal that oscillates about zero."""
 
     amplitude: Amplitude = Field(
-        description="Amplitude a [N; moment N m, pressure Pa, gravity m/s²]. For a multisine: amplitude of a single sine of "
-        "the same total power."
+        description="Amplitude a in the unit of the load [N; N m for a moment, Pa for a pressure, m/s² for gravity]. For a "
+        "multisine: amplitude of a single sine with the same RMS value."
     )
 
 
 class SineSection(Oscillation):
-    """u(t) = a sin(2πft + φ)."""
+    """A sine: u(t) = a sin(2πft + φ)."""
 
     type: Literal["sine"] = Field(description="Kind of signal.")
-    frequency: Frequency = Field(description="Frequency f [Hz].")
-    phase: Annotated[float, TURN] = expert(0.0, description="Phase φ [rad].")
+    frequency: Frequency = Field(description="Frequency f of the sine [Hz].")
+    phase: Annotated[float, TURN] = expert(0.0, description="Phase φ of the sine at t = 0 [rad].")
 
 
 class SweepSection(Oscillation):
-    """A sine with a frequency that changes linearly from one value to another, and is constant afterwards."""
+    """A sine sweep: the frequency changes linearly from start_frequency to end_frequency, and is constant after the sweep."""
 
     type: Literal["sweep"] = Field(description="Kind of signal.")
     start_frequency: Annotated[NotNegative, FREQUENCY] = Field(description="Frequency at t = 0 [Hz].")
@@ -72,7 +72,7 @@ class MultiSineSection(Oscillation):
     def problems(self) -> Iterator[Problem]:
         if self.lowest > self.highest:
             what = f"{self.lowest:g} Hz is above the highest frequency, {self.highest:g} Hz"
-            yield Problem("lowest", what, "swap the two frequencies")
+            yield Problem("lowest", what, "exchange the values of `lowest` and `highest`")
 
 
 class RecordedSection(Section):
@@ -83,9 +83,12 @@ class RecordedSection(Section):
         description="CSV file with a header line of column names. Columns are separated by commas, semicolons or tabs. The "
         "decimal mark is a point, or a comma if the separator is not a comma. The path is relative to the folder of the config."
     )
-    time_column: Text = Field(description="Name of the time column [s, or the unit after the name: `t [ms]`].")
+    time_column: Text = Field(
+        description="Name of the time column. The time is in s, or in the unit after the name, as in `t [ms]`."
+    )
     value_column: Text = Field(
-        description="Name of the load column [N, N m or Pa, or the unit after the name: `F [kN]`]."
+        description="Name of the load column. The values are in the unit of the load, or in the unit after the name, as in `F "
+        "[kN]`."
     )
 
 
@@ -101,13 +104,14 @@ class TypicalMotion(Section):
 
     frequency: Frequency | None = Field(
         None,
-        description="Typical frequency of the load [Hz]: ω = 2π frequency, or the bandwidth of a Matérn model. Null: "
-        "frequency of its signal; in a load case, frequency of its process_noise if set.",
+        description="Typical frequency f of the load [Hz]; the process noise uses ω = 2πf. For `model: matern`: bandwidth of "
+        "the load. Null: frequency of the signal; in a load case, `process_noise.frequency` of the load if set.",
     )
     amplitude: Amplitude | None = expert(
         None,
-        description="Typical amplitude of the load [unit of the load], the reference of its relative σ and of initial_std. "
-        "Null: amplitude of its signal; in a load case, amplitude of its process_noise if set.",
+        description="Typical amplitude of the load [unit of the load]. The relative σ of the load and `initial_std` are "
+        "relative to this amplitude. Null: amplitude of the signal; in a load case, `process_noise.amplitude` of the load "
+        "if set.",
     )
 
 
@@ -116,20 +120,22 @@ class InputNoise(TypicalMotion):
 
     model: Literal["random_walk", "integrated_random_walk", "matern", "oscillator"] = Field(
         "random_walk",
-        description="Model of the load. With `random_walk`: arbitrary loads, noisy estimate (thesis). With "
-        "`integrated_random_walk`: smooth loads. With `matern`: loads with a bandwidth. With `oscillator`: loads close to a "
-        "known frequency.",
+        description="Model of the load in time. With `random_walk`: for arbitrary loads; the estimate is noisy (thesis). With "
+        "`integrated_random_walk`: for smooth loads. With `matern`: for stationary loads with a limited bandwidth. With "
+        "`oscillator`: for loads close to a known frequency.",
     )
     kappa: Annotated[Positive | None, Plausible(1e-6, 1e4)] = expert(
         None,
-        description="Factor κ of the intensity κω of both random walks [-]. Null: 1/(2π), for a change of the load (or its "
-        "rate) by one amplitude in a period.",
+        description="Factor κ of the noise intensity κω of `random_walk` and `integrated_random_walk` [-]. Null: 1/(2π). Then "
+        "the σ of the change of the load in one period is one amplitude (`integrated_random_walk`: the σ of the change of "
+        "the load rate is ω times one amplitude).",
     )
     smoothness: Literal["1/2", "3/2", "5/2"] = expert(
-        "3/2", description="ν of the Matérn model [-]: the load has ν − ½ derivatives."
+        "3/2", description="Smoothness ν of the Matérn model [-]: the load has ν − ½ continuous derivatives."
     )
     damping: Annotated[Positive, Plausible(1e-3, 1.0)] = expert(
-        0.05, description="Damping ratio ζ of the oscillator [-]: its half-power bandwidth is 2ζ times its frequency."
+        0.05,
+        description="Damping ratio ζ of `oscillator` [-]: the half-power bandwidth of the load is 2ζ times the frequency.",
     )
 
 
@@ -141,54 +147,63 @@ class Rotation(Section):
 
 
 class LoadSection(Section):
-    """A force at a node or distributed over a set or face, a moment, a pressure on a face, or an acceleration of all mass."""
+    """A force at a node or distributed over a set or face, a moment, a pressure on a face, an acceleration of all mass, or a
+    rotation."""
 
     node: Id | None = Field(
-        None, ge=1, description="Id of the loaded node in the deck [-], or of an RBE2/RBE3 reference node."
+        None,
+        ge=1,
+        description="Id of the loaded node in the deck [-]; it may be the reference node of an RBE2 or RBE3.",
     )
-    set: Text | None = Field(None, description="Name of a node set or face, instead of a node.")
+    set: Text | None = Field(None, description="Name of the loaded node set or face, instead of `node`.")
     deck_load: Text | None = Field(
         None,
-        description="Name of a load of the deck, instead of a node and a direction. Nastran: FORCE-7 for a set 7 of FORCE "
-        "cards only, LOAD-7 for any other set. Abaqus: CLOAD-1, DLOAD-1, DSLOAD-1. The deck defines the distribution, the "
-        "signal is the resultant [N].",
+        description="Name of a load of the deck, instead of `node` or `set` and `direction`. Nastran: FORCE-7 for load set 7 "
+        "with FORCE cards only, LOAD-7 for load set 7 with other cards. Abaqus: CLOAD-1, DLOAD-1, DSLOAD-1, numbered in the "
+        "order of the file. The deck defines the distribution of the load; the signal is the resultant [N].",
     )
     factor: Literal[True] | None = Field(
         None,
-        description="`true`: the signal is a factor on the load of the deck [1] instead of its resultant. Use it for "
-        "self-balanced loads, for moments, or to keep the values of the deck.",
+        description="`true`: the signal is a factor [-] on the load of the deck (`deck_load`), not the resultant. Use it for "
+        "loads with zero resultant, for moments, or to keep the load values of the deck.",
     )
     direction: DirectionVector | None = Field(
         None,
-        description="Direction in global coordinates [-]; its length is not used. On a face, the force is distributed evenly "
-        "over the area. Omit it with deck_load, moment, bearing, pressure, gravity or rotation.",
+        description="Direction of the force in global coordinates [-]; the length of the vector is not used. On a face, the "
+        "force is distributed evenly over the area. Omit `direction` with deck_load, moment, bearing, pressure, gravity or "
+        "rotation.",
     )
     moment: DirectionVector | None = Field(
         None,
-        description="Axis of a moment [-], instead of a direction; the unit of the load is N m. The moment acts on the "
-        "rotations of an RBE2/RBE3 reference node, otherwise as force couples on the nodes of the set or around the node.",
+        description="Axis of a moment [-], instead of `direction`; the unit of the load is N m. On the reference node of an "
+        "RBE2 or RBE3, the moment acts on the rotations. Otherwise, it acts as force couples on the nodes of `set`, or on "
+        "the nodes around `node`.",
     )
     bearing: DirectionVector | None = Field(
         None,
-        description="Vector [-] of the force of a pin on a bore, from the pin into the material, instead of a direction. "
-        "`set` has to name a bore of `mesh.faces`. The pressure is proportional to the cosine of the angle to the vector, "
-        "on the loaded half.",
+        description="Direction of the force of a pin on a bore [-], from the pin into the material, instead of `direction`. "
+        "`set` has to be the name of a bore in mesh.faces. The pressure acts on the loaded half of the bore, proportional "
+        "to the cosine of the angle from this direction.",
     )
     pressure: Literal[True] | None = Field(
         None,
-        description="`true`: a pressure on the face `set`, instead of a direction; the unit of the load is Pa.",
+        description="`true`: a pressure on the face `set`, instead of `direction`; the unit of the load is Pa.",
     )
     gravity: DirectionVector | None = Field(
         None,
-        description="Direction of an acceleration of all mass [-], instead of a location and a direction: gravity, or base "
-        "excitation with opposite sign. The unit of the load is m/s². It cannot be combined with a density as parameter.",
+        description="Direction of an acceleration of all mass [-], for gravity, or for base excitation with opposite sign. It "
+        "replaces `node`, `set`, `deck_load` and `direction`. The unit of the load is m/s². The forces are proportional to "
+        "the density, also to an estimated density.",
     )
     rotation: Rotation | None = Field(
         None,
-        description="Centrifugal forces of a rotation on all mass, instead of a location and a direction. The load is Ω² "
-        "[rad²/s²]. It cannot be combined with a density as parameter.",
+        description="Centrifugal forces of a rotation on all mass. They replace `node`, `set`, `deck_load` and `direction`. The "
+        "load is Ω² [rad²/s²]. The forces are proportional to the density, also to an estimated density.",
     )
-    known: bool = Field(description="`true`: the load is measured by a load cell; `false`: it is estimated.")
+    known: bool = Field(
+        description="`true`: the load is measured by a load cell. `false`: the load is an unknown, which the "
+        "filter estimates."
+    )
     signal: LoadSignal = Field(description="Time history of the load in training and validation.")
     process_noise: InputNoise = with_defaults(InputNoise, "Model of an unknown load in the filter.")
 
@@ -207,35 +222,40 @@ class LoadSection(Section):
         kind, *others = [name for name in ("gravity", "rotation") if getattr(self, name) is not None]
         rest = (*places, "direction", "moment", "bearing", "pressure", "factor")
         for name in (*others, *(name for name in rest if getattr(self, name) is not None)):
-            yield Problem(name, f"cannot be combined with '{kind}'", "remove one of the two keys", at_key=True)
+            yield Problem(name, f"cannot be combined with '{kind}'", f"remove `{name}` or `{kind}`", at_key=True)
 
     def _in_one_place(self) -> Iterator[Problem]:
         """Check the direction of a force, or the key that replaces it."""
         if self.factor and self.deck_load is None:
             yield Problem(
-                "factor", "applies to a load of the deck only", "remove the key, or set deck_load", at_key=True
+                "factor", "applies to a load of the deck only", "remove `factor`, or set `deck_load`", at_key=True
             )
         kind, *others = [name for name in ("moment", "bearing", "pressure") if getattr(self, name) is not None] or [""]
         if others:
-            yield Problem(others[0], f"cannot be combined with '{kind}'", "remove one of the two keys", at_key=True)
+            remedy = f"remove `{others[0]}` or `{kind}`"
+            yield Problem(others[0], f"cannot be combined with '{kind}'", remedy, at_key=True)
         if not kind and self.direction is None and self.deck_load is None:
-            yield Problem("direction", "missing", "use a vector such as [0, 0, 1]", at_key=True)
+            yield Problem("direction", "missing", "set the direction of the force, such as [0, 0, 1]", at_key=True)
         elif not kind and self.direction is not None and self.deck_load is not None:
-            yield Problem("direction", "a load of the deck already has a direction", "remove the key", at_key=True)
+            what = "a load of the deck (`deck_load`) already has a direction"
+            yield Problem("direction", what, "remove `direction`", at_key=True)
         elif kind and self.deck_load is not None:
             what = (
                 "a load of the deck cannot be a moment"
                 if kind == "moment"
                 else "a load of the deck already defines its forces"
             )
-            yield Problem(kind, what, "remove the key", at_key=True)
+            yield Problem(kind, what, f"remove `{kind}` or `deck_load`", at_key=True)
         elif kind and self.direction is not None:
             subjects = {"moment": "a moment has an axis", "bearing": "a bearing load has a vector"}
             what = f"{subjects.get(kind, 'a pressure acts inward')} and needs no direction"
-            yield Problem("direction", what, "remove one of the two keys", at_key=True)
+            yield Problem("direction", what, f"remove `direction`, or remove `{kind}` for a force", at_key=True)
         if kind in ("bearing", "pressure") and self.set is None:
             yield Problem(
-                kind, "acts on a face, and `set` is missing", "set `set` to the name of one of mesh.faces", at_key=True
+                kind,
+                "acts on a face, but `set` is missing",
+                "set `set` to the name of a face in mesh.faces",
+                at_key=True,
             )
 
     @property
@@ -270,20 +290,26 @@ class TrainingCase(Section):
 
     weight: Annotated[Positive, Plausible(1e-6, 1e6)] = Field(
         1.0,
-        description="Weight of this load case [-]: factor on its variances in the mean or worst case. With a weight "
-        "of 4, σ counts twice.",
+        description="Weight of this load case in the criterion [-], a factor on the variances of the unknowns in this case. "
+        "With a weight of 4, σ counts twice.",
     )
     loads: dict[Name, CaseEntry] = Field(
         {},
-        description="Loads that differ from `loads`, by name; `none` for a silent load. All other loads are as in `loads`. A "
-        "silent load remains an unknown of the filter with its process noise, but the criterion excludes it in this case.",
+        description="Loads whose signal differs from `loads`, by name; `none` for a load that does not act in this case. All "
+        "other loads are as in `loads`. An unknown load with `none` remains an unknown of the filter, but the criterion of "
+        "this case excludes the load.",
     )
-    duration: Duration | None = Field(None, description="Duration of this training run [s]; null: train.duration.")
+    duration: Duration | None = Field(
+        None, description="Duration of the training run of this case [s]; null: train.duration."
+    )
     time_step: TimeStep | None = expert(
         None,
-        description="Time step of this case [s]; null: train.time_step. noise_std applies to one sample in every case.",
+        description="Time step of this case [s]; null: train.time_step. `gauges.noise_std` applies to train.time_step in every "
+        "case; it is converted to this time step with the same noise intensity.",
     )
-    settle: Annotated[Settle | None, DURATION] = expert(None, description="Start of the motion; null: train.settle.")
+    settle: Annotated[Settle | None, DURATION] = expert(
+        None, description="Start of the motion in this case, with the values of train.settle; null: train.settle."
+    )
 
 
 def silent_in(case: TrainingCase) -> frozenset[str]:
@@ -308,14 +334,13 @@ def load_case_problems(
             listed = ", ".join(over)
             yield Problem(
                 f"{key}.loads",
-                f"{listed} {'is' if len(over) == 1 else 'are'} silent, and the criterion has no other unknown in "
-                "this case",
-                "add a signal to one of them, or remove the case",
+                f"{listed} {'does' if len(over) == 1 else 'do'} not act in this case, and the criterion has no other unknown",
+                f"add a signal to {' or '.join(over)}, or remove the case",
             )
     for unknown in estimate:
         if unknown in loads and all(unknown in silent_in(case) for case in cases.values()):
-            what = f"the unknown load '{unknown}' is silent in every case"
-            yield Problem("place.load_cases", what, f"add a signal of {unknown} to one case")
+            what = f"the unknown load '{unknown}' does not act in any load case"
+            yield Problem("place.load_cases", what, f"set `loads: {{{unknown}: {{signal: …}}}}` in one load case")
 
 
 def _untypical(key: str, signal: LoadSignal, frequency: float | None) -> Iterator[Problem]:

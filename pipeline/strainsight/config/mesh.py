@@ -43,9 +43,9 @@ class MaterialAxes(AxesSection):
 
     system: Literal["rectangular", "cylindrical", "spherical"] = expert(
         "rectangular",
-        description="Kind of coordinate system, with z = x × y through `origin`. With `rectangular`: 1, 2, 3 are x, y, z. "
-        "With `cylindrical`: radial, tangential, axial along z. With `spherical`: radial, polar (away from z), azimuthal "
-        "(around z). Cylindrical and spherical axes are evaluated at each integration point.",
+        description="Kind of coordinate system, with z = x × y through `origin`. With `rectangular`: axes 1, 2, 3 are x, y, z. "
+        "With `cylindrical`: 1 radial, 2 tangential, 3 axial along z. With `spherical`: 1 radial, 2 polar (away from z), 3 "
+        "azimuthal (around z). Cylindrical and spherical axes are evaluated at each integration point.",
     )
 
 
@@ -56,14 +56,14 @@ class RegionProperty(Section):
     """A property of some regions."""
 
     regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
-        description="Ids or names of the regions (PSOLID, PSHELL, element set, physical group). 'all': every region; "
-        "in a section, every region with elements of this kind."
+        description="Ids or names of the regions with this material or section (PSOLID, PSHELL, element set, physical group). "
+        "'all': every region; for a section, every region with elements of this kind."
     )
 
 
 class MaterialSection(RegionProperty):
-    """A linear elastic material that adds to or replaces the materials of the mesh file: isotropic, or for solids orthotropic,
-    with three values of each constant."""
+    """A linear elastic material in addition to the materials of the mesh file, or instead of them. The material is isotropic; for
+    solids, it may be orthotropic, with three values of each constant."""
 
     youngs_modulus: YoungsModulus | Moduli = Field(
         description="Young's modulus [Pa], or [E1, E2, E3] of an orthotropic material."
@@ -75,7 +75,7 @@ class MaterialSection(RegionProperty):
     shear_modulus: Annotated[Moduli | None, MODULUS] = expert(
         None, description="Shear moduli [G12, G13, G23] of an orthotropic material [Pa]."
     )
-    density: Annotated[NotNegative, DENSITY] = Field(description="Density [kg/m³].")
+    density: Annotated[NotNegative, DENSITY] = Field(description="Density of the material [kg/m³].")
     axes: MaterialAxes | None = expert(
         None, description="Material axes of an orthotropic material; null: x, y and z of the mesh."
     )
@@ -92,15 +92,18 @@ class MaterialSection(RegionProperty):
                 " and ".join(names) + (" is" if len(names) == 1 else " are")
                 for names in ([name for name, is_set in three.items() if is_set == which] for which in (True, False))
             )
-            remedy = "set [E1, E2, E3], [ν12, ν13, ν23] and [G12, G13, G23]; or one E and one ν without shear_modulus"
+            remedy = (
+                "set youngs_modulus: [E1, E2, E3], poisson_ratio: [ν12, ν13, ν23] and shear_modulus: [G12, G13, G23]; or set "
+                "one youngs_modulus and one poisson_ratio without shear_modulus"
+            )
             yield Problem("", f"{anisotropic} orthotropic, but {lacking} not", remedy, at_key=True)
         elif self.axes is not None and not all(three.values()):
-            yield Problem("axes", "an isotropic material does not need axes", "remove the key", at_key=True)
+            yield Problem("axes", "an isotropic material does not need axes", "remove `axes`", at_key=True)
 
 
 class ElementSection(RegionProperty):
-    """A section for shells, beams or rods. Triangles and quadrangles with a thickness are shells; lines with an area are beams,
-    or rods without second moments of area. Nastran and Abaqus decks already contain these data."""
+    """A section for shells, beams or rods. Triangles and quadrangles with a thickness are shells. Lines with an area are beams;
+    without second moments of area, they are rods. Nastran and Abaqus decks already contain these data."""
 
     thickness: Annotated[Positive | None, Plausible(1e-5, 2.0, "m", share=1.0)] = Field(
         None, description="Thickness of shells [m]."
@@ -116,20 +119,22 @@ class ElementSection(RegionProperty):
         tuple[Positive, Positive] | tuple[Positive, Positive, float] | None, Plausible(1e-16, 10.0, "m⁴")
     ] = Field(
         None,
-        description="Second moments of area of beams about the centroid [m⁴]: [∫y² dA, ∫z² dA] or [∫y² dA, ∫z² dA, ∫yz dA]. "
-        "The first resists bending in the plane of the beam and `direction`, the second bending across it. Null: rods.",
+        description="Second moments of area of beams about the centroid [m⁴]: [∫y² dA, ∫z² dA] or [∫y² dA, ∫z² dA, ∫yz dA]. The "
+        "first value resists bending in the plane of the beam axis and `direction`, the second value bending perpendicular "
+        "to this plane. Null: the section is a rod.",
     )
     torsion: Annotated[NotNegative | None, Plausible(1e-16, 10.0, "m⁴")] = Field(
-        None, description="Torsion constant J of beams [m⁴], ∫r² dA for a circle. Null: 0, for rods only."
+        None, description="Torsion constant J of beams [m⁴], ∫r² dA for a circle. Null: 0, permitted for rods only."
     )
     direction: DirectionVector | None = Field(
         None,
-        description="Vector towards the y axis of beams [-]; x runs from the first to the second node.",
+        description="Vector in the x-y plane of beams towards positive y [-]; the x axis runs from the first to the second node "
+        "of a beam.",
     )
     size: Annotated[tuple[Positive, Positive] | None, Plausible(1e-5, 10.0, "m", share=1.0)] = expert(
         None,
-        description="Outer dimensions of the beam section along y and z [m]; gauges are bonded to its sides. Null: a square "
-        "with the area of the section.",
+        description="Outer dimensions of the beam section along y and z [m]; gauges are placed on the sides of this rectangle. "
+        "Null: a square with the area of the section.",
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -139,22 +144,25 @@ class ElementSection(RegionProperty):
         if self.area is None:
             for name in of_beams:
                 yield Problem(
-                    name, "applies to beams only, and this section has a thickness", "remove the key", at_key=True
+                    name, "applies to beams only, but this section has a thickness", f"remove `{name}`", at_key=True
                 )
         elif self.offset:
             yield Problem(
-                "offset", "applies to shells only, and this section has an area", "remove the key", at_key=True
+                "offset", "applies to shells only, but this section has an area", "remove `offset`", at_key=True
             )
         elif self.second_moments is None:
             for name in (name for name in ("direction", "size") if name in of_beams):
                 what = "applies to beams only; without second_moments this is a rod"
-                yield Problem(name, what, "set second_moments, or remove the key", at_key=True)
+                yield Problem(name, what, f"set `second_moments`, or remove `{name}`", at_key=True)
         else:
             yy, zz, yz = (*self.second_moments, 0.0)[:3]
             if yz**2 >= yy * zz:
                 what = f"∫yz dA of {yz:g} m⁴ is too large for ∫y² dA = {yy:g} m⁴ and ∫z² dA = {zz:g} m⁴"
-                yield Problem("second_moments", what, "use |∫yz dA| below √(∫y² dA · ∫z² dA)")
-            for name, remedy in (("torsion", "set J [m⁴]"), ("direction", "use a vector such as [0, 0, 1]")):
+                yield Problem("second_moments", what, "set a value of |∫yz dA| below √(∫y² dA · ∫z² dA)")
+            for name, remedy in (
+                ("torsion", "set the torsion constant J [m⁴]"),
+                ("direction", "set a vector such as [0, 0, 1]"),
+            ):
                 if name not in of_beams:
                     yield Problem(name, "missing, but required for beams with second_moments", remedy, at_key=True)
 
@@ -163,15 +171,16 @@ class Support(Section):
     """A fixed support, or springs to the ground, in addition to the supports of the mesh file."""
 
     node: NodeId | None = Field(None, description="Id of the supported node.")
-    set: Text | None = Field(None, description="Name of a node set or face, instead of a node.")
+    set: Text | None = Field(None, description="Name of the supported node set or face, instead of `node`.")
     components: Components = Field(
-        (1, 2, 3), description="Supported components: 1-3 are translations, 4-6 rotations of a reference node."
+        (1, 2, 3), description="Supported components: 1-3 are translations, 4-6 are rotations of a reference node."
     )
     stiffness: Annotated[NotNegative | Vector | None, STIFFNESS] = Field(
         None,
         description="Stiffness of springs to the ground, instead of a fixed support [N/m, for rotations N m/rad]. Either one "
-        "value for every component, or three values along x, y and z. The value is that of the whole support: it is shared "
-        "equally by the nodes of a set, and distributed over the area of a face. An estimated modulus does not scale it.",
+        "value for every component, or three values along x, y and z. The value is the stiffness of the whole support: the "
+        "nodes of a set have equal shares, and a face has a constant stiffness per area. An estimated modulus does not "
+        "change this stiffness.",
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -184,10 +193,11 @@ class Support(Section):
             remedy = "use a positive stiffness in N/m, or remove `stiffness` for a fixed support"
             yield Problem("stiffness", what, remedy)
         if len(values) > 1 and self.components != (1, 2, 3):
-            yield Problem("components", "three stiffness values apply along x, y and z", "remove the key", at_key=True)
+            what = "three stiffness values apply along x, y and z, so `components` is not permitted"
+            yield Problem("components", what, "remove `components`, or set one stiffness value", at_key=True)
         if len({component > 3 for component in self.components}) > 1:
-            what = "one stiffness cannot be both in [N/m] and in [N m/rad]"
-            yield Problem("components", what, "define two supports, one for translations and one for rotations")
+            what = "one stiffness cannot apply to translations [N/m] and to rotations [N m/rad]"
+            yield Problem("components", what, "define two supports, one with components 1-3 and one with 4-6")
 
 
 class Face(Section):
@@ -195,9 +205,9 @@ class Face(Section):
 
     near: Point | Annotated[tuple[Point, ...], Field(min_length=1)] | None = Field(
         None,
-        description="A point or a list of points [m]; selects the face nearest to each point. A face ends where its "
-        "normal turns by more than 30° or where its curvature begins. A point on the axis of a bore selects the "
-        "bore. `import` lists a point of every face.",
+        description="A point or a list of points [m]; selects the face nearest to each point. A face ends at an edge where the "
+        "normal turns by more than 30°, or where a curved surface begins. A point on the axis of a bore selects the bore. "
+        "The command `strainsight import` lists a point of every face.",
     )
     normal: DirectionVector | None = Field(None, description="Outward normal [-]; selects the facets with this normal.")
     angle: float = expert(
@@ -207,49 +217,55 @@ class Face(Section):
         None,
         description="Lower and upper corner [[x, y, z], [x, y, z]] [m]; selects the facets with their centre in the box.",
     )
-    radius: Size | None = Field(None, description="Radius of bores and cylinders to select [m], within 2 %.")
+    radius: Size | None = Field(
+        None, description="Radius of bores and cylinders to select [m], with a tolerance of 2 %."
+    )
 
     def problems(self) -> Iterator[Problem]:
         if not (self.near or self.normal or self.box or self.radius):
-            yield Problem("", "does not select any face", "set near, normal, box or radius", at_key=True)
+            yield Problem("", "no criterion is set", "set `near`, `normal`, `box` or `radius`", at_key=True)
         if self.box is not None:
             yield from box_problem("box", self.box)
 
 
 class Tie(Section):
-    """A rigid element (rigid, RBE2), an averaging element (averaging, RBE3), or nodes that follow the surface they lie on
-    (surface)."""
+    """A rigid element (`rigid`, RBE2), an averaging element (`averaging`, RBE3), or nodes tied to a surface (`surface`)."""
 
     type: Literal["rigid", "averaging", "surface"] = Field(
-        description="Kind of constraint. With `rigid`: the nodes follow the reference node. With `averaging`: the "
-        "reference node follows the mean motion of the nodes. With `surface`: each node follows the solid facet "
-        "below it, by the shape functions of the facet, to tie a fine mesh to a coarse mesh."
+        description="Kind of constraint. With `rigid`: the nodes follow the reference node. With `averaging`: the reference "
+        "node follows the mean motion of the nodes. With `surface`: each node follows the solid facet on which the node "
+        "lies, with the shape functions of the facet. Use `surface` to tie a fine mesh to a coarse mesh."
     )
     reference: NodeId | None = Field(
         None, description="Id of the reference node; a new id if `at` is set. Not used with `surface`."
     )
     at: Point | None = Field(None, description="Position of a new reference node [m].")
-    set: Text = Field(description="Name of the node set or face with the tied nodes; with `surface`, the finer side.")
-    to: Text | None = Field(None, description="`surface`: name of the node set or face on the coarser side.")
+    set: Text = Field(
+        description="Name of the node set or face with the tied nodes; with `surface`, on the finer mesh."
+    )
+    to: Text | None = Field(None, description="With `type: surface`: name of the node set or face on the coarser mesh.")
     within: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=0.1)] = expert(
-        1e-4, description="`surface`: largest distance of the nodes from the coarser side [m]."
+        1e-4,
+        description="With `type: surface`: largest permitted distance of the tied nodes from the coarser mesh [m].",
     )
     components: Components | None = expert(
         None,
-        description="Constrained components. With `rigid`: of the nodes, default [1, 2, 3]. With `averaging`: of the "
-        "reference node, default all six.",
+        description="Constrained components. With `rigid`: components of the nodes, default [1, 2, 3]. With `averaging`: "
+        "components of the reference node, default all six.",
     )
 
     @model_validator(mode="after")
     def _of_its_type(self) -> Tie:
         if self.type == "surface" and self.to is None:
-            raise ValueError("a surface tie needs `to`, the face that the nodes of `set` follow")
+            raise ValueError("a tie of type surface needs `to`; set `to` to the name of the coarser node set or face")
         if self.type == "surface" and (self.reference, self.at, self.components) != (None, None, None):
             raise ValueError(
-                "a surface tie has no reference node and no components; remove `reference`, `at` and `components`"
+                "a tie of type surface has no reference node and no components; remove `reference`, `at` and `components`"
             )
         if self.type != "surface" and self.reference is None:
-            raise ValueError(f"a tie of type {self.type} needs `reference`, the id of the reference node")
+            raise ValueError(
+                f"a tie of type {self.type} needs `reference`; set `reference` to the id of the reference node"
+            )
         return self
 
 
@@ -257,18 +273,22 @@ class MatrixTerm(Section):
     """One term of the stiffness or mass matrix, from a file: X(θ) = Σ X_i, or X_i θ/at if it is proportional to a parameter."""
 
     file: Text = Field(
-        description="OP4 (.op4), Matrix Market (.mtx), NumPy/SciPy (.npz) or CalculiX (.sti, .mas) file, in the units of the "
-        "deck."
+        description="Matrix file in the units of the deck: OP4 (.op4), Matrix Market (.mtx), NumPy/SciPy (.npz) or CalculiX "
+        "(.sti, .mas)."
     )
-    name: Text | None = Field(None, description="Name of the matrix, if the file contains several.")
-    parameter: Name | None = Field(None, description="Parameter that this term is proportional to.")
+    name: Text | None = Field(None, description="Name of the matrix, if the file contains several matrices.")
+    parameter: Name | None = Field(
+        None, description="Name of the parameter to which this term is proportional; null: the term is constant."
+    )
     at: ParameterValue | None = Field(
-        None, description="Parameter value used when the matrix was written [Pa, kg/m³ or 1]; null: 1, a unit term."
+        None,
+        description="Value of `parameter` in the model that wrote the matrix [Pa, kg/m³ or 1]. Null: 1, for a matrix per "
+        "unit of the parameter.",
     )
 
 
 class Matrices(Section):
-    """Stiffness and mass matrices from another program, instead of matrices assembled here."""
+    """Stiffness and mass matrices from another program, instead of matrices assembled by strainsight."""
 
     numbering: Text = Field(
         description="CSV file with one line for each matrix row: node id, component 1-6; the header is node,component. Or a "
@@ -286,11 +306,11 @@ Step = Annotated[Id, Field(ge=0)] | Text
 class InResults(Section):
     """Location of a result in the results of another program."""
 
-    file: Text | None = Field(None, description="Results file; null: mesh.results.file.")
+    file: Text | None = Field(None, description="Results file of the other program; null: mesh.results.file.")
     step: Step | None = Field(
         None,
-        description="Number or title of the step or subcase; for a response, the step with this load alone. Null: the only "
-        "step with modes, or the only static step.",
+        description="Number or title of the step or subcase in the results file. For a static response: the step in which this "
+        "load acts alone. Null: the only step with modes, or the only static step.",
     )
 
 
@@ -301,10 +321,10 @@ class ModesOfResults(InResults):
 class ResponseOfLoad(InResults):
     """Location of the static response to one load."""
 
-    magnitude: Annotated[float, Plausible(1e-9, 1e12, "unit of the load")] = Field(
+    magnitude: Annotated[float, Plausible(1e-9, 1e12, "in the unit of the load")] = Field(
         1.0,
-        description="Load magnitude in that step, in the unit of the load [N, N m, Pa …]. Example: 500 for 500 N along the "
-        "direction of the load, −500 for the opposite direction.",
+        description="Load magnitude in the step of this response, in the unit of the load [N, N m, Pa …]. Example: 500 for 500 "
+        "N along the direction of the load, −500 for the opposite direction.",
     )
 
 
@@ -315,22 +335,26 @@ class ResultsFile(Section):
         description="Results file of this mesh, in the units of the mesh: .frd (CalculiX), .op2 or .pch (Nastran), .unv or .uff "
         "(universal), .rst (Ansys), .vtu or .vtk. Modes and responses without `file` are read from this file."
     )
-    modes: ModesOfResults = expert(default_factory=ModesOfResults, description="Natural frequencies and mode shapes.")
+    modes: ModesOfResults = expert(
+        default_factory=ModesOfResults, description="File and step with the natural frequencies and mode shapes."
+    )
 
 
 class SecondResults(ResultsFile):
-    """Modes and static responses at another value of one parameter, to separate the stiffness or mass of its regions from the
-    rest."""
+    """Modes and static responses at another value of one parameter, to separate the stiffness or mass of the regions of this
+    parameter from the rest."""
 
     parameter: Name = Field(
         description="Name of the parameter: a youngs_modulus, stiffness_factor or density of some regions."
     )
     at: ParameterValue = Field(
-        description="Parameter value of this set [Pa, kg/m³ or 1]; that of the first set is in mesh.results.at, or in the mesh."
+        description="Parameter value of this second set [Pa, kg/m³ or 1]. The parameter value of the first set is in "
+        "mesh.results.at, or in the mesh."
     )
     loads: dict[Name, ResponseOfLoad] | None = expert(
         None,
-        description="Same as mesh.results.loads, for this set; null: the same steps of this file, with the same magnitudes.",
+        description="Static responses of the second set, with the keys of mesh.results.loads. Null: the steps and load "
+        "magnitudes of mesh.results.loads, in the file of the second set.",
     )
 
 
@@ -339,23 +363,24 @@ class ResultsSection(ResultsFile):
 
     loads: dict[Name, ResponseOfLoad] = Field(
         {},
-        description="Static response to each load alone, by load name (`loads`). It contains the local deformation that the "
-        "modes cannot represent: without this response, the strain near the load is too small.",
+        description="Static response to each load alone, by load name (`loads`). The response contains the local deformation "
+        "that the modes cannot represent. Without this response, the strain near the load is too small.",
     )
     modal_mass: Literal["auto", "unit", "mesh"] = expert(
         "auto",
-        description="Normalisation ΦᵀMΦ of the mode shapes. With `unit`: 1 in the units of the mesh. With `mesh`: from its "
-        "densities. With `auto`: as stated in the file, otherwise from the densities.",
+        description="Modal masses ΦᵀMΦ of the mode shapes. With `unit`: 1 in the units of the mesh. With `mesh`: computed from "
+        "the densities of the mesh. With `auto`: as stated in the results file; if the file states no modal masses, as with "
+        "`mesh`.",
     )
     at: dict[Name, ParameterValue] = Field(
         {},
-        description="Parameter values used for the results, by parameter name [Pa, kg/m³ or 1]. Default: the materials of "
-        "the mesh, and 1 for a stiffness_factor.",
+        description="Parameter values of the model that produced the results, by parameter name [Pa, kg/m³ or 1]. Default: "
+        "values of the mesh materials, and 1 for a stiffness_factor.",
     )
     second: SecondResults | None = Field(
         None,
-        description="A second set of results at another value of one parameter of some regions. This parameter can "
-        "then be a free parameter.",
+        description="A second set of results, from the same model with another value of one parameter of some regions. The "
+        "second set is required for a parameter with `region`.",
     )
 
 
@@ -369,13 +394,15 @@ class MeshFile(Section):
     format: Literal["auto", "nastran", "abaqus", "gmsh", "frd", "meshio"] = expert(
         "auto", description="File format; `auto`: by the file extension."
     )
-    length_unit: Literal["m", "mm", "cm", "km", "in", "ft"] = Field("m", description="Length unit of the file.")
+    length_unit: Literal["m", "mm", "cm", "km", "in", "ft"] = Field("m", description="Length unit of the mesh file.")
     mass_unit: Literal["kg", "t", "g", "lb", "slug", "lbf*s2/in"] = Field(
         "kg",
-        description="Mass unit of the file. The time unit is s: use t with N and mm, and lbf*s2/in with lbf and in.",
+        description="Mass unit of the mesh file. The time unit is s: use t with N and mm, and lbf*s2/in with lbf and in.",
     )
     region_data: Text | None = expert(
-        None, description="Cell data array with the region ids (VTU, VTK and similar); null: the usual names."
+        None,
+        description="Name of the cell data array with the region ids (VTU, VTK and similar formats); null: the first of "
+        "several usual names.",
     )
     ignore: tuple[Text, ...] = Field(
         (),
@@ -384,15 +411,16 @@ class MeshFile(Section):
     )
     contact: Literal["bonded", "open"] | None = Field(
         None,
-        description="Treatment of contact pairs of the deck (*CONTACT PAIR). With `bonded`: nodes of the first surface that "
-        "lie on the second follow it, which is the upper bound of the contact stiffness. With `open`: the surfaces are not "
-        "connected. Null: a deck with contact is an error; pairs that the deck ties itself are always bonded.",
+        description="Treatment of contact pairs of the deck (*CONTACT PAIR). With `bonded`: nodes of the first surface that lie "
+        "on the second surface follow the second surface; this is the upper bound of the contact stiffness. With `open`: "
+        "the surfaces are not connected. Null: a deck with contact pairs is an error. Pairs that the deck defines as tied "
+        "are always bonded.",
     )
     mass: Literal["consistent", "lumped"] | None = expert(
         None,
-        description="Mass matrix of solids. With `consistent`: ∫ ρ N_a N_b dV. With `lumped`: its diagonal scaled to the "
-        "mass of each element, for a comparison with the frequencies of programs that use it. Null: lumped if a Nastran "
-        "deck of solids requests it (PARAM,COUPMASS,-1), otherwise consistent.",
+        description="Mass matrix of solids. With `consistent`: ∫ ρ N_a N_b dV. With `lumped`: the diagonal of this matrix, "
+        "scaled to the mass of each element; use `lumped` to compare frequencies with programs that use lumped masses. "
+        "Null: `lumped` if a Nastran deck of solids requests lumped masses (PARAM,COUPMASS,-1), otherwise `consistent`.",
     )
     spc: SetId | None = expert(
         None,
@@ -402,12 +430,14 @@ class MeshFile(Section):
     step: SetId | None = expert(
         None,
         description="Number, from 1, of the step of an Abaqus or CalculiX deck with the active supports (*BOUNDARY) and "
-        "elements (*MODEL CHANGE). Null: the frequency step; or all steps, which then have to agree.",
+        "elements (*MODEL CHANGE). Null: the frequency step; without a frequency step, all steps need the same supports and "
+        "elements.",
     )
     include_dirs: tuple[Text, ...] = Field(
         (),
-        description="Additional folders for included files (INCLUDE, *INCLUDE, INPUT=), apart from the folder of the deck "
-        "and its subfolders. Paths are relative to the folder of the config; symbolic links are resolved first.",
+        description="Additional folders for included files (INCLUDE, *INCLUDE, INPUT=). Files in the folder of the deck and in "
+        "its subfolders are always permitted. Paths are relative to the folder of the config; symbolic links are resolved "
+        "first.",
     )
     merge: Annotated[Positive | None, Plausible(1e-9, 0.01, "m", share=0.1)] = Field(
         None,
@@ -416,11 +446,11 @@ class MeshFile(Section):
     )
     faces: dict[Name, Face] = Field(
         {},
-        description="Named faces of the surface, defined here instead of in the mesh file. Each name is a node set for "
-        "loads, supports, ties, zones and `gauges.surface`.",
+        description="Named faces of the surface, defined in the config instead of in the mesh file. Each name can be used like "
+        "a node set: for loads, supports, ties, zones and gauges.surface.",
     )
     materials: dict[Name, MaterialSection] = Field(
-        {}, description="Materials that the mesh file lacks, in SI units, by name."
+        {}, description="Materials in addition to those of the mesh file, or instead of them, in SI units, by name."
     )
     sections: dict[Name, ElementSection] = Field(
         {},
@@ -432,7 +462,8 @@ class MeshFile(Section):
         False,
         description="`true`: the structure is free and needs no supports. Rigid-body modes produce no strain and are omitted; "
         "static responses include the inertia of the rigid-body acceleration (inertia relief). Only strain gauges are "
-        "possible: accelerometers and displacement sensors need `supports` on soft springs instead.",
+        "possible. For accelerometers and displacement sensors, use soft springs instead of `free` (`stiffness` in "
+        "mesh.supports).",
     )
     ties: tuple[Tie, ...] = Field((), description="Rigid and averaging elements in addition to those of the mesh file.")
     matrices: Matrices | None = Field(None, description="Stiffness and mass matrices from another program.")
@@ -444,14 +475,15 @@ class MeshFile(Section):
 
     def problems(self) -> Iterator[Problem]:
         if self.sections and self.matrices is not None:
-            yield Problem("sections", "stiffness and mass come from mesh.matrices", "remove the key", at_key=True)
+            yield Problem("sections", "stiffness and mass come from mesh.matrices", "remove mesh.sections", at_key=True)
         for i, support in enumerate(self.supports):
             if support.stiffness is not None and max(support.components) > 3 and support.set in self.faces:
                 what = "a face has no rotational components"
-                yield Problem(f"supports.{i}.components", what, "set the stiffness of translations, or use a node")
+                yield Problem(f"supports.{i}.components", what, "remove components 4-6, or set `node` instead of `set`")
             if support.stiffness is not None and self.matrices is not None:
                 what = "the stiffness comes from mesh.matrices"
-                yield Problem(f"supports.{i}.stiffness", what, "include the spring in these matrices", at_key=True)
+                remedy = "remove `stiffness`, and include the spring in these matrices"
+                yield Problem(f"supports.{i}.stiffness", what, remedy, at_key=True)
         claimed: dict[object, str] = {}
         for name, material in self.materials.items():
             for region in ("all",) if isinstance(material.regions, str) else material.regions:

@@ -18,37 +18,44 @@ class Measure(Section):
     """A result of one or several runs, with limits."""
 
     run: Text | Texts = Field(
-        description="Name of the run without the suffix of the suite, or a list of names; the limits apply to each."
+        description="Name of the run without the suffix of the suite, or a list of names; the limits apply to each run."
     )
     number: Text | Texts = Field(
-        description="Name of the result in the summary of the stage, as in slope.Fz, or a list of names."
+        description="Name of the result in the summary of the stage, such as slope.Fz, or a list of names."
     )
     stage: Text | None = Field(
-        None, description="Stage with the result; null: `estimate` for a bench, `validate` for a placement."
+        None, description="Stage that computes the result; null: `estimate` for a bench, `validate` for a placement."
     )
-    times: Annotated[float, COMPARED] = Field(1.0, description="Factor on the result [-].")
+    times: Annotated[float, COMPARED] = Field(
+        1.0, description="Factor by which the result is multiplied before the comparison with the limits [-]."
+    )
     against: Text | None = Field(
-        None, description="Name of a reference run; the result is divided by that of the reference run."
+        None, description="Name of a reference run; the result is divided by the result of the reference run."
     )
     against_number: Text | None = Field(
         None, description="Name of the result of the reference run; null: the name in `number`."
     )
-    above: Annotated[float | None, COMPARED] = Field(None, description="Lower limit.")
-    below: Annotated[float | None, COMPARED] = Field(None, description="Upper limit.")
-    equals: bool | None = Field(None, description="Required value of a true/false result.")
+    above: Annotated[float | None, COMPARED] = Field(None, description="Lower limit of the result.")
+    below: Annotated[float | None, COMPARED] = Field(None, description="Upper limit of the result.")
+    equals: bool | None = Field(None, description="Required value of a result that is true or false.")
     unit: str = Field("", description="Unit or text after the number on the page, such as `N` or `of the weight`.")
 
     def problems(self) -> Iterator[Problem]:
         bounds = [value for value in (self.above, self.below) if value is not None]
         if self.equals is None and not bounds:
-            yield Problem("", "no limit is set", "set above, below or both, or equals: true or false", at_key=True)
+            yield Problem(
+                "", "no limit is set", "set `above`, `below` or both; or set `equals` to true or false", at_key=True
+            )
         elif self.equals is not None and (bounds or self.against is not None or self.times != 1):
-            yield Problem("equals", "cannot be combined with limits or a ratio", "remove equals, or these keys")
+            yield Problem(
+                "equals", "cannot be combined with above, below, against or times", "remove `equals` or the other keys"
+            )
         elif len(bounds) == 2 and not bounds[0] < bounds[1]:
-            yield Problem("above", f"{bounds[0]:g} is not smaller than below, {bounds[1]:g}", "swap the two limits")
+            what = f"the lower limit {bounds[0]:g} is not smaller than the upper limit {bounds[1]:g} (`below`)"
+            yield Problem("above", what, "exchange the values of `above` and `below`")
         if self.against_number is not None and self.against is None:
             what = "the reference run is missing"
-            yield Problem("against_number", what, "set against: RUN, or remove the key", at_key=True)
+            yield Problem("against_number", what, "set `against: RUN`, or remove `against_number`", at_key=True)
 
 
 class WithReason(Section):
@@ -56,35 +63,39 @@ class WithReason(Section):
 
     why: str = Field(
         "",
-        description="Explanation of the result, or of why nothing is measured, as printed on the page. The page "
-        "marks unconfirmed claims without explanation.",
+        description="Explanation of the result, or of a missing result, printed on the page. The page marks unconfirmed claims "
+        "without explanation.",
     )
 
 
 class Noted(Section):
     """An entry with a note."""
 
-    note: str = Field("", description="Note to print on the page.")
+    note: str = Field("", description="Note that is printed on the page.")
 
 
 class ClaimSection(Measure, WithReason):
-    """A claim on results of runs: confirmed if all of them are within the limits."""
+    """A claim on results of runs; it is confirmed if all results are within the limits."""
 
     text: Text = Field(description="Text of the claim.")
 
 
 class ComparisonSection(WithReason):
-    """A comparison of a published result with runs under the settings of the source and under other settings."""
+    """A comparison of a published result with runs with the settings of the publication, and with runs with other settings."""
 
-    source: Text = Field(description="Location in the source, as in figure 2.4.")
-    statement: Text = Field(description="Statement of the source.")
-    published: str = Field("", description="Published number, as text.")
-    published_settings: Measure | None = Field(None, description="Results of runs with the settings of the source.")
-    other_settings: Measure | None = Field(None, description="Results of runs with other settings.")
+    source: Text = Field(description="Location in the publication, such as figure 2.4.")
+    statement: Text = Field(description="Statement of the publication.")
+    published: str = Field("", description="Reference value exactly as printed in the publication, as text.")
+    published_settings: Measure | None = Field(
+        None, description="Results of runs with the settings of the publication."
+    )
+    other_settings: Measure | None = Field(
+        None, description="Results of runs with settings other than those of the publication."
+    )
 
     def problems(self) -> Iterator[Problem]:
         if self.published_settings is None and self.other_settings is None and not self.why:
-            remedy = "set published_settings or other_settings, or explain under why that nothing can be measured"
+            remedy = "set `published_settings` or `ours`, or explain under `why` that no result can be computed"
             yield Problem("", "no result and no explanation is set", remedy, at_key=True)
 
 
@@ -105,10 +116,10 @@ def measures_of(claims: Sequence[ClaimSection], comparisons: Sequence[Comparison
 class StudySection(Noted):
     """A study: runs that answer one question together. Studies without an entry are defined by runs[].study."""
 
-    name: Text = Field(description="Name of the study, as in runs[].study; a heading of the page.")
+    name: Text = Field(description="Name of the study, as in runs[].study; the page has a heading with this name.")
     over: Text | None = Field(
         None,
-        description="Dotted key that the runs vary, such as estimate.time_step. The figures show it on the "
+        description="Dotted key that the runs vary, such as estimate.time_step. The figures show the values of this key on the "
         "horizontal axis, with one line for each group.",
     )
     numbers: tuple[Text, ...] = expert(
@@ -122,26 +133,31 @@ def study_problems(studies: Sequence[StudySection], named: Sequence[str]) -> Ite
     """Yield the problems of the studies; named: studies of the runs."""
     for i, study in enumerate(studies):
         if study.name in [other.name for other in studies[:i]]:
-            yield Problem(f"studies.{i}.name", f"'{study.name}' appears twice", "list every study once")
+            yield Problem(f"studies.{i}.name", f"'{study.name}' appears twice", "remove one of the two studies")
         elif study.name not in named:
             what = f"no run belongs to the study '{study.name}'"
-            yield Problem(f"studies.{i}.name", what, "assign a run to it with runs[].study")
+            yield Problem(f"studies.{i}.name", what, "set `study` of a run to this name, or remove the study")
         if study.numbers and study.over is None:
-            yield Problem(f"studies.{i}.numbers", "the figures have no horizontal axis", "set over: KEY", at_key=True)
+            remedy = "set `over` to the key that the runs vary, or remove `numbers`"
+            yield Problem(f"studies.{i}.numbers", "the figures have no horizontal axis (`over`)", remedy, at_key=True)
 
 
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 """A dotted key, as in --set place.keep=6."""
-OWN = {"name": "set name: NAME next to config:", "kind": "remove the key; the config of each run defines its kind"}
+OWN = {
+    "name": "set `name` in the entry of the run, next to `config`",
+    "kind": "remove `kind`; the config of each run defines its kind",
+}
 
 
 class Overriding(Section):
-    """Overrides of a config."""
+    """Overrides of keys in a config."""
 
     overrides: dict[str, JsonValue] = Field(
         {},
         alias="set",
-        description="Overrides of the config of the run, or of every run: dotted key → value, as with --set.",
+        description="Overrides of config keys of this run, or in the suite of every run: dotted key and value, such as "
+        "place.keep: 6, as with --set.",
     )
 
 
@@ -151,33 +167,39 @@ class SuiteRun(Overriding, Noted):
     config: Text = Field(description="Config of the run, relative to the folder of the suite.")
     label: Text = Field(description="Label of the run on the page.")
     name: RunName | None = Field(None, description="Name of the run; null: the name in its config.")
-    until: Text = Field("report", description="Last stage to run.")
+    until: Text = Field("report", description="Last stage of the run to compute.")
     study: Text | None = Field(None, description="Name of the study; runs of one study share a heading and figures.")
     group: str = Field("", description="Group of the run; runs of one group form one line in the figures.")
 
 
 class SuiteConfig(Overriding):
-    """A suite of runs: it updates each run, then compares them on one page."""
+    """A suite of runs. A suite updates each run, and then compares the runs on one page."""
 
-    kind: Literal["suite"] = Field(description="Which pipeline.")
+    kind: Literal["suite"] = Field(description="Kind of config: suite of runs.")
     name: RunName = Field(description="Name of the suite; its page and results are written to results/NAME.")
     title: Text = Field(description="Title of the page.")
     suffix: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]*$", max_length=50)] = expert(
-        "", description="Suffix of the name of every run: letters, digits, - and _."
+        "", description="Suffix that is added to the name of every run: letters, digits, - and _."
     )
     jobs: int = Field(
-        1, ge=1, le=64, description="Number of simultaneous runs [-]; 2 halves the time if the memory is sufficient."
+        1,
+        ge=1,
+        le=64,
+        description="Number of simultaneous runs [-]; 2 simultaneous runs halve the time if the memory is sufficient.",
     )
     runs: Annotated[tuple[SuiteRun, ...], Field(min_length=1)] = Field(
         description="The runs, in order: placements and benches."
     )
-    studies: tuple[StudySection, ...] = Field((), description="Axes and results of the studies named in runs[].study.")
+    studies: tuple[StudySection, ...] = Field(
+        (), description="Notes, axes and results of the studies named in runs[].study."
+    )
     claims: tuple[ClaimSection, ...] = Field(
         (), description="Claims that the page reports as confirmed or not confirmed."
     )
     comparisons: tuple[ComparisonSection, ...] = Field(
         (),
-        description="Comparisons of published results with runs under the settings of the source and under other settings.",
+        description="Comparisons of published results with runs with the settings of the publication, and with runs with other "
+        "settings.",
     )
 
 
@@ -216,7 +238,10 @@ def _overrides(section: str, overrides: dict[str, JsonValue]) -> Iterator[Proble
     for key in overrides:
         if not DOTTED.fullmatch(key):
             yield Problem(
-                f"{section}.{key}", f"'{key}' is not a dotted key", "write it as in --set: place.keep: 6", at_key=True
+                f"{section}.{key}",
+                f"'{key}' is not a dotted key",
+                "write the key as after --set, such as place.keep: 6",
+                at_key=True,
             )
         elif key in OWN:
             yield Problem(f"{section}.{key}", f"a suite cannot set '{key}'", OWN[key], at_key=True)

@@ -155,7 +155,7 @@ def _renamed_sources(run: PlannedRun, names: Sequence[str], suffix: str) -> Iter
         elif source in names:
             what = "the guess" if ".guess." in key else "the input"
             raise ConfigError(
-                f"{what} comes from '{source}', which runs later in this suite",
+                f"{what} comes from run '{source}', but the suite runs '{source}' later",
                 key=key,
                 where=where,
                 remedy=f"move run '{source}' before this run",
@@ -170,7 +170,7 @@ def _refuse_taken(suite: LoadedConfig, model: SuiteConfig, before: Sequence[Plan
             f"the run name '{name}' is already the name of {owners[name]}",
             key=f"runs[{run.place}].name",
             where=suite.locate(f"runs.{run.place}.name"),
-            remedy="set another name for this run, next to config: name: NAME",
+            remedy="set `name` of this entry of `runs` to another name",
         )
 
 
@@ -184,8 +184,8 @@ def _refused(
             yield wrong(
                 suite,
                 f"studies.{model.studies.index(study)}.over",
-                f"{study.over} is not a number in runs[{run.place}], '{run.config.data['name']}'",
-                "use a key that is a number in every run of the study, or set the key in this run",
+                f"{study.over} is not a number in the config of runs[{run.place}], '{run.config.data['name']}'",
+                f"use a key that is a number in every run of the study, or set {study.over} under runs[{run.place}].set",
             )
     for place, measure in measures_of(model.claims, model.comparisons).items():
         named = [("run", name) for name in as_texts(measure.run)]

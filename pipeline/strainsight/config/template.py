@@ -42,7 +42,7 @@ loads:
 damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}; to estimate it: damping_factor
 
 rom:
-  modes: 10                       # natural frequencies up to well above the load frequencies
+  modes: 10                       # enough modes for frequencies well above the load frequencies
   parameter_samples: 5
   tolerance: 1.0e-4
 
@@ -103,13 +103,11 @@ MATERIAL = """\
 """
 CONE = """\
   exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
-    - normal_cone: {{axis: {axis}, angle: 10}}           # the projected axis is undefined on facets normal to it
+    - normal_cone: {{axis: {axis}, angle: 10}}           # on facets normal to the axis, the direction is undefined
 """
 TRUTH = "    parameters: {{{name}: {truth}}}      # ← {unit}assumed true value, which the filter has to estimate\n"
-TYPE = (
-    "  type: {name:<25} # ← grid [mm] / resistance [Ω]; sets grid, clearance, spacing, range. Other types: see types\n"
-)
-NO_TYPE = "  # type: 3/350                 # no carrier of the catalogue fits the faces of this part; other types: see types\n"
+TYPE = "  type: {name:<25} # ← grid [mm] / resistance [Ω]; sets grid, clearance, spacing, range. Other types: key `types`\n"
+NO_TYPE = "  # type: 3/350                 # no carrier of the catalogue fits the faces of this part; other types: key `types`\n"
 OPEN_TYPE = "  # type: 3/350                 # ← grid [mm] / resistance [Ω]; sets grid, clearance, spacing, range\n"
 SPACING = "  # minimum_spacing: 0.011        # [m] between gauges; default: the longer side of the carrier\n"
 OWN_SPACING = "  minimum_spacing: {spacing:<14} # ← [m] between gauges: the length of the carrier\n"
@@ -181,9 +179,11 @@ def _exclude(suggestion: Suggestion, answers: Answers) -> str:
     for name, place in _seats(suggestion, answers).items():
         entry = f"- {name}" if cone else f"{name},"
         if place.instead_of:
-            lines += f"    # {entry:<27} # other side of the same bores: uncomment it if this is the contact face\n"
+            lines += (
+                f"    # {entry:<27} # other side of the same bores: uncomment this line if this is the contact face\n"
+            )
         else:
-            lines += f"    {entry:<29} # ← {place.lies_on}: probable contact face; remove the line if it is not\n"
+            lines += f"    {entry:<29} # ← {place.lies_on}: probable contact face; otherwise remove the line\n"
     if not lines:
         return cone or EXCLUDE
     return f"{cone}{lines}" if cone else ON_SEATS.format(lines=lines)
@@ -214,15 +214,17 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
     if suggestion.unsupported:
         lines.append("  # Unsupported entities that affect the model. Add those that can be neglected to `ignore`:")
         lines += [f"  #   {printable(f'{n:<32} # {k}, the first at {at}')}" for n, k, at in suggestion.unsupported]
-        lines.append("  ignore: []            # ← entities from above; or model them in another way")
+        lines.append("  ignore: []            # ← names of entities from above that can be neglected")
     if suggestion.contact:
         pairs = f"{', '.join(suggestion.pairs[:3])}{', …' * (len(suggestion.pairs) > 3)}"
         lines.append(f"  # Contact of {printable(pairs)}. open: not connected, as in a *FREQUENCY step of CalculiX;")
-        lines.append("  # bonded: nodes on the other surface follow it, the upper bound of stiffness. Compare both.")
+        lines.append(
+            "  # bonded: nodes of one surface follow the other surface (upper bound of stiffness). Compare both values."
+        )
         why = (
-            "with open, a part is unsupported"
+            "with open, a part has no support"
             if suggestion.contact == "bonded"
-            else "all parts are supported with open"
+            else "with open, all parts have supports"
         )
         lines.append(f"  contact: {suggestion.contact:<12} # ← bonded or open: {why}")
     if suggestion.support_sets:
@@ -248,7 +250,9 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
                 f"    {suggestion.free('held')}: {{near: }}        # ← [x, y, z] of a point on the supported face"
             )
     if suggestion.thin:
-        lines.append(f"  sections:             # shells of the regions {printable(', '.join(suggestion.thin))} ← [m]")
+        lines.append(
+            f"  sections:             # ← shells of the regions {printable(', '.join(suggestion.thin))}: thickness [m]"
+        )
         lines.append("    shells: {regions: all, thickness: }")
     if suggestion.matrices:
         dof, sti, mas = (_quoted(f"{deck.rpartition('.')[0]}{ending}") for ending in (".dof", ".sti", ".mas"))
@@ -305,7 +309,7 @@ def _load(suggestion: Suggestion, answers: Answers) -> str:
             lines.append("    factor: true                 # the signal is a factor on the load of the deck")
     if place is None or place.kind != "deck_load":
         lines.append(
-            f"    direction: {answers.direction or '':<18} # ← [x, y, z]; or `moment`; on a face `bearing`, `pressure: true`"
+            f"    direction: {answers.direction or '':<18} # ← [x, y, z]; or `moment`; on a face `bearing` or `pressure: true`"
         )
     amplitude = answers.amplitude if answers.amplitude is not None or place is None else place.force
     known = "true: measured by a load cell; false: estimated"

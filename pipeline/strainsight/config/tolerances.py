@@ -27,12 +27,12 @@ from strainsight.config.base import (
 
 
 class GaugeTolerances(Section):
-    """Standard deviations of gauge installation; 0 means exact."""
+    """Standard deviations of the errors of gauge installation; 0 means exact."""
 
     position: Annotated[NotNegative, MISPLACED] = Field(
         0.002,
-        description="Standard deviation of the location of a gauge in each of two directions [m]; typically 2 mm for a "
-        "location marked by hand.",
+        description="Standard deviation of the location of a gauge in each of two directions along the surface [m]; typically 2 "
+        "mm for a location marked by hand.",
     )
     angle: Annotated[float, MISALIGNED] = expert(
         2.0,
@@ -54,11 +54,11 @@ class GaugeTolerances(Section):
 
 
 class Tolerances(GaugeTolerances):
-    """Standard deviations of gauge installation, load application and model error; 0 means exact. A simulated test with model
-    error samples its errors from these."""
+    """Standard deviations of the errors of gauge installation, load application and model; 0 means exact. A simulated test with
+    model error samples the errors from these standard deviations."""
 
     offset: Annotated[NotNegative, STRAIN] = expert(
-        0.0, description="Standard deviation of a constant offset of every strain channel [strain]."
+        0.0, description="Standard deviation of a constant offset in the readings of every strain channel [strain]."
     )
     drift: Annotated[NotNegative, STRAIN] = Field(
         0.0,
@@ -67,18 +67,18 @@ class Tolerances(GaugeTolerances):
     )
     temperature: Annotated[NotNegative, Plausible(0.001, 500.0, "K")] = expert(
         0.0,
-        description="Standard deviation of the temperature rise of the part at the end of the record, linear in time [K]. It "
-        "is common to all gauges, which read `thermal_output` for each kelvin.",
+        description="Standard deviation of the temperature rise of the part at the end of the record, linear in time [K]. The "
+        "temperature rise is common to all gauges; each gauge reads `thermal_output` per kelvin.",
     )
     thermal_output: Annotated[NotNegative, Plausible(1e-9, 1e-4, "strain/K")] = expert(
         1e-6,
-        description="Thermal output common to all strain gauges [strain/K]; 1e-6 for foil gauges that are compensated for "
-        "the material, near room temperature. The thermal output stated by the manufacturer may be subtracted from the "
-        "readings beforehand.",
+        description="Thermal output common to all strain gauges, a value and not a standard deviation [strain/K]; 1e-6 for foil "
+        "gauges compensated for the material, near room temperature. The thermal output stated by the manufacturer may be "
+        "subtracted from the readings beforehand.",
     )
     thermal_spread: Annotated[NotNegative, Plausible(1e-9, 1e-4, "strain/K")] = expert(
         1.4e-7,
-        description="Standard deviation of the thermal output between strain gauges of one batch [strain/K].",
+        description="Standard deviation of the thermal output of single strain gauges of one batch [strain/K].",
     )
     load_angle: Annotated[float, MISALIGNED] = Field(
         1.0,
@@ -89,50 +89,52 @@ class Tolerances(GaugeTolerances):
     )
     load_position: Annotated[NotNegative, MISPLACED] = Field(
         0.002,
-        description="Standard deviation of the point of application of a load in two directions across its line of action "
-        "[m], which adds a moment. Typically 2 mm for a location marked by hand.",
+        description="Standard deviation of the point of application of a load in each of two directions perpendicular to the "
+        "line of action [m]. The offset of the point adds a moment. Typically 2 mm for a location marked by hand.",
     )
     load_gain: Annotated[float, GAIN] = expert(
         0.005,
         ge=0,
         le=0.5,
-        description="Relative standard deviation of a known load: load cell and amplifier [-]. ISO 7500-1 permits ±1 % for "
-        "class 1 and ±0.5 % for class 0.5.",
+        description="Relative standard deviation of the measured value of a known load, from load cell and amplifier [-]. ISO "
+        "7500-1 permits ±1 % for class 1 and ±0.5 % for class 0.5.",
     )
     damping: Annotated[float, Plausible(1.0, 10.0)] = Field(
         1.5,
         ge=1,
         le=100,
-        description="Standard deviation of the damping ratio of each mode, as a factor: its logarithm is the σ of ln ζ [-]; "
-        "1: exact.",
+        description="Uncertainty of the damping ratio ζ of each mode, as a factor [-]: σ of ln ζ is the logarithm of this "
+        "factor. 1: exact damping.",
     )
     frequency: Annotated[float, Plausible(0.0, 0.05)] = expert(
         0.01,
         ge=0,
         le=0.2,
-        description="Standard deviation of the logarithm of all natural frequencies by a common factor [-], without a change of "
-        "the static responses. Each measured frequency has an additional individual σ of half this value. Example: a density "
-        "error of 1 % changes frequencies by 0.5 %. Use 0 for a model with measured frequencies.",
+        description="Relative standard deviation of a common factor on all natural frequencies [-]; static responses do not "
+        "change. The frequency of each single mode has an additional relative standard deviation of half this value. "
+        "Example: a density error of 1 % changes frequencies by 0.5 %. Use 0 for a model updated to measured frequencies.",
     )
     model: Annotated[float, GAIN] = expert(
         0.0,
         ge=0,
         le=0.5,
-        description="Standard deviation of the logarithm of the scale of the whole stiffness, if no modulus is estimated [-].",
+        description="Relative standard deviation of a common factor on the whole stiffness [-]. It has no effect if a modulus "
+        "or a stiffness_factor is estimated.",
     )
     discrepancy: Annotated[float, GAIN] = expert(
         0.02,
         ge=0,
         le=0.5,
-        description="Standard deviation of all remaining errors of a reading at every sample, relative to the RMS of its "
-        "channel [-]: second-order effects of the tolerances, and truncation of the reduced model. With known loads only, "
-        "the grid filter adds it to the measurement noise.",
+        description="Standard deviation of all remaining errors of a reading at every sample, relative to the RMS reading of "
+        "the channel [-]. Examples: second-order effects of the tolerances, and truncation of the reduced model. If all "
+        "loads are known, the grid filter adds this error to the measurement noise.",
     )
     treat: Literal["consider", "estimate"] = expert(
         "consider",
-        description="Treatment of tolerances in the estimation of motion and loads. With `consider`: they increase σ and "
-        "reduce the gains, but are not estimated (Schmidt-Kalman). With `estimate`: they are estimated from the samples, at "
-        "the risk of absorbing other model errors. Parameters are estimated with all tolerances integrated out.",
+        description="Treatment of the toleranced errors in the estimation of motion and loads. With `consider`: the errors "
+        "increase σ and reduce the filter gains, but are not estimated (Schmidt-Kalman filter). With `estimate`: the errors "
+        "are estimated from the samples; these estimates may include other model errors. The estimation of parameters "
+        "always integrates over all errors.",
     )
 
 
@@ -155,39 +157,51 @@ class TruthSection(Section):
 
     model: Literal["full", "modes", "perturbed", "rom"] = Field(
         "perturbed",
-        description="Model of the simulated test. With `full`: the whole finite-element model. With `modes`: many modes and "
-        "static corrections. With `perturbed`: the same, with errors of damping and gauges sampled from `tolerances` by the "
-        "seed. With `rom`: the reduced model of the filter.",
+        description="Model of the simulated test. With `full`: the whole finite-element model. With `modes`: many modes "
+        "(`validate.truth.modes`) and static corrections. With `perturbed`: as `modes`, with errors of model, gauges and "
+        "loads sampled from `tolerances`. With `rom`: the reduced model of the filter.",
     )
-    modes: Count = Field(60, ge=1, description="Number of modes of the simulated test [-].")
+    modes: Count = Field(
+        60, ge=1, description="Number of modes of the simulated test with the model `modes` or `perturbed` [-]."
+    )
     parameters: dict[Name, ParameterValue] = Field(
-        {}, description="True parameter values [Pa, kg/m³, or 1 for a factor]; default: the guess."
+        {},
+        description="Parameter values of the simulated test, by parameter name [Pa, kg/m³, or 1 for a factor]; default: the "
+        "guess.",
     )
     damping_factor: Annotated[NotNegative | None, Plausible(0.01, 100.0)] = expert(
         None,
-        description="`perturbed`: ratio of true damping to that of the filter, equal in every mode [-]; null: sampled from "
-        "`tolerances`.",
+        description="With `model: perturbed`: damping of the simulated test divided by damping of the filter, equal in every "
+        "mode [-]; null: sampled from `tolerances`.",
     )
     gauge_offset: Annotated[NotNegative | None, MISPLACED] = expert(
         None,
-        description="`perturbed`: location error of every gauge [m], with constant magnitude; null: sampled from `tolerances`.",
+        description="With `model: perturbed`: location error, equal for every gauge, in a random direction [m]; null: sampled "
+        "from `tolerances`.",
     )
     gauge_rotation: Annotated[NotNegative | None, Plausible(0.01, 45.0, "deg")] = expert(
         None,
-        description="`perturbed`: direction error of every gauge [deg], of constant magnitude; null: sampled from `tolerances`.",
+        description="With `model: perturbed`: direction error, equal for every gauge, with a random sign [deg]; null: sampled "
+        "from `tolerances`.",
     )
 
 
 class Sweeps(Section):
-    """Studies of one change of the filter at a time, each on the measurements of the layout."""
+    """Studies with one changed setting of the filter at a time, with the measurements of the layout."""
 
-    time_steps: tuple[TimeStep, ...] = expert((), description="Other time steps of filter and samples [s].")
+    time_steps: tuple[TimeStep, ...] = expert(
+        (), description="Other values of the time step of filter and samples [s]."
+    )
     process_noise: Annotated[tuple[Positive, ...], Plausible(1e-9, 1e9)] = expert(
-        (), description="Factors on all process noise of the filter [-]."
+        (), description="Factors on the whole process noise of the filter [-]."
     )
     wrong_parameters: Annotated[
         dict[Name, Annotated[tuple[Positive, ...], Field(min_length=1)]], Plausible(0.1, 10.0)
-    ] = expert({}, description="Factors on a parameter that the filter takes as known [-]; 0.9 is 10 % too low.")
+    ] = expert(
+        {},
+        description="Factors on known parameters in the filter, by parameter name [-]; with 0.9, the filter uses a "
+        "value 10 % below the true value.",
+    )
 
 
 class Validate(TimeSpan):
@@ -195,13 +209,21 @@ class Validate(TimeSpan):
 
     truth: TruthSection = with_defaults(TruthSection, "Model of the simulated test.")
     initial_std: Annotated[dict[Name, Positive], RELATIVE_STD] = Field(
-        description="Initial standard deviation of every unknown, relative to its guess or amplitude [-]."
+        description="Initial standard deviation of every unknown, by name, relative to the guess of the parameter or to the "
+        "amplitude of the load [-]."
     )
     random_sets: Annotated[int, Plausible(0, 1000)] = Field(
-        10, ge=0, description="Number of random layouts for comparison, from all candidates and from the pool [-]."
+        10,
+        ge=0,
+        description="Number of random layouts for comparison [-]: one group from all candidates, and one group from "
+        "the candidates selected by `screen`.",
     )
     noise_factors: Annotated[tuple[Positive, ...], Plausible(1e-6, 1e6)] = Field(
-        (0.1, 5.0), description="Other noise levels to try, relative to the configured noise [-]."
+        (0.1, 5.0), description="Factors on noise_std for additional runs with other noise levels [-]."
     )
-    repeats: Count = Field(20, ge=1, description="Number of repetitions with other seeds and initial values [-].")
-    sweeps: Sweeps = expert(default_factory=Sweeps, description="Changes of the filter, one at a time.")
+    repeats: Count = Field(
+        20, ge=1, description="Number of repeated runs with other noise samples and initial values [-]."
+    )
+    sweeps: Sweeps = expert(
+        default_factory=Sweeps, description="Studies with one changed setting of the filter at a time."
+    )

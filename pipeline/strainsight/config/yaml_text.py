@@ -27,7 +27,7 @@ REMEDIES = (
     ("could not find expected ':'", "write KEY: VALUE in the line above, with a space after the colon"),
     (r"expected ',' or '[\]}]'", "close the bracket that was opened above, or separate its entries with commas"),
     ("unexpected end of stream", "close the quotes that were opened above"),
-    ("escape character", "use single quotes, in which a backslash has no special meaning"),
+    ("escape character", "use single quotes; in single quotes, a backslash has no special meaning"),
 )
 """Parser message (a pattern) → remedy; the first match applies."""
 BOOLEANS = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
@@ -72,7 +72,7 @@ def parse(text: str) -> Document:
     except YAMLError as error:
         raise YamlProblem(f"not valid YAML: {' '.join(str(error).split())}", 1, 1) from error
     except RecursionError as error:
-        raise YamlProblem("the nesting is too deep", 1, 1) from error
+        raise YamlProblem("the mappings and lists are nested too deeply", 1, 1) from error
     if root is None:
         return Document(None, {"": Mark((1, 1), (1, 1))})
     marks: dict[str, Mark] = {"": Mark(_at(root), _at(root))}
@@ -86,7 +86,7 @@ def _at(node: Any) -> tuple[int, int]:
 def _json(node: Any, path: str, marks: dict[str, Mark]) -> Any:
     if getattr(node, "anchor", None):
         raise YamlProblem(
-            "anchors (&) and aliases (*) are not supported", *_at(node), path, "write the value at each place of use"
+            "anchors (&) and aliases (*) are not supported", *_at(node), path, "write the value instead of every alias"
         )
     kind = str(node.tag).removeprefix(PREFIX)
     match node:
@@ -110,13 +110,16 @@ def _mapping(node: Any, path: str, marks: dict[str, Mark]) -> dict[str, Any]:
     mapping: dict[str, Any] = {}
     for key_node, value_node in node.value:
         if not isinstance(key_node, ScalarNode) or str(key_node.tag) == PREFIX + "merge" or key_node.anchor:
-            raise YamlProblem("a key has to be plain text", *_at(key_node), path)
+            raise YamlProblem("a key has to be plain text", *_at(key_node), path, "write KEY: VALUE")
         key = _text(key_node, path)
         below = f"{path}.{key}" if path else key
         if key in mapping:
             first = ":".join(map(str, marks[below].key))
             raise YamlProblem(
-                "the key appears twice", *_at(key_node), below, f"remove one of the two; the first one is at {first}"
+                "the key appears twice",
+                *_at(key_node),
+                below,
+                f"remove one of the two keys; the first key is at {first} (line:column)",
             )
         marks[below] = Mark(_at(key_node), _at(value_node))
         mapping[key] = _json(value_node, below, marks)
