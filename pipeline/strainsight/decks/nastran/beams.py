@@ -208,7 +208,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     end_b = replace(_station(card, ends[-1][0], end_a), points=ends[-1][1]) if ends else end_a
     for x, field, _ in stations:
         if not 0 < x <= 1:
-            raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
+            raise card.error(f"X/XB is {x:g}, outside 0 < X/XB ≤ 1", "set 1 for end B, or less between the ends")
         if x < 1:
             check_station(card, x, _station(card, field, _interpolate(x, end_a, end_b)), end_a, end_b)
     words: tuple[str, ...] = ("K1", "K2", "S1", "S2", "NSI(A)", "NSI(B)", "CW(A)", "CW(B)")
@@ -341,7 +341,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
             )
         x = card.real(at + 1, "the station X/XB", 1.0)
         if not 0 < x <= 1:
-            raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
+            raise card.error(f"X/XB is {x:g}, outside 0 < X/XB ≤ 1", "set 1 for end B, or less between the ends")
         blank = not any(card.text(i) for i in range(at + 2, at + 3 + count))
         station = _section(card, _dimensions(card, at + 2, count, dimensions))
         station = replace(station, nonstructural=card.not_negative(at + 2 + count, "the nonstructural mass NSM", mass))
@@ -355,8 +355,8 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
     for end in (end_a, end_b):
         if not _symmetric(end.points):
             raise card.error(
-                f"the shear centre of {kind} is not the centroid: such CBEAM sections are not supported",
-                "use a CBAR with a PBARL, whose axis is the centroid, and specify offsets with WA and WB",
+                f"the axis of a CBEAM is its shear centre, which differs from the centroid for {kind}: not supported",
+                "use a CBAR with a PBARL; the axis of a CBAR is its centroid, and WA and WB define the offset",
             )
     return card.integer(1, "the material id"), end_a if _equal_sections(end_a, end_b) else replace(end_a, at_b=end_b)
 

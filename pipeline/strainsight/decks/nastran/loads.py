@@ -320,7 +320,7 @@ def _combine_loads(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str,
     for card in cards:
         number, whole = card.integer(0, "the set id"), card.real(1, "the factor S")
         if number in sets or number in combined:
-            raise card.error("the set id is also used by other loads", "use a unique set id for this LOAD card")
+            raise card.error(f"set id {number} is also used by other loads", "use a unique set id for this LOAD card")
         total = combined[number] = LoadSet()
         for i in range(2, len(card.tokens), 2):
             if not (card.text(i) or card.text(i + 1)):

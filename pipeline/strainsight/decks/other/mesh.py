@@ -347,7 +347,7 @@ def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatA
     nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
     if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
         nodes = in_order(nodes, kind.mirrored)
-        notes.append(f"mirrored node order of {form} corrected in {plural(len(nodes), kind.name + ' element')}")
+        notes.append(f"mirrored node order of format {form} corrected in {plural(len(nodes), kind.name + ' element')}")
     return nodes
 
 
