@@ -318,5 +318,5 @@ def test_pbeam_offsets_are_imported_in_length_units(read):
 
 
 def test_neutral_axis_without_bending_stiffness_is_refused(read):
-    with pytest.raises(DeckError, match=r"the neutral axis has an offset \(N1, N2\), but I1 and I2 are zero"):
+    with pytest.raises(DeckError, match=r"the neutral axis has an offset \(N1, N2\), but I1 or I2 is not positive"):
         read(offset_beam(",0.,0.,0.,0.,.03\n").replace(f"{I1},{I2}", "0.,0."))

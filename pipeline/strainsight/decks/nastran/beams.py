@@ -83,7 +83,8 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         short = ~(length > APART * extent)
         if short.any():
             raise cards[int(np.argmax(short))].error(
-                "both ends of the element coincide", "move a node or remove the element"
+                "both ends of the element coincide",
+                "move a node, correct the offsets, or remove the element",
             )
         if kind == "beam":
             v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])
@@ -226,7 +227,9 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
         any(word[0] == "N" and word[1] != "S" for word in nonzero)
         and not min(*_values(end_a)[1:3], *_values(end_b)[1:3]) > 0
     ):
-        raise card.error("the neutral axis has an offset (N1, N2), but I1 and I2 are zero", "specify I1 and I2")
+        raise card.error(
+            "the neutral axis has an offset (N1, N2), but I1 or I2 is not positive", "specify positive I1 and I2"
+        )
     end_a, end_b = (
         replace(
             station, neutral=(more[f"N1({end})"], more[f"N2({end})"]), beside=(more[f"M1({end})"], more[f"M2({end})"])

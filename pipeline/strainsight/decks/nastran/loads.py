@@ -346,7 +346,7 @@ def _vector(card: Card, row: int, points: int, grids: Grids) -> FloatArray:
     if not np.linalg.norm(direction) > 0:
         raise card.error(
             "the nodes do not define a direction",
-            f"specify {'two nodes at different points' if points == 2 else 'nodes on two lines that are not parallel'}",
+            f"specify {'G1 and G2 at different points' if points == 2 else 'G1-G2 and G3-G4 on lines that are not parallel'}",
         )
     size = card.real(2, f"the {card.name.rstrip('12').lower()}")
     return np.asarray(size * direction / np.linalg.norm(direction))
