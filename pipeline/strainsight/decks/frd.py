@@ -93,7 +93,7 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
         raise error_at(
             where,
             f"a block has {k} numbers per node, but at most {NUMBERS_A_LINE} are supported",
-            "export the results again",
+            "export the results again, with fewer components in this block",
         )
     width = ID_WIDTH[block.format]
     start = file.tell()

@@ -171,7 +171,7 @@ class Includes:
         near = [base / name for base in bases[:2]]
         if others := [other for other in inside if other in near and other.resolve() != resolved]:
             what = f"{word} {name!r} ({line.where}): read from {target}, but {others[0]} has the same name"
-            self.notes.append(Doubt(f"{what}; rename one of the two files if this is the wrong file"))
+            self.notes.append(Doubt(f"{what}; if {target} is the wrong file, rename one of the two files"))
         if resolved in parents:
             raise line.error(
                 f"{word} {name!r}: the file includes itself, directly or through another file", f"remove one {word}"
@@ -179,9 +179,9 @@ class Includes:
         self.include_count[resolved] += 1
         if len(parents) > DEEPEST or self.include_count[resolved] > OFTENEST:
             what = (
-                f"nested {len(parents)} levels deep"
+                f"nested {len(parents)} levels deep, but at most {DEEPEST} are allowed"
                 if len(parents) > DEEPEST
-                else f"included {self.include_count[resolved]} times"
+                else f"included {self.include_count[resolved]} times, but at most {OFTENEST} are allowed"
             )
             raise line.error(f"{word} {name!r}: {what}", "combine the files of the deck into fewer files")
         return target
@@ -262,7 +262,9 @@ def is_whole(token: str) -> bool:
 
 def describe_non_integer(token: str) -> str:
     """Reason why `parse_integer` returns None."""
-    return f"is {token[:24]}, too large (the limit is 10^12)" if is_whole(token) else f"is {token!r}, not an integer"
+    if is_whole(token):
+        return f"is {token[:24]}, too large (the limit is 10^12)"
+    return f"is {repr(token) if token else 'blank'}, not an integer"
 
 
 def parse_real(token: str) -> float | None:
@@ -331,7 +333,9 @@ class Entries(ABC):
             return default
         value = parse_real(token)
         if value is None:
-            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) is {token!r}, not a number")
+            raise self.error(
+                f"{meaning} ({self.WORD} {i + self.FIRST}) is {repr(token) if token else 'blank'}, not a number"
+            )
         return value
 
     def positive(self, i: int, meaning: str, default: float | None = None) -> float:

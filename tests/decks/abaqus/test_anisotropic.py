@@ -132,7 +132,7 @@ def test_orientation_rotates_with_instance(read):
 TRUSS = "ELEMENT, TYPE=T3D2, ELSET=ALL\n1, 1, 2\n*MATERIAL"
 test_errors_have_remedy = refusal_table(deck(ENGINEERING, SKEW).replace, [
     (SKEW, "*ORIENTATION, NAME=O\nDIST", "the distribution 'DIST' is not supported"),
-    (SKEW, SKEW + "\n4, 30.", "the rotation axis is 4"),
+    (SKEW, SKEW + "\n4, 30.", r"the rotation axis of the \*ORIENTATION is 4"),
     ("3.0000000000e-01", "4.", "smallest eigenvalue"),
     ("ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*MATERIAL", TRUSS, "is a truss, but its material is anisotropic"),
 ], placed=False)

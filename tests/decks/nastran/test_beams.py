@@ -214,7 +214,7 @@ test_errors_have_file_and_line = refusal_table(lambda card, pbar: deck(card, pba
     (BEAM, ENDS + ",NO,.5,.02\n,NO,1.,.02", "A is 0.02 at X/XB = 0.5, but linear variation", 6),
     (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section shape BOXES is unknown", 6),
     (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "has impossible dimensions 1, -1", 6),
-    (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "the shear centre of T is not the centroid: such CBEAM sections are not", 6),
+    (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "its shear centre, which differs from the centroid for T: not", 6),
     (BEAM, LBEAM + ",NO,.5,.03,.02\n,NO,1.,.05,.02", "A is 0.00157.* at X/XB = 0.5", 6),
 ])
 
@@ -318,5 +318,5 @@ def test_pbeam_offsets_are_imported_in_length_units(read):
 
 
 def test_neutral_axis_without_bending_stiffness_is_refused(read):
-    with pytest.raises(DeckError, match=r"the neutral axis has an offset \(N1, N2\), but I1 and I2 are zero"):
+    with pytest.raises(DeckError, match=r"the neutral axis has an offset \(N1, N2\), but I1 or I2 is not positive"):
         read(offset_beam(",0.,0.,0.,0.,.03\n").replace(f"{I1},{I2}", "0.,0."))

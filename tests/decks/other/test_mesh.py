@@ -67,7 +67,7 @@ def test_mirrored_wedges_are_corrected(tmp_path, kind):
     grid(kind, nodes_of(kind)).save(tmp_path / "part.vtu")
     mesh = read_meshio(tmp_path / "part.vtu")
     check_element(mesh, kind)
-    assert f"mirrored node order of vtu corrected in 1 {kind} element" in mesh.notes
+    assert f"mirrored node order of format vtu corrected in 1 {kind} element" in mesh.notes
 
 
 @pytest.mark.parametrize("mirrored", [True, False], ids=["as Salome writes", "as meshio writes"])
@@ -76,7 +76,7 @@ def test_med_solids_are_mirrored(write, kind, mirrored):
     x = nodes_of(kind, mirrored)
     mesh = read_meshio(write("part.med", [(SOLIDS[kind].meshio, [np.arange(len(x))])], x))
     check_element(mesh, kind)
-    assert any("node order of med corrected" in note for note in mesh.notes) is not mirrored
+    assert any("node order of format med corrected" in note for note in mesh.notes) is not mirrored
 
 
 FORMATS = {

@@ -136,11 +136,11 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     except UserError:
         tied = 0
     other = pair.second.name
-    left = [f"{plural(shared, 'node')} on both surfaces"] if shared else []
-    left += [f"{plural(len(nodes) - len(free), 'node')} already tied to other nodes"] if len(free) < len(nodes) else []
-    leading = f"{plural(len(free) - len(able), 'node')} to which nodes of {other} are tied"
+    left = [f"{plural(shared, 'node')} not bonded (on both surfaces)"] if shared else []
+    left += [f"{plural(len(nodes) - len(free), 'node')} not bonded (already tied)"] if len(free) < len(nodes) else []
+    leading = f"{plural(len(free) - len(able), 'node')} not bonded (nodes of {other} are tied to them)"
     left += [leading] if len(able) < len(free) else []
-    far = f"{plural(len(able) - tied, 'node')} more than {within:.3g} (unit of the deck) from {other}"
+    far = f"{plural(len(able) - tied, 'node')} not bonded (more than {within:.3g} length units from {other})"
     left += [far] if tied < len(able) else []
     second_size = facet_size(mesh, pair.second, pair.first)
     if tied and second_size is not None and second_size > COARSER * size:

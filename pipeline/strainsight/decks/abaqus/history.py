@@ -128,7 +128,7 @@ def state_of(assembly: Assembly, ignored: Counter[str], chosen: int | None = Non
         if "ACTIVATE" not in keyword.parameters:
             raise keyword.error(
                 "this keyword is not allowed before the first *STEP",
-                "move the keyword into the step in which the change begins",
+                "move *MODEL CHANGE into the step that removes or adds the elements or contact pairs",
             )
     if not assembly.steps:
         return model

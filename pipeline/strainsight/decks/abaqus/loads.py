@@ -135,8 +135,8 @@ class LoadReader:
                 )
             if surface.sideless:
                 raise row.error(
-                    f"surface {row.text(0)!r} contains shell edges, or shells without a side",
-                    "specify the side of each shell (SPOS or SNEG) in *SURFACE, and remove shell edges",
+                    f"surface {row.text(0)!r} contains shell edges, or shells without SPOS or SNEG",
+                    "in *SURFACE, write SPOS or SNEG for each shell (side of the pressure), and remove shell edges",
                 )
             parts += _pressure_forces(self.surfaces.assembly, surface.facets, row.real(2, "the pressure"))
         return _sum_forces(parts, [])
@@ -155,7 +155,7 @@ def _body(assembly: Assembly, scope: Scope, row: Row, label: str) -> BodyForce:
     if label == "GRAV":
         return BodyForce(acceleration=size * direction, elements=elements)
     if size < 0:
-        raise row.error(f"the squared angular velocity is {size:g}, but must not be negative", "specify Ω² [rad²/s²]")
+        raise row.error(f"the squared angular velocity is {size:g}, negative", "write Ω² [rad²/s²] as the third entry")
     point = np.array([row.real(3 + i, "a coordinate of the point on the rotation axis", 0.0) for i in range(3)])
     centre = scope.rotation @ point + scope.translation
     return BodyForce(rotation=np.sqrt(size) * direction, centre=centre, elements=elements)

@@ -354,7 +354,7 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     about = rows[1].integer(0, "the rotation axis", 1)
     if about not in (1, 2, 3):
         raise rows[1].error(
-            f"the rotation axis is {about}, but must be 1, 2 or 3", "correct the first entry of this line"
+            f"the rotation axis of the *ORIENTATION is {about}, not 1, 2 or 3", "correct the first entry of this line"
         )
     turn = rotate_axes(about, rows[1].real(1, "the angle", 0.0))
     return SolidAxes(Orientation(moved, turn), about if rows[1].text(0) else None, orientation.where)

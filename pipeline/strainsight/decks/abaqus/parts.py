@@ -66,7 +66,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     type_ = keyword.needs("TYPE").upper()
     if type_ not in SOLIDS and type_.startswith("C3D"):
         raise keyword.error(
-            f"{type_} solids are not supported ({plural(len(keyword.texts), 'line')} of data)",
+            f"{type_} solids are not supported (this *ELEMENT has {plural(len(keyword.texts), 'data line')})",
             f"use {FAMILIES} ({USUAL})",
         )
     if not keyword.texts:

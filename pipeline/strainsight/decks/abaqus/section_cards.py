@@ -70,7 +70,7 @@ def beam_section(
                 f"{rows[0].where}: warping constants (entry {warping_entries[0] + 1}) have no effect: warping is not modelled"
             )
         if d[2] != 0:
-            notes.append(f"{rows[0].where}: I12 = {d[2]:g} is interpreted as the integral of n1 n2 over the section")
+            notes.append(f"{rows[0].where}: I12 = {d[2]:g} is imported as ∫ x1 x2 dA, x1 and x2 along n1 and n2")
         section, centroid = _general(rows[0], d), np.zeros(2)
     else:
         section, centroid = _shape(rows[0], shape, d)
@@ -103,7 +103,8 @@ def section_constants(
     if elastic_fault(E, nu):
         section = section.with_shear(G / (E / 2))
         notes.append(
-            f"{row.where}: no isotropic material has E = {E:g} and G = {G:g}; J and the shear factors are scaled to obtain this G"
+            f"{row.where}: Poisson's ratio E/2G - 1 = {nu:.3g} is outside -1 to 0.5; "
+            "J and the shear factors are scaled to obtain this G with ν = 0"
         )
         nu = 0.0
     density = keyword.parameters.get("DENSITY", "")
@@ -204,7 +205,7 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
             "remove OFFSET1 and OFFSET2, or use SECTION=RECT, BOX, PIPE or CIRC",
         )
     share = [
-        keyword.number(name, 0.0, "specify the offset as a multiple of the section width")
+        keyword.number(name, 0.0, "write the offset divided by the section width in this direction")
         for name in ("OFFSET1", "OFFSET2")
     ]
     return np.array(share) * sizes
@@ -217,7 +218,7 @@ def _n1(keyword: Keyword, rows: list[Row]) -> FloatArray:
         return np.array(DEFAULT_N1)
     n1 = np.array([rows[1].real(i, "a component of n1", 0.0) for i in range(3)])
     if not np.linalg.norm(n1) > 0:
-        raise rows[1].error("n1 is zero", "specify the direction of the first axis of the section")
+        raise rows[1].error("the first section axis n1 is zero", "write a direction across the beam on this line")
     return n1
 
 
@@ -325,10 +326,10 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
             f"{orientation.where}: orientation {name} of shells is not imported, because the shell materials are isotropic"
         )
         return nothing
-    near_normal = rows[1].integer(0, "the axis near the normal", 1) if len(rows) > 1 else 1
+    near_normal = rows[1].integer(0, "the ORIENTATION axis nearest to the shell normal", 1) if len(rows) > 1 else 1
     if near_normal not in (1, 2, 3):
         raise rows[1].error(
-            f"the axis near the shell normal is {near_normal}, but must be 1, 2 or 3",
+            f"the ORIENTATION axis nearest to the shell normal is {near_normal}, but must be 1, 2 or 3",
             "correct the first entry of this line",
         )
     return np.asarray(scope.rotation @ rectangular_axes(rows[0])[:, near_normal % 3])
@@ -377,7 +378,7 @@ def _layer(
             turned = f"rotated by {angle:g}°" if angle else "in a rotated instance"
             raise row.error(
                 f"layer {number} is anisotropic and {turned}, but its section has no ORIENTATION",
-                "add an ORIENTATION to the section, with the rotation axis of the layers in its second line",
+                "add ORIENTATION=… to the section; the *ORIENTATION needs a second line: rotation axis of the layers, angle 0",
             )
         return Layer(material, t, Orientation(BASIC, np.eye(3)))
     if not angle:
@@ -386,7 +387,7 @@ def _layer(
         raise row.error(
             f"layer {number} is rotated by {angle:g}°, but the ORIENTATION at {layer_axes.where} does not "
             "define the rotation axis",
-            "add a second line to the orientation: the axis across the layers, 1, 2 or 3, and the angle 0",
+            "add a second line to this *ORIENTATION: the axis normal to the layers (1, 2 or 3), and the angle 0",
         )
     turn = layer_axes.orientation.turn @ rotate_axes(layer_axes.about, angle)
     return Layer(material, t, replace(layer_axes.orientation, turn=turn))

@@ -112,7 +112,7 @@ def _with_keyword(assembly: Assembly, types: Sequence[str], name: str) -> Iterat
             if keyword.parameters.get(parameter) is not None:
                 raise keyword.error(f"{parameter} is not supported", remedy)
         if keyword.word("TYPE", "ISOTROPIC") not in ("ISOTROPIC", ""):
-            raise keyword.error("anisotropic masses are not supported", "use one isotropic mass")
+            raise keyword.error("anisotropic masses are not supported", "set TYPE=ISOTROPIC, and write one mass")
         rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
         for row in rows[wanted[rows]].tolist():
             if row in keyword_of_row:
@@ -188,7 +188,7 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
             if not np.linalg.norm(along) > 0:
                 raise keyword.error(
                     f"the nodes of {assembly.element(row)} coincide, so the direction of the spring is undefined",
-                    "use SPRING2",
+                    "use SPRING2, and write the degrees of freedom on its first data line",
                 )
             e = along / np.linalg.norm(along)
             ends = [(nodes[0], 0, -e), (nodes[1], 0, e)]
@@ -343,6 +343,6 @@ def _motions(
             if (c > 2 and term.value != 0 and row in still) or c > 5:
                 raise term.row.error(
                     f"degree of freedom {term.component + 1} does not exist at node {assembly.node_ids[named_row]}",
-                    "use degrees of freedom 1 to 3; nodes of solids have only translations",
+                    "use degrees of freedom 1 to 3 at nodes of solids, and 1 to 6 at nodes of shells and beams",
                 )
         yield node, component

@@ -54,7 +54,7 @@ class Surfaces:
         if surface is None:
             raise by.error(
                 f"surface {entry!r} is not in the deck, or has an unsupported type",
-                "correct the name, or add a *SURFACE with this name",
+                "correct the name, or define the surface by *SURFACE with TYPE=ELEMENT or NODE",
             )
         return surface
 

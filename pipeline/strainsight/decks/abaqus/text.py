@@ -106,7 +106,8 @@ class Row(NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("tokens", list[
         """The first `count` entries, zero if blank; DeckError if there are more."""
         if any(self.tokens[count:]):
             raise self.error(
-                f"the line has {len(self.tokens)} entries, but at most {count} are allowed", "remove the other entries"
+                f"the line has {len(self.tokens)} entries, but at most {count} are allowed",
+                f"remove all entries after entry {count}",
             )
         return np.array([self.real(i, meaning, 0.0) for i in range(count)])
 

@@ -263,7 +263,7 @@ def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, 
             left = len(np.setdiff1d(first.nodes, second.nodes)) - tied
             message = f"{row.where}: {plural(tied, 'node')} of {first.name} tied to {second.name} ({name})"
             if left:
-                reach = f"{within:.3g} (unit of the deck) from {second.name}"
+                reach = f"{within:.3g} length units of the deck from {second.name}"
                 off = f"{left} of {plural(tied + left, 'node')} not tied, because farther than {reach}"
                 ways = "increase POSITION TOLERANCE of *TIE, or tie the nodes in the config (mesh.ties, type: surface)"
                 message = Doubt(f"{message}; {off}: {ways}")
@@ -315,7 +315,7 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     for _, keyword in models[1:]:
         if _sector_of(keyword)[0] != count or not np.allclose(_sector_of(keyword)[1], axis):
             raise keyword.error(
-                f"the number of sectors or the axis differs from that at {first.where}",
+                f"the number of sectors or the symmetry axis differs from that at {first.where}",
                 "mesh the full structure; multistage cyclic symmetry is not supported",
             )
     touching = {k.word("TIE") for _, k in models if "CONTACT" in k.parameters}
@@ -339,9 +339,10 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     names = [region.name for number, region in mesh.regions.items() if number + ring.shift in ring.mesh.regions]
     assembly.notes.append(
         f"{first.where}: the sector is expanded to a full ring of {count} sectors with {len(ring.mesh.position)} nodes. "
-        f"Ids of copy j are those of the sector + j × {ring.shift}; {merged} nodes on the sector faces and on the axis are merged"
-        + f", {loose} follow the facets of the opposite face" * bool(loose)
-        + (f". {', '.join(names)} have one region per sector, as '{names[0]} (sector 2)'" if names else "")
+        f"Node and element ids of copy j are those of the sector + j × {ring.shift}; "
+        f"{merged} nodes on the sector faces and on the axis are merged"
+        + f", {loose} are tied to facets of the opposite sector face" * bool(loose)
+        + (f". One region per sector for {', '.join(names)}, such as '{names[0]} (sector 2)'" if names else "")
         + ". Sets and loads apply to all copies; SECTOR-1, SECTOR-2, … are sets of one copy"
     )
     return mesh_with_loose, replace(surfaces, by_name=whole)
@@ -354,7 +355,7 @@ def _sector_of(keyword: Keyword) -> tuple[int, np.ndarray]:
         raise keyword.error(f"the number of sectors N is {keyword.parameters['N']!r}", "specify an integer above 1")
     axis = keyword.rows()[0].reals(6, "a coordinate")
     if np.allclose(axis[:3], axis[3:]):
-        raise keyword.error("the two points of the axis coincide", "specify two different points on the axis")
+        raise keyword.error("the two points of the symmetry axis coincide", "specify two different points on the axis")
     return count, axis
 
 
@@ -381,7 +382,7 @@ def _with_loose(ring: Ring, cuts: list[tuple[Row, Surface, Surface]], assembly: 
             raise row.error(error.what, error.remedy or "") from None
         if tied < len(nodes):
             off = (
-                f"{plural(len(nodes) - tied, 'node')} of sector faces farther than {within:.3g} (unit of the deck) from "
+                f"{plural(len(nodes) - tied, 'node')} of sector faces farther than {within:.3g} length units of the deck from "
                 f"{other.name} of the next sector"
             )
             assembly.notes.append(

@@ -70,9 +70,9 @@ def note_doubled(doubled: Doubled) -> list[str]:
     if not count:
         return []
     return [
-        f"{plural(count, 'repeated element')} because of several physical volumes (element {doubled.dropped[0]} repeats "
-        f"element {doubled.remaining[0]}). Each element is imported once, in the region of the volume with the lowest tag and "
-        "in the sets of all its volumes"
+        f"{plural(count, 'repeated element')} (element {doubled.dropped[0]} repeats element {doubled.remaining[0]}), because "
+        "volumes belong to several physical volumes. Each element is imported once, in the region of the volume with the lowest "
+        "tag and in the sets of all its volumes"
     ]
 
 
@@ -142,7 +142,7 @@ def thin_cells(
             raise entity_error("element", element, what, remedy, file.where)
     if several:
         notes.append(
-            f"element {several[0][0]} is in several physical groups with a section; the group with the lowest tag is its region"
+            f"elements such as {several[0][0]} are in several physical groups with a section; the lowest tag is their region"
         )
     cells = []
     for number, kind in THIN_KINDS.items():

@@ -171,7 +171,7 @@ class Binary:
     def _raw(self, dtype: np.dtype, count: int) -> np.ndarray:
         left = (len(self.content) - self.at) // dtype.itemsize
         if not 0 <= count <= left:
-            raise self.error(f"{plural(count, 'more number')} expected, but at most {left} found")
+            raise self.error(f"{plural(count, 'more number')} expected, but at most {left} remain in the file")
         values = np.frombuffer(self.content, dtype, count, self.at) if count else np.zeros(0, dtype)
         self.at += count * dtype.itemsize
         return values
@@ -351,7 +351,9 @@ def _elements_2_binary(source: Binary, count: int) -> list[Chunk]:
         number, follow, tags = (int(n) for n in source.take("int", 3))
         width = 1 + _tags(source, tags) + _nodes_of(source, number)
         if not 1 <= follow <= count - done:
-            raise source.error(f"a block declares {plural(follow, 'element')}, but 1 to {count - done} are allowed")
+            raise source.error(
+                f"a block declares {plural(follow, 'element')}, but {count - done} remain in the section"
+            )
         if follow > 1:
             table = source.take("int", follow * width).reshape(follow, width)
         else:

@@ -83,7 +83,8 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         short = ~(length > APART * extent)
         if short.any():
             raise cards[int(np.argmax(short))].error(
-                "both ends of the element coincide", "move a node or remove the element"
+                "both ends of the element coincide",
+                "move a node, correct the offsets, or remove the element",
             )
         if kind == "beam":
             v = np.array([_orientation(card, int(A), grids) for card, A in zip(cards, nodes[:, 0], strict=True)])
@@ -208,7 +209,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     end_b = replace(_station(card, ends[-1][0], end_a), points=ends[-1][1]) if ends else end_a
     for x, field, _ in stations:
         if not 0 < x <= 1:
-            raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
+            raise card.error(f"X/XB is {x:g}, outside 0 < X/XB ≤ 1", "set 1 for end B, or less between the ends")
         if x < 1:
             check_station(card, x, _station(card, field, _interpolate(x, end_a, end_b)), end_a, end_b)
     words: tuple[str, ...] = ("K1", "K2", "S1", "S2", "NSI(A)", "NSI(B)", "CW(A)", "CW(B)")
@@ -226,7 +227,9 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
         any(word[0] == "N" and word[1] != "S" for word in nonzero)
         and not min(*_values(end_a)[1:3], *_values(end_b)[1:3]) > 0
     ):
-        raise card.error("the neutral axis has an offset (N1, N2), but I1 and I2 are zero", "specify I1 and I2")
+        raise card.error(
+            "the neutral axis has an offset (N1, N2), but I1 or I2 is not positive", "specify positive I1 and I2"
+        )
     end_a, end_b = (
         replace(
             station, neutral=(more[f"N1({end})"], more[f"N2({end})"]), beside=(more[f"M1({end})"], more[f"M2({end})"])
@@ -341,7 +344,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
             )
         x = card.real(at + 1, "the station X/XB", 1.0)
         if not 0 < x <= 1:
-            raise card.error(f"X/XB is {x:g}, but must be above 0 and at most 1", "set X/XB to 1 for end B")
+            raise card.error(f"X/XB is {x:g}, outside 0 < X/XB ≤ 1", "set 1 for end B, or less between the ends")
         blank = not any(card.text(i) for i in range(at + 2, at + 3 + count))
         station = _section(card, _dimensions(card, at + 2, count, dimensions))
         station = replace(station, nonstructural=card.not_negative(at + 2 + count, "the nonstructural mass NSM", mass))
@@ -355,8 +358,8 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
     for end in (end_a, end_b):
         if not _symmetric(end.points):
             raise card.error(
-                f"the shear centre of {kind} is not the centroid: such CBEAM sections are not supported",
-                "use a CBAR with a PBARL, whose axis is the centroid, and specify offsets with WA and WB",
+                f"the axis of a CBEAM is its shear centre, which differs from the centroid for {kind}: not supported",
+                "use a CBAR with a PBARL; the axis of a CBAR is its centroid, and WA and WB define the offset",
             )
     return card.integer(1, "the material id"), end_a if _equal_sections(end_a, end_b) else replace(end_a, at_b=end_b)
 

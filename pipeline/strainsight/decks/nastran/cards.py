@@ -124,7 +124,7 @@ def unique_ids(cards: Sequence[Card], what: str) -> IntArray:
     """First fields (n,) of the cards as ids; DeckError if one is not positive or not unique."""
     ids = np.array([card.integer(0, f"the {what} id") for card in cards], dtype=np.int64)
     if ids.size and ids.min() < 1:
-        raise cards[int(np.argmin(ids))].error(f"the {what} id must be positive", "use ids of at least 1")
+        raise cards[int(np.argmin(ids))].error(f"the {what} id is {ids.min()}, not positive", "use ids of at least 1")
     check_once(ids, what, lambda i: cards[i].where)
     return ids
 

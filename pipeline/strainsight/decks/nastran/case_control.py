@@ -114,7 +114,7 @@ def sets(
 def _name(card: Card, sets_by_name: dict[str, IntArray]) -> str:
     name = f"{card.name}-{card.integer(0, 'the set id')}"
     if name in sets_by_name:
-        raise card.error("the set id is used twice", "use a unique id for every set")
+        raise card.error(f"set {name} is defined twice", f"use a unique id for every {card.name}")
     return name
 
 
@@ -196,7 +196,7 @@ def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) ->
     for card in deck.cards.of(f"{what}ADD"):
         number = card.integer(0, "the set id")
         if number in combined:
-            raise card.error("the set id is used twice", "use a unique id for every set")
+            raise card.error(f"set id {number} is used twice", f"use a unique id for every {what}ADD")
         combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
         if (lost := combined[number] - single) and not left_out:
             raise card.error(

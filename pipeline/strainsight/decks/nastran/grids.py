@@ -67,7 +67,7 @@ def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
 
     def add(cid: int, definition: _Definition) -> None:
         if cid < 1:
-            raise definition.card.error("the coordinate system id must be positive", "use ids of at least 1")
+            raise definition.card.error(f"the coordinate system id is {cid}, not positive", "use ids of at least 1")
         if cid in definitions:
             first = definitions[cid].card.where
             raise definition.card.error(

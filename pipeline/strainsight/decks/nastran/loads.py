@@ -320,7 +320,7 @@ def _combine_loads(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str,
     for card in cards:
         number, whole = card.integer(0, "the set id"), card.real(1, "the factor S")
         if number in sets or number in combined:
-            raise card.error("the set id is also used by other loads", "use a unique set id for this LOAD card")
+            raise card.error(f"set id {number} is also used by other loads", "use a unique set id for this LOAD card")
         total = combined[number] = LoadSet()
         for i in range(2, len(card.tokens), 2):
             if not (card.text(i) or card.text(i + 1)):
@@ -346,7 +346,7 @@ def _vector(card: Card, row: int, points: int, grids: Grids) -> FloatArray:
     if not np.linalg.norm(direction) > 0:
         raise card.error(
             "the nodes do not define a direction",
-            f"specify {'two nodes at different points' if points == 2 else 'nodes on two lines that are not parallel'}",
+            f"specify {'G1 and G2 at different points' if points == 2 else 'G1-G2 and G3-G4 on lines that are not parallel'}",
         )
     size = card.real(2, f"the {card.name.rstrip('12').lower()}")
     return np.asarray(size * direction / np.linalg.norm(direction))

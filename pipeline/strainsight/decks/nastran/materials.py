@@ -53,8 +53,8 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
         raise card.error(*fault)
     if inconsistent and of_beams and ratio == 1:
         notes.append(
-            f"MAT1 {number}: NU {card.text(3)} is inconsistent with E and G; beams and rods use only E and G, "
-            f"so NU = {nu:.4g}"
+            f"MAT1 {number}: NU {card.text(3)} is inconsistent with E and G; only beams and rods use this material, "
+            f"so NU = {nu:.4g} from E and G is used"
         )
     elif inconsistent and not of_beams:
         ratio = 2 * (1 + nu) * G / E

@@ -78,7 +78,7 @@ def properties(
     laminae = {mid: lamina(of_plies[mid]) for _, mid in in_plies if mid in of_plies}
     if rigid := [str(i) for i, each in laminae.items() if np.isinf(each.g1z) or np.isinf(each.g2z)]:
         notes.append(
-            f"MAT8 without G1Z or G2Z: {first_names(rigid)}; plies of this material are rigid in transverse shear"
+            f"MAT8 without G1Z or G2Z: {first_names(rigid)}; plies of such a material are rigid in transverse shear"
         )
     named += [(card, mid) for card, mid in in_plies if mid not in laminae]
     materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, materials_required)

@@ -223,8 +223,8 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
     ends_of = np.array([*side], dtype=np.int64)
     notes.append(
         f"{plural(partial, 'solid element')} without some mid-side nodes (first {first[0].name} {first[0].text(0)}, "
-        f"{first[0].where}): {plural(len(side), 'mid-side node')} added with ids {last + 1} to {last + len(side)}; an added "
-        "node follows the two corner nodes, so that the side stays straight"
+        f"{first[0].where}): {plural(len(side), 'mid-side node')} added with ids {last + 1} to {last + len(side)}; each "
+        "added node moves with the two corner nodes of its side, so the side stays straight"
     )
     ids = np.concatenate([grids.nodes.ids, np.arange(last + 1, last + 1 + len(side))])
     position = np.vstack([grids.position, grids.position[ends_of].mean(axis=1)])

@@ -111,7 +111,7 @@ def _bush_properties(cards: Cards, notes: list[str]) -> dict[int, FloatArray]:
             part = card.text(at + 1).upper()
             values = [card.text(at + 2 + i) for i in range(6)]
             if part and part not in PARTS:
-                raise card.error(f"{part!r} is not one of {', '.join(PARTS)}", "specify K and the six stiffnesses")
+                raise card.error(f"{part!r} is not a PBUSH flag ({', '.join(PARTS)})", "write K, then six stiffnesses")
             if part == "K":
                 if "RIGID" in (value.upper() for value in values):
                     raise card.error(

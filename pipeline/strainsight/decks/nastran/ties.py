@@ -69,7 +69,7 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
         if counts.max() > 1 or reference in rows:
             raise card.error(
                 "a component is averaged twice, or the reference node is averaged",
-                "list every averaged component of a node once",
+                "list every averaged component of a node once, and remove the reference node from the averaged nodes",
             )
         still = directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))
         if still.any():

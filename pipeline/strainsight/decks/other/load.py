@@ -23,7 +23,7 @@ from strainsight.processes import limit_memory, python
 
 NOT_HERE = ("nastran", "abaqus", "gmsh", "mdpa")
 """Formats with a separate reader, because meshio loses data; and one in which meshio takes numbers for positions."""
-INSTEAD = "export the mesh as gmsh .msh 4.1, Abaqus .inp or VTU (zlib or text)"
+INSTEAD = "export the mesh as gmsh .msh 4.1, Abaqus .inp or VTU (text or zlib-compressed)"
 HDF5 = ("med", "h5m", "hmf", "cgns")
 
 # meshio knows these cells by name, but fails because it has no dimension for them.

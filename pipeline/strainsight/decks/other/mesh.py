@@ -73,7 +73,7 @@ def numbers_of(
         right = numbers is not None and len(numbers) == count and numbers.min(initial=1) > 0
         if numbers is not None and right and len(np.unique(numbers)) == count:
             return numbers, name
-        notes.append(f"the {what} data {name} are not positive and unique, so the data are not used as {what} ids")
+        notes.append(f"the {what} data {name} are not unique positive integers, so they are not used as {what} ids")
     notes.append(f"the file contains no {what} ids, so ids from 1 are assigned in the order of the file")
     return np.arange(1, count + 1), ""
 
@@ -347,7 +347,7 @@ def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatA
     nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
     if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
         nodes = in_order(nodes, kind.mirrored)
-        notes.append(f"mirrored node order of {form} corrected in {plural(len(nodes), kind.name + ' element')}")
+        notes.append(f"mirrored node order of format {form} corrected in {plural(len(nodes), kind.name + ' element')}")
     return nodes
 
 
