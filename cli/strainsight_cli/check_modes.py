@@ -50,7 +50,7 @@ def check_modes(
         model = work.job.model
         if not isinstance(model, PlacementConfig):
             raise ConfigError(
-                f"`check-modes` does not support the kind {model.kind}",
+                f"`check-modes` does not support the kind {getattr(model, 'kind', None)}",
                 key="kind",
                 where=str(config),
                 remedy="use a config with `kind: placement`",

@@ -46,7 +46,7 @@ CONFIG = {
         "train.time_step: the period of load 'tip' (60 Hz) is 1.67 times the time step of 0.01 s",
         "at most 0.00208 s",
     ),
-    "noise in um/m": ([("value: 2.0e-6", "value: 2.0")], "gauges.noise_std.value: a noise of 2 m/m is 200 % strain", "2 um/m is 2.0e-06"),
+    "noise in um/m": ([("value: 2.0e-6", "value: 2.0")], "a noise of 2 m/m is 200 % strain", "2 um/m is 2.0e-06"),
     "a misspelt gauge": ([("below,", "bellow,")], "test.yaml:32:28  estimate.channels.2.gauge", "did you mean below?"),
     "a known load without a channel": (
         KNOWN,

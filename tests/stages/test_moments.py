@@ -188,7 +188,7 @@ BEND = {**FREE, "loads.bend": LOADS["bend"]}
         ({"loads.bend.direction": [0, 0, 1]}, "loads.bend.direction", "remove `direction`, or remove `moment`"),
         ({"loads.bend.deck_load": "FORCE-1", "loads.bend.node": None}, "loads.bend.moment", "remove `moment` or `deck_load`"),
         ({"motion_sensors": SENSORS}, "motion_sensors.mid", "measure the rigid-body motion, but the model of a free structure"),
-        ({"mesh.matrices": READY, "parameters.E.region": None}, "mesh.free", "a free structure needs matrices assembled from the mesh"),
+        ({"mesh.matrices": READY, "parameters.E.region": None}, "mesh.free", "a free structure needs matrices assembled"),
     ],
 )
 def test_what_disagrees_with_a_moment_or_a_free_structure_is_refused(tmp_path, changes, key, says):

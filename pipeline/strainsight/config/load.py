@@ -140,7 +140,8 @@ def _entries(node: Any, path: Sequence[str], above: str = "") -> Iterator[tuple[
 
 def _warn_renamed(places: Mapping[str, str], key: str, old: str, new: str) -> None:
     warnings.warn(
-        f"{_locate(places, key)}  {key}: '{old}' is now called '{new}'. Write '{new}', since later versions do not accept '{old}'.",
+        f"{_locate(places, key)}  {key}: '{old}' is now called '{new}'. Write '{new}', since later versions do not "
+        f"accept '{old}'.",
         UserWarning,
     )
 

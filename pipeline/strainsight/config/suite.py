@@ -95,7 +95,9 @@ class ComparisonSection(WithReason):
 
     def problems(self) -> Iterator[Problem]:
         if self.published_settings is None and self.other_settings is None and not self.why:
-            remedy = "set `published_settings` or `ours`, or explain under `why` that no result can be computed"
+            remedy = (
+                "set `published_settings` or `other_settings`, or explain under `why` that no result can be computed"
+            )
             yield Problem("", "no result and no explanation is set", remedy, at_key=True)
 
 
