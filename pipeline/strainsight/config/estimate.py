@@ -221,8 +221,8 @@ class GaugeChannel(Channel):
     """A channel of a gauge."""
 
     gauge: Text | Id = Field(
-        description="Name of the gauge in gauges.fixed, number of the gauge in the table of gauges.strain_operator, or label of the "
-        "gauge in the layout, such as G1 in gauges.csv."
+        description="Name of the gauge in gauges.fixed, number of the gauge in the table of gauges.strain_operator, or label of "
+        "the gauge in the layout, such as G1 in gauges.csv."
     )
     grid: Annotated[int, Plausible(1, 3)] = expert(
         1, ge=1, description="Number of the measuring grid of a rosette, or of the axis of a motion sensor, from 1 [-]."
