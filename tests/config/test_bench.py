@@ -191,7 +191,7 @@ def test_unknown_frame_is_refused_by_every_kind():
 
 
 def test_two_frames_of_one_body_are_refused_by_every_kind():
-    with pytest.raises(ConfigError, match="both frames are on 'blade'") as caught:
+    with pytest.raises(ConfigError, match="both frames are on the same body, 'blade'") as caught:
         load_config(FULL, every_kind(flange="station"))
     errors = [caught.value, *caught.value.others]
     assert {error.key.removesuffix(".frames") for error in errors} == keys_naming("flange", "root")

@@ -14,15 +14,18 @@ from strainsight.records.record import dataset, group, record
 from strainsight.records.reduced import AffineTerms
 from strainsight.rom.inertia import InertiaInvariants
 
+FIVE = "[x, y, z, about y, about z]"
+FOUR = "of every ball at the contacts inner left, inner right, outer left, outer right"
+
 
 @record
 class WorstInstant:
     """Ball loads at the instant of the highest contact pressure."""
 
     time: float = dataset("s", "", "time of the highest contact pressure of the bearing")
-    force: np.ndarray = dataset("N", "ball × 4", "contact force at the four contacts of every ball")
-    contact_angle: np.ndarray = dataset("rad", "ball × 4", "contact angle at the four contacts of every ball")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure at the four contacts of every ball")
+    force: np.ndarray = dataset("N", "ball × 4", f"contact force at `time` {FOUR}")
+    contact_angle: np.ndarray = dataset("rad", "ball × 4", f"contact angle at `time` {FOUR}")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure at `time` {FOUR}")
 
 
 @record
@@ -32,9 +35,13 @@ class RingMotion:
     displacement: np.ndarray = dataset(
         "m or rad",
         "/time × 5",
-        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring",
+        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring, in its axes",
     )
-    load: np.ndarray = dataset("N or N m", "/time × 5", "forces along x, y, z and moments about y, z on the inner ring")
+    load: np.ndarray = dataset(
+        "N or N m",
+        "/time × 5",
+        "forces along x, y, z and moments about y, z on the inner ring, in the axes of the outer ring",
+    )
     pressure: np.ndarray = dataset("Pa", "/time", "highest contact pressure of the bearing at every instant")
     worst: WorstInstant = group()
 
@@ -101,9 +108,13 @@ class ReducedBody:
     reach: dict[str, np.ndarray] = dataset(
         "Pa", "2", "range of modulus <name> in which static errors of the reduced body are below 1 %"
     )
-    mass: np.ndarray = dataset("kg per unit^2", SQUARE, "reduced mass matrix")
-    stiffness: AffineOperator = group(AffineTerms, "N/m per unit^2", "reduced stiffness matrix")
-    damping: AffineOperator = group(AffineTerms, "N s/m per unit^2", "reduced damping matrix")
+    mass: np.ndarray = dataset("kg per unit^2", SQUARE, "reduced mass matrix, per unit of the reduced coordinates")
+    stiffness: AffineOperator = group(
+        AffineTerms, "N/m per unit^2", "reduced stiffness matrix, per unit of the reduced coordinates"
+    )
+    damping: AffineOperator = group(
+        AffineTerms, "N s/m per unit^2", "reduced damping matrix, per unit of the reduced coordinates"
+    )
     basis: np.ndarray = dataset(
         "m per unit",
         "3 nodes × coordinate",
@@ -139,9 +150,11 @@ class RingAtRest:
     displacement: np.ndarray = dataset(
         "m or rad",
         "5",
-        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring",
+        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring, in its axes",
     )
-    load: np.ndarray = dataset("N or N m", "5", "forces along x, y, z and moments about y, z on the inner ring")
+    load: np.ndarray = dataset(
+        "N or N m", "5", "forces along x, y, z and moments about y, z on the inner ring, in the axes of the outer ring"
+    )
     pressure: float = dataset("Pa", "", "highest contact pressure of the bearing")
 
 
@@ -149,7 +162,7 @@ class RingAtRest:
 class AtRest:
     """statics.h5: equilibrium under the loads at t = 0."""
 
-    q: np.ndarray = dataset("SI", "coordinate", "generalised coordinates of all bodies")
+    q: np.ndarray = dataset("SI", "coordinate", "generalised coordinates of all bodies in equilibrium")
     growth: float = dataset("1/s", "", "growth rate of a disturbance of the equilibrium; 0: stable equilibrium")
     coordinates: dict[str, np.ndarray] = dataset("1", "2", "coordinates of <name>: first index, and last index plus 1")
     inputs: dict[str, float] = dataset("unit of input <name>", "", "load <name>")
@@ -169,9 +182,11 @@ class FrameInModes:
     """Motion of a frame in the modes."""
 
     displacement: np.ndarray = dataset(
-        "m per unit", "mode × 3", "displacement of the frame origin in every mode, in global axes"
+        "m per unit", "mode × 3", "displacement of the frame origin per unit of each modal coordinate, in global axes"
     )
-    rotation: np.ndarray = dataset("rad per unit", "mode × 3", "rotation of the frame in every mode, about global axes")
+    rotation: np.ndarray = dataset(
+        "rad per unit", "mode × 3", "rotation of the frame per unit of each modal coordinate, about global axes"
+    )
 
 
 @record
@@ -198,7 +213,9 @@ class Coupled:
         "1/s^2", "mode", "square of the angular frequency of every mode; negative: unstable mode"
     )
     shape: np.ndarray = dataset(
-        "SI per unit", "mode × coordinate", "mode shapes in generalised coordinates of all bodies"
+        "SI per unit",
+        "mode × coordinate",
+        "mode shapes: generalised coordinates of all bodies per unit of each modal coordinate",
     )
     q: np.ndarray = dataset("SI", "coordinate", "generalised coordinates of all bodies in equilibrium")
     growth: float = dataset("1/s", "", "growth rate of a disturbance of the equilibrium; 0: stable equilibrium")
@@ -206,9 +223,6 @@ class Coupled:
     frames: dict[str, FrameInModes] = group()
     eigenvalue: np.ndarray = dataset("1/s", "state × 2", "eigenvalues of the state matrix A: real and imaginary part")
     system: StateSpace = group()
-
-
-FIVE = "[x, y, z, about y, about z]"
 
 
 @record
@@ -219,11 +233,11 @@ class BearingCase:
     displacement: np.ndarray = dataset("m or rad", "5", f"displacement of the inner ring {FIVE}")
     stiffness: np.ndarray = dataset("N/m to N m/rad", "5 × 5", "stiffness matrix of the bearing, ∂load/∂displacement")
     station: np.ndarray = dataset(
-        "rad", "/station", "angular position of every ball, from the y axis towards the z axis"
+        "rad", "/station", "angular position of every ball about the bearing axis x, from the y axis towards the z axis"
     )
-    force: np.ndarray = dataset("N", "/station × 4", "contact force at the four contacts of every ball")
-    contact_angle: np.ndarray = dataset("rad", "/station × 4", "contact angle at the four contacts of every ball")
-    pressure: np.ndarray = dataset("Pa", "/station × 4", "peak contact pressure at the four contacts of every ball")
+    force: np.ndarray = dataset("N", "/station × 4", f"contact force {FOUR}")
+    contact_angle: np.ndarray = dataset("rad", "/station × 4", f"contact angle {FOUR}")
+    pressure: np.ndarray = dataset("Pa", "/station × 4", f"peak contact pressure {FOUR}")
 
 
 @record
@@ -294,7 +308,7 @@ class LoadHistory:
         "<unit>", "/time", "standard deviation of the smoothed estimate of <what>", default=None
     )
     true: np.ndarray | None = dataset("<unit>", "/time", "true <what>", default=None)
-    unscaled: np.ndarray | None = dataset("<unit>", "/time", "<what> on the measured bench", default=None)
+    unscaled: np.ndarray | None = dataset("<unit>", "/time", "<what> of the bench in `measured.from`", default=None)
 
 
 @record
@@ -344,10 +358,12 @@ class BallsThen:
     """Ball loads at the instant of the highest estimated contact pressure."""
 
     time: float = dataset("s", "", "time of the highest contact pressure of the bearing")
-    station: np.ndarray = dataset("rad", "ball", "angular position of every ball, from the y axis towards the z axis")
-    force: np.ndarray = dataset("N", "ball × 4", "contact force at the four contacts of every ball")
+    station: np.ndarray = dataset(
+        "rad", "ball", "angular position of every ball about the bearing axis x, from the y axis towards the z axis"
+    )
+    force: np.ndarray = dataset("N", "ball × 4", f"contact force at `time` {FOUR}")
     force_std: np.ndarray = dataset("N", "ball × 4", "standard deviation of every contact force")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure at the four contacts of every ball")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure at `time` {FOUR}")
     pressure_std: np.ndarray = dataset("Pa", "ball × 4", "standard deviation of every contact pressure")
 
 
@@ -358,7 +374,7 @@ class RingEstimate:
     displacement: np.ndarray = dataset(
         "m or rad",
         "/time × 5",
-        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring",
+        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring, in its axes",
     )
     std: np.ndarray = dataset(
         "m or rad", "/time × 5", "standard deviation of every displacement and tilt of the inner ring"
@@ -388,7 +404,11 @@ class BenchEstimated:
 
     time: np.ndarray = dataset("s", "/time", "time from the start of the run")
     q: np.ndarray = dataset("SI", "/time × coordinate", "estimated generalised coordinates of all bodies")
-    violation: np.ndarray = dataset("1", "/time", "largest relative violation of the joint constraints in the estimate")
+    violation: np.ndarray = dataset(
+        "1",
+        "/time",
+        "largest violation of the joint constraints in the estimate, relative to the norm of the coordinates",
+    )
     nis: np.ndarray = dataset(
         "1", "instant", "normalised innovation squared (NIS) at every instant, divided by the number of channels"
     )
@@ -420,7 +440,7 @@ class BenchCandidates:
     response: np.ndarray = dataset(
         "(strain or m or m/s^2)/SI",
         "candidate × /inputs",
-        "static reading of every candidate per unit of each unknown",
+        "static reading of every candidate per unit of each unknown load or parameter",
     )
 
 
@@ -432,15 +452,17 @@ class BenchLayout:
     sensor: tuple[str, ...] = dataset("1", "gauge", "SENSOR.AXIS for a component of a bench sensor; empty for a gauge")
     position: np.ndarray = dataset("m", "gauge × 3", "position of every gauge")
     direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction of every gauge")
-    length: np.ndarray = dataset("m", "gauge", "grid length of every gauge; 0: strain at the grid centre")
+    length: np.ndarray = dataset(
+        "m", "gauge", "length of the measuring grid of every gauge; 0: strain at the grid centre"
+    )
     metric: float = dataset(
-        "1", "", "<what> of the layout; inf: an unknown is unobservable; NaN: not solved accurately"
+        "1", "", "<what> of the layout; inf: an unknown is unobservable; NaN: Riccati equation not solved accurately"
     )
     std: np.ndarray = dataset(
         "SI",
         "/inputs",
         "σ of every unknown: in the steady state for a load, at the end of the run for a parameter; inf: unobservable load; "
-        "NaN: not solved accurately",
+        "NaN: Riccati equation not solved accurately",
     )
     without: np.ndarray = dataset("SI", "gauge × /inputs", "σ of every unknown after the failure of each gauge")
 

@@ -16,14 +16,14 @@ class DamageAt:
 
     position: np.ndarray = dataset("m", "point × 3", "position of every evaluated point")
     element: np.ndarray = dataset("1", "point", "element id of every evaluated point")
-    of_mean: np.ndarray = dataset("1", "point", "damage of the smoothed stress history, without uncertainty")
-    damage: np.ndarray = dataset("1", "point", "median damage of the sampled stress histories; NaN: not sampled")
-    low: np.ndarray = dataset("1", "point", "2.5 % quantile of the damage of the sampled stress histories")
-    high: np.ndarray = dataset("1", "point", "97.5 % quantile of the damage of the sampled stress histories")
+    of_mean: np.ndarray = dataset("1", "point", "fatigue damage of the smoothed stress history, without uncertainty")
+    damage: np.ndarray = dataset("1", "point", "posterior median of the fatigue damage; NaN: no posterior samples")
+    low: np.ndarray = dataset("1", "point", "2.5 % quantile of the posterior fatigue damage")
+    high: np.ndarray = dataset("1", "point", "97.5 % quantile of the posterior fatigue damage")
     range_of_mean: np.ndarray = dataset("Pa", "point", "damage-equivalent stress range of the smoothed stress history")
-    range: np.ndarray = dataset("Pa", "point", "median damage-equivalent stress range of the sampled stress histories")
-    range_low: np.ndarray = dataset("Pa", "point", "2.5 % quantile of the sampled damage-equivalent stress ranges")
-    range_high: np.ndarray = dataset("Pa", "point", "97.5 % quantile of the sampled damage-equivalent stress ranges")
+    range: np.ndarray = dataset("Pa", "point", "posterior median of the damage-equivalent stress range")
+    range_low: np.ndarray = dataset("Pa", "point", "2.5 % quantile of the posterior damage-equivalent stress range")
+    range_high: np.ndarray = dataset("Pa", "point", "97.5 % quantile of the posterior damage-equivalent stress range")
 
 
 @record
@@ -47,7 +47,7 @@ class TestChannels:
     """Channels of the file."""
 
     time: np.ndarray = dataset("s", "/time", "sampling times of the channels; the filter starts at the first time")
-    label: tuple[str, ...] = dataset("1", "/label", "gauge and grid of every channel")
+    label: tuple[str, ...] = dataset("1", "/label", "gauge and measuring grid of every channel")
     channel: np.ndarray = dataset("1", "/label", "row of every channel in /gauges of train.h5")
     measured: np.ndarray = dataset(
         "unit of the channel", "/time × /label", "calibrated samples of every channel; NaN: missing sample"
@@ -88,8 +88,8 @@ class ChannelsChecked:
         "1: every channel is predicted from all other channels (fault search); 0: every channel is predicted one step ahead "
         "from all channels",
     )
-    begin: float = dataset("s", "", "time of the first sample of the channel check")
-    end: float = dataset("s", "", "time of the last sample of the channel check")
+    begin: float = dataset("s", "", "time of the first sample in the comparison of measured and predicted readings")
+    end: float = dataset("s", "", "time of the last sample in the comparison of measured and predicted readings")
     measured: np.ndarray = dataset(
         "unit of the channel", "/gauge/label", "RMS of the measured readings of every channel"
     )
@@ -129,19 +129,23 @@ class Resultant:
     """Vector sum of the unknown loads at one location."""
 
     place: str = dataset("1", "", "node or node set on which the unknown loads act")
-    force: np.ndarray = dataset("N", "/time × 3", "vector sum of the unknown loads")
-    magnitude: np.ndarray = dataset("N", "/time", "magnitude of the vector sum of the unknown loads")
-    std: np.ndarray = dataset("N", "/time", "standard deviation of the magnitude of the vector sum")
+    force: np.ndarray = dataset("N", "/time × 3", "vector sum of the unknown loads on `place`, in global axes")
+    magnitude: np.ndarray = dataset("N", "/time", "magnitude of `force`, the vector sum of the unknown loads")
+    std: np.ndarray = dataset("N", "/time", "standard deviation of `magnitude`")
 
 
 @record
 class VirtualStrain:
     """Virtual gauges: estimated strain at locations without a gauge."""
 
-    strain: np.ndarray = dataset("strain", "/time × grid", "smoothed strain at every grid of the virtual gauges")
+    strain: np.ndarray = dataset(
+        "strain", "/time × grid", "smoothed strain at every measuring grid of the virtual gauges"
+    )
     std: np.ndarray = dataset("strain", "/time × grid", "standard deviation of every smoothed strain")
-    position: np.ndarray = dataset("m", "grid × 3", "position of every grid of the virtual gauges")
-    direction: np.ndarray = dataset("1", "grid × 3", "measuring direction of every grid of the virtual gauges")
+    position: np.ndarray = dataset("m", "grid × 3", "position of every measuring grid of the virtual gauges")
+    direction: np.ndarray = dataset(
+        "1", "grid × 3", "measuring direction of every measuring grid of the virtual gauges"
+    )
 
 
 GRID_FILTER, SIGMA_POINT, EXTENDED = "grid", "sigma-point", "extended"
@@ -164,8 +168,8 @@ class Compared:
     ratio: dict[str, np.ndarray] = dataset(
         "1",
         "/filter",
-        "RMS error of the estimate of every filter, expected from the posterior of the grid filter, divided by σ "
-        "of the estimate",
+        "RMS deviation of the estimate of every filter from the posterior of the grid filter, divided by the σ "
+        "of this estimate",
     )
 
 
@@ -181,7 +185,8 @@ class SurfaceMoment:
     strain: np.ndarray = dataset(
         "strain",
         "exterior facet × 6",
-        "smoothed strain at the facet centres; shear components are engineering shear strains γ",
+        "smoothed strain [xx, yy, zz, xy, yz, zx] at the facet centres, in global axes; the shear components are "
+        "engineering shear strains γ",
     )
     principal_strain: np.ndarray = dataset(
         "strain", "exterior facet", "principal strain of the largest magnitude at the facet centres, with sign"
@@ -205,7 +210,9 @@ class TestSource:
     format: str = dataset("1", "", "file format: csv, hdf5, uff58, mdf, tdms or mat")
     date: str = dataset("1", "", "date of the test from the config; empty: not set")
     channel: tuple[str, ...] = dataset("1", "/channel", "name of every channel in the file")
-    measures: tuple[str, ...] = dataset("1", "/channel", "quantity of every channel: gauge and grid, or known load")
+    measures: tuple[str, ...] = dataset(
+        "1", "/channel", "quantity of every channel: gauge and measuring grid, or known load"
+    )
     unit: tuple[str, ...] = dataset("1", "/channel", "unit of the readings of every channel")
     bridge: tuple[str, ...] = dataset("1", "/channel", "bridge arrangement of every channel; empty: no bridge")
     gauge_factor: np.ndarray = dataset("1", "/channel", "gauge factor of every channel; NaN: no bridge")
@@ -218,7 +225,7 @@ class TestSource:
     drift: np.ndarray = dataset(
         "unit in /source/unit, per second",
         "/channel",
-        "drift rate of every channel; drift rate × time since the start is subtracted from the readings",
+        "drift rate of every channel; drift rate × time since the first sample is subtracted from the readings",
     )
     zero: np.ndarray = dataset(
         "s",

@@ -38,8 +38,8 @@ class Augmented:
     scale: np.ndarray = dataset(
         "x*",
         "scenario × /state",
-        "scale of every entry of x*: x* = scale · scaled state; with all gauges of the pool, the covariance P of the scaled "
-        "state has the diagonal 1",
+        "scale of every entry of x*: x* = scale · scaled state. With all candidates at the start of the "
+        "elimination (the pool), the covariance P of the scaled state has the diagonal 1",
     )
 
 
@@ -48,14 +48,18 @@ class PoolTable:
     """A unit of the elimination: a gauge, or a mirrored pair."""
 
     candidate: np.ndarray = dataset(
-        "1", "pool row", "candidate number of the first channel of every pool row (a gauge or a mirrored pair)"
+        "1",
+        "pool row",
+        "candidate number of the first channel of every pool row: a gauge or mirrored pair at the start of the "
+        "elimination",
     )
     channel: np.ndarray = dataset("1", "channel", "candidate number of every channel in /augmented/H")
-    row: np.ndarray = dataset("1", "channel", "pool row of every channel in /augmented/H")
+    row: np.ndarray = dataset("1", "channel", "row in /pool/gauges of the gauge of every channel in /augmented/H")
     gauges: np.ndarray = dataset(
         "1",
         "pool row × 1 or 2",
-        "gauge numbers of every pool row; −1 in the second column: single gauge, not a mirrored pair",
+        "numbers of the gauges that are placed or removed together; −1 in the second column: one gauge, not a "
+        "mirrored pair",
     )
 
 
@@ -63,7 +67,9 @@ class PoolTable:
 class Removals:
     """The elimination, starting with the whole pool."""
 
-    removed: np.ndarray = dataset("1", "removal", "removed pool rows of the backward elimination, in order of removal")
+    removed: np.ndarray = dataset(
+        "1", "removal", "gauges removed by the backward elimination, as rows of /pool/gauges, in order of removal"
+    )
     trace: np.ndarray | None = dataset(
         "1",
         "removal + 1",
@@ -86,7 +92,7 @@ class Removals:
 class Selection:
     """A set of gauges."""
 
-    gauge: np.ndarray = dataset("1", "gauge", "pool row of every gauge, <what>")
+    gauge: np.ndarray = dataset("1", "gauge", "row in /pool/gauges of every gauge, <what>")
     number: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
     channel: np.ndarray = dataset(
         "1", "gauge × most channels", "candidate numbers of the channels of every gauge; −1: no channel"
@@ -94,7 +100,7 @@ class Selection:
     rank: np.ndarray = dataset(
         "1",
         "gauge",
-        "rank of every gauge, from 1, with the pool rows <what>; both gauges of a mirrored pair have the same rank",
+        "rank of every gauge, from 1, with the gauges <what>; both gauges of a mirrored pair have the same rank",
     )
     element: np.ndarray = dataset("1", "gauge", "element id of every gauge in the deck")
     facet: np.ndarray = dataset("1", "gauge", "facet number of every gauge in its element, from 1")
@@ -104,7 +110,7 @@ class Selection:
     load: np.ndarray | None = dataset(
         "1",
         "gauge",
-        "largest reading of every gauge in the training run, divided by the measuring range; NaN: measuring "
+        "largest reading of every gauge in the stage `train`, divided by the measuring range; NaN: measuring "
         "range not specified",
         default=None,
     )
@@ -116,7 +122,9 @@ class LayoutBound:
 
     lower_bound: float = dataset("1", "", "lower bound on <what> of all permitted layouts")
     gap: float = dataset("1", "", "optimality gap: (<what> of the final set − bound) / <what>")
-    weights: np.ndarray = dataset("1", "pool row", "weight of every pool row in the convex relaxation of the placement")
+    weights: np.ndarray = dataset(
+        "1", "pool row", "weight of every gauge or mirrored pair in the convex relaxation of the placement"
+    )
 
 
 @record
@@ -124,9 +132,9 @@ class Rules:
     """The layout and layouts by other criteria, evaluated with the same covariances."""
 
     rule: tuple[str, ...] = dataset("1", "/rule", "selection rule of every gauge set")
-    gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every gauge set; −1: no gauge")
+    gauges: np.ndarray = dataset("1", "/rule × row", "gauges of every gauge set, as rows of /pool/gauges; −1: no gauge")
     name: tuple[str, ...] = dataset("1", "/name", "name of every criterion; the first is the criterion of the layout")
-    value: np.ndarray = dataset("1", "/rule × /name", "value of every criterion for every gauge set, a variance")
+    value: np.ndarray = dataset("1", "/rule × /name", "value of every criterion, a variance, with every gauge set")
     std: dict[str, np.ndarray] = dataset(
         "SI", "/rule", "steady-state σ of <name> with every gauge set; for ranking only"
     )
@@ -140,13 +148,16 @@ class PlacedLayout:
     pool: PoolTable = group()
     elimination: Removals = group(what="<what>")
     residual: float = dataset("1", "", "largest relative residual of all Riccati solutions", path="/riccati/residual")
-    greedy: Selection = group(path="/selected/greedy", what="in ascending order of the pool row")
-    final: Selection = group(path="/selected/final", what="sorted by the effect of the removal, largest effect first")
+    greedy: Selection = group(path="/selected/greedy", what="sorted by row in /pool/gauges")
+    final: Selection = group(
+        path="/selected/final",
+        what="sorted by the increase of the criterion after removal of the gauge, largest increase first",
+    )
     loss: np.ndarray = dataset(
         "1",
         "gauge",
         "<what> after the failure of each gauge of the final set; inf: an unknown becomes unobservable; NaN: "
-        "not solved accurately",
+        "Riccati equation not solved accurately",
         path="/failure/loss",
     )
     certificate: LayoutBound | None = group(what="<what>", default=None)
@@ -184,9 +195,11 @@ def budget_of_shares(shares: Mapping[str, Mapping[str, float]]) -> Budget | None
 class Observed:
     """observe.h5."""
 
-    excitation: tuple[str, ...] = dataset("1", "/excitation", "name of every excitation")
+    excitation: tuple[str, ...] = dataset(
+        "1", "/excitation", "name of every excitation: load case, 'training run', or frequency"
+    )
     case: tuple[str, ...] = dataset("1", "/case", "group of unknowns: input, E (all moduli), rho (all densities)")
-    unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns of every case")
+    unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns of every group in `case`")
     condition: np.ndarray = dataset(
         "1",
         "/excitation × /case",
@@ -195,7 +208,8 @@ class Observed:
     condition_raw: np.ndarray = dataset(
         "1",
         "/excitation × /case",
-        "condition number of the unscaled observability (PBH) matrix, as defined in the thesis; depends on units",
+        "condition number of the unscaled observability (PBH) matrix, as defined in the thesis (Cottone 2022); "
+        "depends on units",
     )
     sigma_min: np.ndarray = dataset("1", "/excitation × /case", "smallest singular value of the scaled PBH matrix")
     lost: np.ndarray = dataset("1", "/excitation × /case", "unobservable or weakly observable unknowns; empty: none")
@@ -208,16 +222,18 @@ class HotSpots:
     refined: np.ndarray = dataset(
         "1",
         "gauge",
-        "largest strain change at the gauge with a refined local mesh, relative to the RMS strain of the "
-        "training run; NaN: not tested",
+        "largest strain change at the gauge with a refined local mesh, relative to the RMS strain in the stage "
+        "`train`; NaN: not tested",
     )
     spread: np.ndarray = dataset(
         "1",
         "gauge",
-        "strain change at the gauge with nodal forces distributed over facets, relative to the RMS strain of the training run; "
-        "NaN: not tested",
+        "strain change at the gauge with nodal forces distributed over facets, relative to the RMS strain in the "
+        "stage `train`; NaN: not tested",
     )
-    share: float = dataset("1", "", "limit of the relative strain change; above the limit: hot spot")
+    share: float = dataset(
+        "1", "", "limit of the relative strain changes `refined` and `spread`; above the limit: hot spot"
+    )
 
     @property
     def hot(self) -> np.ndarray:
@@ -233,19 +249,20 @@ class AtGauges:
     in_place: np.ndarray = dataset(
         "1",
         "gauge",
-        "RMS strain change over one σ of the gauge position, relative to the RMS strain of the training run; "
+        "RMS strain change over one σ of the gauge position, relative to the RMS strain in the stage `train`; "
         "NaN: no strain gauge",
     )
     over_grid: np.ndarray = dataset(
         "1",
         "gauge",
-        "RMS strain change along the grid, relative to the RMS strain of the training run; NaN: no strain gauge",
+        "RMS strain change along the measuring grid, relative to the RMS strain in the stage `train`; NaN: no "
+        "strain gauge",
     )
     room: np.ndarray = dataset("m", "gauge", "free height above the gauge; inf: larger than the search limit")
     lies_on: tuple[str, ...] = dataset(
         "1",
         "gauge",
-        "position and support of the face of the gauge, if the face is probably a contact face; empty: no contact face",
+        "centre of the face below the gauge and reason why the face is probably a contact face; empty: no contact face",
     )
     in_place_limit: float = dataset(
         "1",
@@ -253,7 +270,7 @@ class AtGauges:
         "limit of the relative strain change over one σ of the gauge position; a larger change is a steep gradient",
     )
     over_grid_limit: float = dataset(
-        "1", "", "limit of the strain change along the grid; above the limit: steep gradient"
+        "1", "", "limit of the relative strain change along the measuring grid; a larger change is a steep gradient"
     )
     room_limit: float = dataset("m", "", "free height required for bonding")
 
@@ -263,7 +280,7 @@ class AtGauges:
             f"by {100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
             for value, limit, what in (
                 (self.in_place[i], self.in_place_limit, "over one σ of the gauge position"),
-                (self.over_grid[i], self.over_grid_limit, "along the grid"),
+                (self.over_grid[i], self.over_grid_limit, "along the measuring grid"),
             )
             if value > limit
         ]

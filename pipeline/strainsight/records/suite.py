@@ -22,12 +22,18 @@ class RunRows:
     group: tuple[str, ...] = dataset("1", "/name", "name of the group of every run; empty: no group")
     at: np.ndarray = dataset("SI", "/name", "value of the config key that the runs of the study vary")
     gauges: np.ndarray = dataset("1", "/name", "number of gauges in the layout of every run")
-    pool: np.ndarray = dataset("1", "/name", "number of gauges in the pool of every run")
+    pool: np.ndarray = dataset(
+        "1", "/name", "number of candidate gauges that remain after screening in every run (the pool)"
+    )
     metric: tuple[str, ...] = dataset("1", "/name", "name of the placement criterion")
-    metric_initial: np.ndarray = dataset("1", "/name", "value of the placement criterion with the whole pool")
+    metric_initial: np.ndarray = dataset(
+        "1", "/name", "value of the placement criterion with all candidates that remain after screening"
+    )
     metric_final: np.ndarray = dataset("1", "/name", "value of the placement criterion with the layout")
     gap: np.ndarray = dataset("1", "/name", "optimality gap: (metric_final − lower bound) / metric_final")
-    nis: np.ndarray = dataset("1", "/name", "normalised innovation squared (NIS) of the filter, mean over the channels")
+    nis: np.ndarray = dataset(
+        "1", "/name", "normalised innovation squared (NIS) of the filter, mean over channels and instants"
+    )
 
 
 @record
@@ -42,10 +48,10 @@ class UnknownRows:
     error: np.ndarray = dataset(
         "1",
         "/name",
-        "actual error of the filter estimate, relative to the true parameter, the RMS load (structure) or the "
-        "largest load (bench)",
+        "error of the filter estimate (of a parameter at the end, of a load RMS), relative to the true "
+        "parameter, the RMS load (structure) or the largest load (bench)",
     )
-    smoothed: np.ndarray = dataset("1", "/name", "actual error of the smoothed estimate (relative, see `error`)")
+    smoothed: np.ndarray = dataset("1", "/name", "error of the smoothed estimate, defined as `error`")
     std: np.ndarray = dataset("1", "/name", "standard deviation of the filter estimate (relative, see `error`)")
     expected: np.ndarray = dataset(
         "1", "/name", "standard deviation predicted by the stage `place` (relative, see `error`)"
@@ -66,18 +72,20 @@ class UnknownRows:
         "N or N m", "/name", "offset of the linear fit: estimated load = slope · true load + offset"
     )
     ratio_slope: np.ndarray = dataset(
-        "1", "/name", "slope of the linear fit: estimated load = slope · load on the measured bench + offset"
+        "1", "/name", "slope of the linear fit: estimated load = slope · load of the bench in `measured.from` + offset"
     )
     ratio_offset: np.ndarray = dataset(
-        "N or N m", "/name", "offset of the linear fit: estimated load = slope · load on the measured bench + offset"
+        "N or N m",
+        "/name",
+        "offset of the linear fit: estimated load = slope · load of the bench in `measured.from` + offset",
     )
 
 
 @record
 class CaseRows:
-    run: np.ndarray = dataset("1", "case", "index in /run/name of the run of every observability case")
-    unknowns: tuple[str, ...] = dataset("1", "case", "unknowns of every observability case")
-    excitation: tuple[str, ...] = dataset("1", "case", "excitation of every observability case")
+    run: np.ndarray = dataset("1", "case", "index in /run/name of the run of every observability check")
+    unknowns: tuple[str, ...] = dataset("1", "case", "unknowns of every observability check")
+    excitation: tuple[str, ...] = dataset("1", "case", "excitation of every observability check")
     condition: np.ndarray = dataset("1", "case", "condition number of the scaled observability (PBH) matrix at λ = 0")
     condition_raw: np.ndarray = dataset(
         "1", "case", "condition number of the unscaled observability (PBH) matrix at λ = 0; depends on units"
@@ -87,37 +95,46 @@ class CaseRows:
 @record
 class StatementRows:
     text: tuple[str, ...] = dataset("1", "/text", "text of every claim in the config of the suite")
-    verdict: tuple[str, ...] = dataset("1", "/text", "result of every claim: confirmed, contradicted or no number")
+    verdict: tuple[str, ...] = dataset(
+        "1", "/text", "result of every claim: confirmed, contradicted, or no number (filter diverged)"
+    )
     why: tuple[str, ...] = dataset("1", "/text", "explanation of the result of every claim")
 
 
 @record
 class NumberRows:
-    claim: np.ndarray = dataset("1", "number", "index in /claim/text of the claim of every number")
-    run: np.ndarray = dataset("1", "number", "index in /run/name of the run of every number")
+    claim: np.ndarray = dataset("1", "number", "claim that uses the number, as index in /claim/text")
+    run: np.ndarray = dataset("1", "number", "run that gives the number, as index in /run/name")
     name: tuple[str, ...] = dataset("1", "number", "name of the number in the summary of the stage")
     seed: np.ndarray = dataset("1", "number", "seed number of the run, from 0")
     value: np.ndarray = dataset(
         "SI",
         "number",
-        "value of the number, multiplied by `times` and divided by the number of the reference run `against`",
+        "value of the number, multiplied by `times` and divided by the value in the reference run (`against`)",
     )
 
 
 @record
 class ComparisonRows:
     source: tuple[str, ...] = dataset("1", "/source", "location in the publication, such as a figure number")
-    statement: tuple[str, ...] = dataset("1", "/source", "statement of the publication")
+    statement: tuple[str, ...] = dataset("1", "/source", "statement of the publication that the runs check")
     published: tuple[str, ...] = dataset(
         "1", "/source", "reference value exactly as printed in the publication, as text"
     )
     published_settings: tuple[str, ...] = dataset(
-        "1", "/source", "results of runs with the settings of the publication, and limits of these results"
+        "1",
+        "/source",
+        "results of runs with the settings of the publication; in brackets: required range of the result",
     )
     other_settings: tuple[str, ...] = dataset(
-        "1", "/source", "results of runs with other settings, and limits of these results"
+        "1", "/source", "results of runs with other settings; in brackets: required range of the result"
     )
-    verdict: tuple[str, ...] = dataset("1", "/source", "result of the comparison, and settings of the runs")
+    verdict: tuple[str, ...] = dataset(
+        "1",
+        "/source",
+        "result of the comparison: holds, holds only with the published or other settings, contradicted, no "
+        "number, or not measured",
+    )
     why: tuple[str, ...] = dataset("1", "/source", "explanation of the result of the comparison")
 
 

@@ -32,7 +32,11 @@ class GridColumns:
         "angle of the measuring direction from the projected reference axis, counter-clockwise about the outward normal",
     )
     local: np.ndarray = dataset("1", "<what> × 2", "local coordinates of the measuring point on the facet")
-    length: np.ndarray = dataset("m", "<what>", "grid length for the mean strain; 0: strain at the measuring point")
+    length: np.ndarray = dataset(
+        "m",
+        "<what>",
+        "length of the measuring grid, over which the strain is averaged; 0: strain at the measuring point",
+    )
     array: np.ndarray = dataset(
         "1", "<what>", "0 for gauges; for other sensors, number of the entry of `motion_sensors` in the config, from 1"
     )
@@ -98,12 +102,14 @@ class StrainOperatorRows:
 class CaseMotion:
     """Training run of a load case."""
 
-    time: np.ndarray = dataset("s", "instant", "times of the training run")
-    load: np.ndarray = dataset("unit of the loads", "instant × input", "loads of the training run", path="/input")
+    time: np.ndarray = dataset("s", "instant", "times of the simulation of this load case in the stage `train`")
+    load: np.ndarray = dataset(
+        "unit of the loads", "instant × input", "simulated loads of this load case", path="/input"
+    )
     coordinate: np.ndarray = dataset("kg^1/2 m", "instant × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("kg^1/2 m/s", "instant × coordinate", "reduced velocities")
-    rms: np.ndarray = dataset("unit of the channel", "channel", "RMS reading of every channel in the training run")
-    peak: np.ndarray = dataset("unit of the channel", "channel", "largest reading of every channel in the training run")
+    rms: np.ndarray = dataset("unit of the channel", "channel", "RMS reading of every channel in this load case")
+    peak: np.ndarray = dataset("unit of the channel", "channel", "largest reading of every channel in this load case")
 
 
 @record
@@ -126,7 +132,7 @@ class Training:
     row_change: AffineOperator | None = group(
         ChangeTerms,
         "unit of the row",
-        "change of the strain operator with an estimated shell thickness",
+        "contribution of an estimated shell thickness to the strain operator",
         path="/gauges/row_change",
         default=None,
     )
@@ -145,22 +151,25 @@ class Training:
         path="/glued/distance",
         default=None,
     )
-    time: np.ndarray = dataset("s", "/time", "times of the training run")
-    load: np.ndarray = dataset("unit of the loads", "/time × input", "loads of the training run", path="/input")
+    time: np.ndarray = dataset("s", "/time", "times of the simulation under the configured loads in the stage `train`")
+    load: np.ndarray = dataset(
+        "unit of the loads", "/time × input", "configured loads in the simulation of the stage `train`", path="/input"
+    )
     coordinate: np.ndarray = dataset("kg^1/2 m", "/time × coordinate", "reduced coordinates q")
     velocity: np.ndarray = dataset("kg^1/2 m/s", "/time × coordinate", "reduced velocities")
     acceleration: np.ndarray = dataset("kg^1/2 m/s^2", "/time × coordinate", "reduced accelerations")
     rms_as_stated: np.ndarray = dataset(
-        "unit of the channel", "channel", "RMS reading of every channel in the training run", path="/rms"
+        "unit of the channel", "channel", "RMS reading of every channel under the configured loads", path="/rms"
     )
     peak_as_stated: np.ndarray = dataset(
-        "unit of the channel", "channel", "largest reading of every channel in the training run", path="/peak"
+        "unit of the channel", "channel", "largest reading of every channel under the configured loads", path="/peak"
     )
     cases: dict[str, CaseMotion] = group(path="/load_cases/<name>")
     arm_peak: np.ndarray | None = dataset(
         "unit of the channel",
         "channel",
-        "largest reading of a single grid (bridge arm) of every channel, over all load cases; only stored if there are bridges",
+        "largest reading of a single bridge arm of every channel, over all load cases; only stored if there are "
+        "bridges",
         default=None,
     )
 
@@ -246,25 +255,28 @@ class Clearance:
 class Screened:
     """screen.h5."""
 
-    kept: np.ndarray = dataset("1", "pool gauge", "gauge numbers of the pool, in ascending order")
+    kept: np.ndarray = dataset(
+        "1", "pool gauge", "numbers of the gauges that remain after screening (the pool), in ascending order"
+    )
     snr: np.ndarray = dataset(
         "1",
         "gauge",
-        "largest ratio of RMS reading to noise, over all load cases and unknowns (each unknown alone). With `rank_by: "
-        "strength`: ratio of the RMS reading in the training run to the noise",
+        "largest ratio of RMS reading to noise, over all load cases and unknowns (each unknown alone). With "
+        "`rank_by: strength`: ratio of the RMS reading in the stage `train` to the noise",
     )
-    reason: np.ndarray = dataset("1", "gauge", "reason why a gauge was removed from the pool; empty: gauge in the pool")
+    reason: np.ndarray = dataset("1", "gauge", "reason why screening removed the gauge; empty: the gauge remains")
     clearance: Clearance | None = group(default=None)
     noise_std: np.ndarray = dataset(
         "unit of the channel",
         "channel",
-        "noise standard deviation of one sample of every channel at the time step of the training run",
+        "noise standard deviation of one sample of every channel at the time step `train.time_step`",
     )
     installation: np.ndarray | None = dataset(
         "(unit of the channel)^2",
         "case × channel",
-        "mean square error of every reading due to installation errors, in every load case (sorted by name) or under the "
-        "configured loads; zero for candidates without clearance; only stored with `installation: avoid`",
+        "mean square error of every reading due to installation errors, in every load case (sorted by name) or "
+        "under the configured loads. Zero for candidates too close to edges, supports or loads. Only stored with "
+        "`installation: avoid`",
         default=None,
     )
     range: np.ndarray = dataset(

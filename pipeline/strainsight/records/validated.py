@@ -30,8 +30,8 @@ class Consistency:
     band: np.ndarray = dataset(
         "1",
         "2 × 2",
-        "99.73 % limits (low, high) of the NEES at one instant (first row) and of the mean NIS (second row); the interval "
-        "includes 1/1.21 to 1.21",
+        "99.73 % limits [low, high] of the NEES at one instant (first row) and of the mean NIS (second row); low "
+        "is at most 1/1.21, high at least 1.21",
     )
 
 
@@ -59,7 +59,9 @@ class Field:
 class Errors:
     """Results of many runs, one for every `<what>`."""
 
-    error: dict[str, np.ndarray] = dataset("1", "run", "actual error of <name> for every <what>")
+    error: dict[str, np.ndarray] = dataset(
+        "1", "run", "error of <name> (of a parameter at the end, of a load RMS) for every <what>"
+    )
     std: dict[str, np.ndarray] = dataset("1", "run", "estimated standard deviation of <name> for every <what>")
 
 
@@ -91,7 +93,7 @@ class SweepTable:
         "quantity changed in every run: time_step, process_noise, or the name of a parameter with a wrong value",
     )
     value: np.ndarray = dataset("1", "/key", "time step [s], or factor on the process noise or on the parameter")
-    error: dict[str, np.ndarray] = dataset("1", "/key", "actual error of <name>")
+    error: dict[str, np.ndarray] = dataset("1", "/key", "error of <name> (of a parameter at the end, of a load RMS)")
     std: dict[str, np.ndarray] = dataset("1", "/key", "estimated standard deviation of <name>")
 
 
@@ -105,7 +107,9 @@ class Validated(UnknownHistories):
     consistency: Consistency = group()
     field: Field = group()
     noise: NoiseStudy = group(what="noise level")
-    repeats: Starts = group(what="seed and initial value")
-    screened: RandomSetErrors = group(path="/random_sets/screened", what="random gauge set from the screened pool")
+    repeats: Starts = group(what="repeat with another noise seed and initial value")
+    screened: RandomSetErrors = group(
+        path="/random_sets/screened", what="random gauge set from the candidates that remain after screening"
+    )
     all: RandomSetErrors = group(path="/random_sets/all", what="random gauge set from all candidates")
     sweep: SweepTable | None = group(default=None)

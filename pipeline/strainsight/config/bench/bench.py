@@ -70,23 +70,25 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
     direction: Direction = Field(
         default_factory=lambda: PrincipalDirection(type="principal", angles=(0.0, 45.0, 90.0, 135.0)),
         description="Measuring directions of the candidate gauges; each direction at a location is one candidate. With "
-        "`principal`: principal directions of the static strains under the loads in `estimate.inputs`; all loads have equal "
-        "weights.",
+        "`principal`: principal directions of the static strain under the loads in `estimate.inputs`, each load "
+        "scaled to the same largest strain.",
     )
     pool: Annotated[int, Field(ge=1), Plausible(1, 1e5)] = expert(
         300,
-        description="Number of candidate gauges in the pool, the start of the backward elimination [-]; bonded gauges are "
-        "not counted. The pool is filled in rounds: each round adds the most sensitive remaining candidate for each unknown.",
+        description="Number of candidate gauges with which the backward elimination starts (the pool), without bonded gauges "
+        "[-]. The pool is filled in rounds: for each unknown, a round adds the remaining candidate with the "
+        "largest static reading.",
     )
     search: Literal["all", "pool"] = expert(
         "all",
         description="Candidates for the optimised layout. With `all`: the lower bound of the criterion is valid for all "
-        "candidates, and candidates that could improve the layout are added to the pool. With `pool`: the layout and the "
-        "lower bound consider the candidates in the pool only.",
+        "candidates, and candidates that could improve the layout are added to the pool (`place.pool`). With "
+        "`pool`: the layout and the lower bound consider the candidates in the pool only.",
     )
     spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
-        description="Smallest distance between two candidates that are selected into the pool for the same unknown [m].",
+        description="Smallest distance between two candidates that are added to the pool (`place.pool`) for the same unknown "
+        "[m].",
     )
     poses: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=100), INSTANT] = expert(
         (0.0,),
@@ -196,9 +198,10 @@ class Simulate(TimeSpan):
     )
     tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = expert(
         None,
-        description="Largest integration error of the motion, relative to the coordinates of each body (of rotations: in "
-        "rad). Each step is halved until another halving changes the motion by less than this value; the loads are evaluated "
-        "at all intermediate instants. Null: fixed steps.",
+        description="Largest integration error of the motion of each body over the whole run, relative to the largest "
+        "coordinates of this body [-]; of rotations: in rad. Each step is halved until another halving changes "
+        "the motion by less than this value divided by the number of steps. The loads are evaluated at all "
+        "intermediate instants. Null: fixed steps.",
     )
     start: Literal["equilibrium", "as_given"] = expert(
         "equilibrium",
@@ -212,7 +215,8 @@ class Simulate(TimeSpan):
     snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = expert(
         0.005,
         description="Largest displacement of a body by the projection of its initial pose onto the joint constraints [m]. A "
-        "larger displacement is an error. Fixed limits: 0.02 rad for the rotation, 1 % for the initial velocity.",
+        "larger displacement is an error. The changes of rotation (0.02 rad) and of initial velocity (1 %) have "
+        "fixed limits.",
     )
 
 

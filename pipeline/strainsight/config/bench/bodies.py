@@ -50,13 +50,18 @@ LARGEST_PRELOAD = 0.02
 class PoseSection(Section):
     """Pose (position and axes) of a body in global axes, or of a frame in the axes of its body."""
 
-    origin: Point = Field((0.0, 0.0, 0.0), description="Position of the origin [m].")
+    origin: Point = Field(
+        (0.0, 0.0, 0.0),
+        description="Position of the origin, in global axes; of a frame on a body, in the axes of the body [m].",
+    )
     x_axis: DirectionVector = expert(
-        (1.0, 0.0, 0.0), description="Direction of the x axis [-]; the length of the vector is not used."
+        (1.0, 0.0, 0.0),
+        description="Direction of the x axis, in the axes of `origin` [-]; the length of the vector is not used.",
     )
     y_axis: DirectionVector = expert(
         (0.0, 1.0, 0.0),
-        description="Direction of the y axis [-]; the component of the vector along the x axis is ignored.",
+        description="Direction of the y axis, in the axes of `origin` [-]; the component of the vector along the x axis is "
+        "ignored.",
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -75,12 +80,12 @@ class PoseSection(Section):
 class InertiaSection(Section):
     """Moments of inertia about the centre of mass, in body axes [kg m²]: xx = ∫ρ(y² + z²), xy = −∫ρxy."""
 
-    xx: Annotated[Positive, INERTIA] = Field(description="Moment of inertia about the x axis [kg m²].")
-    yy: Annotated[Positive, INERTIA] = Field(description="Moment of inertia about the y axis [kg m²].")
-    zz: Annotated[Positive, INERTIA] = Field(description="Moment of inertia about the z axis [kg m²].")
-    xy: Annotated[float, INERTIA] = expert(0.0, description="Product of inertia −∫ρxy [kg m²].")
-    xz: Annotated[float, INERTIA] = expert(0.0, description="Product of inertia −∫ρxz [kg m²].")
-    yz: Annotated[float, INERTIA] = expert(0.0, description="Product of inertia −∫ρyz [kg m²].")
+    xx: Annotated[Positive, INERTIA] = Field(description="Moment of inertia about the centroidal body x axis [kg m²].")
+    yy: Annotated[Positive, INERTIA] = Field(description="Moment of inertia about the centroidal body y axis [kg m²].")
+    zz: Annotated[Positive, INERTIA] = Field(description="Moment of inertia about the centroidal body z axis [kg m²].")
+    xy: Annotated[float, INERTIA] = expert(0.0, description="Centroidal product of inertia −∫ρxy in body axes [kg m²].")
+    xz: Annotated[float, INERTIA] = expert(0.0, description="Centroidal product of inertia −∫ρxz in body axes [kg m²].")
+    yz: Annotated[float, INERTIA] = expert(0.0, description="Centroidal product of inertia −∫ρyz in body axes [kg m²].")
 
     @property
     def trace(self) -> float:
@@ -127,7 +132,7 @@ class RigidBodySection(Moving):
             yield Problem(
                 "mass",
                 f"a mass of {self.mass:g} kg and moments of inertia with a sum of {self.inertia.trace:.3g} kg m² "
-                f"give a radius of gyration of {radius:.3g} m, outside {low:g} to {high:g} m",
+                f"give a radius of gyration of {radius:.3g} m, outside the plausible {low:g} to {high:g} m",
                 "check the units: mass in kg, moments of inertia in kg m²",
             )
 
@@ -207,7 +212,7 @@ GrooveRadius = Annotated[Positive, Plausible(2.5e-4, 0.2, "m")]
 
 
 class BearingSection(Section):
-    """A four-point-contact ball bearing (thesis, equations 1.18 to 1.25)."""
+    """A four-point-contact ball bearing (thesis of Cottone 2022, equations 1.18 to 1.25)."""
 
     balls: int = Field(ge=3, le=10000, description="Number of balls [-].")
     ball_diameter: Annotated[Positive, Plausible(5e-4, 0.2, "m")] = Field(description="Diameter of the balls [m].")

@@ -213,7 +213,9 @@ def _two_bodies(config: BenchConfig) -> Iterator[Problem]:
             if len(bodies) == 2 and bodies[0] == bodies[1]:
                 keys = {one.field for one in frames}
                 where = keys.pop() if len(keys) == 1 else f"{section}.{name}"
-                yield Problem(where, f"both frames are on '{bodies[0]}'", "use frames on two different bodies")
+                yield Problem(
+                    where, f"both frames are on the same body, '{bodies[0]}'", "use frames on two different bodies"
+                )
 
 
 def _curve(i: int, curve: CurveSection, bearings: Mapping[str, BearingSection]) -> Iterator[Problem]:

@@ -33,7 +33,7 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
                 )
         return
     if config.driven:
-        yield Problem(f"{key}.model", "'other' does not support driven joints", "set estimate.truth.model: fine")
+        yield Problem(f"{key}.model", "'independent' does not support driven joints", "set estimate.truth.model: fine")
     h, duration = config.filter_step, config.filter_duration
     every = round(h / truth.step)
     if every < 1 or abs(every * truth.step - h) > CLOCK_SHARE * truth.step:
@@ -128,7 +128,7 @@ def disturbed(
 ) -> Iterator[Problem]:
     """Yield a problem for an accelerometer together with a white acceleration."""
     if isinstance(sensor, AccelerationSensor) and estimate is not None and estimate.disturbance > 0:
-        what = f"accelerometer '{name}' would measure this acceleration, and white noise has no value at an instant"
+        what = f"accelerometer '{name}' cannot measure the disturbance: white noise has no value at an instant"
         yield Problem("estimate.disturbance", what, f"set estimate.disturbance to 0, {remedy}")
 
 
@@ -142,7 +142,9 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
         if isinstance(sensor, ReactionSensor):
             what = f"the filter does not support sensors of type {sensor.type}"
             yield Problem(key, what, "remove the sensor from estimate.sensors; the sensor is for the simulation only")
-        yield from disturbed(estimate, sensor, name, f"and increase estimate.sensors.{name}.noise by the model error")
+        yield from disturbed(
+            estimate, sensor, name, f"and set {key}.noise to √(noise² + e²), e = σ of the model error in m/s²"
+        )
         count = channels_of(config, name)
         for field in ("noise", "bias", "drift"):
             values = getattr(entry, field)

@@ -77,7 +77,8 @@ class Axial(Between):
 
     axis: Axis = Field(
         "x",
-        description="Axis of the first frame. An axis common to both frames has the same name in the second frame.",
+        description="Axis of the joint or force: this axis of the first frame. If the axis is common to both frames, it has "
+        "the same name in the second frame.",
     )
 
 
@@ -139,7 +140,7 @@ class Perpendicular(Between):
     """An axis of the first frame is perpendicular to an axis of the second frame, or to the line between the two origins."""
 
     type: Literal["perpendicular"] = Field(description="Kind of joint.")
-    axis: Axis = Field(description="Axis of the first frame.")
+    axis: Axis = Field(description="Axis of the first frame that is perpendicular to `to`.")
     to: Literal["x", "y", "z", "offset"] = Field(
         description="Axis of the second frame perpendicular to `axis`; `offset`: the line from the origin of the first frame "
         "to the origin of the second frame."
@@ -286,7 +287,7 @@ class Spring(Between, SpringAndDamper):
 
 
 class Torsion(Axial, SpringAndDamper):
-    """A torsion spring and damper between two frames about a common axis, which another joint must define."""
+    """A torsion spring and damper about an axis common to two frames. A joint, such as a hinge, must keep this axis common."""
 
     type: Literal["torsion"] = Field(description="Kind of force.")
     angle: Annotated[float, TURN] = expert(
@@ -321,8 +322,8 @@ class RegularisedFriction(Section):
     speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s or m/s")] = Field(
         1e-3,
         description="Regularisation speed ω₀ [rad/s; for sliding, m/s]. At speeds above 3 ω₀, Coulomb friction is accurate "
-        "to 0.5 %. At lower speeds, parts creep instead of sticking. Use at least a tenth of the speed change in one time "
-        "step, otherwise the step has no solution.",
+        "to 0.5 %. At lower speeds, the parts slide slowly instead of sticking. Set at least a tenth of the "
+        "speed change in one time step; with a smaller value, the time step has no solution.",
     )
 
 
@@ -349,8 +350,8 @@ class FrictionSection(Axial, RegularisedFriction):
 
 
 class Torque(Axial, Input):
-    """A motor: a torque between two frames about a common axis, which another joint must define. The torque is an input of
-    the bench."""
+    """A motor: a torque between two frames about an axis common to both. A joint, such as a hinge, must keep this axis common.
+    The torque is an input of the bench."""
 
     type: Literal["torque"] = Field(description="Kind of force.")
 
@@ -368,7 +369,7 @@ Law = Spring | Torsion | Bushing | FrictionSection | Torque | ActuatorSection
 class AtFrame(Section):
     """Base of forces at one frame."""
 
-    frame: FrameName = Field(description="Name of the frame.")
+    frame: FrameName = Field(description="Name of the frame on which the force or moment acts.")
 
 
 class PointInput(AtFrame, Input):

@@ -56,8 +56,9 @@ class MeasuredSensor(Section):
     )
     layout: Literal["place", "random"] | None = expert(
         None,
-        description="For a candidate sensor under `place.sensors`: components for the filter. With `place`: the components "
-        "in the optimised layout. With `random`: the components in the first random layout. Null: all components.",
+        description="For a candidate sensor under `place.sensors`: components that the filter uses. With `place`: the "
+        "components in the optimised layout. With `random`: the components in the first random layout. Null: all "
+        "components.",
     )
 
 
@@ -67,7 +68,7 @@ class UnknownInput(InputNoise):
     guess: Annotated[float | None, DRIVEN] = expert(
         None,
         description="Initial estimate of the load [N or N m]. Null: the first value of the signal under `forces`; with "
-        "`estimate.measured`, the load that fits the first sample if the bench is at rest.",
+        "`estimate.measured`, the load at which the static readings of the bench fit the first sample best.",
     )
     std: Annotated[Positive, DRIVEN] = Field(
         description="Standard deviation of the initial estimate of the load [N or N m]."
@@ -175,7 +176,7 @@ class BenchTruth(Section):
 
 
 class FromRun(Section):
-    """Measurements from the simulation of another bench (thesis, chapter 4)."""
+    """Measurements from the simulation of another bench (thesis of Cottone 2022, chapter 4)."""
 
     run: Text = Field(
         alias="from",
@@ -218,16 +219,17 @@ class Method(Section):
     update: Literal["iterated", "one_shot", "undamped", "as_printed"] = Field(
         "iterated",
         description="Measurement update of the filter. With `iterated`: damped Gauss-Newton iterations for the most probable "
-        "state. With `one_shot`: extended Kalman filter, projected onto the constraints. With `undamped`: Gauss-Newton "
-        "iterations without damping. With `as_printed`: one update at the predicted state, equations (1.58) to (1.60) of the "
-        "thesis; the updated state violates the constraints until the next step.",
+        "state. With `one_shot`: extended Kalman filter, projected onto the constraints. With `undamped`: "
+        "Gauss-Newton iterations without damping. With `as_printed`: one update at the predicted state, "
+        "equations (1.58) to (1.60) of the thesis (Cottone 2022); the updated state violates the constraints "
+        "until the next step.",
     )
     noise: Literal["before_step", "as_printed"] = Field(
         "before_step",
         description="Process noise of the filter. With `before_step`: added to loads, parameters and disturbance at the "
-        "start of a step; the constraints remain satisfied. With `as_printed`: Q* of the thesis, equations (1.45) and "
-        "(1.57). Diagonal blocks are added after the step, with `disturbance` on every velocity, independent of the joints. "
-        "The σ of a load is then at least its increment.",
+        "start of a step; the constraints remain satisfied. With `as_printed`: Q* of the thesis (Cottone 2022), "
+        "equations (1.45) and (1.57). Diagonal blocks are added after the step, with `disturbance` on every "
+        "velocity, independent of the joints. The σ of a load is then at least its increment.",
     )
     iterations: int = expert(
         10, ge=1, le=100, description="Largest number of iterations of the measurement update in each step [-]."
@@ -235,8 +237,8 @@ class Method(Section):
     parameters: Literal["extended", "grid"] = Field(
         "extended",
         description="Treatment of the estimated parameters. With `extended`: parameters are states of the filter, as in the "
-        "thesis. With `grid`: grid filter for up to three constant parameters. The σ of the grid filter assumes correct "
-        "increments of the unknown loads, and the run time is 15 to 30 times longer.",
+        "thesis (Cottone 2022). With `grid`: grid filter for up to three constant parameters. The σ of the grid "
+        "filter assumes correct increments of the unknown loads, and the run time is 15 to 30 times longer.",
     )
     step_error: Literal["estimated", "ignored"] | None = expert(
         None,
@@ -248,7 +250,7 @@ class Method(Section):
 
 
 class BenchEstimateSection(EstimateOptions):
-    """Estimation of loads and parameters of the bench from its sensors (thesis, chapters 2 to 4)."""
+    """Estimation of loads and parameters of the bench from its sensors (thesis of Cottone 2022, chapters 2 to 4)."""
 
     time_step: TimeStep | None = Field(
         None, description="Time step of the filter and of the samples [s]; null: `simulate.time_step`."
@@ -267,13 +269,14 @@ class BenchEstimateSection(EstimateOptions):
     increments: Literal["step", "second"] = Field(
         "step",
         description="Time interval for the keys `increment` of loads and parameters: one time step of any length (`step`), "
-        "or one second (`second`). With `second`, the process noise is proportional to the square of the time step.",
+        "or one second (`second`). With `second`, the variance of the change in a time step is proportional to "
+        "the square of the time step.",
     )
     tolerances: GaugeTolerances | None = expert(
         None,
         description="Tolerances of the gauge installation. The filter does not estimate installation errors, but the "
-        "tolerances increase σ (to first order). Simulated measurements have new random installation errors for every seed. "
-        "{}: the default tolerances of a structure. Null: exact gauges.",
+        "tolerances increase σ (to first order). Simulated measurements have new random installation errors for "
+        "every seed. {}: default values of all tolerances. Null: exact gauges.",
     )
     disturbance: Annotated[NotNegative, Plausible(1e-9, 1e4, "m/s²")] = Field(
         0.0,
@@ -289,6 +292,6 @@ class BenchEstimateSection(EstimateOptions):
     runs: int = Field(1, ge=1, le=10_000, description="Number of runs of the filter, each with another noise seed [-].")
     allow_unresolved_steps: bool = Field(
         False,
-        description="`true`: continue even if the time step does not resolve the effect of the loads; σ does not include "
+        description="`true`: continue even if the time step is too long to resolve the load histories; σ does not include "
         "this error.",
     )
