@@ -154,7 +154,7 @@ def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
     stress, numbers = BenchStress("hub", TIME, largest, 6338, 40e6), {"simulate": {"band": 0.39642}}
     hubs = BenchPageRun("hubs", "hubs", numbers=numbers, simulated=motion, stress=stress)
     page = bench_page(hubs, compute_once(bench_figures, hubs), {})
-    assert "✕ stress above the allowable – hubs" in page
+    assert "✕ von Mises stress above the allowable stress – hubs" in page
     answer = page[page.index('class="answer"') :]
     share = re.search(r'<data value="([\d.]+)">[^<]*%', answer)
     assert float(share[1]) == pytest.approx(58.68 / 40)
