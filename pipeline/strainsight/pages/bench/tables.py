@@ -92,8 +92,8 @@ MEANINGS = {
     "load ratio": "Load ratio: load on this bench divided by the load on the measured bench. Slope and offset: fit load = slope "
     "· load on the measured bench + offset. Mean and range: over the instants at which the load on the measured bench exceeds "
     "0.3 of its maximum.",
-    "mismatch": "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading, largest value of "
-    "all components of the sensors used by the filter, and of the unused sensors.",
+    "mismatch": "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading. It is the "
+    "largest value of all components of the sensors used by the filter, or of the unused sensors.",
     "NIS": "NIS: normalised innovation squared divided by the number of channels.",
 }
 """Beginning of a column heading → its meaning."""
