@@ -24,7 +24,7 @@ from strainsight.runner.artefact import Artefact
 
 DOCS = Path(__file__).parent
 CONFIGS = DOCS.parent / "configs"
-RESULTS = {"contradicted": "does not hold", "holds under its settings only": "holds as printed only"}
+RESULTS = {"contradicted": "does not hold", "holds with source settings only": "holds as printed only"}
 """Result of a row → how the manual prints it, where that differs."""
 RANGE = re.compile(r" \([^()]* to [^()]*\)")
 """10 and 90 % quantiles of the histories."""

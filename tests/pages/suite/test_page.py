@@ -183,10 +183,10 @@ def test_the_answer_counts_rows_and_links_those_that_do_not_simply_hold():
     own = row(0.5, 0.5), row(0.5, 2.0), row(2.0, 2.0)
     suite = Suite("s", "t", (), comparisons=own)
     text = re.sub(r"</?data[^>]*>", "", comparisons_answer(suite))
-    assert "3 comparisons</strong>: 1 holds, 1 holds under its settings only" in text
+    assert "3 comparisons</strong>: 1 holds, 1 holds with source settings only" in text
     assert '1 contradicted (<a href="#comparison-3">3</a>)' in text
     twice = Suite("s", "t", (), comparisons=(*own, *own))
-    assert "2 hold, 2 hold under its settings only" in re.sub(r"</?data[^>]*>", "", comparisons_answer(twice))
+    assert "2 hold, 2 hold with source settings only" in re.sub(r"</?data[^>]*>", "", comparisons_answer(twice))
     assert comparisons_answer(Suite("s", "t", ())) == ""
 
 
