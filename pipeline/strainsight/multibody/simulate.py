@@ -192,10 +192,11 @@ def _sizes(system: System, q: np.ndarray) -> np.ndarray:
 def _refusal(time: float, h: float, parts: int, off: float, unsolved: NumericalError | None) -> NumericalError:
     if unsolved is not None:
         return NumericalError(
-            f"at t = {time:g} s, in {parts} parts of {h:g} s: {unsolved.what}", remedy=unsolved.remedy
+            f"at t = {time:g} s, with the step of {h:g} s divided into {parts} substeps: {unsolved.what}",
+            remedy=unsolved.remedy,
         )
     return NumericalError(
-        f"at t = {time:g} s the step of {h:g} s still has an error of {off:.2g} in {parts} parts",
+        f"at t = {time:g} s the step of {h:g} s, divided into {parts} substeps, has a relative error of {off:.2g}",
         remedy="reduce simulate.time_step, or increase simulate.tolerance",
     )
 
@@ -302,7 +303,7 @@ def _step(
         if moved > SLOW * before and not fresh:
             factors = None  # of a bench that has moved on since
         before = moved
-    raise NumericalError("a step of the simulated truth does not converge", remedy="reduce estimate.truth.step")
+    raise NumericalError("a time step of the simulated test does not converge", remedy="reduce estimate.truth.step")
 
 
 def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
@@ -316,7 +317,7 @@ def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
         lu, pivots = lu_factor(whole)
     except (LinAlgError, ValueError) as error:
         raise NumericalError(
-            "the matrix of a step of the simulated truth is singular", remedy="check the joints"
+            "the matrix of a time step of the simulated test is singular", remedy="check the joints"
         ) from error
     return np.asarray(lu), np.asarray(pivots)
 
