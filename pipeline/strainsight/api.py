@@ -249,7 +249,7 @@ def _checked(path: Path | str, overrides: Iterable[str], kind: type[Config]) -> 
     if not isinstance(config, kind):
         word = "placement" if kind is PlacementConfig else "bench"
         raise ConfigError(
-            f"the config has the kind {config.kind}", where=str(path), key="kind", remedy=f"use the config of a {word}"
+            f"the config has `kind: {config.kind}`", where=str(path), key="kind", remedy=f"use one with `kind: {word}`"
         )
     return config, Job(loaded.data, loaded.path.parent, Path("results"), loaded.locate, config)
 
@@ -375,7 +375,7 @@ def estimate(
         raise ConfigError(
             "the test has several records",
             key="estimate.records",
-            remedy="use `campaign`, which returns each record by name",
+            remedy="use the function `campaign`, which returns each record by name",
         )
     return estimation
 

@@ -51,7 +51,7 @@ class Written:
         """The grid of a stage at one of its steps."""
         artefact = self.artefact(stage)
         if "/VTKHDF" not in artefact:
-            raise UserError(f"the stage '{stage}' has no grid", where=str(artefact.path), remedy=self.GRIDS)
+            raise UserError(f"the results of '{stage}' have no grid", where=str(artefact.path), remedy=self.GRIDS)
         paths = [path for path in artefact.paths() if path.startswith("/VTKHDF/")]
         return to_pyvista(VtkHdf({path.removeprefix("/VTKHDF/"): artefact[path] for path in paths}, {}), step)
 
@@ -70,7 +70,7 @@ class Run(Written):
     """Results of a placement. Grids: "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain of the
     candidates, "estimate" with `estimate.field` the surface over time."""
 
-    GRIDS = "use the stage import, rom, place or validate, or estimate with estimate.field"
+    GRIDS = "use the stage `import`, `rom`, `place` or `validate`, or `estimate` with `estimate.field`"
 
     @property
     def mesh(self) -> Mesh:
@@ -110,7 +110,7 @@ class Run(Written):
 class BenchRun(Written):
     """Results of a bench, or of bearings alone. Grids: "place" the pool, "field" the surface of a body over time."""
 
-    GRIDS = "use the stage place (section `place`) or field (section `field`)"
+    GRIDS = "use the stage `place` (with section `place`) or `field` (with section `field`)"
 
     @property
     def meshes(self) -> dict[str, Mesh]:
