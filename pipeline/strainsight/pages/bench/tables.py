@@ -283,5 +283,5 @@ def _simulated_text(motion: Simulated) -> str:
     highest = {name: float(np.max(ring.pressure, initial=0.0)) for name, ring in motion.bearings.items()}
     if highest:
         worst = max(highest, key=lambda name: highest[name])
-        text += f"; the highest contact pressure is {measure(highest[worst], 'Pa')}, in {escape(worst)}"
+        text += f"; the highest contact pressure is {measure(highest[worst], 'Pa')}, in bearing {escape(worst)}"
     return f"{text}."

@@ -189,7 +189,7 @@ def overlay(
 def estimate_figure(history: History, start: int = 0) -> Drawing:
     """Estimate with ±2σ band and truth, from an instant `start` on."""
     name, image = history.name, _bands(history, slice(start, None), focus=False)
-    caption = f"Estimate of {name} over the whole run with its claimed ±2σ band."
+    caption = f"Estimate of {name} over the whole run with the claimed ±2σ band."
     return Drawing(f"estimate-{name}", f"{name}: whole run", caption, _history_alt(history), image)
 
 

@@ -108,7 +108,7 @@ def trend_figure(trend: Trend) -> Drawing:
     ratio = trend.final / value[0] if len(value) and value[0] > 0 else np.nan
     caption = (
         f"{trend.metric.meaning.capitalize()} during the elimination of gauges (from right to left). "
-        f"With {keep} of {every} candidates it is {number(ratio, 3)} times the value with all candidates."
+        f"With {keep} of {every} candidates the metric is {number(ratio, 3)} times the value with all candidates."
     )
     if trend.lower_bound is not None:
         caption += " The dashed line is a certified lower bound of the metric for layouts of this size."

@@ -55,7 +55,7 @@ def denominator(unknown: Unknown) -> str:
     """Reference of relative errors and σ of an unknown."""
     if unknown.kind == "parameter":
         return "of the true value"
-    return "of the amplitude" if unknown.zero else "of the RMS"
+    return "of the load amplitude" if unknown.zero else "of the load RMS"
 
 
 def answer(report: PlacementReport) -> str:
@@ -146,7 +146,8 @@ def _bound_tile(report: PlacementReport) -> str:
         best = min(others, key=lambda entry: entry.chosen)
         # a value below the bound violates the limits, which other rules ignore
         violating = trend.lower_bound is not None and best.chosen < trend.lower_bound * (1 - 1e-9)
-        rows.append((f"best other rule{', limits violated' * violating} ({escape(best.rule)})", plain(best.chosen)))
+        name = f"best other placement rule{', limits violated' * violating} ({escape(best.rule)})"
+        rows.append((name, plain(best.chosen)))
     value = "not certified" if trend.gap is None else f"≤\u00a0{share(max(trend.gap, 0.0))}"
     return tile("gap to the optimal layout", value, rows)
 
@@ -268,7 +269,7 @@ FOOTER = (
     "of the smoother. Expected σ: predicted by the placement for the filter. Steady-state σ: for ranking layouts only."
 )
 
-RANDOM = markup.titled("Comparison with random layouts", "The same estimation with random layouts of the same size.")
+RANDOM = markup.titled("Comparison with random layouts", "Errors with random layouts of the same size.")
 TEST_PAGE = "test.html"
 """Page of the test in the same folder."""
 

@@ -127,7 +127,7 @@ def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Seque
         legend_above(panels[0], 2)
     caption = f"Summary numbers over the config key {study.over}, one line per group of runs."
     if what:
-        caption = f"Errors of the {what} over the config key {study.over}; dotted: standard deviation by the filter."
+        caption = f"Errors of the {what} over the config key {study.over}; dotted: claimed standard deviation."
     title = f"{study.name}: {f'errors of {what}' if what else 'numbers'} over {study.over}"
     return Drawing(key, title, caption, f"Line chart over {study.over}. {'; '.join(texts)}.", svg(canvas))
 
@@ -176,7 +176,7 @@ def _scale(axes: Axes, values: FloatArray) -> None:
 
 
 COLOURS = (*SERIES, MUTED)
-WRONG = "error with a problem"
+WRONG = "unknown with a problem"
 
 
 def suite_figures(report: Suite) -> tuple[Drawing, ...]:
@@ -313,7 +313,7 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         "Dots: selected layouts after exchange. A flat line means that a few gauges are as informative as all candidates."
     )
     ends = "; ".join(
-        f"{numbered(tuple(numbers))} {number(trend.final / trend.value[0], 3)} times with {int(trend.count[-1])} gauges"
+        f"{numbered(tuple(numbers))}: {number(trend.final / trend.value[0], 3)} with {int(trend.count[-1])} gauges"
         for numbers, _, trend in shared
     )
     alt = f"Line chart of the metric relative to its value with all candidates: {ends}."

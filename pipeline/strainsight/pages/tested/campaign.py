@@ -17,7 +17,7 @@ from strainsight.runner.output import Table
 
 FOOTER = (
     "σ is one standard deviation, as claimed by the filter. All records have the same parameters, and the same errors of gauges, "
-    "damping and load application, so these errors do not average out. Load histories, motion and zero offsets are separate."
+    "damping and load application, so these errors do not average out. Load histories, motion and zero offsets differ."
 )
 
 

@@ -173,7 +173,7 @@ def title_of(name: str, report_unknowns: tuple[str, ...]) -> str:
 
 
 FOOTER = (
-    "σ is one standard deviation, as claimed by the filter. Loads, and strain and stress of the surface, are smoothed, from "
+    "σ is one standard deviation, as claimed by the filter. Loads, strain and stress of the surface are smoothed estimates from "
     "all samples. Readings are reconstructed by the filter from samples up to each instant. Residual: measured − reconstructed."
 )
 SPECTRA = (
