@@ -63,7 +63,7 @@ def test_it_stands_alone_on_a4_and_has_no_date():
     text = sheet_svg(sheet())
     assert not re.search(r"href|url\(|<script|<image|<style|20\d\d-", text)
     assert "lengths in mm; angles counter-clockwise, viewed from outside" in words
-    assert {"G1", "strain gauge", "deck plate.bdf", "run plate, layout 0123456789ab"} <= set(words)
+    assert {"G1", "strain gauge", "mesh file plate.bdf", "run plate, layout 0123456789ab"} <= set(words)
 
 
 def test_dimensions_are_those_of_hand_geometry():

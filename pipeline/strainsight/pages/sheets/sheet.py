@@ -113,7 +113,7 @@ def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> N
     lines = (
         f"lengths in {sheet.frame.unit}; angles counter-clockwise, viewed from outside",
         f"{scales} (printed at 100 % on A4)",
-        f"deck {short(sheet.deck, 32)}",
+        f"mesh file {short(sheet.deck, 32)}",
         f"run {short(sheet.run, 32)}, layout {sheet.layout}",
     )
     for i, words in enumerate(lines):

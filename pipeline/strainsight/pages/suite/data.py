@@ -193,7 +193,7 @@ RESULTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
 """Possible results of a comparison."""
 GOOD = (CONFIRMED, HOLDS, THEIRS_ONLY, OURS_ONLY)
 STATEMENT_HEAD = ("statement", "computed", "target", "result")
-COMPARISON_HEAD = ("source", "statement", "printed", "source settings", "our settings", "result")
+COMPARISON_HEAD = ("source", "statement", "printed number", "with source settings", "with our settings", "result")
 """Headings of both tables."""
 FEW = 3
 """Most numbers of a statement that are listed individually."""
