@@ -151,7 +151,7 @@ class FlexibleBody:
                 f"body {self.name}: the inertia has {np.shape(self.invariants.first_modal)[1]} modes, the mass matrix {n}"
             )
         if not self.invariants.mass > 0:
-            raise InfeasibleError(f"body {self.name} has a mass of {self.invariants.mass:g} kg, which is not positive")
+            raise InfeasibleError(f"body {self.name} has a mass of {self.invariants.mass:g} kg, not a positive mass")
         size = np.sqrt(np.maximum(np.diag(self.mass), np.finfo(float).tiny))
         least = float(np.linalg.eigvalsh(self.mass / np.outer(size, size))[0])  # of a microgram as of a tonne
         if not least > 0:

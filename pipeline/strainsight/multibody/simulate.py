@@ -235,7 +235,9 @@ def simulate_radau(
     Bv = 0. u (T + 1, nu): loads at these instants, straight between them [N, N m]; no joint is driven.
     Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails."""
     if system.drives.names:
-        raise NumericalError("this truth model does not support driven joints", remedy="set estimate.truth.model: fine")
+        raise NumericalError(
+            "`estimate.truth.model: other` does not support driven joints", remedy="set estimate.truth.model: fine"
+        )
     u, n = np.asarray(u, dtype=float), system.size
     eigen = np.linalg.eig(WEIGHTS)
     stages, factors = np.zeros((3, n + system.constrained)), None

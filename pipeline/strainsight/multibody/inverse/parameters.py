@@ -146,8 +146,8 @@ def parameter_coordinates(
             continue
         if bearing not in bearings:
             raise InfeasibleError(
-                f"{name} is unknown, but the dimensions of bearing {bearing} are missing",
-                remedy="specify its six dimensions",
+                f"{name} is estimated, but the dimensions of bearing {bearing} are missing",
+                remedy="specify the six dimensions of the bearing",
             )
         unknowns.append(_of_bearing(bearing, part, names, free, reference, np.asarray(bearings[bearing], dtype=float)))
     coordinates = ParameterCoordinates(tuple(free), reference, tuple(unknowns))
