@@ -117,7 +117,7 @@ def _channels(report: Findings) -> str:
         ("channel", "RMS reading", "RMS residual", "residual / noise", "largest reading", "at time", "missing samples"),
         rows,
         title="<h2>Channels</h2>",
-        caption="Residual: measured − reconstructed. Residual / noise: RMS residual divided by the configured noise; 1 or less "
+        caption="Residual: measured − reconstructed. Residual / noise: RMS residual divided by the configured noise; one or less "
         "for a correct model.",
         numeric=range(1, 7),
     )
