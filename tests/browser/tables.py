@@ -174,7 +174,7 @@ def works(table: Locator, run: str, name: str) -> None:
     lines = copied(table)
     numbers = exact(lines, table)
     file, cells = saved(table)
-    assert file == f"{run}-{re.sub(r'[^A-Za-z0-9_.-]+', '-', name)}.csv"
+    assert file == re.sub(r"[^\w.-]+", "-", f"{run}-{name}.csv")
     assert exact(cells, table) == numbers
     # After a sort the file has the order shown, so that what is seen is what is kept.
     if len(groups(table)) > 1:
