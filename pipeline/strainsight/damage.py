@@ -278,7 +278,9 @@ def interval_of(draws: np.ndarray) -> Interval:
     is exact for any N. Infinite draws are the largest there are; NaN stays NaN. Raises ValueError for fewer draws. Source:
     Weibull (1939); Hyndman and Fan, The American Statistician 50 (1996), type 6."""
     if len(draws) < FEWEST:
-        raise ValueError(f"{len(draws)} samples are too few for a 95 % interval; at least {FEWEST} are needed")
+        raise ValueError(
+            f"{len(draws)} samples of damage are too few for a 95 % interval; at least {FEWEST} are needed"
+        )
     ordered = np.sort(draws, axis=0)
     return Interval(*(_between(ordered, q) for q in (0.5, 0.025, 0.975)))
 

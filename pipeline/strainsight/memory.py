@@ -11,7 +11,7 @@ GIB = 1024.0**3
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 
 
-SMALLER = "use a coarser mesh or a larger machine, or close other programs"
+SMALLER = "use a coarser mesh or a machine with more memory, or close other programs"
 
 
 def require_memory(needed: float, what: str, remedy: str = SMALLER) -> None:

@@ -41,9 +41,9 @@ class PositionAxes:
     def in_words(self) -> str:
         """The coordinate system in words."""
         if self.is_deck_system:
-            return "deck coordinates"
+            return "the coordinates of the mesh file"
         origin, x, y = (" ".join(f"{round(v, 6) + 0.0:g}" for v in row) for row in (self.origin, *self.axes[:2]))
-        return f"datum at ({origin}) {self.unit} of the deck, x axis ({x}), y axis ({y})"
+        return f"the axes of the datum: origin ({origin}) {self.unit} in the mesh file, x axis ({x}), y axis ({y})"
 
 
 METRES = PositionAxes("m", 1.0, np.zeros(3), np.eye(3))

@@ -72,7 +72,7 @@ class Run(Written):
     """Results of a placement. Grids: "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain of the
     candidates, "estimate" with `estimate.field` the surface over time."""
 
-    GRIDS = "use the stage import, rom, place or validate, or estimate with estimate.field"
+    GRIDS = "use the stage `import`, `rom`, `place` or `validate`, or `estimate` with `estimate.field`"
 
     @property
     def mesh(self) -> Mesh:
@@ -112,7 +112,7 @@ class Run(Written):
 class BenchRun(Written):
     """Results of a bench, or of bearings alone. Grids: "place" the pool, "field" the surface of a body over time."""
 
-    GRIDS = "use the stage place (section `place`) or field (section `field`)"
+    GRIDS = "use the stage `place` (with section `place`) or `field` (with section `field`)"
 
     @property
     def meshes(self) -> dict[str, Mesh]:

@@ -31,7 +31,7 @@ def shown(found: Opened) -> dict[tuple[str, ...], list[float]]:
     numbers: dict[tuple[str, ...], list[float]] = {}
     for place, value, text in found.page.evaluate(WHERE):
         assert rounded(Number(float(value), text, str(place))), (place, value, text)
-        place[-1] = re.sub(r"^best other rule(?:, limits violated)? \(.*\)$", "best other rule", place[-1])
+        place[-1] = re.sub(r"^best other placement rule(?:, limits violated)? \(.*\)$", "best other placement rule", place[-1])
         numbers.setdefault(tuple(place), []).append(float(value))
     return numbers
 
@@ -76,7 +76,7 @@ def of_artefacts(folder: Path) -> dict[tuple[str, ...], list[float]]:
         found[bound, "value"] = [max(chosen["gap"], 0.0)]
         found[bound, "metric tr(W P)"] = [chosen["trace_final"]]
         found[bound, "lower bound"] = [chosen["lower_bound"]]
-        found[bound, "best other rule"] = [_best_other(place)]
+        found[bound, "best other placement rule"] = [_best_other(place)]
     return {where: [float(value) for value in values] for where, values in found.items()}
 
 

@@ -213,7 +213,7 @@ def moves_in_its_shapes(found: Opened) -> None:
     page, _ = found.page, view(found)
     choice = page.locator("#space-shape")
     options = choice.locator("option").evaluate_all("all => all.map(e => [e.value, e.textContent])")
-    assert options[0][1] == "plain body"
+    assert options[0][1] == "undeformed body"
     assert len(options) > 1
     first = picture(found)
     for value, _ in options[1:3]:
@@ -226,7 +226,7 @@ def moves_in_its_shapes(found: Opened) -> None:
 
 
 def shows_strain(found: Opened) -> None:
-    """Every contour of the list colours the surface and brings its own scale, in µm/m or MPa; the plain body has none."""
+    """Every contour of the list colours the surface and brings its own scale, in µm/m or MPa; the undeformed body has none."""
     page, _ = found.page, view(found)
     choice, bars = page.locator("#space-shape"), page.locator("#space-bars > div")
     states = bars.evaluate_all("all => all.map(e => e.dataset.state)")

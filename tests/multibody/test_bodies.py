@@ -89,7 +89,7 @@ def test_impossible_rigid_bodies_are_refused(mass, inertia, told):
 
 
 def test_inertia_about_the_centre_instead_of_the_origin_is_refused():
-    with pytest.raises(InfeasibleError, match="not its centre of mass"):
+    with pytest.raises(InfeasibleError, match="not about the centre of mass"):
         RigidBody("rod", 1.0, np.array([0.5, 0, 0]), np.diag([0, 1 / 12, 1 / 12]))
 
 

@@ -166,7 +166,7 @@ def test_run_from_an_inconsistent_state_is_refused_by_name():
     system = assemble([BALL], [spherical("joint", frame("wall", None), frame("end", "ball"))])
     for pose, told in (
         (Pose(np.array([0, 0.1, 0])), "joint: y of end on wall is 0.1"),
-        (Pose(velocity=np.array([0, 0, 2.0])), "the rate of joint: z of end on wall is 2"),
+        (Pose(velocity=np.array([0, 0, 2.0])), "the time derivative of joint: z of end on wall is 2"),
         (Pose(rotation=np.diag([1.0, 1.0, 1.2])), "body ball: Rz·Rz of its frame is 0.44"),
     ):
         with pytest.raises(InfeasibleError, match=told):
@@ -202,14 +202,14 @@ def test_redundant_joints_are_named_with_what_they_follow_from():
     system = assemble([BALL], joints)
     with pytest.raises(InfeasibleError, match="1 of 13 constraints are redundant") as refused:
         project_position(system, state(system, {})[0])
-    assert "again: place of nose" in str(refused.value)
+    assert "again: position of nose" in str(refused.value)
     assert "weld: " in str(refused.value)
 
 
 def test_constraint_that_nothing_can_change_is_named():
     idle = Joint("idle", (dot(frame("wall", None), 0, frame("floor", None), 1),))
     system = assemble([BALL], [idle])
-    with pytest.raises(InfeasibleError, match=r"idle: x of wall · y of floor: no coordinate"):
+    with pytest.raises(InfeasibleError, match=r"idle: x of wall · y of floor: no motion of a body changes"):
         project_position(system, state(system, {})[0])
 
 

@@ -191,7 +191,7 @@ def test_what_a_config_of_a_bench_has_not_is_refused():
     case = api.bench(project(RIG))
     with pytest.raises(ConfigError, match="no section 'place'"):
         case.place({}, {})
-    with pytest.raises(ConfigError, match="config has the kind placement"):
+    with pytest.raises(ConfigError, match="config has `kind: placement`"):
         api.bench(ROOT / "configs" / "cantilever-youngs-modulus.yaml")
 
 
@@ -207,7 +207,7 @@ def test_grids_go_to_pyvista(run_there):
 def test_what_is_not_there_is_reported(tmp_path):
     with pytest.raises(UserError, match="no results of a run"):
         api.open_run(tmp_path)
-    with pytest.raises(ConfigError, match="the config has the kind bench"):
+    with pytest.raises(ConfigError, match="the config has `kind: bench`"):
         api.load(LOADS)
     (tmp_path / "import.h5").write_bytes(b"")
     with pytest.raises(ArtefactError):

@@ -51,7 +51,9 @@ class Frame:
     def __post_init__(self) -> None:
         axes = np.asarray(self.axes, dtype=float)
         if axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-9 or np.linalg.det(axes) < 0:
-            raise InfeasibleError(f"frame {self.name}: the axes are not three right-handed orthonormal columns")
+            raise InfeasibleError(
+                f"frame {self.name}: the columns of the axes matrix are not right-handed and orthonormal"
+            )
 
     @property
     def point(self) -> Carried:
@@ -109,9 +111,9 @@ class RigidBody:
         if least < -1e-9 * max(float(np.trace(self.second)), np.finfo(float).tiny):
             raise InfeasibleError(
                 f"body {self.name}: no mass distribution has this inertia "
-                f"(least central moment of second order {least:.3g} kg m²)",
-                remedy="specify the inertia about the origin of the body, not its centre of mass; any two principal moments "
-                "together must exceed the third",
+                f"(least second moment of mass about the centre of mass {least:.3g} kg m²)",
+                remedy="specify the inertia about the origin of the body, not about the centre of mass; any two principal "
+                "moments of inertia together must exceed the third moment",
             )
 
     @property
@@ -139,24 +141,23 @@ class FlexibleBody:
     def __post_init__(self) -> None:
         n = self.modes
         if n == 0:
-            raise InfeasibleError(f"body {self.name} has no mode shapes", remedy="use a rigid body, or the ground")
+            raise InfeasibleError(f"body {self.name} has no mode shapes", remedy="add mode shapes, or use a rigid body")
         for what, X in (("stiffness", self.stiffness), ("damping", self.damping)):
             matrices = [X.constant, *X.terms.values()] if isinstance(X, AffineOperator) else [X]
             if any(np.shape(part) != (n, n) for part in matrices):
-                raise InfeasibleError(f"body {self.name}: the {what} matrix is not {n}×{n} like the mass matrix")
+                raise InfeasibleError(f"body {self.name}: the {what} matrix is not {n}×{n}, as the mass matrix is")
         if np.shape(self.invariants.first_modal) != (3, n):
             raise InfeasibleError(
-                f"body {self.name}: the inertia has {np.shape(self.invariants.first_modal)[1]} modes, not {n}"
+                f"body {self.name}: the inertia has {np.shape(self.invariants.first_modal)[1]} modes, the mass matrix {n}"
             )
         if not self.invariants.mass > 0:
-            raise InfeasibleError(f"body {self.name} has a mass of {self.invariants.mass:g} kg")
+            raise InfeasibleError(f"body {self.name} has a mass of {self.invariants.mass:g} kg, not a positive mass")
         size = np.sqrt(np.maximum(np.diag(self.mass), np.finfo(float).tiny))
         least = float(np.linalg.eigvalsh(self.mass / np.outer(size, size))[0])  # of a microgram as of a tonne
         if not least > 0:
             raise InfeasibleError(
-                f"body {self.name}: the reduced mass is not positive definite (smallest eigenvalue {least:.3g}, "
-                "scaled to a diagonal "
-                "of 1)",
+                f"body {self.name}: the reduced mass matrix is not positive definite (smallest eigenvalue {least:.3g}, with the "
+                "diagonal scaled to 1)",
                 remedy="remove the mode shapes without mass",
             )
 
@@ -208,7 +209,8 @@ def metric(body: Body) -> np.ndarray:
     radius2 = float(np.trace(second)) / 3
     if not radius2 > 0:
         raise InfeasibleError(
-            f"body {body.name} has no inertia about its origin", remedy="specify the inertia of the body"
+            f"body {body.name} has no inertia about the origin of the body",
+            remedy="specify the moments of inertia of the body",
         )
     return np.sqrt(np.concatenate([np.full(3, mass), np.full(9, radius2), modal]))
 

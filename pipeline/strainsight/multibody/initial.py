@@ -71,7 +71,7 @@ def constraints_at(
     if not system.drives.names:
         return rho[:m], G[:m], np.zeros(m)
     if u is None:
-        raise ValueError("constraints of a driven system depend on time: pass u")
+        raise ValueError("constraints of a system with driven joints depend on time: pass the loads u")
     driven = drive(system.drives, m, u, rho, G)
     assert driven is not None
     return rho[:m], G[:m], driven.rate
@@ -114,8 +114,8 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
         worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
         listed = "; ".join(f"{system.constraints[i]} has a residual of {phi[i]:.3g}" for i in worst)
         raise InfeasibleError(
-            f"the joints cannot all be satisfied near this configuration: {listed}",
-            remedy="check the positions of the frames, or start closer to an assembled configuration",
+            f"the joints cannot all be satisfied near these positions of the bodies: {listed}",
+            remedy="check the positions of the frames of the joints, or start with body positions closer to the assembled bench",
         )
     check_regular(system, q, u)
     return q
@@ -168,8 +168,8 @@ def nearest_state(
         before = size
     project_position(system, q, u)
     raise InfeasibleError(
-        "the joints cannot be satisfied near this configuration",
-        remedy="use a smaller time step, or an iterated update",
+        "the joints cannot be satisfied near these positions of the bodies",
+        remedy="use a smaller time step, or an iterated update of the filter",
     )
 
 
@@ -185,7 +185,7 @@ def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray
     if not len(phi):
         return
     s = unit_rows(B, 1 / d)[1]
-    for what, off, whole in (("", phi, d * q), ("the rate of ", B @ v + rate, d * v)):
+    for what, off, whole in (("", phi, d * q), ("the time derivative of ", B @ v + rate, d * v)):
         share = np.abs(off) * s / max(float(np.linalg.norm(whole)), TINY)
         worst = np.argsort(-share)[:3]
         if share[worst[0]] > CONSISTENT:
@@ -213,14 +213,14 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         # a body's rigidity always changes with its coordinates: only its weight in the metric can hide that
         body = [b.name for b in system.bodies if b.moves][heavy[0] // 6]
         raise InfeasibleError(
-            f"the inertia of body {body} is too large compared with the rest of the system: its coordinates weigh "
-            f"{norms.max() / norms[heavy[0]]:.1e} times those of the other bodies",
+            f"the inertia of body {body} is too large compared with the rest of the system: the ratio of the scaled "
+            f"inertias is {norms.max() / norms[heavy[0]]:.1e}",
             remedy="check the masses [kg] and moments of inertia [kg m²] of the bodies",
         )
     if unconstrained:
         raise InfeasibleError(
-            f"{'; '.join(unconstrained)}: no coordinate affects this constraint in this configuration",
-            remedy="remove the constraint, or rotate the axes of the frame",
+            f"{'; '.join(unconstrained)}: no motion of a body changes this constraint at these positions of the bodies",
+            remedy="remove the constraint, or rotate the axes of a frame of the joint",
         )
     B = B / norms[:, None]
     basis = np.linalg.qr(B[:rigid].T)[0]
@@ -232,7 +232,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         if rank < joints.shape[1]:
             raise InfeasibleError(
                 _dependence(system, T, order + rigid, rank),
-                remedy="use a joint type with fewer constraints: cylindrical, spherical, pin, perpendicular, coincidence",
+                remedy="use a joint type with fewer constraints: cylindrical, spherical, pin, perpendicular or coincidence",
             )
     null = np.linalg.svd(B)[2][len(B) :].T
     if null.shape[1]:
@@ -240,9 +240,9 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         values, vectors = np.linalg.eigh(null.T @ mass @ null)
         if values[0] < 1e-10 * values[-1]:
             raise InfeasibleError(
-                f"body {system.most_in(null @ vectors[:, 0])} can move without inertia (smallest eigenvalue of the mass on "
-                f"the free motions {values[0] / values[-1]:.1e} of the largest)",
-                remedy="specify the missing inertia, or constrain this motion with a joint",
+                f"body {system.most_in(null @ vectors[:, 0])} can move without inertia (smallest eigenvalue of the mass "
+                f"matrix of the free motions: {values[0] / values[-1]:.1e} of the largest)",
+                remedy="specify mass and inertia of this body, or constrain the motion with a joint",
             )
 
 
@@ -255,7 +255,7 @@ def _dependence(system: System, T: np.ndarray, order: np.ndarray, rank: int) -> 
         others = [names[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > 1e-6][:4]
         dependent.append(f"{names[k]} follows from {', '.join(others) or 'the rigidity of the bodies'}")
     listed = "; ".join(dependent[:6])
-    return f"{len(dependent)} of {len(names)} constraints are redundant in this configuration: {listed}"
+    return f"{len(dependent)} of {len(names)} constraints are redundant at these positions of the bodies: {listed}"
 
 
 ITERATIONS = 200
@@ -324,8 +324,8 @@ def static_equilibrium(
         shift *= 0.2 if size < before or size < ROUNDING * whole else 2.0
         before = size
     raise NumericalError(
-        f"no static equilibrium was found in {ITERATIONS} iterations (last change {before:.2g} of {whole:.2g})",
-        remedy="start closer to the equilibrium, or constrain or damp the remaining motion",
+        f"no static equilibrium was found in {ITERATIONS} iterations (last change {before:.2g} of the scaled coordinates)",
+        remedy="start closer to the equilibrium, or constrain the remaining motion with a joint or a spring",
     )
 
 
@@ -344,5 +344,5 @@ def refuse_free(system: System, K: np.ndarray, B: np.ndarray) -> None:
         share = sigma[-1] / max(sigma[0], 1e-300)
         raise InfeasibleError(
             f"no stiffness restrains body {system.most_in(null @ V[-1])} in one motion (stiffness {share:.1e} of the largest)",
-            remedy="restrain this motion with a joint or a spring",
+            remedy="restrain this motion of the body with a joint or a spring",
         )

@@ -79,7 +79,7 @@ def _no_direction(rho: np.ndarray, first: str, second: str) -> NumericalError:
     return NumericalError(
         f"the distance of the end points '{first}' and '{second}' is {distance:.2g} m, below {SHORTEST:g} m: the "
         "force has no direction",
-        remedy="choose frames that do not meet during the motion",
+        remedy="choose two frames whose origins do not meet during the motion",
     )
 
 
@@ -123,7 +123,7 @@ def torsion(
         phi = float(np.arctan2(y * c - x * s, x * c + y * s))
         return NumericalError(
             f"the torsion spring is rotated by {phi:.3g} rad from its unloaded angle; the limit is {FARTHEST:g} rad",
-            remedy="check unloaded angle and stiffness: a torsion spring is limited to half a revolution",
+            remedy="check the unloaded angle and the stiffness: a torsion spring can rotate by less than half a revolution",
         )
 
     law = SpringDamper(stiffness, damping, angle, _turned, too_far)

@@ -51,7 +51,7 @@ def distance_squared(i: Frame, j: Frame, value: float = 0.0) -> Relation:
 
 def place(j: Frame, direction: np.ndarray, value: float = 0.0) -> Relation:
     """direction·p_j = value [m]."""
-    return Relation(f"place of {j.name}", (constant(direction),), (j.point,), value)
+    return Relation(f"position of {j.name}", (constant(direction),), (j.point,), value)
 
 
 def bearing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:

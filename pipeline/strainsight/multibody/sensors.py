@@ -134,8 +134,8 @@ def readings(system: System, sensors: Sequence[Sensor]) -> CompiledSensors:
             eta, rows = system.modal(sensor.body), np.atleast_2d(np.asarray(sensor.rows, dtype=float))
             if rows.shape[1] != eta.stop - eta.start:
                 raise InfeasibleError(
-                    f"{sensor.name}: the strain rows have {rows.shape[1]} coordinates "
-                    f"on body {sensor.body} with {eta.stop - eta.start} modes"
+                    f"{sensor.name}: the strain operator has {rows.shape[1]} columns, "
+                    f"but body {sensor.body} has {eta.stop - eta.start} modes"
                 )
             whole = np.zeros((len(rows), system.size))
             whole[:, eta] = rows

@@ -192,10 +192,11 @@ def _sizes(system: System, q: np.ndarray) -> np.ndarray:
 def _refusal(time: float, h: float, parts: int, off: float, unsolved: NumericalError | None) -> NumericalError:
     if unsolved is not None:
         return NumericalError(
-            f"at t = {time:g} s, in {parts} parts of {h:g} s: {unsolved.what}", remedy=unsolved.remedy
+            f"at t = {time:g} s, with the step of {h:g} s divided into {parts} substeps: {unsolved.what}",
+            remedy=unsolved.remedy,
         )
     return NumericalError(
-        f"at t = {time:g} s the step of {h:g} s still has an error of {off:.2g} in {parts} parts",
+        f"at t = {time:g} s the step of {h:g} s, divided into {parts} substeps, has a relative error of {off:.2g}",
         remedy="reduce simulate.time_step, or increase simulate.tolerance",
     )
 
@@ -234,7 +235,9 @@ def simulate_radau(
     Bv = 0. u (T + 1, nu): loads at these instants, straight between them [N, N m]; no joint is driven.
     Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails."""
     if system.drives.names:
-        raise NumericalError("this truth model does not support driven joints", remedy="set estimate.truth.model: fine")
+        raise NumericalError(
+            "`estimate.truth.model: other` does not support driven joints", remedy="set estimate.truth.model: fine"
+        )
     u, n = np.asarray(u, dtype=float), system.size
     eigen = np.linalg.eig(WEIGHTS)
     stages, factors = np.zeros((3, n + system.constrained)), None
@@ -302,7 +305,7 @@ def _step(
         if moved > SLOW * before and not fresh:
             factors = None  # of a bench that has moved on since
         before = moved
-    raise NumericalError("a step of the simulated truth does not converge", remedy="reduce estimate.truth.step")
+    raise NumericalError("a time step of the simulated test does not converge", remedy="reduce estimate.truth.step")
 
 
 def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
@@ -316,7 +319,7 @@ def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
         lu, pivots = lu_factor(whole)
     except (LinAlgError, ValueError) as error:
         raise NumericalError(
-            "the matrix of a step of the simulated truth is singular", remedy="check the joints"
+            "the matrix of a time step of the simulated test is singular", remedy="check the joints"
         ) from error
     return np.asarray(lu), np.asarray(pivots)
 

@@ -177,8 +177,8 @@ def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
 
 
 REASONS = {
-    iteration.INFINITE: "a value is not finite",
-    iteration.SINGULAR: "the matrix of the step is singular",
+    iteration.INFINITE: "a coordinate is not finite",
+    iteration.SINGULAR: "the matrix of the time step is singular",
     iteration.ENDLESS: "Newton's iteration does not converge",
 }
 
@@ -191,7 +191,7 @@ def _refusal(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...], ende
     except NumericalError as error:  # of a law that has no load there, in its own words
         return error
     return NumericalError(
-        f"the step of {h:g} s was not solved after {count} iterations: {REASONS[ended]}; {off}"
+        f"the time step of {h:g} s was not solved after {count} iterations: {REASONS[ended]}; {off}"
         f"{_dependent(problem.system, q, problem.u[0])}",
         remedy="use a smaller time step",
     )
@@ -213,13 +213,13 @@ def _farthest(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...]) -> 
         worst = int(np.argmax(off))
         row, moving = worst % len(r4), worst >= len(r4)
         value = r3[row] if moving else r4[row]
-        return f"largest residual {value:.3g} in {'the rate of ' if moving else ''}{system.constraints[row]}"
+        return f"largest residual {value:.3g} in {'the time derivative of ' if moving else ''}{system.constraints[row]}"
     r2 = at.load - at.B.T @ lam - (problem.w if len(problem.w) else 0.0)
     # what the rigidity of the bodies carries is in balance
     E = at.B[:rigid] / d
     forces = r2 / d - E.T @ np.linalg.lstsq(E.T, r2 / d, rcond=None)[0] if rigid else r2 / d
     name = system.most_in(forces)
-    return f"largest residual {np.max(np.abs((d * forces)[system.of[name]])):.3g} in the balance of body {name}"
+    return f"largest residual {np.max(np.abs((d * forces)[system.of[name]])):.3g} in the force balance of body {name}"
 
 
 def _dependent(system: System, q: np.ndarray, u: np.ndarray) -> str:
@@ -392,5 +392,5 @@ def sensitivities(system: System, at: EulerStep) -> Sensitivities:
         arrays.arrays, arrays.pattern, point, at.memory.copy(), solution, elastic
     )
     if not regular:
-        raise NumericalError("the matrix of the step is singular")
+        raise NumericalError("the matrix of the time step is singular")
     return Sensitivities(A, B_u, B_theta, B_w)

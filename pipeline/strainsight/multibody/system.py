@@ -220,7 +220,7 @@ def _directions(force: FrameLoad) -> np.ndarray:
     _refuse_twins(f"inputs of {force.name}", list(force.inputs))
     if D.shape != (3, len(force.inputs)):
         raise InfeasibleError(
-            f"{force.name}: the directions of {len(force.inputs)} inputs have shape {D.shape}, expected (3, inputs)"
+            f"{force.name}: the directions have shape {D.shape}, but {len(force.inputs)} inputs require (3, {len(force.inputs)})"
         )
     return D.T
 
@@ -230,7 +230,7 @@ def _body(frame: Frame, bodies: Sequence[Body]) -> Body:
         if body.name == frame.body:
             return body
     raise InfeasibleError(
-        f"frame {frame.name} is not on a body", remedy="apply the moment to a body: the ground does not move"
+        f"frame {frame.name} is not on a body", remedy="apply the moment to a frame of a body instead of the ground"
     )
 
 
@@ -246,7 +246,7 @@ def _check_carried(relations: Sequence[Relation], bodies: Sequence[Body]) -> Non
             shapes = b.C.shape[1]
             if shapes and shapes != known.get(str(b.body), 0):
                 raise InfeasibleError(
-                    f"{relation.name}: {shapes} mode shapes on body {b.body} with {known.get(str(b.body), 0)} modes"
+                    f"{relation.name}: {shapes} mode shapes, but body {b.body} has {known.get(str(b.body), 0)} modes"
                 )
 
 
@@ -265,4 +265,4 @@ def _parameter_names(bodies: Sequence[Body], forces: Sequence[Force]) -> list[st
 def _refuse_twins(what: str, names: Sequence[str]) -> None:
     twins = sorted({name for name in names if names.count(name) > 1})
     if twins:
-        raise InfeasibleError(f"{what} have the same name: {', '.join(twins)}", remedy="use different names")
+        raise InfeasibleError(f"{what} with the same name: {', '.join(twins)}", remedy="rename all but one")

@@ -256,7 +256,7 @@ def test_spread_of_the_coordinates_is_that_of_the_values(free):
 
 def test_infeasible_parameters_are_refused():
     with pytest.raises(
-        InfeasibleError, match=r"b\.radius_inner_left of 0\.029 is not above the ball's radius of 0\.03001"
+        InfeasibleError, match=r"b\.radius_inner_left of 0\.029 is not above the radius of the ball with preload, 0\.03001"
     ):
         of(["b.radius_inner_left"]).xi(np.array([2e11, 0.06, 0.029, *RING[2:]]))
     with pytest.raises(InfeasibleError, match=r"b\.ball_diameter of 0\.064 is not between 0 and 0\.06338 m"):

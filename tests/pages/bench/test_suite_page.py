@@ -109,7 +109,7 @@ def test_a_statement_over_seeds_is_shown_with_its_spread_in_how_many_it_holds_an
     found = over_seeds(*map(float, range(21)), below=5.0, unit="%", why="Loads <move>.")
     assert measured(found) == "10 (2 to 18) %"
     page = statements_table(suite([run("one")], (found,)))
-    assert "median and 10 to 90 % of 21 seeds" in words(page)
+    assert "median and 10 to 90 % quantiles of 21 seeds" in words(page)
     assert "except one: n within the bounds in 5 of 21 seeds" in words(page)
     assert "Loads &lt;move&gt;." in page
 
@@ -154,7 +154,7 @@ def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
     stress, numbers = BenchStress("hub", TIME, largest, 6338, 40e6), {"simulate": {"band": 0.39642}}
     hubs = BenchPageRun("hubs", "hubs", numbers=numbers, simulated=motion, stress=stress)
     page = bench_page(hubs, compute_once(bench_figures, hubs), {})
-    assert "✕ stress above the allowable – hubs" in page
+    assert "✕ von Mises stress above the allowable stress – hubs" in page
     answer = page[page.index('class="answer"') :]
     share = re.search(r'<data value="([\d.]+)">[^<]*%', answer)
     assert float(share[1]) == pytest.approx(58.68 / 40)

@@ -63,7 +63,7 @@ def test_it_stands_alone_on_a4_and_has_no_date():
     text = sheet_svg(sheet())
     assert not re.search(r"href|url\(|<script|<image|<style|20\d\d-", text)
     assert "lengths in mm; angles counter-clockwise, viewed from outside" in words
-    assert {"G1", "strain gauge", "deck plate.bdf", "run plate, layout 0123456789ab"} <= set(words)
+    assert {"G1", "strain gauge", "mesh file plate.bdf", "run plate, layout 0123456789ab"} <= set(words)
 
 
 def test_dimensions_are_those_of_hand_geometry():
@@ -83,7 +83,7 @@ def test_everything_lies_within_the_frame():
 def test_part_and_gauge_are_to_the_scale_that_is_stated():
     """The plate in the view, and the foil in the detail, which is turned by 30° as seen from outside."""
     _, words, paths = parts(sheet_svg(sheet()))
-    stated = next(word for word in words if word.startswith("views"))
+    stated = next(word for word in words if word.startswith("scale: views"))
     ratios = re.findall(r"([\d.]+):([\d.]+)", stated)
     reduced, enlarged = (float(one) / float(other) for one, other in ratios)
     assert reduced < 1 < enlarged
@@ -114,4 +114,4 @@ def test_names_are_text_and_a_page_takes_so_many_sheets():
     page = sheets_section([large] * 5)
     assert page.count("<figure") == 2
     assert "5 drawing sheets" in page
-    assert "3 more sheets are in files only" in page
+    assert "too large for 3 more sheets, available as files only" in page

@@ -83,7 +83,7 @@ def test_missing_samples_are_counted_and_never_drawn_across():
     text = page_of_test(missing(), drawn, ())
     assert shown(text, "G1")[-1] == 2100
     assert shown(text, "G2") == [SAMPLES]  # and dashes for what cannot be known of it
-    assert "2100 of 4000 samples are missing" in text
+    assert "Missing samples: 2100 of 4000" in text
     assert "No spectrum of G2: too few consecutive samples" in text
     assert missing().readings[1].missing == SAMPLES
 
@@ -141,9 +141,9 @@ def test_a_load_is_drawn_with_its_band_in_its_unit():
 def test_the_noise_as_stated_is_a_line_at_the_root_of_its_density():
     own = spectrum("G1", level=4e-18)
     drawn = numbers(lambda: spectrum_figure(own, "#0072b2"))
-    (level,) = drawn["configured noise: √density [nm/m/√Hz]"]
+    (level,) = drawn["configured noise: √PSD [nm/m/√Hz]"]
     assert level == pytest.approx(2.0)
-    assert max(drawn["residual: √density [nm/m/√Hz]"]) == pytest.approx(1e9 * np.sqrt(own.density.max()))
+    assert max(drawn["residual: √PSD [nm/m/√Hz]"]) == pytest.approx(1e9 * np.sqrt(own.density.max()))
 
 
 def test_values_of_facets_become_those_of_their_points_and_keep_a_constant():

@@ -106,21 +106,22 @@ def ball_loads(bearing: Bearing, q: np.ndarray) -> BallLoads:
     return BallLoads(angle, force, beta, pressure, approach, centre, axes)
 
 
-def _five(what: str, values: np.ndarray, last: str = "two about y and z") -> np.ndarray:
+def _five(what: str, values: np.ndarray, last: str = "two moments about y and z") -> np.ndarray:
     """Five numbers (5,) along the motions of the inner ring. Raises UserError for others; last: what the last two are."""
     x = np.ascontiguousarray(values, dtype=float)
     if x.shape != (5,) or not np.isfinite(x).all():
         raise UserError(
-            f"invalid bearing {what} {x.tolist()}", remedy=f"specify five finite numbers: axial, two radial, {last}"
+            f"invalid bearing {what} {x.tolist()}",
+            remedy=f"specify five finite numbers: axial (x), radial (y, z), {last}",
         )
     return x
 
 
 def _unsettled(ball: int, excess: float, q: np.ndarray) -> NumericalError:
     return NumericalError(
-        f"ball {ball} of the bearing has no equilibrium: its unbalanced force is {excess:.1e} times the tolerance"
-        f" at the displacement ({', '.join(f'{value:.4g}' for value in q)})",
-        remedy="use a smaller time step or a better start: the displacement may be unrealistic",
+        f"ball {ball} of the bearing has no equilibrium: the unbalanced force on the ball is {excess:.1e} times the tolerance"
+        f" at the displacement of the inner ring ({', '.join(f'{value:.4g}' for value in q)})",
+        remedy="check whether this displacement is realistic; use a smaller time step, or start closer to the equilibrium",
     )
 
 
@@ -139,13 +140,15 @@ def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = 
     Raises UserError for a load or start that is no five numbers, InfeasibleError for a load that is beyond the bearing,
     NumericalError where no equilibrium was reached.
     Source: Conn, Gould and Toint, Trust-Region Methods, algorithm 6.1.1; the tangent is that of `bearing_load`."""
-    F, y = _five("load", load), np.zeros(5) if start is None else _five("start", start)
+    F, y = _five("load", load), np.zeros(5) if start is None else _five("initial displacement", start, "two tilts")
     # tilts as motions of the pitch circle, so that all five are lengths
     unit = np.array([1.0, 1.0, 1.0, 2 / bearing.pitch_diameter, 2 / bearing.pitch_diameter])
     size, most = float(np.abs(unit * F).max()), _largest_force(bearing)
     if size > most:
         raise _none(
-            InfeasibleError, F, f"all balls together carry only {most:.3g} N at an approach of one ball diameter"
+            InfeasibleError,
+            F,
+            f"even if every contact is compressed by one ball diameter, the balls carry only {most:.3g} N",
         )
     y, left = _newton(bearing, unit, F, y / unit)
     factor = 1e-6 * most / size if left > 1 else 1.0
@@ -153,7 +156,7 @@ def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = 
         factor = max(factor / 4, 1.0)
         y, left = _newton(bearing, unit, factor * F, y)
         if left > 1:
-            why = f"after {ITERATIONS} steps the unbalanced force is {left:.1e} times the tolerance"
+            why = f"after {ITERATIONS} iterations the unbalanced force is {left:.1e} times the tolerance"
             raise _none(NumericalError, factor * F, why)
     semi_axis = float(ball_loads(bearing, unit * y).semi_axes.max())
     if semi_axis > bearing.ball_diameter / 2:
@@ -171,7 +174,7 @@ def _largest_force(bearing: Bearing) -> float:
 def _none(kind: type[StrainsightError], F: np.ndarray, why: str) -> StrainsightError:
     return kind(
         f"the bearing has no equilibrium under the load ({', '.join(f'{x:.4g}' for x in F)}): {why}",
-        remedy="reduce load or preload, and check the contact pressures: they may far exceed the capacity of the bearing",
+        remedy="reduce the load or the preload, and check whether the contact pressures exceed the capacity of the bearing",
     )
 
 

@@ -237,7 +237,7 @@ def _check(bearing: Bearing) -> None:
             raise UserError(f"the bearing's {field.name} is {value}", remedy="specify a finite number")
     if bearing.balls < 3 or bearing.balls != int(bearing.balls):
         raise UserError(
-            f"the bearing has {bearing.balls} balls", remedy="specify at least 3: with fewer a tilt has no stiffness"
+            f"the bearing has {bearing.balls} balls", remedy="specify at least 3 balls; fewer give no tilt stiffness"
         )
     for name in ("pitch_diameter", "ball_diameter", "youngs_modulus"):
         if getattr(bearing, name) <= 0:
@@ -250,19 +250,23 @@ def _check(bearing: Bearing) -> None:
     if not -1 < bearing.poisson_ratio < 0.5 or bearing.density < 0:
         raise UserError(
             f"Poisson's ratio {bearing.poisson_ratio:.4g}, density {bearing.density:.4g} kg/m³",
-            remedy="specify a ratio between -1 and 0.5 and a nonnegative density",
+            remedy="specify a Poisson's ratio between -1 and 0.5, and a density of at least 0",
         )
     if bearing.groove_centres not in ("follow", "fixed"):
-        raise UserError(f"groove centres '{bearing.groove_centres}'", remedy="set follow or fixed")
+        raise UserError(
+            f"unknown groove centres '{bearing.groove_centres}'", remedy="set `groove_centres` to follow or fixed"
+        )
     if bearing.ball_diameter >= bearing.pitch_diameter:
         raise UserError(
-            f"the balls have a diameter of {1e3 * bearing.ball_diameter:.6g} mm, the pitch circle "
+            f"the ball diameter is {1e3 * bearing.ball_diameter:.6g} mm, the pitch diameter "
             f"{1e3 * bearing.pitch_diameter:.6g} mm",
-            remedy="the ball diameter must be smaller than the pitch diameter",
+            remedy="specify a ball diameter smaller than the pitch diameter",
         )
     _check_grooves(bearing.ball_diameter, bearing.radii.tolist(), max(bearing.preload, 0.0), "")
     if len(bearing.nominal) != 5 or not all(math.isfinite(value) for value in bearing.nominal):
-        raise UserError(f"nominal values {bearing.nominal}", remedy="specify the ball diameter and four groove radii")
+        raise UserError(
+            f"invalid nominal values {bearing.nominal}", remedy="specify the ball diameter and four groove radii"
+        )
     _check_grooves(bearing.nominal[0], list(bearing.nominal[1:]), 0.0, "nominal ")
 
 
@@ -272,10 +276,10 @@ def _check_grooves(ball: float, radii: list[float], oversize: float, which: str)
             raise UserError(
                 f"the {which}{name} groove of radius {1e3 * radius:.6f} mm is too small for a ball of radius"
                 f" {1e3 * ball / 2:.6f} mm" + (f" with {1e6 * oversize:.4g} µm of preload" if oversize else ""),
-                remedy="make the groove radius larger than the ball radius, usually by 2 to 8 %",
+                remedy="specify a groove radius larger than the ball radius, usually by 2 to 8 %",
             )
         if radius > WIDEST * ball / 2:
             raise UserError(
-                f"the {which}{name} groove of radius {1e3 * radius:.6g} mm is {2 * radius / ball:.3g} times as wide as the ball",
-                remedy="check the units of the ball diameter; grooves are usually 2 to 8 % larger than the ball",
+                f"the {which}{name} groove of radius {1e3 * radius:.6g} mm is {2 * radius / ball:.3g} times the ball radius",
+                remedy="check the units of the ball diameter; groove radii are usually 2 to 8 % larger than the ball radius",
             )

@@ -98,13 +98,15 @@ class ParameterCoordinates:
             inside, bound = value, "not positive"
             if unknown.kind == "diameter":
                 inside = 2 * unknown.smallest / value - 1 if value > 0 else value
-                bound = f"not between 0 and {2 * unknown.smallest:.6g} m, the clearance of the grooves"
+                bound = f"not between 0 and {2 * unknown.smallest:.6g} m, the diameter that fits the grooves"
             elif unknown.kind == "radius":
                 ball = unknown.diameter if unknown.ball < 0 else float(theta[self.unknowns[unknown.ball].at])
                 inside = 2 * (value - unknown.oversize) / ball - 1
-                bound = f"not above the ball's radius of {0.5 * ball + unknown.oversize:.6g} m"
+                bound = f"not above the radius of the ball with preload, {0.5 * ball + unknown.oversize:.6g} m"
             if not inside > 0:
-                raise InfeasibleError(f"{unknown.name} of {value:.6g} is {bound}", remedy="choose another guess")
+                raise InfeasibleError(
+                    f"{unknown.name} of {value:.6g} is {bound}", remedy="choose another initial value"
+                )
             xi[k] = np.log(inside)
         return xi
 
@@ -132,7 +134,7 @@ def parameter_coordinates(
     names, reference = list(system_parameters), np.array(theta, dtype=float)
     twice = sorted({name for name in free if list(free).count(name) > 1})
     if twice:
-        raise InfeasibleError(f"{', '.join(twice)} is listed twice", remedy="list each parameter once")
+        raise InfeasibleError(f"parameter listed twice: {', '.join(twice)}", remedy="list each parameter once")
     unknowns: list[_Unknown] = []
     for name in free:
         if name not in names:
@@ -144,7 +146,8 @@ def parameter_coordinates(
             continue
         if bearing not in bearings:
             raise InfeasibleError(
-                f"{name} is free, but the dimensions of bearing {bearing} are missing", remedy="specify six values"
+                f"{name} is estimated, but the dimensions of bearing {bearing} are missing",
+                remedy="specify the six dimensions of the bearing",
             )
         unknowns.append(_of_bearing(bearing, part, names, free, reference, np.asarray(bearings[bearing], dtype=float)))
     coordinates = ParameterCoordinates(tuple(free), reference, tuple(unknowns))
@@ -193,7 +196,7 @@ def start_covariance(
     std_u, std_xi = np.atleast_1d(np.asarray(std_u, dtype=float)), np.asarray(std_xi, dtype=float)
     if std_u.shape != inputs.shape or std_xi.shape[:1] != (coordinates.size,):
         raise InfeasibleError(
-            f"{inputs.size} inputs have {std_u.size} σ, {coordinates.size} parameters have {len(np.atleast_1d(std_xi))} σ"
+            f"{inputs.size} inputs have {std_u.size} initial σ, {coordinates.size} parameters {len(np.atleast_1d(std_xi))} σ"
         )
     by_u, by_theta = static_response(system, q, u, theta)
     response = np.concatenate([by_u[:, inputs], by_theta @ coordinates.theta(coordinates.xi(theta))[1]], axis=1)
@@ -217,7 +220,9 @@ def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndar
     slopes = np.concatenate([by_u, parameter_slopes(system, tangent.at, q, still)], axis=1)
     *_, K = tangent.matrices
     if len(K) and not np.linalg.cond(K) < 1 / FREE:
-        raise InfeasibleError("the system has an unrestrained motion at the start", remedy="add a joint or a spring")
+        raise InfeasibleError(
+            "a motion of a body is unrestrained at the start", remedy="restrain it with a joint or a spring"
+        )
     response = tangent.T @ np.linalg.solve(K, tangent.pushes(slopes))
     return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]
 

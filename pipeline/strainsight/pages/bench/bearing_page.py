@@ -27,7 +27,7 @@ ROUNDING = 1e-9
 LOAD_UNITS = ("N", "N", "N", "N m", "N m")
 INNER = 2
 """Contacts of the inner ring; those of the outer ring have the same forces except for inertia."""
-BELIEF = "Bands are ±2σ and assume the configured bearing, except for unknown parameters."
+BELIEF = "The band is ±2σ. It contains the uncertainty of estimated bearing parameters; other bearing data are assumed exact."
 CASE_HEAD = ("", "load", "displacement", *(f"∂/∂{name}" for name in DISPLACEMENTS))
 """Heading of the table of a load case, on the page and in the terminal."""
 
@@ -43,7 +43,7 @@ class LoadedBearing:
     @property
     def title(self) -> str:
         """Title of its tables."""
-        return f"{self.bearing} under {self.case}"
+        return f"{self.bearing} under load case {self.case}"
 
     @property
     def pressure(self) -> float:
@@ -68,13 +68,11 @@ def bearing_page(
         figures(map(card, polar, count()), "<h2>Loads of the balls</h2>"),
         figures(map(card, map(curve_figure, curves), count(len(polar))), "<h2>Load over displacement</h2>"),
     ]
-    answer = f"{len(curves)} load-displacement curves."
+    answer = f"{len(curves)} load-displacement curve{'s' * (len(curves) != 1)}."
     if cases:
         worst = max(cases, key=lambda case: case.pressure)
         answer = f"The highest contact pressure is {number(worst.pressure / 1e6, 4)} MPa, in {worst.title}."
-    footer = (
-        "Quasi-static Hertzian contacts with otherwise rigid rings. The outer ring is fixed; x is the bearing axis."
-    )
+    footer = "The contacts are quasi-static and Hertzian; the rings are rigid. The outer ring is fixed; x is the bearing axis."
     return document("bearing", name, name, escape(answer), sections, footer)
 
 
@@ -110,8 +108,8 @@ def _polar(case: LoadedBearing, key: str, what: str, values: FloatArray, unit: s
     largest = np.nanmax(np.append(values, 0.0))
     z = len(case.state.station)
     caption = (
-        f"{what.capitalize()} of the {z} balls of {case.title} over the ball position: 0° is the y "
-        f"axis, 90° the z axis. Largest: {number(float(largest), 4)} {unit}."
+        f"{what.capitalize()} of the {z} balls of {case.title} over the angular position of the ball: 0° is the y "
+        f"axis, 90° the z axis. Largest {what}: {number(float(largest), 4)} {unit}."
     )
     alt = f"Polar chart of the {what} of {z} balls, largest {number(float(largest), 4)} {unit}."
     return Drawing(
@@ -136,11 +134,13 @@ def curve_figure(curve: BearingDisplaced) -> Drawing:
     largest = float(np.abs(curve.curve.load[:, a]).max())
     name = DISPLACEMENTS[a]
     caption = (
-        f"Load on the inner ring of {curve.bearing} over its displacement {name}; the other four displacements are zero. "
+        f"Load on the inner ring of {curve.bearing} over the displacement {name} of the ring; the other displacements are zero. "
         f"Load component along the displacement: at most {number(largest, 4)} {LOAD_UNITS[a]}."
     )
     alt = f"Line chart of three forces and two moments over the displacement {name}."
-    return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, svg(canvas))
+    return Drawing(
+        f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over displacement {name}", caption, alt, svg(canvas)
+    )
 
 
 def _cleared(values: FloatArray, size: FloatArray | float) -> FloatArray:
@@ -162,8 +162,8 @@ def case_rows(case: LoadedBearing) -> list[tuple[str, list[tuple[float, str, int
 
 def _case(case: LoadedBearing) -> str:
     rows = [[name, *(measure(*cell) for cell in cells)] for name, cells in case_rows(case)]
-    caption = "Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
-    text = table(case.title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
+    caption = "Columns ∂/∂…: stiffness (derivative of the load with respect to a displacement) in N/m, N/rad, N m/m or N m/rad."
+    text = table(case.title, ("component", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
     return section(escape(case.title), text)
 
 
@@ -189,7 +189,7 @@ def _around(name: str, then: BallsThen) -> Drawing:
     at = np.unravel_index(np.argmax(then.force), then.force.shape)
     caption = (
         f"Estimated force on each of the {len(then.station)} balls of {name} at {number(then.time, 4)} s, "
-        f"the instant of the highest pressure: at most {_known(then.force[at], then.force_std[at], 'N')}"
+        f"the instant of the highest contact pressure: at most {_known(then.force[at], then.force_std[at], 'N')}"
     )
     title = f"{name}: ball forces"
     return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", svg(canvas))
@@ -208,7 +208,7 @@ def _in_time(name: str, ring: RingEstimate) -> Drawing:
         f"Estimated highest contact pressure of all balls in {name}: at most "
         f"{_known(ring.pressure[at], ring.pressure_std[at], 'Pa')}"
     )
-    title = f"{name}: estimated highest pressure"
+    title = f"{name}: estimated highest contact pressure"
     return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", svg(canvas))
 
 

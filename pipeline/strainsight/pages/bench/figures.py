@@ -81,9 +81,10 @@ def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown
         _errors(below, known, alone=alone)
     time_axis((axes, *more)[-1])
     legend_of_lines(axes, labels)
-    caption = f"{name}, {'load' if load else 'parameter'}: estimate" + " and truth (dashed)" * bool(known)
-    caption += ", with ±2 claimed standard deviations" * claimed + ", and smoothed (green)" * (smoothed is not None)
-    caption += "; below, absolute error relative to the largest true value" * bool(known)
+    caption = f"{name}, {'load' if load else 'parameter'}: estimate" + " and true value (dashed)" * bool(known)
+    caption += ", with a band of ±2 claimed standard deviations" * claimed
+    caption += ", and smoothed estimate (green)" * (smoothed is not None)
+    caption += "; below, absolute error of the estimate relative to the largest true value" * bool(known)
     caption += ", with the claimed σ (dotted)" * (bool(known) and claimed)
     text = "; ".join(f"{label or name}: {_ending(history)}" for label, history in lines)
     return Drawing(key, title, f"{caption}.", f"Line chart of the estimates of {name}. {text}.", svg(canvas))
@@ -111,12 +112,12 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
     plain_axis(axes)
     plain_axis(below)
-    below.set_ylabel("ratio to the load on\nthe other bench [–]")
+    below.set_ylabel("ratio to the load on\nthe measured bench [–]")
     time_axis(below)
     legend_of_lines(axes, labels)
     caption = (
-        f"{name} on this bench, and its ratio to the load on the measured bench if that load exceeds {number(LARGE)} of its "
-        f"maximum: {'; '.join(text) or 'never'}."
+        f"{name} on this bench. Below, {name} on this bench divided by the load on the measured bench, while the load on the "
+        f"measured bench exceeds {number(LARGE)} of its maximum: {'; '.join(text) or 'never'}."
     )
     return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", svg(canvas))
 
@@ -135,16 +136,20 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     axes.set_yscale("log")
     log_ticks(axes)
     axes.locator_params(axis="x", integer=True)
-    axes.set_xlabel("run over seeds and starts")
+    axes.set_xlabel("number of the run [–]")
     axes.set_ylabel("relative error [–]")
     legend_above(axes)
     finite = errors[np.isfinite(errors)]
     text = f"RMS {number(rms(errors), 2)}, largest {number(float(finite.max()), 2)}" if len(finite) else "none"
     text += f"; {len(errors) - len(finite)} diverged" * (len(finite) < len(errors))
-    what = "at the end" if unknown.kind == "parameter" else "over the second half"
-    caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {text}."
+    what = "at the end of the run" if unknown.kind == "parameter" else "as RMS over the second half of the run"
+    caption = f"Error of {unknown.name} {what}, relative to the largest true value, in {len(errors)} runs: {text}."
     return Drawing(
-        f"runs-{unknown.name}", f"{unknown.name}: repeats with other seeds and starts", caption, caption, svg(canvas)
+        f"runs-{unknown.name}",
+        f"{unknown.name}: runs with other seeds and initial values",
+        caption,
+        caption,
+        svg(canvas),
     )
 
 
@@ -256,10 +261,10 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
     time_axis(below)
     legend_of_lines(axes, labels)
     what = f"{first.name}, {first.components[component]}"
-    caption = f"{what}: measured and estimated; below, the difference{_unused(first)}."
+    caption = f"{what}: measured and estimated reading; below, measured − estimated{_unused(first)}."
     estimated = [(label, sensor) for label, sensor in lines if sensor.expected is not None]
     parts = ", ".join(f"{label or first.name} {ratio(mismatch(sensor, component))}" for label, sensor in estimated)
-    alt = f"Line chart of {what}, measured and estimated; RMS of the difference divided by RMS of the reading: {parts}."
+    alt = f"Line chart of {what}, measured and estimated; RMS of the difference divided by RMS of the measured reading: {parts}."
     return Drawing(key, title, caption, alt, svg(canvas))
 
 
@@ -296,7 +301,7 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
     if sensor.expected is not None:
         legend_above(panels[0])
         text = ", ".join(f"{sensor.components[i]} {ratio(mismatch(sensor, i))}" for i in indices)
-        caption += f"; RMS of measured − estimated divided by RMS of measured: {text}"
+        caption += f"; RMS of the residual (measured − estimated) divided by RMS of the measured reading: {text}"
     alt = f"Line charts of {len(indices)} components of {sensor.name} over time."
     return Drawing(key, title, f"{caption}{_unused(sensor)}.", alt, svg(canvas))
 
@@ -328,7 +333,7 @@ def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Draw
     words = "" if expected is None else f", expected {number(expected, 3)}"
     caption = (
         f"Above, normalised innovation squared divided by the number of channels: mean {number(mean, 3)}{words}. Below, "
-        f"violation of the constraints after every correction: at most {worst}."
+        f"violation of the constraints after every correction by the filter: at most {worst}."
     )
     return Drawing("consistency", "Consistency of the innovations", caption, caption, svg(canvas))
 

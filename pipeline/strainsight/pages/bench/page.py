@@ -46,7 +46,7 @@ def loads_figure(time: FloatArray, every: Mapping[str, tuple[str, FloatArray]]) 
             (f"load [{short(shown)}]", np.column_stack(list(loads.values())) / factor, tuple(map(short, loads)))
         )
         listed += [f"{name} at most {quantity(largest[name], shown_unit, 3)}" for name in loads]
-    return _stacked("loads", "Loads", time, panels, f"Loads on the bench in time: {'; '.join(listed)}.", 1.8)
+    return _stacked("loads", "Loads", time, panels, f"Loads on the bench over time: {'; '.join(listed)}.", 1.8)
 
 
 def bearing_figures(time: FloatArray, name: str, ring: RingMotion) -> list[Drawing]:
@@ -163,8 +163,8 @@ def _stacked(
 
 STYLE = "bench/bench.css"
 FOOTER = (
-    "σ is one standard deviation. Errors and claimed σ of a load are relative to its largest true value, those of a parameter to "
-    "its true value. Bearings are quasi-static with Hertzian contacts and otherwise rigid rings."
+    "σ is one standard deviation. Errors and claimed σ of a load are relative to the largest true value of the load, errors and "
+    "claimed σ of a parameter to its true value. The contacts in bearings are quasi-static and Hertzian; the rings are rigid."
 )
 
 
@@ -177,7 +177,7 @@ def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
         shown["unknowns"] = (
             *(unknown_figure(f"unknown-{i}", f"{one.name}, {kinds[one.kind]}", [("", one)]) for i, one in every),
             *(
-                ratio_figure(f"ratio-{i}", f"{one.name}: ratio of the loads", [("", one)])
+                ratio_figure(f"ratio-{i}", f"{one.name}: ratio to the load on the measured bench", [("", one)])
                 for i, one in every
                 if one.unscaled is not None
             ),
@@ -186,7 +186,7 @@ def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
         )
         shown["sensors"] = (
             *(
-                components_figure(f"sensor-{i}", f"{sensor.name}: measured and estimated", sensor)
+                components_figure(f"sensor-{i}", f"{sensor.name}: measured and estimated readings", sensor)
                 for i, sensor in enumerate(run.sensors)
             ),
             consistency_figure(estimate, run.number("expected_nis")),
@@ -233,7 +233,9 @@ def bench_page(
         listed = runs_table("unknowns", [(escape(run.name), run)])
         sections.append(f'<section id="answer" aria-label="answer" class="card">{listed}</section>')
         sections.append(figures(each("unknowns"), "<h2>Estimates</h2>"))
-        sections.append(section("Consistency with the sensors", mismatch_table(run)) + figures(each("sensors")))
+        sections.append(
+            section("Consistency of the estimate with the readings", mismatch_table(run)) + figures(each("sensors"))
+        )
         sections.append(hold_out_section(run.hold_out, each("hold-out")))
     if pictures:
         head = "Gauges and stress on the body" if run.stress is not None else "Gauges on the body"
@@ -248,7 +250,7 @@ def bench_page(
     sections.append(provenance_section({}, provenance, panel("Numbers", table("numbers", (), _facts(run)))))
     faults = [(unknown.name, run.faults(unknown.name)) for unknown in run.unknowns]
     if run.stress is not None and run.stress.too_high:
-        faults.append(("stress", ("above the allowable",)))
+        faults.append(("von Mises stress", ("above the allowable stress",)))
     title = headline(faults) + run.name
     return document("bench", run.name, title, bench_answer(run), sections, FOOTER, STYLE, turned=bool(turned))
 
@@ -269,22 +271,22 @@ def _picture(caption: str, png: bytes) -> str:
 
 
 NAMES = {
-    "coordinates": ("coordinates", ""),
-    "constraints": ("constraints", ""),
-    "steps": ("steps", ""),
+    "coordinates": ("number of coordinates", ""),
+    "constraints": ("number of constraints", ""),
+    "steps": ("number of time steps", ""),
     "violation": ("largest constraint violation", ""),
-    "violation_rate": ("largest violation of constraint rates", ""),
-    "first_frequency": ("first coupled frequency", "Hz"),
-    "band": ("loads resolved up to", "Hz"),
-    "turn": ("largest rotation of a body in a step", "rad"),
+    "violation_rate": ("largest violation of the time derivative of a constraint", ""),
+    "first_frequency": ("first natural frequency of the bench", "Hz"),
+    "band": ("highest load frequency resolved by the time step", "Hz"),
+    "turn": ("largest rotation of a body in a time step", "rad"),
 }
 """Key of a simulation number → its name and unit."""
 OF_ESTIMATE = {
-    "method": "correction",
+    "method": "correction method of the filter",
     "truth": "simulated test",
-    "channels": "channels",
-    "unknowns": "unknowns",
-    "violation": "constraint violation after correction",
+    "channels": "number of channels",
+    "unknowns": "number of unknowns",
+    "violation": "largest constraint violation after correction by the filter",
 }
 
 

@@ -74,7 +74,7 @@ COLUMNS: tuple[tuple[str, Cell], ...] = (
     ("error", _shown("error", ratio)),
     ("largest error", _shown("largest_error", ratio)),
     ("claimed σ", _shown("std", ratio)),
-    ("error / σ, all runs", _shown("ratio", lambda value: plain(value, 3))),
+    ("RMS of error / σ, all runs", _shown("ratio", lambda value: plain(value, 3))),
     ("consistency", _consistency),
     ("identified", _shown("identified", lambda value: YES_NO[bool(value)])),
     ("slope", _shown("slope", lambda value: plain(value, 5))),
@@ -86,13 +86,14 @@ COLUMNS: tuple[tuple[str, Cell], ...] = (
 )
 """Heading, content of the cell."""
 MEANINGS = {
-    "error": "Errors and claimed σ of loads are RMS over the second half of the run, relative to the largest true load. Those of "
-    "parameters are final values, relative to the true value.",
-    "slope": "Slope and offset: estimate = slope · truth + offset.",
-    "load ratio": "Load ratio: load on this bench divided by the load on the other bench, from an affine fit and, if the other "
-    "load exceeds 0.3 of its maximum, by instants.",
-    "mismatch": "Mismatch: RMS of measured − estimated divided by RMS of measured, for the worst component of the sensors that "
-    "the filter uses, and of the other sensors.",
+    "error": "Errors and claimed σ of loads are RMS over the second half of the run, relative to the largest true load. Errors "
+    "and claimed σ of parameters are final values, relative to the true value.",
+    "slope": "Slope and offset: fit estimate = slope · true value + offset.",
+    "load ratio": "Load ratio: load on this bench divided by the load on the measured bench. Slope and offset: fit load = slope "
+    "· load on the measured bench + offset. Mean and range: over the instants at which the load on the measured bench exceeds "
+    "0.3 of its maximum.",
+    "mismatch": "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading. It is the "
+    "largest value of all components of the sensors used by the filter, or of the unused sensors.",
     "NIS": "NIS: normalised innovation squared divided by the number of channels.",
 }
 """Beginning of a column heading → its meaning."""
@@ -122,9 +123,9 @@ def _lost(run: BenchPageRun) -> str:
 
 SHARED: tuple[tuple[str, Callable[[BenchPageRun], str]], ...] = (
     ("mismatch", _mismatch(used=True)),
-    ("other sensors", _mismatch(used=False)),
+    ("mismatch of unused sensors", _mismatch(used=False)),
     ("NIS (expected)", _nis),
-    ("lost", _lost),
+    ("diverged runs", _lost),
 )
 """Columns with one cell per run, empty without a number."""
 
@@ -144,7 +145,7 @@ def runs_table(name: str, entries: Sequence[tuple[str, BenchPageRun]], *, explai
     bodies = []
     for heading, run in entries:
         if not run.is_estimated:
-            ends = f"not estimated (ends after {escape(run.reached)})" if run.reached else "not estimated"
+            ends = f"not estimated (run ends after stage {escape(run.reached)})" if run.reached else "not estimated"
             bodies.append(block(heading, [[cell(ends, across=len(head) - 1)]]))
             continue
         rows = [
@@ -167,10 +168,10 @@ def mismatch_table(run: BenchPageRun) -> str:
     for sensor in run.sensors:
         parts = [(name, run.number(f"mismatch.{sensor.name}.{i}")) for i, name in enumerate(sensor.components, start=1)]
         listed = ", ".join(f"{escape(name)} {ratio(value)}" for name, value in parts if value is not None)
-        use = "in the filter" if sensor.used else "for comparison only"
+        use = "used by the filter" if sensor.used else "for comparison only"
         rows.append([escape(sensor.name), use, ratio(run.number(f"mismatch.{sensor.name}")), listed or "–"])
-    caption = "RMS of measured − estimated divided by RMS of measured."
-    head = ("sensor", "use", "worst", "by component")
+    caption = "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading."
+    head = ("sensor", "use", "largest mismatch", "mismatch by component")
     return table("sensors", head, rows, caption=caption, numeric=(2,)) if rows else ""
 
 
@@ -195,15 +196,17 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
         "gauge",
         *AXES,
         "direction",
-        f"{symbol} after failure",
+        f"{symbol} if this gauge fails",
         *(f"σ({escape(name)}) without gauge" for name in units),
     ]
     caption, gap = f"{symbol} of the layout: {plain(placement.trend.final, 4)}.", placement.trend.gap
     if gap is not None:
-        of = f" of all {every} candidates" if (every := numbers.get("bounded")) else ""
-        caption += f" No layout within the limits{of} has a {symbol} lower by more than {ratio(max(gap, 0.0))}."
+        of = f" from all {every} candidates" if (every := numbers.get("bounded")) else ""
+        caption += f" No allowed layout{of} has a {symbol} lower by more than {ratio(max(gap, 0.0))}."
     if "proven" in numbers:
-        caption += " Proven optimal." if numbers["proven"] else " Optimality was not proven within the time limit."
+        caption += (
+            " Optimality is proven." if numbers["proven"] else " Optimality was not proven within the time limit."
+        )
     return loads + table("gauges", columns, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(columns))])
 
 
@@ -234,8 +237,8 @@ def run_answer(run: BenchPageRun) -> str:
     elsewhere = [unknown.name for unknown in run.unknowns if unknown.unscaled is not None]
     if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in run.sensors if sensor.used}
-        listed = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
-        text = f"These loads reproduce the readings of the measured bench, {', '.join(listed)}: {', '.join(parts)}."
+        listed = [f"{escape(name)} {ratio(value)}" for name, value in off.items() if value is not None]
+        text = f"These loads reproduce the readings of the measured bench (mismatch: {', '.join(listed)}): {', '.join(parts)}."
     return _problems(run) + text
 
 
@@ -260,7 +263,7 @@ def _estimated(run: BenchPageRun, unknown: BenchUnknown) -> str:
     if unknown.kind == "parameter":
         return f"{name} = {measure(float(mean[-1]), _unit(unknown))}"
     largest = np.max(np.abs(mean[len(mean) // 2 :]), initial=0.0)
-    return f"{name}, at most {measure(float(largest), _unit(unknown))} in the second half"
+    return f"{name}, at most {measure(float(largest), _unit(unknown))} in the second half of the run"
 
 
 def stress_words(
@@ -270,15 +273,15 @@ def stress_words(
     text = f"at most {shown(float(np.max(stress.largest)), 'Pa')}{where}"
     if stress.allowable is None or stress.share is None:
         return text
-    return f"{text}, {share(stress.share)} of the allowable {shown(stress.allowable, 'Pa')}"
+    return f"{text}, {share(stress.share)} of the allowable stress {shown(stress.allowable, 'Pa')}"
 
 
 def _simulated_text(motion: Simulated) -> str:
     steps = len(motion.time) - 1
     length = float(motion.time[-1] - motion.time[0])
-    text = f"{number(length)} s in {steps} steps"
+    text = f"Simulation of {number(length)} s in {steps} time steps"
     highest = {name: float(np.max(ring.pressure, initial=0.0)) for name, ring in motion.bearings.items()}
     if highest:
         worst = max(highest, key=lambda name: highest[name])
-        text += f"; the highest contact pressure is {measure(highest[worst], 'Pa')}, in {escape(worst)}"
+        text += f"; the highest contact pressure is {measure(highest[worst], 'Pa')}, in bearing {escape(worst)}"
     return f"{text}."

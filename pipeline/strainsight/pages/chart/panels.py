@@ -189,7 +189,7 @@ def overlay(
 def estimate_figure(history: History, start: int = 0) -> Drawing:
     """Estimate with ±2σ band and truth, from an instant `start` on."""
     name, image = history.name, _bands(history, slice(start, None), focus=False)
-    caption = f"Estimate of {name} over the whole run with its claimed ±2σ band."
+    caption = f"Estimate of {name} over the whole run with the claimed ±2σ band."
     return Drawing(f"estimate-{name}", f"{name}: whole run", caption, _history_alt(history), image)
 
 
@@ -198,8 +198,8 @@ def closing_figure(history: History, kind: str) -> Drawing:
     reference = history.mean if history.truth is None else history.truth
     window = slice(len(history.time) // 2, None) if kind == "parameter" else last_periods(reference)
     image = _bands(history, window, focus=True)
-    span = "last half of the run" if kind == "parameter" else "last periods"
-    caption = f"{history.name} close up: {span}, scaled to the band."
+    span = "second half of the run" if kind == "parameter" else "last oscillation periods"
+    caption = f"Estimate of {history.name} in the {span}; the axis is scaled to the ±2σ band."
     return Drawing(f"closing-{history.name}", f"{history.name}: {span}", caption, _history_alt(history), image)
 
 
@@ -236,9 +236,9 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
 def _history_alt(history: History) -> str:
     """Alternative text: final value with band."""
     end = quantity(float(history.mean[-1]), history.unit)
-    truth = "" if history.truth is None else f", truth {quantity(float(history.truth[-1]), history.unit)}"
+    truth = "" if history.truth is None else f", true value {quantity(float(history.truth[-1]), history.unit)}"
     sigma = f" ± {quantity(float(history.std[-1]), history.unit, 2)}" if np.isfinite(history.std[-1]) else ""
-    return f"Line chart of {history.name}: at the end {end}{sigma}{truth}."
+    return f"Line chart of {history.name}: estimate at the end {end}{sigma}{truth}."
 
 
 @styled()
@@ -252,13 +252,13 @@ def posterior_figure(name: str, unit: str, posterior: Posterior, truth: float | 
     axes.plot(value, posterior.prior, color=ORANGE, lw=1.4, label="prior")
     if truth is not None:
         axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="true value")
-    axes.set(xlabel=f"{name} [{shown}]", ylabel=f"density of ln {name} [–]")
+    axes.set(xlabel=f"{name} [{shown}]", ylabel=f"probability density of ln {name} [–]")
     axes.set_ylim(bottom=0)
     legend_above(axes, columns=3)
     top = quantity(float(posterior.value[np.argmax(posterior.density)]), unit)
     caption = (
-        f"Posterior density of {name} after the measurements, and its prior. A narrower posterior means more information; "
-        "several peaks mean several possible values."
+        f"Probability density of {name} before (prior) and after (posterior) the measurements. A narrower posterior means more "
+        "information; several peaks mean several possible values."
     )
-    alt = f"Prior and posterior density of {name}, largest at {top}."
+    alt = f"Prior and posterior density of {name}; the posterior density is largest at {top}."
     return Drawing(f"posterior-{name}", f"{name}: posterior density", caption, alt, svg(canvas))

@@ -10,7 +10,7 @@ from strainsight.estimation.decision import DIVERGED, LOST, OVERCONFIDENT, WITHH
 from strainsight.pages.page.markup import plain, share
 from strainsight.pages.placement.data import Unknown
 
-HARDLY = "the measurements hardly reduce its uncertainty"
+HARDLY = "the measurements hardly reduce the initial uncertainty"
 
 
 def faults(unknown: Unknown, diverged: bool = False) -> tuple[str, ...]:
@@ -39,7 +39,7 @@ def leading(unknowns: Sequence[Unknown]) -> str:
     text = ""
     for unknown in unknowns:
         wrong = faults(unknown)
-        error = f"; its error is {share(unknown.error)}" * (OVERCONFIDENT in wrong)
+        error = f"; error of the estimate: {share(unknown.error)}" * (OVERCONFIDENT in wrong)
         text += problem_text(unknown.name, [why(fault, unknown) for fault in wrong], error)
     return text + no_benefit(unknowns)
 

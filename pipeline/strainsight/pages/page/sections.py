@@ -71,16 +71,16 @@ COLOURS = ("blue", "vermilion", "green", "orange", "purple", "sky", "ink")
 OTHER, REST = "other sources", "muted"
 """The smallest sources, without a colour, are one part of a bar."""
 BUDGET = (
-    "Shares of the variance of the filtered estimate: of a parameter at the end of the run, of a load over the last half. Noise: "
-    "of the gauges. Process noise: of loads and model errors. Start: initial uncertainty."
+    "Shares of the variance of the filtered estimate, for a parameter at the end of the run, for a load over the second half. "
+    "Noise: gauge noise. Process noise: modelled changes of loads, and model errors. Start: initial uncertainty of the filter."
 )
-LEAD = "The filters use the same samples and model without tolerances and differ in their approximations."
+LEAD = "All filters use the same samples and the same model, without the configured tolerances. Only their approximations differ."
 FILTERS = (
     "The parameter grid filter applies Bayes' rule by quadrature. The sigma-point and extended filters assume normal "
-    "distributions, and the extended filter neglects the product of parameter and state errors. Ratio: RMS error that the grid "
-    "filter expects of an estimate / claimed σ; above 2 overconfident, below 0.5 too cautious."
+    "distributions, and the extended filter neglects the product of parameter and state errors. Ratio: RMS error of the "
+    "estimate, computed with the grid filter, divided by the claimed σ. Above 2 σ is overconfident, below 0.5 too cautious."
 )
-DAMAGE = "Hot spots of the surface with a minimum distance, and virtual gauges."
+DAMAGE = "Damage at hot spots of the surface (at a minimum distance from each other) and at virtual gauges."
 
 
 def section(heading: str, content: str, name: str = "", kind: str = "card", lead: str = "", more: str = "") -> str:

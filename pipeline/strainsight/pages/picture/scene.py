@@ -58,7 +58,7 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
         output = f"exit code {done.returncode}" + last_words(done.stderr.decode(errors="replace"))
     raise StrainsightError(
         f"the 3D picture could not be rendered off-screen ({output})",
-        remedy=f"install an off-screen OpenGL; on Debian and Ubuntu: apt-get install {DEBIAN_PACKAGES}",
+        remedy=f"install an OpenGL library for off-screen rendering; on Debian and Ubuntu: apt-get install {DEBIAN_PACKAGES}",
     )
 
 

@@ -107,14 +107,14 @@ def trend_figure(trend: Trend) -> Drawing:
     legend_above(axes, columns=2)
     ratio = trend.final / value[0] if len(value) and value[0] > 0 else np.nan
     caption = (
-        f"{trend.metric.meaning.capitalize()} during elimination, from right to left: "
-        f"with {keep} of {every} gauges it is {number(ratio, 3)} times that with all gauges."
+        f"{trend.metric.meaning.capitalize()} during the elimination of gauges (from right to left). "
+        f"With {keep} of {every} candidates the metric is {number(ratio, 3)} times the value with all candidates."
     )
     if trend.lower_bound is not None:
-        caption += " The dashed line is a certified lower bound for layouts of this size."
+        caption += " The dashed line is a certified lower bound of the metric for layouts of this size."
     if bend is not None:
         caption += f" Beyond the elbow at {bend} gauges, further gauges mostly average noise."
-    ends = f"{number(trend.value[0])} with {every} gauges to {number(trend.final)} with {keep}"
+    ends = f"{number(trend.value[0])} with {every} candidates to {number(trend.final)} with {keep}"
     alt = f"Line chart of the metric from {ends}."
     return Drawing("trend", "Metric over the number of gauges", caption, alt, svg(canvas))
 
@@ -144,7 +144,7 @@ def signal_figure(signal: Reading) -> Drawing:
     time_axis(below)
     legend_above(axes)
     caption = (
-        f"{what.capitalize()} at gauge {signal.label}, last periods. Below: residual "
+        f"{what.capitalize()} at gauge {signal.label}, last oscillation periods. Below: residual "
         f"(RMS {number(residual, 3)} {unit} over the run) and ±2σ band of the estimate."
     )
     alt = f"Line chart of measured and estimated {what} at gauge {signal.label}, peak {peak} {unit}."
@@ -180,16 +180,16 @@ def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
     axes.annotate(f"chosen layout {percent(chosen)}", (100 * chosen, -0.62), (off, 0), **words)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(f"relative error of {short(name)} [%]")
-    caption, medians = f"Error of {name} with random layouts of the same size; the bar is their median.", []
+    caption, medians = f"Error of {name} with random layouts of the same size; the bar is the median.", []
     for entry in sets:
         better, lost = int(np.sum(entry.finite < chosen)), len(entry.error) - len(entry.finite)
         pool = "all candidates" if entry.pool_label == "all candidates" else "the screened pool"
-        caption += (
-            f" {better} of {len(entry.error)} random layouts from {pool} were more accurate than the chosen layout"
-        )
-        caption += f", {lost} diverged and are not shown." if lost else "."
+        caption += f" More accurate than the chosen layout: {better} of {len(entry.error)} random layouts from {pool}"
+        caption += f"; diverged and not shown: {lost}." if lost else "."
         if len(entry.finite):
-            medians.append(f"random from {entry.pool_label} median {percent(float(np.median(entry.finite)))}")
+            medians.append(
+                f"median of random layouts from {entry.pool_label} {percent(float(np.median(entry.finite)))}"
+            )
     caption += " With one noise sample a random layout can be more accurate by chance."
     alt = f"Dot plot of errors of {name}: chosen layout {percent(chosen)}; {'; '.join(medians)}"
     return Drawing(f"random-errors-{name}", f"{name}: errors of random layouts", caption, alt, svg(canvas))
@@ -219,8 +219,8 @@ def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) 
     axes.set_ylabel(f"{short(chosen.name)} [{unit}]")
     legend_above(axes)
     caption = (
-        f"Estimates of {chosen.name} with random layouts, by pool, and with the chosen layout; "
-        "scaled to the range after the first quarter."
+        f"Estimates of {chosen.name} with random layouts (one colour for each pool of candidates) and with the chosen layout. "
+        "The axis is scaled to the estimates after the first quarter of the run."
     )
     alt = f"Line chart of estimates of {chosen.name} with {count} random layouts and the chosen layout."
     return Drawing(
@@ -243,11 +243,11 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
     if any(line.get_ydata().max(initial=0.0) > 0 for line in axes.get_lines()):
         axes.set_yscale("log")
         plain_ticks(axes, "y")
-    axes.set(xlabel="gauge noise [% of the strongest candidate's RMS]", ylabel="relative error [%]")
+    axes.set(xlabel="gauge noise [% of the RMS reading of the strongest candidate]", ylabel="relative error [%]")
     legend_above(axes, columns=2)
-    caption = "True errors (dots) and claimed σ (lines) of the filter."
+    caption = "True error (dots) and claimed σ (lines) of the estimates over the gauge noise."
     alt = "; ".join(
-        f"at {percent(level)} noise "
+        f"at a gauge noise of {percent(level)} "
         + ", ".join(f"{name} {percent(values[i])}" for name, values in noise.error.items())
         for i, level in enumerate(noise.level)
     )
@@ -272,15 +272,15 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
         axes.set_yscale("log")
         plain_ticks(axes, "y")
     axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.set(xlabel="run, smallest error first [–]", ylabel=f"relative error of {short(name)} [%]")
+    axes.set(xlabel="runs in order of increasing error [–]", ylabel=f"relative error of {short(name)} [%]")
     legend_above(axes)
-    caption = f"{len(error)} runs with other noise and starting values and the same true values. "
-    caption += f"The measurements hardly reduce its uncertainty: {LOST}." * (result == LOST)
+    caption = f"{len(error)} runs with other noise and initial values, and the same true values. "
+    caption += f"{name} is {LOST}: the measurements hardly reduce the initial uncertainty." * (result == LOST)
     if claim is not None:
         result = f"{claim.result}, {result}"
         low, high = (number(edge, 2) for edge in claim.band)
         caption += (
-            f" RMS of error / claimed σ: {number(claim.ratio, 3)}; {low} to {high} if σ is calibrated: {claim.result}."
+            f" RMS of error / claimed σ: {number(claim.ratio, 3)} ({low} to {high} if σ is calibrated): {claim.result}."
         )
     alt = f"Chart of {len(error)} repeated runs for {name}, {result}."
-    return Drawing(f"repeats-{name}", f"{name}: other seeds and starts", caption, alt, svg(canvas))
+    return Drawing(f"repeats-{name}", f"{name}: other seeds and initial values", caption, alt, svg(canvas))

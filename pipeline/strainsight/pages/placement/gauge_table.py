@@ -19,16 +19,16 @@ SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
 
 
 EDGES = (
-    "Nearest edges: distance to the nearest edge of the face, and angle from it to the measuring direction, "
-    "counter-clockwise as seen from outside. Second line: nearest transverse edge."
+    "Nearest edges: distance to the nearest edge of the face, and angle from this edge to the measuring direction, "
+    "counter-clockwise as seen from outside. Second line: the same for the nearest edge transverse to the first one."
 )
 BONDED = (
-    "Installation: relative change of strain within σ of the position and within the grid length, and free height above the "
-    "gauge, if outside the limits."
+    "Installation: values outside the limits. They are the relative change of strain over one σ of the gauge position and over "
+    "the grid length, and the free height above the gauge."
 )
 REFINED = (
-    "Refined mesh: change of the strain at the gauge relative to its training RMS, if the elements around it are halved twice. "
-    "A large change indicates a hot spot, such as a corner, the end of a support or a concentrated force."
+    "Refined mesh: change of the strain at the gauge if the elements around the gauge are halved twice, relative to the RMS "
+    "strain of the training run. A large change indicates a hot spot: a corner, the end of a support or a concentrated force."
 )
 UNOBSERVABLE = "∞: without this gauge the unknown is not observable."
 
@@ -82,7 +82,7 @@ def _worth(report: PlacementReport) -> str:
         for index, gauge in enumerate(gauges)
     ]
     head = ["gauge", "number" if imported(gauges) else "element", "facet", "angle"]
-    head += ["training peak"] * read + ["strain with refined mesh"] * tested
+    head += ["training peak"] * read + ["change with refined mesh"] * tested
     foot = ["all gauges", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
     head += [f"expected σ({escape(name)}) without gauge" for name in names]
     caption = _caption_of_worth(gauges)
@@ -108,7 +108,7 @@ def imported(gauges: tuple[Gauge, ...]) -> bool:
 def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
     """Caption of the position table, for the columns that occur."""
     several = any(len(gauge.channels) > 1 for gauge in gauges)
-    below = "; further directions of rosettes and triaxial sensors are listed below" * several
+    below = "; rosettes and triaxial sensors have one line for each direction" * several
     sentences = {
         f"Positions and measuring directions are in {frame.in_words()}{below}.": True,
         "The arms of a bridge are listed in the order of their signs.": any(gauge.arms for gauge in gauges),
@@ -203,7 +203,7 @@ def _whole(text: str) -> str:
     return f'<span class="whole">{text}</span>'
 
 
-STEADY = "σ of an unknown for the system linearised at an instant; it ranks layouts and differs from σ of a filter"
+STEADY = "steady σ of a filter with the model linearised at one instant; for ranking layouts only, not σ of the filter in a run"
 
 
 def criteria_table(
@@ -229,9 +229,9 @@ def criteria_table(
         rows.append(row("certified lower bound", trend.lower_bound, None))
     rules = sorted(criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
-    head = ["layout", escape(trend.metric.symbol), "relative to chosen", *(escape(m.symbol) for m in others)]
+    head = ["layout", escape(trend.metric.symbol), "relative to chosen layout", *(escape(m.symbol) for m in others)]
     head += [f"steady-state σ({escape(name)})" for name in names]
-    caption = "Layouts of the same size from the same pool" + ", scored by the same covariance" * bool(criteria) + "."
+    caption = "Layouts with the same size and pool" + ", evaluated with the same covariance" * bool(criteria) + "."
     if rules:
         caption += f" {LIMITS}"
     if any(math.isinf(value) for entry in criteria for value in (*entry.values, *entry.std.values())):
@@ -239,7 +239,7 @@ def criteria_table(
     return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
-LIMITS = "The other rules ignore limits such as budget, spacing and zones, so their layouts may not be allowed."
+LIMITS = "Layouts by other rules can violate limits of the placement, such as budget, spacing and zones."
 
 
 def criteria_meaning(metrics: Sequence[MetricWords]) -> str:
@@ -265,8 +265,8 @@ def load_cases_table(report: PlacementReport) -> str:
     expected = [f"expected σ({escape(name)})" for name in names]
     head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
     caption = (
-        "The layout is placed for all load cases by weight. σ is expected along the training run of the case, relative to the "
-        "amplitude of the case; the metric is that of the single case."
+        "The layout is placed for the weighted sum of all load cases. Expected σ: along the training run of the load case, "
+        "relative to the amplitude in the load case. Metric: of this load case alone."
     )
     return table("load cases", head, rows, caption=caption, numeric=range(1, len(head)))
 
@@ -284,7 +284,7 @@ def cases_table(cases: Sequence[ObservabilityCase]) -> str:
     head = ["unknowns", *map(escape, excitations), "not observable"]
     caption = (
         "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0; a larger number means weaker observability. "
-        "States are scaled by their size in the training run, so rows are comparable at the same excitation."
+        "States are scaled by their size in the training run, so numbers are comparable at the same excitation (column)."
     )
     return table("sets of unknowns", head, rows, caption=caption, numeric=range(1, len(head) - 1))
 

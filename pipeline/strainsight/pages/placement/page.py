@@ -55,7 +55,7 @@ def denominator(unknown: Unknown) -> str:
     """Reference of relative errors and σ of an unknown."""
     if unknown.kind == "parameter":
         return "of the true value"
-    return "of the amplitude" if unknown.zero else "of the RMS"
+    return "of the load amplitude" if unknown.zero else "of the load RMS"
 
 
 def answer(report: PlacementReport) -> str:
@@ -146,7 +146,8 @@ def _bound_tile(report: PlacementReport) -> str:
         best = min(others, key=lambda entry: entry.chosen)
         # a value below the bound violates the limits, which other rules ignore
         violating = trend.lower_bound is not None and best.chosen < trend.lower_bound * (1 - 1e-9)
-        rows.append((f"best other rule{', limits violated' * violating} ({escape(best.rule)})", plain(best.chosen)))
+        name = f"best other placement rule{', limits violated' * violating} ({escape(best.rule)})"
+        rows.append((name, plain(best.chosen)))
     value = "not certified" if trend.gap is None else f"≤\u00a0{share(max(trend.gap, 0.0))}"
     return tile("gap to the optimal layout", value, rows)
 
@@ -252,23 +253,23 @@ def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
         yield "var(--muted)", shape(kind), f"{count(many)} {escape(kind)}{'s' * (many > 1)}"
     if bonded := sum(gauge.bonded for gauge in layout.gauges):
         yield "var(--muted)", "hollow", f"{count(bonded)} already bonded"
-    yield POOL, "dot", f"{count(len(layout.pool))} candidates in the pool"
+    yield POOL, "dot", f"{count(len(layout.pool))} candidate positions"
     if layout.loads:
         loads = [f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads]
         yield VERMILION, "", f"load {', '.join(loads)}"
     if len(layout.fixed):
         yield CLAMP, "", "supported nodes"
     if len(layout.loose):
-        yield LINES, "", "nodes without solids"
+        yield LINES, "", "nodes without solid or shell elements"
 
 
 FOOTER = (
-    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or the true RMS of a load (for a "
-    "zero load: its amplitude). The first tenth of the run is omitted. Claimed σ: of the filter. Smoothed: of the smoother. "
-    "Expected σ: predicted by the placement for the filter. Steady-state σ: ranks layouts."
+    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or to the true RMS of a load (of a "
+    "zero load: to the amplitude). The first tenth of the run is omitted. Claimed σ: computed by the filter. Smoothed: estimate "
+    "of the smoother. Expected σ: predicted by the placement for the filter. Steady-state σ: for ranking layouts only."
 )
 
-RANDOM = markup.titled("Comparison with random layouts", "The same estimation with random layouts of the same size.")
+RANDOM = markup.titled("Comparison with random layouts", "Errors with random layouts of the same size.")
 TEST_PAGE = "test.html"
 """Page of the test in the same folder."""
 
@@ -365,12 +366,12 @@ def _observability(report: PlacementReport) -> str:
             ]
             for check in report.consistency
         ]
-        caption = "Squared errors / claimed variances per dimension; 1 is ideal."
+        caption = "Squared error / claimed variance, per dimension; 1 is ideal. Band: range for a calibrated σ."
         head = ("check", "number", "band", "result")
         cards.append(table("consistency", head, rows, caption=caption, numeric=(1, 2)))
     if report.frequencies:
         rows = [[str(i), measure(value, "Hz")] for i, value in enumerate(report.frequencies, start=1)]
-        caption = "Natural frequencies of the model at the parameter guess."
+        caption = "Natural frequencies of the model with the initial guess of the parameters."
         cards.append(table("modes", ("mode", "frequency"), rows, caption=caption, numeric=(1,)))
     body = figures((f'<div class="card">{card}</div>' for card in cards), grid="panels")
     if report.cases:
@@ -388,5 +389,5 @@ def _time(report: PlacementReport) -> str:
         for stage, time in report.seconds.items()
     ]
     foot = ("all stages", measure(total, "s", 3), "")
-    caption = "Time of the last computation of each stage, also if its result was reused from another run."
+    caption = "Time of the last computation of each stage. It is also listed if the result was reused from another run."
     return table("time", ("stage", "time", "share"), rows, caption=caption, numeric=(1, 2), foot=foot)

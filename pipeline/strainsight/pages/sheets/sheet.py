@@ -32,7 +32,7 @@ def sheet_svg(sheet: views.Sheet) -> str:
         y = 88.0 + 4.7 * i
         paper.text((COLUMN + 3, y), name, size=2.9)
         paper.text((COLUMN + 36, y), value, size=2.9, bold=True)
-    _title(paper, sheet, 171.0, f"views {ratio}, detail {enlarged}")
+    _title(paper, sheet, 171.0, f"scale: views {ratio}, detail {enlarged}")
     return paper.svg(f"Drawing sheet of {sheet.name}")
 
 
@@ -99,10 +99,10 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
-    yield "datum in the deck", f"({_numbers(frame.origin)}) {frame.unit}"
+    yield "datum in mesh file", f"({_numbers(frame.origin)}) {frame.unit}"
     if not np.array_equal(frame.axes, np.eye(3)):
-        yield "datum x axis in the deck", _vector(frame.axes[0])
-        yield "datum y axis in the deck", _vector(frame.axes[1])
+        yield "x axis in mesh file", _vector(frame.axes[0])
+        yield "y axis in mesh file", _vector(frame.axes[1])
 
 
 def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> None:
@@ -112,8 +112,8 @@ def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> N
     paper.text((right - 3, top + 6), sheet.kind, size=3.4, anchor="end")
     lines = (
         f"lengths in {sheet.frame.unit}; angles counter-clockwise, viewed from outside",
-        f"{scales}, at 100 % on A4",
-        f"deck {short(sheet.deck, 32)}",
+        f"{scales} (printed at 100 % on A4)",
+        f"mesh file {short(sheet.deck, 32)}",
         f"run {short(sheet.run, 32)}, layout {sheet.layout}",
     )
     for i, words in enumerate(lines):
@@ -173,7 +173,8 @@ def sheets_section(sheets: Sequence[bytes]) -> str:
         shown.append(f'<figure class="card">{text.replace(views.SIZE, "", 1)}</figure>')
     if not sheets:
         return ""
-    rest = f" {len(sheets) - len(shown)} more sheets are in files only." * (len(shown) < len(sheets))
+    more = len(sheets) - len(shown)
+    rest = f" The page is too large for {more} more sheet{'s' * (more > 1)}, available as files only." * bool(more)
     return (
         f"<details><summary>{len(sheets)} drawing sheet{'s' * (len(sheets) > 1)} for the workshop</summary>"
         f'<p class="note">For printing at 100 % on A4, use the files sheet-….svg in the folder of this page.{rest}</p>'

@@ -28,7 +28,7 @@ AXES = (
 )
 
 MANNERS = (
-    "Drag to rotate; drag with Shift or the right button to move. Zoom with two fingers or, after a click, with the wheel. "
+    "Drag to rotate; drag with Shift or the right button to move. Zoom with two fingers or, after a click, with the mouse wheel. "
     "Click a gauge to show its position."
 )
 VIEWS = (
@@ -59,7 +59,7 @@ def space_section(
         if (contour := shape.contour) is not None:
             # extremes of the surface: the ends of a symmetric scale differ
             least, largest = (measure(value, contour.scale.unit, 3) for value in (contour.least, contour.largest))
-            extremes = f'<p class="note">From {least} to {largest}, at facet centres.</p>'
+            extremes = f'<p class="note">Values from {least} to {largest}, at the facet centres.</p>'
             bars += f'<div data-state="{i}"{" hidden" * (i != first)}>{scale_bar(contour.scale)}{extremes}</div>'
     bar = f'<div id="space-bars" aria-live="polite">{bars}</div>' if bars else ""
     true = any(part.when == "scale" for part in model.parts)
@@ -116,7 +116,7 @@ def _choices(captions: Sequence[str], shapes: Sequence[ShownState], first: int) 
             f'<optgroup label="{escape(name)}">{options(members)}</optgroup>' for name, members in groups.items()
         )
         text += (
-            f'<label>Show <select id="space-shape">{options([(-1, "plain body")])}{offered}</select></label>'
+            f'<label>Show <select id="space-shape">{options([(-1, "undeformed body")])}{offered}</select></label>'
             '<button type="button" id="space-play" hidden>Hold</button>'
         )
     return text
@@ -183,7 +183,7 @@ def _gauge(gauge: Gauge, index: int, group: int, frame: PositionAxes, places: in
     for direction in gauge.channels:
         text.append(("direction", _vector(frame.turn(direction))))
     for k, arm in enumerate(gauge.arms):
-        where = f"{_place(arm.position, frame, places)}, along {_vector(frame.turn(arm.direction))}"
+        where = f"{_place(arm.position, frame, places)}, direction {_vector(frame.turn(arm.direction))}"
         text.append((f"arm {k + 1}, {'+' if arm.sign > 0 else '−'}", where))
     text += [("angle", f"{number(gauge.angle, 3)}°")] * bool(gauge.element)
     text += [

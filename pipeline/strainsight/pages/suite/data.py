@@ -305,7 +305,7 @@ def measured(statement: Statement, shown: Shown = number) -> str:
         return "–"
     low, high, lost = min(finite), max(finite), len(values) - len(finite)
     span = shown(low) if low == high else f"{shown(low)} to {shown(high)}"
-    return f"{span}{unit} ({shown(len(values))} numbers)" + f", {shown(lost)} without a number" * bool(lost)
+    return f"{span}{unit} ({shown(len(values))} numbers)" + f", {shown(lost)} of them undefined" * bool(lost)
 
 
 def most(statement: Statement) -> int:
@@ -365,7 +365,7 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
         wrong = f"<br><small>except {_few(bad, '; ')}</small>"
     wrong += reason(statement.result, statement.why)
     seeds = most(statement)
-    compared += f", median and 10 to 90 % of {count(seeds)} seeds," if seeds > 1 else ""
+    compared += f", median and 10 to 90 % quantiles of {count(seeds)} seeds," if seeds > 1 else ""
     safe = replace(statement, unit=escape(statement.unit))
     return (
         f'<tr id="claim-{index}"><th scope="row">{index}. {escape(statement.text)}</th>'

@@ -77,7 +77,7 @@ def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
     sensors = [(run.label, sensor) for run in runs for sensor in run.sensors]
     for i, name in enumerate(dict.fromkeys(sensor.name for _, sensor in sensors)):
         if shown := [entry for entry in sensors if entry[1].name == name and entry[1].expected is not None]:
-            title = f"{name}: measured and estimated{behind}"
+            title = f"{name}: measured and estimated readings{behind}"
             # the component with the largest motion; tilts are compared by their displacement at 1 m
             span = np.ptp(np.nan_to_num(shown[0][1].measured, posinf=0.0, neginf=0.0), axis=0)
             drawings.append(sensor_figure(f"{key}-sensor-{i}", title, int(np.argmax(span)), shown))
@@ -124,10 +124,10 @@ def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Seque
     panels[-1].set_xlabel(short(study.over or "", 48))
     if any(groups):
         legend_above(panels[0], 2)
-    caption = f"Numbers over {study.over}, one line per group of runs."
+    caption = f"Summary numbers over the config key {study.over}, one line per group of runs."
     if what:
-        caption = f"Error of the {what} over {study.over}; dotted: standard deviation claimed by the filter."
-    title = f"{study.name}: {what or 'numbers'} over {study.over}"
+        caption = f"Errors of the {what} over the config key {study.over}; dotted: claimed standard deviation."
+    title = f"{study.name}: {f'errors of {what}' if what else 'numbers'} over {study.over}"
     return Drawing(key, title, caption, f"Line chart over {study.over}. {'; '.join(texts)}.", svg(canvas))
 
 
@@ -175,7 +175,7 @@ def _scale(axes: Axes, values: FloatArray) -> None:
 
 
 COLOURS = (*SERIES, MUTED)
-WRONG = "inconsistent or not identified"
+WRONG = "unknown with a problem"
 
 
 def suite_figures(report: Suite) -> tuple[Drawing, ...]:
@@ -226,18 +226,18 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     axes.grid(visible=False, axis="y")
     axes.xaxis.set_major_formatter(lambda value, _: number(value) if 0.5 < value < 50 else power_of_ten(value))
     axes.minorticks_off()
-    axes.set_xlabel("condition of the scaled PBH matrix at λ = 0 [–]")
+    axes.set_xlabel("condition number of the scaled PBH matrix at λ = 0 [–]")
     legend_above(axes, columns=1)
     caption = (
-        "Long bars: unknowns that are difficult to distinguish from each other and from the motion. Each colour is one "
-        "excitation; the number is the condition. Only bars of one colour are comparable. “input” denotes all unknown loads."
+        "A long bar means that the unknowns are difficult to distinguish from each other and from the motion. Each colour is one "
+        "excitation; only bars of one colour are comparable. “input” denotes all unknown loads. PBH: Popov-Belevitch-Hautus."
     )
     if len(known) and known.max() > SINGULAR:
         caption += " Above 10¹³ the matrix is singular: no gauges can distinguish these unknowns."
     rows = [", ".join(_rounded(value) for value in row if not np.isnan(value)) for row in values]
     text = "; ".join(f"{group} {row}" for group, row in zip(groups, rows, strict=True))
     alt = f"Bar chart of condition numbers at {len(series)} excitations: {text}."
-    return Drawing("pbh", "Condition of every set of unknowns", caption, alt, svg(canvas))
+    return Drawing("pbh", "Condition number of every set of unknowns", caption, alt, svg(canvas))
 
 
 @styled()
@@ -270,8 +270,9 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     axes.set(xlabel="relative error [%]", ylabel="run and unknown")
     legend_above(axes, columns=2)
     caption = (
-        "Bars show errors consistent with the claimed σ; larger errors are significant. Loads are smoothed. Strokes are filtered "
-        "repeats with other noise and starts. Crosses mark overconfident or not identified unknowns."
+        "Bars: errors consistent with the claimed σ. Errors of loads are those of the smoothed estimate. Short lines: repeated "
+        "filter runs with other noise and initial values. Crosses: σ is overconfident or withheld, or the unknown is not "
+        "identified, or a run diverged."
     )
     text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, result in rows)
     return Drawing("errors", "Errors of all runs", caption, f"Chart of errors and claimed σ: {text}.", svg(canvas))
@@ -304,17 +305,17 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         axes.set_ylim(0.97, 1.1)
     plain_ticks(axes, "x")
     plain_ticks(axes, "y")
-    axes.set(xlabel="gauges [–]", ylabel=f"{metric_name(metrics)} relative to all candidates [–]")
+    axes.set(xlabel="number of gauges [–]", ylabel=f"{metric_name(metrics)} relative to all candidates [–]")
     legend_above(axes, columns=1)
     caption = (
         f"{metric_words(metrics)}, relative to its value with all candidates, during elimination of gauges (from right to left). "
-        "Dots are the selected layouts after exchange. A flat line means that a few gauges are as informative as all candidates."
+        "Dots: selected layouts after exchange. A flat line means that a few gauges are as informative as all candidates."
     )
     ends = "; ".join(
-        f"{numbered(tuple(numbers))} {number(trend.final / trend.value[0], 3)} times with {int(trend.count[-1])} gauges"
+        f"{numbered(tuple(numbers))}: {number(trend.final / trend.value[0], 3)} with {int(trend.count[-1])} gauges"
         for numbers, _, trend in shared
     )
-    alt = f"Line chart of the metric's growth: {ends}."
+    alt = f"Line chart of the metric relative to its value with all candidates: {ends}."
     return Drawing("trends", "Metric over the number of gauges", caption, alt, svg(canvas))
 
 
@@ -328,7 +329,7 @@ def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
         drawing,
         key=f"estimate-{index}-{history.name}",
         title=f"{history.name}, {kind if kind == 'parameter' else 'load'}",
-        caption=f"Run {index}: {history.name} {span}; bands are ±2 claimed standard deviations.",
+        caption=f"Run {index}: estimate of {history.name} {span}; bands are ±2 claimed standard deviations.",
         alt=f"Run {index}. {drawing.alt}",
     )
 

@@ -132,7 +132,7 @@ def _placements(suite: Suite, cards: Cards) -> str:
             f"<small>{escape(run.name)}{summary.link(run, 'page of the run', ' · {}')}</small></h3>"
             f"{figures([words, *shown], grid=grid)}</section>"
         )
-    lead = '<p class="lead">Estimate (blue), smoothed estimate (green) and truth (dashed).</p>'
+    lead = '<p class="lead">Estimate (blue), smoothed estimate (green) and true value (dashed).</p>'
     return f"<h2>Results of the runs</h2>{lead}{text}" if text else ""
 
 
@@ -150,9 +150,9 @@ def _facts(suite: Suite) -> str:
             shown = ["–" if not isinstance(value, int | float) else plain(float(value), 4) for value in cells]
             benches.append([*named, *shown, escape(str(run.summary.get("method") or "–"))])
     if placements:
-        tables += table(next(names), ("config", "last stage", "first modes"), placements)
+        tables += table(next(names), ("config", "last stage", "first natural frequencies"), placements)
     if benches:
-        head = ("config", "last stage", "coordinates", "constraints", "first frequency [Hz]", "correction")
+        head = ("config", "last stage", "coordinates", "constraints", "first natural frequency [Hz]", "filter method")
         tables += table(next(names), head, benches, numeric=(2, 3, 4))
     provenance = pairs("provenance", suite.provenance.items())
     return (
@@ -190,7 +190,7 @@ def gauges_section(report: Suite, scenes: Mapping[str, bytes]) -> str:
     shown, more = figures(_picture(report, png, numbers) for png, numbers in shared.items()), ""
     if bodies := [_gauge_rows(index, run, run.layout) for index, run in report.placements if run.layout is not None]:
         caption = "Gauges close together are redundant: they average noise and can replace each other."
-        head = ("run", "gauge", "element", *AXES, "nearest", "distance")
+        head = ("run", "gauge", "element", *AXES, "nearest gauge", "distance to nearest")
         numbers = grouped_table("gauges", head, bodies, caption=caption, numeric=(2, 3, 4, 5, 7))
         more = unfolding("All gauges of all runs, with distances to the nearest gauge", numbers)
     return f"<h2>Gauge positions</h2>{shown}{more}" if shown or more else ""
@@ -204,7 +204,7 @@ def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
     for one, (size, other) in _nearest(run.layout).items():
         closest.setdefault(frozenset((one, other)), (size, f"{one} – {other} {number(1000 * size, 3)}\u00a0mm"))
     near = "; ".join(words for _, words in sorted(closest.values(), key=lambda pair: pair[0]))
-    many = f"{run.gauges} gauges from {run.pool} candidates" if run.gauges is not None else "the gauges"
+    many = f"{run.gauges} of {run.pool} candidate gauges" if run.gauges is not None else "the gauges"
     alt = f"The structure with {many} of {runs}{f'; shortest distances: {near}' * bool(near)}."
     nearest = f"Shortest distances: {near}." if near else ""
     shown = scene(png, alt, f"picture of the gauges of {runs}")

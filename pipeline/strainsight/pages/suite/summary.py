@@ -193,7 +193,7 @@ def _status(run: SuiteRun) -> tuple[str, ...]:
 METRIC = "metric"
 COLUMNS = (
     "run", "unknown", "gauges", METRIC, "gap to the optimal layout", "error", "claimed σ", "error / σ",
-    "repeats: RMS", "largest", "consistency",
+    "repeats: RMS error", "largest error", "consistency",
 )  # fmt: skip
 NUMERIC = frozenset(COLUMNS) - {"run", "unknown", "consistency"}
 MEASURED = COLUMNS[5:]
@@ -228,14 +228,14 @@ def runs_table(report: Suite) -> str:
     metrics = metrics_of(run for _, run in report.placements)
     symbol = metric_name(metrics).replace(" ", "\u00a0")  # without line breaks
     columns = tuple(symbol if column == METRIC else column for column in COLUMNS)
-    caption = f"{metric_words(metrics)}, with all candidates → with the selected gauges, and their ratio. " * bool(
+    caption = f"{metric_words(metrics)}: with all candidates → with the selected gauges, and ratio of both. " * bool(
         metrics
     )
     caption += (
-        "Errors of parameters: filtered estimate, mean over the second half, relative to the true value. Errors of loads: "
-        "smoothed estimate, relative to the RMS of the load. Repeats are filtered and have other noise and starting values. σ is "
-        "consistent if the RMS of error / claimed σ is in the 99.73 % interval of χ², which is narrower for more samples. "
-        "Values above the interval are overconfident, values below it too cautious."
+        "Errors of parameters: filtered estimate, mean over the second half of the run, relative to the true value. Errors of "
+        "loads: smoothed estimate, relative to the RMS of the load. Repeats: filter runs with other noise and initial values. σ "
+        "is consistent if the RMS of error / claimed σ is in the 99.73 % interval of χ² (narrower for more samples). "
+        "Above the interval σ is overconfident, below the interval too cautious."
     )
     bodies = [_block(index, run, len(metrics) > 1) for index, run in report.placements]
     numeric = [i for i, name in enumerate(COLUMNS) if name in NUMERIC]
@@ -246,10 +246,10 @@ def run_answer(run: PlacementRun) -> str:
     """Problems, then number of gauges and errors of the unknowns."""
     if not run.is_estimated:
         what = " and ".join(escape(unknown.name) for unknown in run.unknowns) or "no unknowns"
-        return f"<strong>Not estimated</strong>: {what}; the run ends after {escape(run.reached)}."
-    gauges, results = "The gauges", results_of(run)
+        return f"<strong>Not estimated</strong>: {what}; the run ends after stage {escape(run.reached)}."
+    gauges, results = "The gauges estimate", results_of(run)
     if run.gauges is not None:
-        gauges = f"{run.gauges} gauge{'s' * (run.gauges != 1)} of {run.pool}"
+        gauges = f"{run.gauges} of {run.pool} candidates estimate{'s' * (run.gauges == 1)}"
     parts = [
         f"<strong>{escape(result.unknown.name)}</strong> with an error of {share(result.error)}"
         + (f" (claimed σ {share(result.std)})" if result.std is not None else "")
@@ -265,7 +265,7 @@ def run_answer(run: PlacementRun) -> str:
         )
         for result in results
     )
-    return f"{wrong}{no_benefit(run.unknowns)}{gauges} estimate {', '.join(parts)}."
+    return f"{wrong}{no_benefit(run.unknowns)}{gauges} {', '.join(parts)}."
 
 
 def link(run: SuiteRun, text: str = "page of the run", around: str = "{}") -> str:
@@ -293,7 +293,7 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
     if run.is_estimated:
         return block(heading, list(map(_cells, results_of(run))), once)
     names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
-    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' * bool(run.note)}{escape(run.note)}"
+    text = f"<strong>not estimated</strong> (run ends after stage {escape(run.reached)}){': ' * bool(run.note)}{escape(run.note)}"
     known = [unknown for unknown in run.unknowns if unknown.expected_std is not None]
     if expected := ", ".join(f"{escape(unknown.name)} ± {share(unknown.expected_std)}" for unknown in known):
         text += f"<br>expected σ: {expected}"

@@ -16,8 +16,8 @@ from strainsight.records.estimated import CampaignRecord
 from strainsight.runner.output import Table
 
 FOOTER = (
-    "σ is one standard deviation, as claimed by the filter. Parameters and the errors of gauges, damping and loads are common to "
-    "all records, so these errors do not average out. Loads, motion and zeros differ between records."
+    "σ is one standard deviation, as claimed by the filter. All records have the same parameters, and the same errors of gauges, "
+    "damping and load application, so these errors do not average out. Load histories, motion and zero offsets differ."
 )
 
 

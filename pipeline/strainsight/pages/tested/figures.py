@@ -49,7 +49,7 @@ BUCKETS = 180
 """Buckets of a record; the minimum and maximum of each are shown."""
 INSIDE = 2.0
 """Half width of the band [σ]."""
-HOLD_OUT = "Prediction of every channel from the others; the filter does not use the predicted channel."
+HOLD_OUT = "Every channel is predicted from the other channels; the filter does not use the predicted channel."
 
 
 def reading(value: float, unit: str, digits: int = 3) -> str:
@@ -130,10 +130,10 @@ def reading_figure(reading: Reading) -> Drawing:
     caption = f"Residual {left} {unit} RMS; configured noise σ {number(noise, 3)} {unit} (dashed: ±2σ)"
     caption += "; below, detail around the largest reading." if close else "."
     if reading.missing:
-        caption += f" {reading.missing} of {len(time)} samples are missing."
+        caption += f" Missing samples: {reading.missing} of {len(time)}."
     if reading.offset is not None:
         mean, sigma = (number(value / factor, 3) for value in reading.offset)
-        caption += f" An estimated offset of {mean} ± {sigma} {unit} is subtracted."
+        caption += f" The estimated offset of {mean} ± {sigma} {unit} is subtracted from the reading."
     alt = f"Line chart of measured and reconstructed {curves.what} of {reading.label}, peak "
     alt += f"{number(largest(curves.estimated), 3)} {unit}, residual {left} {unit} RMS."
     return Drawing(f"reading-{reading.label}", reading.label, caption, alt, svg(canvas))
@@ -164,7 +164,7 @@ def _cross(reading: Reading) -> Drawing:
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
     axes.set(xlabel=f"predicted {what} [{short(curves.unit)}]", ylabel=f"measured {what} [{short(curves.unit)}]")
     legend_above(axes)
-    caption = f"{label}, measured over predicted; both are equal on the dashed line."
+    caption = f"{label}, measured over predicted reading; both are equal on the dashed line."
     alt = f"Scatter plot of measured over predicted {what} of {label}, error {_error(reading)} of the measured RMS."
     return Drawing(f"hold-out-{label}", f"{label}: measured over predicted", caption, alt, svg(canvas))
 
@@ -180,7 +180,7 @@ def _overlay(reading: Reading) -> Drawing:
     legend_above(axes)
     caption = f"{label} around its largest reading: measured, and predicted from the other channels with ±2σ band."
     alt = f"Line chart of measured and predicted {curves.what} of {label}, error {_error(reading)} of the measured RMS."
-    return Drawing(f"hold-out-time-{label}", f"{label}: over time", caption, alt, svg(canvas))
+    return Drawing(f"hold-out-time-{label}", f"{label}: measured and predicted over time", caption, alt, svg(canvas))
 
 
 def _error(reading: Reading) -> str:
@@ -198,11 +198,11 @@ def hold_out_section(channels: Sequence[Reading], cards: Iterable[str]) -> str:
         of_size = share(error / size) if size > 0 else "–"
         over_sigma = plain(sigma, 3) if np.isfinite(sigma) else "–"
         rows.append([escape(channel.label), reading(error, channel.unit), of_size, over_sigma, share(inside(channel))])
-    head = ("channel", "RMS error", "relative to RMS", "error / σ", "within ±2σ")
-    caption = "For a correct σ, 95 % of the samples are within ±2σ, and error / σ is 1."
+    head = ("channel", "RMS error", "RMS error / RMS reading", "RMS of error / σ", "samples within ±2σ")
+    caption = "Error: measured − predicted. For a correct σ, 95 % of the samples are within ±2σ, and the RMS of error / σ is 1."
     text = table("hold-out", head, rows, caption=caption, numeric=range(1, 5))
     worst = min(map(inside, channels))
-    least = "" if np.isnan(worst) else f" Smallest share within ±2σ: {number(100 * worst, 3)} %."
+    least = "" if np.isnan(worst) else f" Smallest share of samples within ±2σ: {number(100 * worst, 3)} %."
     return section("Hold-out", text, lead=HOLD_OUT + least) + figures(cards)
 
 
@@ -267,15 +267,15 @@ def spectrum_figure(spectrum: Spectrum, colour: str = BLUE) -> Drawing:
     if level is None:
         factor, unit = prefix(top, spectrum.unit)
         key, title, label = f"spectrum-{name}", f"{name}: spectrum", short(name)
-        caption = f"Spectrum of {name}, smoothed: largest at {at}, {quantity(top, spectrum.unit, 3)}/√Hz."
-        alt = f"Spectrum of the load {name}, largest at {at}."
+        caption = f"Spectrum of the smoothed load {name}: at most {quantity(top, spectrum.unit, 3)}/√Hz, at {at}."
+        alt = f"Spectrum of the smoothed load {name}, largest at {at}."
     else:
         factor, unit = reading_unit(max(level, top), spectrum.unit)
         if spectrum.unit == "strain":
             factor, unit = 1e-9, "nm/m"
         key, title, label = f"residual-{name}", name, "residual"
         words = f"at most {number(top / level if level > 0 else np.inf, 2)} times the configured noise, at {at}."
-        caption, alt = f"Residual of {name}: {words}", f"Spectrum of the residual of {name}, {words}"
+        caption = alt = f"Spectrum of the residual of {name}: {words}"
     few = -(-len(root) // LINES)
     if few > 1:  # the largest of neighbouring lines, at its frequency
         places = np.array([start + int(np.argmax(root[start : start + few])) for start in range(0, len(root), few)])
@@ -292,7 +292,7 @@ def spectrum_figure(spectrum: Spectrum, colour: str = BLUE) -> Drawing:
             low, high = min(low, 0.1 * noise), max(high, 10 * noise)
         axes.set_ylim(max(low, 1e-5 * max(float(root.max()), noise)), high)
     log_ticks(axes)
-    axes.set(xlabel="frequency [Hz]", ylabel=f"√density\n[{short(unit)}/√Hz]")
+    axes.set(xlabel="frequency [Hz]", ylabel=f"√PSD\n[{short(unit)}/√Hz]")
     axes.margins(x=0.01)
     legend_above(axes)
     return Drawing(key, title, caption, alt, svg(canvas))

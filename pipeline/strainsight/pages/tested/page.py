@@ -72,7 +72,7 @@ def findings_screen(report: Findings) -> str:
     """Unknowns, consistency of the record, channels, and warnings. Every number is a `data` element."""
     good = report.consistent
     words = mark(escape(_sentence(report.innovations)), good)
-    consistency = tile("record, model and noise", "consistent" if good else "inconsistent", after=words)
+    consistency = tile("consistency of record, model and noise", "consistent" if good else "inconsistent", after=words)
     return sections.first_screen(
         "".join(map(_tile, report.unknowns)) + consistency, _channels(report), _cautions(report)
     )
@@ -114,11 +114,11 @@ def _channels(report: Findings) -> str:
         )
     text = table(
         "channels",
-        ("channel", "RMS", "residual, RMS", "residual / noise", "largest reading", "at", "missing"),
+        ("channel", "RMS reading", "RMS residual", "residual / noise", "largest reading", "at time", "missing samples"),
         rows,
         title="<h2>Channels</h2>",
-        caption="Residual: measured − reconstructed. Residual / noise is relative to the configured noise, and 1 or less for a "
-        "correct model.",
+        caption="Residual: measured − reconstructed. Residual / noise: RMS residual divided by the configured noise; one or less "
+        "for a correct model.",
         numeric=range(1, 7),
     )
     return f'<div class="card without">{text}</div>'
@@ -142,7 +142,7 @@ def extremes_section(report: Findings) -> str:
     loads = {load.name for load in report.loads}
     rows = [_row(load.name, "load", load, load.mean, load.std) for load in report.histories if load.name in loads]
     rows += [
-        _row(f"magnitude of the sum at {total.name}", "loads", total, total.mean, total.std)
+        _row(f"magnitude of the sum of the loads at {total.name}", "loads", total, total.mean, total.std)
         for total in report.resultants
     ]
     rows += [_row(load.name, "known load", load, load.mean) for load in report.known]
@@ -173,20 +173,20 @@ def title_of(name: str, report_unknowns: tuple[str, ...]) -> str:
 
 
 FOOTER = (
-    "σ is one standard deviation, as claimed by the filter. Loads and the surface are smoothed: their estimates use all samples. "
-    "Readings are reconstructed by the filter from the samples up to each instant. Residual: measured − reconstructed."
+    "σ is one standard deviation, as claimed by the filter. Loads, strain and stress of the surface are smoothed estimates from "
+    "all samples. Readings are reconstructed by the filter from samples up to each instant. Residual: measured − reconstructed."
 )
 SPECTRA = (
-    "Measured − reconstructed, and the configured noise (dashed). Values far below the line indicate that the filter interprets "
-    "noise as motion or load. Peaks above the line indicate effects that the model does not include."
+    "Measured − reconstructed, and the configured noise (dashed). Values far below the dashed line indicate that the filter "
+    "interprets noise as motion or load. Peaks above the dashed line indicate effects that the model does not include."
 )
 
 READINGS = "Measured and reconstructed readings of each channel; below, the residual."
 NOT_TESTED = "No gauge was held out: predictions at positions without gauges were not tested."
 
 CHECKED = (
-    "RMS of each channel and of its prediction from the other channels. The ratio of the residual to its σ is 1 for consistent "
-    "channels. The best explanation is also listed if the record is consistent with the model; it then has little significance."
+    "RMS of each channel and of the prediction of the channel. Residual / σ is 1 for consistent channels. The most likely fault "
+    "is also listed if the record is consistent with the model; in this case it has little significance."
 )
 
 
@@ -201,7 +201,7 @@ def page_of_test(
         f'<p class="lead">Record {escape(report.record)}. Other records: {links}.</p>' * bool(links),
         findings_screen(report),
         folded(select_figures(drawings, "reading-"), "multiples", titled("Measured and reconstructed", READINGS)),
-        sections.listing_section("Channels predicted from the others", report.checked, range(1, 5), CHECKED),
+        sections.listing_section("Channels predicted from the other channels", report.checked, range(1, 5), CHECKED),
         hold_out_section(report.hold_out, select_figures(drawings, "hold-out-")),
         _residuals(report, drawings),
         figures(select_figures(drawings, "load-", "resultant-", "spectrum-", "known-"), "<h2>Loads</h2>"),
@@ -235,7 +235,7 @@ def _file(report: Findings) -> str:
         ("SHA-256", broken_digest(source.sha256)),
         ("size", _size_text(source.bytes)),
         ("format", escape(source.format)),
-        ("date", escape(source.date) or "not configured (estimate.date)"),
+        ("date", escape(source.date) or "not configured (key estimate.date)"),
         ("sample rate", quantity(file.rate, "Hz")),
         ("record", f"{number(file.duration)} s from {number(file.start)} s, {number(file.samples, 12)} samples"),
     ]
@@ -328,17 +328,19 @@ def space_of(report: Findings) -> str:
     for shown in reversed(moment.maps):
         contour = contour_of(shown.values, layout, shown.quantity, shown.unit)
         shapes.append(ShownState(f"{shown.quantity} {when}", contour=contour, group=group))
-    moved = ShownState(f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Displaced")
+    moved = ShownState(
+        f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Displaced surface"
+    )
     return space_section([("", layout)], [*shapes, moved], first=0)
 
 
 def _extremes(shown: Map) -> str:
     """Extremes of a map, with σ at the largest absolute value if known."""
     values, unit = shown.values, shown.unit
-    text = f"From {measure(float(values.min()), unit)} to {measure(float(values.max()), unit)}"
+    text = f"Values from {measure(float(values.min()), unit)} to {measure(float(values.max()), unit)}"
     if shown.std is not None:
         at = max(int(np.argmax(values)), int(np.argmin(values)), key=lambda i: abs(values[i]))
         text += (
             f"; largest absolute value {measure(float(values[at]), unit)} ± {measure(float(shown.std[at]), unit, 2)}"
         )
-    return f"{text}, at facet centres."
+    return f"{text}, at the facet centres."
