@@ -177,7 +177,7 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
         forces = bearing(mesh, face, _unit(load.name, load.bearing))
         if not forces.force.any():
             raise UserError(
-                f"load {load.name}: the bearing vector points into the material on no part of face {face!r}",
+                f"load {load.name}: the bearing vector points out of the material everywhere on face {face!r}",
                 remedy="Reverse the bearing vector (it must point from the pin into the material), or use another face.",
             )
         return forces
@@ -244,8 +244,8 @@ def _check_moments(model: FiniteElementModel, load: PointLoad, forces: NodalForc
     ]
     if without_effect:
         warnings.warn(
-            f"load {load.name} ({load.deck_load}): the moment on node {mesh.node_ids[without_effect[0]]} has no effect"
-            f"{f' (nor on other nodes, {len(without_effect)} in total)' if len(without_effect) > 1 else ''}: the node has no "
+            f"load {load.name} ({load.deck_load}): the moment on node {mesh.node_ids[without_effect[0]]}"
+            f"{f' (one of {len(without_effect)} such nodes)' if len(without_effect) > 1 else ''} has no effect: the node has no "
             "rotations, or is clamped",
             stacklevel=2,
         )

@@ -152,9 +152,9 @@ def modes(
     relief = None if rigid is None else relief_of(M, rigid)
     massive = _rank_of_mass(M, relief)
     if not 1 <= count <= massive:
-        suffix = "" if relief is None else f" in addition to {relief.shapes.shape[1]} rigid-body modes"
+        suffix = "" if relief is None else " in addition to the rigid-body modes"
         raise UserError(
-            f"the requested number of modes is {count}, but the model has only {massive} unknowns with mass{suffix}",
+            f"the requested number of modes is {count}, but the number of unknowns with mass is only {massive}{suffix}",
             remedy=f"Request 1 to {massive} modes.",
         )
     if shift > 0 or (shift and relief is not None):

@@ -78,7 +78,7 @@ def test_adjusted_tie_nodes_match_results(read):
     there[node_indices(mesh, "BOTTOM"), 2] = 1.0
     check_positions(mesh, rows, there, 0.0, "a.frd")
     there[node_indices(mesh, "UPPER1"), 2] = 2.0
-    with pytest.raises(UserError, match="9 of 26 nodes have other positions"):
+    with pytest.raises(UserError, match="9 of 26 nodes do not have the same position"):
         check_positions(mesh, rows, there, 0.0, "a.frd")
 
 

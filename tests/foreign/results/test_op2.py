@@ -217,7 +217,7 @@ def test_records_in_parts_and_packed_files(tmp_path):
         (TRANSIENT, 1, 8, "a transient response"),
         (STATIC, 1001, 14, "complex displacements"),
         (STATIC, 2001, 8, "SORT2"),
-        (STATIC, 1, 14, "rows of 14 words"),
+        (STATIC, 1, 14, "14 words per row"),
     ],
 )
 def test_other_kinds_are_refused_by_name_with_a_remedy(tmp_path, analysis, table, wide, said):
