@@ -72,7 +72,7 @@ BENCHES = [
     ("estimate.sensors.gauges.noise", "effect of one σ of an unknown", {"estimate.inputs.side.std": 1e30}),
     ("estimate.inputs.down", "no sensor measures this unknown", {"estimate.sensors.gauges.noise": 1e6}),
     ("forces.side.signal", "exceeds the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
-    ("bodies.beam", "500 modes were requested of a body with", {"bodies.beam.modes": 500}),
+    ("bodies.beam", "the requested number of modes is 500, but the body has only", {"bodies.beam.modes": 500}),
 ]
 
 

@@ -52,7 +52,7 @@ def test_unknowns_without_mass_are_condensed(n):
     diagonal = np.tile([0.0, 1.0], n // 2)
     frequency, _ = modes(K, sparse.csr_array(sparse.diags_array(diagonal)), 4)
     assert np.allclose(frequency, chain(n // 2)[2][:4], rtol=1e-9)
-    with pytest.raises(UserError, match=f"number of modes is {n // 2 + 1}, but the number of unknowns with mass is only {n // 2}"):
+    with pytest.raises(UserError, match=f"modes is {n // 2 + 1}, but the number of unknowns with mass is only {n // 2}"):
         modes(K, sparse.csr_array(sparse.diags_array(diagonal)), n // 2 + 1)
 
 

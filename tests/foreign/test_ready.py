@@ -238,7 +238,7 @@ def test_missing_nodes_and_free_motions_are_refused():
     mesh = beam_mesh(4)
     K, M = beam_matrices(4)
     node, component = beam_rows(mesh)
-    with pytest.raises(DeckError, match=r"row 8 of the matrices belongs to node 77, which is not in the mesh \(affected") as caught:
+    with pytest.raises(DeckError, match=r"row 8 of the matrices belongs to node 77, which is not in the mesh \(aff") as caught:
         build_imported_model(
             mesh,
             convert_matrices(np.where(np.arange(30) == 7, 77, node), component, [Term(K)], [Term(M)], source="r.csv"),

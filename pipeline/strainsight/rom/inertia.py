@@ -72,7 +72,8 @@ def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaI
         G += _point_mass_terms(point, F[point.node], None if row is None else z[row : row + 3])
     if not G[0, 0] > 0:
         raise DeckError(
-            f"the total mass is {G[0, 0]:g} kg", remedy="Specify the density of the materials (RHO on MAT1)."
+            f"the total mass of the body is {G[0, 0]:g} kg",
+            remedy="Specify the density of the materials (RHO on MAT1).",
         )
     G = 0.5 * (G + G.T)
     with_place = G[1:4, 4:].reshape(3, 3, n)
