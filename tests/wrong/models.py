@@ -120,7 +120,7 @@ SECTIONS = {
     "normals that change sides": (
         plate(turned=(3,)),
         ON_PLATE,
-        "normals of neighbouring shells are opposite at 3 common sides",
+        "normals of neighbouring shells are opposite, for example of elements 2 and 3 (affected common sides: 3)",
     ),
     "a section of shells on solids": (
         inp(section="*SHELL SECTION, ELSET=EALL, MATERIAL=STEEL\n0.01"),

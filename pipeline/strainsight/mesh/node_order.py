@@ -111,7 +111,7 @@ def plate_normals(
         )
     if warp[worst] > WARPED:
         notes.append(
-            f"{np.sum(warp > WARPED)} {called(worst).split()[0]} are warped: corners are more than {WARPED:g} of the mean "
-            f"diagonal off the mean plane ({called(worst)} {warp[worst]:.2g})"
+            f"warped {called(worst).split()[0]} ({np.sum(warp > WARPED)} in total): corners are more than {WARPED:g} of the mean "
+            f"diagonal off the mean plane (largest: {warp[worst]:.2g}, {called(worst)})"
         )
     return normal

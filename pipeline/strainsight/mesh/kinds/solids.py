@@ -129,7 +129,7 @@ UPRIGHTS_SECOND = (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)
 _MODES = "with incompatible modes"
 _FREQUENCIES_DIFFER = "; frequencies of coarse meshes differ from those of CalculiX by up to {} %"
 """Largest difference on two example decks."""
-_REDUCED = f"{_MODES}: full integration, no hourglass control"
+_REDUCED = f"{_MODES} and full integration, without hourglass control"
 
 
 def bubble_gradient(xi: FloatArray) -> FloatArray:
