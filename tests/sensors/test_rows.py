@@ -154,6 +154,6 @@ def test_step_without_remaining_facet_is_reported(arguments, key, count, box_mes
 
 
 def test_facets_on_supports_alone_name_the_surface(box_mesh):
-    with pytest.raises(InfeasibleError, match="6 on the surface 'root', 6 with an area, 0 away from constrained") as e:
+    with pytest.raises(InfeasibleError, match="6 on the surface 'root', 6 with a nonzero area, 0 without constrained") as e:
         motion_candidates(box_mesh, exterior_facets(box_mesh), ACCELERATION, surface="root", key="motion_sensors.a")
     assert e.value.key == "motion_sensors.a.surface"

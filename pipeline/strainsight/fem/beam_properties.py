@@ -74,7 +74,7 @@ def check_properties(properties: BeamProperties, ids: np.ndarray) -> None:
     require(excess <= 0, excess, ids, what, remedy)
     ends = np.concatenate([bending_axes(properties.second)[1], _shares(properties.torsion)[:, None]], axis=1)
     least = ends.min(axis=(1, 2))
-    what = "has bending or torsional stiffness at one end only: at the other end it is {value:.3g} times the mean of both ends"
+    what = "has bending or torsional stiffness at one end only (stiffness of the other end: {value:.3g} times the mean of both)"
     require(
         least > ONE_END, least, ids, what, "Specify I1, I2 and J of the beam property at both ends, or at neither end."
     )

@@ -223,7 +223,7 @@ def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, forces: NodalF
         share = np.linalg.norm(forces.force[fixed].sum(axis=0)) / resultant
         warnings.warn(
             f"load {load.name} ({load.deck_load}): {100 * share:.3g} % of the resultant has no effect, because {len(fixed)} of "
-            f"{len(loaded)} loaded nodes (for example node {mesh.node_ids[forces.nodes[fixed[0]]]}) cannot move in its direction",
+            f"{len(loaded)} loaded nodes (e.g. node {mesh.node_ids[forces.nodes[fixed[0]]]}) cannot move in the load direction",
             stacklevel=2,
         )
 

@@ -185,7 +185,7 @@ def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None)
         raise UserError(
             "the normalisation of the modes is unknown: the file does not define it, and the mesh has no density",
             key="mesh.results.modal_mass",
-            remedy="set modal_mass: unit if ΦᵀMΦ = 1 in the units of the file (MASS in Nastran, always in CalculiX). "
+            remedy="set `modal_mass: unit` if ΦᵀMΦ = 1 in the units of the file (MASS in Nastran, always in CalculiX). "
             "Otherwise specify densities in mesh.materials, and write results of all nodes",
         )
     if file_mass is None:
@@ -203,7 +203,7 @@ def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None)
             "value in the results",
             key="mesh.results",
             remedy="use the densities, point masses and units of the original analysis, or remove the densities. If "
-            "the modes do not have unit mass, set modal_mass: mesh",
+            "the modes do not have unit mass, set `modal_mass: mesh`",
         )
     if abs(off[worst] - 1) > UNIT:
         return file_mass, [
@@ -240,7 +240,7 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         for j in range(i):
             off = abs(G[i, j] - G[j, i]) / np.sqrt(energy[i] * energy[j])
             message = (
-                f"the static response to load {names[i]} moves load {names[j]} by {G[i, j]:.5g} m/N, but that to load "
+                f"the static response to load {names[i]} moves load {names[j]} by {G[i, j]:.5g} m/N, but the response to load "
                 f"{names[j]} moves load {names[i]}"
             )
             if off > SYMMETRIC:

@@ -93,7 +93,7 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
     several: dict[str, tuple[Callable[[int], object], str]] = {
         "a shell whose membrane, bending and shear": (
             mesh.general_shell,
-            "their materials in the deck (MAT1, MAT2, MAT8)",
+            "the materials of membrane, bending and shear in the deck (MAT1, MAT2, MAT8)",
         ),
         "a laminate, whose plies": (mesh.laminate, "materials of plies in the deck (MAT8, MAT1)"),
         "a composite solid, whose layers": (mesh.composites.get, "materials of layers in the deck"),

@@ -113,7 +113,7 @@ def _refuse_curved_rods(block: CellBlock, assignments: Mapping[int, GivenSection
             raise element_error(
                 element,
                 f"element {element} is a line of three nodes, which requires bending stiffness, but its section has none",
-                "Specify moments of area of the section (mesh.sections), or mesh rods with lines of two nodes.",
+                "Specify `second_moments` of the section in mesh.sections, or mesh rods with lines of two nodes.",
             )
 
 

@@ -180,12 +180,14 @@ class Springs:
     name: Annotated[str, Column("1", "", "name of the spring element or support in the file or config")]
     stiffness: Annotated[FloatArray, Column("SI", "spring", "spring stiffness: N/m, for torsion springs N m/rad")]
     spring: Annotated[
-        IntArray, Column("1", "part", "index of the spring that every node motion elongates", offset="part_offset")
+        IntArray, Column("1", "part", "index of the spring that the node motion elongates", offset="part_offset")
     ]
-    node: Annotated[IntArray, Column("1", "part", "node index of every node motion", offset="part_offset")]
+    node: Annotated[
+        IntArray, Column("1", "part", "index of the node whose motion elongates the spring", offset="part_offset")
+    ]
     component: Annotated[
         IntArray,
-        Column("1", "part", "component of every node motion: 0-2 translations, 3-5 rotations", offset="part_offset"),
+        Column("1", "part", "component of the node motion: 0-2 translations, 3-5 rotations", offset="part_offset"),
     ]
     value: Annotated[
         FloatArray, Column("SI", "part", "spring elongation per unit of the node motion", offset="part_offset")

@@ -164,7 +164,7 @@ def _inconsistent_normals(mesh: Mesh) -> list[str]:
     a, b = element[same[0]].tolist()
     return [
         f"normals of neighbouring shells are opposite, for example of elements {a} and {b} (affected common sides: {len(same)}). "
-        f"Upper and lower face, offsets, ply order and pressures depend on the normal. Number the nodes of "
+        "Upper and lower face, offsets, ply order and pressures depend on the normal. Number the nodes of "
         "all shells in the same direction."
     ]
 

@@ -162,7 +162,7 @@ def _tangent(direction: Sequence[float], n: np.ndarray, refuse: Callable[[str, s
     angle = np.rad2deg(np.arctan2(np.linalg.norm(t), abs(a @ n)))
     if angle < STEEPEST:
         raise refuse(
-            f"has a direction at {angle:.3g}° to the surface normal {_xyz(n)}: its projection on the surface is undefined",
+            f"has a direction at {angle:.3g}° to the surface normal {_xyz(n)}: the projection on the surface is undefined",
             f"Specify a direction along the surface, at more than {STEEPEST:g}° to the normal.",
         )
     return t / np.linalg.norm(t)

@@ -193,12 +193,12 @@ def admissible(
             every = np.ones(len(remaining), dtype=bool)
             chosen = every if surface == "all" else on_surface(mesh, facets, surface)
         yield f"{key}.surface", f"on the surface {surface!r}", chosen
-        yield f"{key}.surface", "with an area", np.any(normal != 0, axis=1)
+        yield f"{key}.surface", "with a nonzero area", np.any(normal != 0, axis=1)
         if (lies := covered(mesh, facets)).any():
             yield "mesh.file", "not covered by another part", ~lies
         if not on_constraints:
             tied = constrained_nodes(mesh, references=True)[facets.nodes] & (facets.nodes >= 0)
-            yield f"{key}.surface", "away from constrained nodes", ~np.any(tied, axis=1)
+            yield f"{key}.surface", "without constrained nodes", ~np.any(tied, axis=1)
         if include:
             with blame(f"{key}.include"):
                 zones = [inside(zone, mesh, facets, centre, normal) for zone in include]

@@ -238,7 +238,7 @@ def test_nonfinite_numbers_are_refused(tmp_path, bad):
         list(read_responses(written(tmp_path, w.file(w.static(rows=w.rows(motion=motion))))))
     with pytest.raises(DeckError, match="frequency"):
         list(read_responses(written(tmp_path, w.file(w.modes(eigenvalues=(bad,))))))
-    with pytest.raises(DeckError, match="node 3 occurs twice"):
+    with pytest.raises(DeckError, match="the displacements of node 3 occur twice"):
         list(read_responses(written(tmp_path, w.file(w.static(rows=w.rows(nodes=[3, 1, 3]))))))
 
 

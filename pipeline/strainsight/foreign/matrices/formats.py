@@ -152,7 +152,7 @@ def _strings_of(words: list[int], header: Header, column: int, where: str) -> tu
             at += 1
         at += size
         if size <= 0 or size % header.words or at > len(words):
-            raise damage_error(f"a string in column {column} has the invalid length of {size} words", where)
+            raise damage_error(f"a block of entries in column {column} has the invalid length of {size} words", where)
         rows.append(row)
         lengths.append(size // header.words)
     return rows, lengths, places
@@ -238,7 +238,8 @@ def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Ite
                 size, row = (head >> 16) - 1, head & 0xFFFF
             left -= 1 + size
             if size <= 0 or left < 0:
-                raise damage_error(f"a string in column {column} has the invalid length of {size} words", lines.where)
+                what = f"a block of entries in column {column} has the invalid length of {size} words"
+                raise damage_error(what, lines.where)
             rows.append(row)
             lengths.append(size // header.words)
             _read_numbers(numbers, lines, lengths[-1], a_line, width)

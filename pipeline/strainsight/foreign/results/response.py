@@ -50,7 +50,7 @@ class Response:
 
     def __post_init__(self) -> None:
         if (pair := find_duplicate(self.node_ids)) is not None:
-            raise damage_error(f"node {self.node_ids[pair[1]]} occurs twice", self.where)
+            raise damage_error(f"the displacements of node {self.node_ids[pair[1]]} occur twice", self.where)
         finite = np.isfinite(self.motion).all(axis=1)
         if not finite.all():
             row = int(np.argmin(finite))

@@ -188,9 +188,9 @@ HEX20 = second_order(
     gmsh_order=(*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15),
     abaqus={
         "C3D20": "",
-        "C3D20R": f"integrated fully{_FREQUENCIES_DIFFER.format(17)}",
+        "C3D20R": f"with full integration{_FREQUENCIES_DIFFER.format(17)}",
         "C3D20H": HYBRID,
-        "C3D20RH": f"integrated fully, {HYBRID}",
+        "C3D20RH": f"with full integration, {HYBRID}",
     },
     meshio={"hexahedron20": ()},
     orders={"exodus": UPRIGHTS_SECOND},
