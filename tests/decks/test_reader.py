@@ -66,7 +66,7 @@ def test_pound_units_follow_from_the_international_pound_and_standard_gravity():
     ("function", "unit", "key", "hint"),
     [
         (length_factor, "mmm", "mesh.length_unit", "Did you mean 'mm'"),
-        (length_factor, "parsec", "mesh.length_unit", "Known units: m, "),
+        (length_factor, "parsec", "mesh.length_unit", "Use one of the units m, "),
         (mass_factor, "kgs", "mesh.mass_unit", "Did you mean 'kg'"),
     ],
 )

@@ -112,7 +112,7 @@ def test_quadratic_shell_fields_follow_nodes(tmp_path):
         (",7,8\n", ",7\n", r"the element has 3 of 4 mid-side nodes \(G8 is blank\)", 12),
         ("11,10,6\n", "11,,6\n", r"the element has 2 of 3 mid-side nodes \(G5 is blank\)", 14),
         ("GRID,5,,1,0,0.", "GRID,5,,1.6,0,0.", "node 5 of quad8 element 1 lies at 0.8 of the side", 12),
-        ("GRID,7,,1,1.1,0.", "GRID,7,,1,1.9,0.", "node 7 of quad8 element 1 is 0.45 side lengths away from the line", 12),
+        ("GRID,7,,1,1.1,0.", "GRID,7,,1,1.9,0.", "node 7 of quad8 element 1 is 0.45 side lengths away from the straight", 12),
     ],
 )
 def test_errors_have_file_line_and_remedy(tmp_path, old, new, what, line):

@@ -131,7 +131,7 @@ def test_element_in_two_groups_has_one_section(strip):
             (),
             None,
             r"element 3 is parallel to the section direction \[1.0, 0.0, 0.0\]",
-            "another section direction",
+            "another `direction` in mesh.sections",
         ),
         (
             {"a": SHELL},

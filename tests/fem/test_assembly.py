@@ -174,10 +174,10 @@ def with_material(mesh, **change):
 @pytest.mark.parametrize(
     ("kind", "change", "message"),
     [
-        ("wedge6", lambda mesh: reordered(mesh, 0, [3, 4, 5, 0, 1, 2]), "inverted: 1 "),
-        ("wedge6", lambda mesh: replace(mesh, position=mesh.position * [1, 1, 0]), "4 wedge6 elements"),
-        ("tet4", lambda mesh: reordered(mesh, 1, [1, 0]), "inverted: 2 "),
-        ("hex8", lambda mesh: reordered(mesh, 1, [1, 0]), "inverted: 2 "),
+        ("wedge6", lambda mesh: reordered(mesh, 0, [3, 4, 5, 0, 1, 2]), r"inverted wedge6 elements \(1 in total\): 1 "),
+        ("wedge6", lambda mesh: replace(mesh, position=mesh.position * [1, 1, 0]), r"inverted wedge6 elements \(4 in total\)"),
+        ("tet4", lambda mesh: reordered(mesh, 1, [1, 0]), r"inverted tet4 elements \(1 in total\): 2 "),
+        ("hex8", lambda mesh: reordered(mesh, 1, [1, 0]), r"inverted hex8 elements \(1 in total\): 2 "),
         *((kind, with_swapped_middles, f"{kind} element 2 ") for kind in ("tet10", "hex20", "wedge15")),
         ("tet4", lambda mesh: with_material(mesh, youngs_modulus=0.0), "Young's modulus"),
         ("tet4", lambda mesh: with_material(mesh, youngs_modulus=np.nan), "Young's modulus"),
@@ -204,8 +204,8 @@ E_OF, RHO_OF = (Parameter("E", name, (1,), 1.0) for name in ("youngs_modulus", "
     ("parameters", "message"),
     [
         ([replace(E_OF, regions=(9,))], "region 9"),
-        ([E_OF, RHO_OF], "2 parameters are called 'E'"),
-        ([E_OF, replace(E_OF, name="F")], "both the youngs_modulus"),
+        ([E_OF, RHO_OF], "the parameter name 'E' is empty or is used more than once"),
+        ([E_OF, replace(E_OF, name="F")], "both define the youngs_modulus"),
     ],
 )
 def test_conflicting_parameters_are_refused(box, parameters, message):
@@ -224,7 +224,7 @@ def test_too_little_memory_for_the_sum_is_refused_and_enough_is_not(box, kind, m
     monkeypatch.setattr(memory, "available_memory", lambda: float(peak))
     assemble(mesh)
     monkeypatch.setattr(memory, "available_memory", lambda: peak / 20)
-    words = rf"the stiffness of {len(mesh.position)} nodes: .* GiB of memory are needed"
+    words = rf"the stiffness matrix of {len(mesh.position)} nodes: .* GiB of memory are needed"
     with pytest.raises(UserError, match=words):
         assemble(mesh)
 

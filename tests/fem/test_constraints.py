@@ -146,7 +146,7 @@ CONTRADICTIONS = [
     ),
     (
         ("tie", 1),
-        "node 1 is clamped in component 1 and dependent in rigid element 1",
+        "component 1 of node 1 is clamped, but also dependent in rigid element 1",
         {"rigid": (RigidElement(1, A, np.array([0]), (0,)),)},
     ),
     (
@@ -163,7 +163,7 @@ CONTRADICTIONS = [
     ),
     (
         ("tie", 3),
-        "do not determine rotation z of its reference",
+        "do not determine the rotation z of its reference",
         {"averaging": (AveragingElement(3, A, TIP_NODES[:1], np.ones(1), (5,)),)},
     ),
     (
@@ -305,7 +305,7 @@ def test_clamped_tied_component_is_reported_in_local_axes(supported_part):
     turned = replace(mesh, axes={node: TURN})
     # component 2 is not tied: it may be clamped
     constraint_transform(replace(turned, fixed=np.vstack([mesh.fixed, [node, 1]])))
-    with pytest.raises(DeckError, match=f"node {mesh.node_ids[node]} is clamped in component 3 .* rigid element 1") as caught:
+    with pytest.raises(DeckError, match=f"component 3 of node {mesh.node_ids[node]} is clamped, .* rigid element 1") as caught:
         constraint_transform(replace(turned, fixed=np.vstack([mesh.fixed, [node, 2]])))
     assert caught.value.entity == ("tie", 1)
 

@@ -37,7 +37,7 @@ def solver(request, monkeypatch):
     return request.param
 
 
-@pytest.mark.filterwarnings("ignore:PARDISO is not available")
+@pytest.mark.filterwarnings("ignore:the equation solver PARDISO is not available")
 @pytest.mark.parametrize("units", [0, 8])
 def test_solution_satisfies_the_equations(solver, units):
     A = spd(units=units)
@@ -51,7 +51,7 @@ def test_solution_satisfies_the_equations(solver, units):
     assert factor.solve(np.zeros((400, 0))).shape == (400, 0)
 
 
-@pytest.mark.filterwarnings("ignore:PARDISO is not available")
+@pytest.mark.filterwarnings("ignore:the equation solver PARDISO is not available")
 def test_indefinite_and_singular_matrices_are_refused(solver):
     A = spd()
     with pytest.raises(NumericalError, match="not positive definite"):
@@ -75,7 +75,7 @@ def test_factors_do_not_disturb_each_other():
 
 def test_without_pardiso_a_warning_and_beyond_the_limit_an_error(monkeypatch):
     monkeypatch.setitem(sys.modules, "pypardiso", None)
-    with pytest.warns(UserWarning, match="SuperLU is used instead"):
+    with pytest.warns(UserWarning, match="SuperLU replaces it"):
         factorise(spd())
     monkeypatch.setattr(factorisation, "SUPERLU_LIMIT", 100)
     with pytest.raises(UserError, match="400 unknowns"):

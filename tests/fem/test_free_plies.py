@@ -192,7 +192,7 @@ def test_what_a_region_does_not_have_is_refused(property, material, laminate, wh
 
 
 def test_two_parameters_of_one_property_are_refused():
-    with pytest.raises(UserError, match="a and b are both the e1"):
+    with pytest.raises(UserError, match="a and b both define the e1"):
         thin_operators(distorted(ANY), [replace(moduli("e1")[0], name=name) for name in "ab"])
 
 

@@ -105,7 +105,7 @@ def test_a_factor_keeps_the_numbers_of_the_deck_and_the_resultant_does_not(clamp
     mesh = replace(clamped, loads={"LOAD-1": pair, "LOAD-2": replace(pair, force=np.array([[0, 3.0, 0], [0, -3.0, 0]]))})
     one, times = (nodal_forces(mesh, PointLoad("F", deck_load="LOAD-1", factor=f)).force for f in (False, True))
     np.testing.assert_allclose(7 * one, times)
-    with pytest.raises(UserError, match="have no resultant") as caught:
+    with pytest.raises(UserError, match="the resultant of the forces of LOAD-2 is zero") as caught:
         nodal_forces(mesh, PointLoad("F", deck_load="LOAD-2"))
     assert "factor: true" in caught.value.remedy
     assert input_shape(build_model(mesh), [PointLoad("F", deck_load="LOAD-2", factor=True)]).any()
@@ -238,7 +238,7 @@ def test_invalid_bodies_are_refused(bar):
     with pytest.raises(DeckError, match="point mass 4 has the mass -1 kg"):
         build_model(replace(bar, point_masses=(PointMass(4, n, -1.0),)))
     skew = np.eye(3) + np.eye(3, k=1)
-    with pytest.raises(DeckError, match="the inertia of point mass 4 is not symmetric"):
+    with pytest.raises(DeckError, match="the inertia tensor of point mass 4 is not symmetric"):
         build_model(replace(bar, point_masses=(PointMass(4, n, 1.0, inertia=skew),)))
 
 
@@ -295,14 +295,14 @@ def test_constrained_mass_keeps_the_point_mass_and_the_body(beam):
     [
         (PointLoad("F", (0, 0, 1), node_id=77777), "node 77777, which does not exist"),
         (PointLoad("F", (0, 0, 1), node_set="tips"), "node set 'tips', which does not exist"),
-        (PointLoad("F", (0, 0, 1), node_set="nothing"), "empty node set"),
+        (PointLoad("F", (0, 0, 1), node_set="nothing"), "which is empty"),
         (PointLoad("F", (0, 0, 0), node_id=1000), "direction"),
-        (PointLoad("F", (0, 0, 1), node_id=1), "node 1, which cannot move in its direction"),
-        (PointLoad("F", (0, 0, 1)), "needs a node, a node set"),
-        (PointLoad("F", node_id=1, deck_load="FORCE-1"), "needs a node, a node set or a load of the deck"),
+        (PointLoad("F", (0, 0, 1), node_id=1), "node 1, which cannot move in the direction of the load"),
+        (PointLoad("F", (0, 0, 1)), "must act on a node, on a set"),
+        (PointLoad("F", node_id=1, deck_load="FORCE-1"), "must act on a node, on a set or as a load of the deck"),
         (PointLoad("F", (0, 0, 1), deck_load="FORCE-1"), "direction"),
         (PointLoad("F", deck_load="FORCE-9"), "'FORCE-9' of the deck, which does not exist"),
-        (PointLoad("F", deck_load="FORCE-2"), "have no resultant"),
+        (PointLoad("F", deck_load="FORCE-2"), "the resultant of the forces of FORCE-2 is zero"),
         (PointLoad("F", deck_load="FORCE-3"), "cannot move"),
     ],
 )
@@ -323,6 +323,6 @@ def test_forces_of_a_deck_on_clamped_nodes_are_reported_and_push_only_the_suppor
     root, tip = int(np.flatnonzero(beam.position[:, 0] == 0)[0]), len(beam.position) - 1
     both = NodalForces(np.array([root, tip]), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]]))
     model = build_model(replace(beam, loads={"FORCE-4": both}))
-    with pytest.warns(UserWarning, match=r"1 of its 2 nodes cannot move .* 25 % of the resultant"):
+    with pytest.warns(UserWarning, match=r"25 % of the resultant has no effect, because 1 of 2 loaded nodes .* cannot move"):
         S = input_shape(model, [PointLoad("F", deck_load="FORCE-4")])
     np.testing.assert_allclose(S, 0.75 * input_shape(model, [PointLoad("F", (0, 0, 1), node_id=1000)]), atol=1e-15)

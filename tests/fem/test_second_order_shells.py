@@ -97,7 +97,7 @@ def test_what_is_folded_is_refused_by_its_id(kind):
     good = bent(kind) * [1, 1, 0]
     x = good.copy()
     x[len(x) // 2] = x[: len(x) // 2].mean(axis=0) * 2 - x[len(x) // 2]
-    with pytest.raises(DeckError, match="folded: 12") as error:
+    with pytest.raises(DeckError, match=r"folded shells of . nodes \(1 in total\): 12") as error:
         shell_stiffnesses(np.stack([good, x]), Resistance(*isotropic(1.0, 0.3, 0.1, 2)), np.zeros(2), np.array([11, 12]))
     assert error.value.entity == ("element", 12)
 

@@ -150,7 +150,7 @@ def test_a_pin_bears_with_the_cosine_on_the_half_that_it_presses(bored):
 
 def test_a_pin_that_pulls_a_flat_face_from_outside_is_refused():
     mesh = named(body("hex8", (2, 2, 2), lambda *u: u), top=(1, 1, 2))
-    with pytest.raises(UserError, match="faces the bearing load"):
+    with pytest.raises(UserError, match="points out of the material everywhere on face"):
         nodal_forces(mesh, PointLoad("pin", node_set="top", bearing=(0, 0, 1.0)))
 
 
@@ -369,8 +369,8 @@ def face_springs_on_two_ends():
     ("first", "second", "what", "remedy"),
     [
         (("foundations",), ("left",), "no spring 'foundations'", "did you mean foundation?"),
-        (("foundation",), ("f*", "right"), "parameters a and b are both the stiffness of spring foundation", "Remove one"),
-        (("idle",), ("left",), "the springs of parameter a have no stiffness", "use other springs"),
+        (("foundation",), ("f*", "right"), "parameters a and b both define the stiffness of spring foundation", "Remove one"),
+        (("idle",), ("left",), "the springs of parameter a have no stiffness", "name other springs"),
     ],
 )  # fmt: skip
 def test_springs_of_parameters_exist_and_have_one_parameter(first, second, what, remedy):

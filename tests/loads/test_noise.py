@@ -70,7 +70,7 @@ def test_every_input_model_brings_its_own_intensity():
 
 def test_the_rules_of_the_thesis_are_those_of_a_random_walk():
     smooth = Unknowns(("F",), (), {"F": 1e4}, {}, {"F": IntegratedRandomWalk(20.0)})
-    with pytest.raises(ConfigError, match="F has another load model"):
+    with pytest.raises(ConfigError, match="load F has another model"):
         process_intensity(2, smooth, {"F": 20.0}, {}, rule="thesis", h=1e-3)
 
 

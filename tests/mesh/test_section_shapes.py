@@ -198,7 +198,7 @@ def test_shear_factors_are_shares_of_the_area():
     ("kind", "dimensions", "what"),
     [
         ("HAT1", (1, 1, 1, 1, 1), "HAT1 is unknown"),
-        ("BAR", (1, 2, 3), "3 dimensions .* instead of 2"),
+        ("BAR", (1, 2, 3), "number of dimensions of the section BAR is 3 .* not 2"),
         ("ROD", (0,), "has impossible dimensions 0"),
         ("ROD", (1e200,), "has impossible dimensions 1e.200: not positive, too large"),
         ("TUBE", (1, 1), "impossible"),

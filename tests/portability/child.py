@@ -42,7 +42,7 @@ if __name__ == "__main__":
     plan = json.loads(sys.argv[1])
     if plan["superlu"]:
         sys.modules["pypardiso"] = None  # type: ignore[assignment]
-        warnings.filterwarnings("ignore", message="PARDISO is not available")
+        warnings.filterwarnings("ignore", message="the equation solver PARDISO is not available")
     if plan["compatible"]:  # the product sets the branch itself, over what MKL_CBWR says
         factorisation._MKL_CBWR_AVX2 = factorisation._MKL_CBWR_AUTO = MKL_CBWR_COMPATIBLE
     run_all(Path(plan["results"]), plan["runs"])

@@ -56,7 +56,7 @@ def test_an_import_works_and_the_log_reports_what_is_not_known(system, project):
 def test_without_pardiso_a_warning_reports_what_that_costs():
     done = call("windows", "factorise")
     assert done.stdout == f"SuperLU {[float(x) for x in range(1, 10)]}\n"
-    assert done.stderr.startswith("warning: PARDISO is not available; SuperLU is used instead")
+    assert done.stderr.startswith("warning: the equation solver PARDISO is not available. SuperLU replaces it")
     assert "limited to 100 000 unknowns" in done.stderr
 
 

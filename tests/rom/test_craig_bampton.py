@@ -232,14 +232,14 @@ def test_invalid_reduction_options_are_refused(clamped, free):
         craig_bampton(clamped, [TIP])
     with pytest.raises(UserError, match="either"):
         craig_bampton(clamped, [TIP], modes=2, cutoff=100.0)
-    with pytest.raises(InfeasibleError, match="-1 modes"):
+    with pytest.raises(InfeasibleError, match="modes is -1"):
         craig_bampton(clamped, [TIP], modes=-1)
-    with pytest.raises(InfeasibleError, match="100000 modes"):
+    with pytest.raises(InfeasibleError, match="modes is 100000"):
         craig_bampton(clamped, [TIP], modes=100_000)
     with pytest.raises(InfeasibleError, match="0 Hz"):
         craig_bampton(clamped, [TIP], cutoff=0.0)
     model = build_model(bar(clamped=True), (*MODULI, Parameter("rho", "density", (1,), RHO)))
-    with pytest.raises(UserError, match="density rho"):
+    with pytest.raises(UserError, match="rho is a density"):
         craig_bampton(model, [TIP], modes=1, reference=REFERENCE)
     with pytest.raises(UserError, match="E2 has no reference"):
         craig_bampton(build_model(bar(clamped=True), MODULI), [TIP], modes=1, reference={"E1": 2.1e11})
@@ -318,7 +318,7 @@ def test_an_interior_of_one_node_or_none_has_no_more_shapes_than_motions():
     none = craig_bampton(build_model(mesh, supported=False), [ROOT, TIP], modes=0)
     assert none.size == 12
     assert none.cut == np.inf
-    with pytest.raises(InfeasibleError, match="0 unknowns between"):
+    with pytest.raises(InfeasibleError, match="has only 0 unknowns apart from"):
         craig_bampton(build_model(mesh, supported=False), [ROOT, TIP], modes=1)
 
 

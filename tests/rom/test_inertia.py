@@ -159,7 +159,7 @@ def test_point_mass_equals_its_particles():
 
 def test_a_body_without_mass_is_refused():
     model = build_model(box(densities={1: 0.0, 2: 0.0}), supported=False)
-    with pytest.raises(DeckError, match="total mass is 0 kg"):
+    with pytest.raises(DeckError, match="total mass of the body is 0 kg"):
         inertia_invariants(model, shapes(model, 2))
 
 

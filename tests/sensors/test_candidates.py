@@ -122,7 +122,7 @@ def test_an_axis_near_a_normal_is_refused_with_an_example(beam):
         if not bad:
             candidates(*beam, axis)
             continue
-        with pytest.raises(InfeasibleError, match=r"normal of 48 of 80 facets \(element \d+, facet \d\)") as error:
+        with pytest.raises(InfeasibleError, match=r"normal of 48 of 80 facets \(for example element \d+, facet \d\)") as error:
             candidates(*beam, axis)
         assert "gauges.surface" in error.value.remedy
 

@@ -57,7 +57,7 @@ def test_ties_are_relative_to_the_strongest_signal():
     ("last", "noise", "says"),
     [
         *[(1.0, noise, "gauge noise") for noise in (0.0, -1.0, np.nan, np.inf)],
-        (np.nan, 1.0, "1 candidates have a training reading that is not finite"),
+        (np.nan, 1.0, r"in the training run are not finite \(number of channels: 1"),
     ],
 )
 def test_noise_must_be_positive_and_responses_finite(last, noise, says):
@@ -66,7 +66,8 @@ def test_noise_must_be_positive_and_responses_finite(last, noise, says):
 
 
 def test_too_many_bonded_gauges_are_refused():
-    with expect_refusal(InfeasibleError, "only 1 of 3 candidates, but 2 are already bonded", remedy="at least 2"):
+    what = "only 1 of 3 candidate gauges, but the number of bonded gauges is 2"
+    with expect_refusal(InfeasibleError, what, remedy="at least 2"):
         screen(np.ones(3), 1.0, on_a_line(np.arange(3)), 1, 0.0, bonded=np.array([True, True, False]))
 
 
@@ -84,7 +85,8 @@ def test_gauge_over_range_is_dropped_unless_bonded():
         limit=np.array([10.0, 10.0, 10.0, 10.0, np.inf, 10.0]),
     )
     np.testing.assert_array_equal(result.reason, ["range", "", "spacing", ""])
-    with expect_refusal(InfeasibleError, "the readings of all 4 candidates exceed their measuring range", key="gauges.range"):
+    what = r"the readings of every candidate gauge exceed its measuring range \(number of candidates: 4\)"
+    with expect_refusal(InfeasibleError, what, key="gauges.range"):
         screen(np.ones(4), 1.0, on_a_line(np.arange(4)), 3, 0.0, largest=np.array([2, 2, 3, 4]), limit=np.ones(4))
 
 

@@ -88,7 +88,7 @@ OTHER = {"regions": "all", "youngs_modulus": 1e9, "poisson_ratio": 0.3, "density
         ),
         (
             {"parameters.e1": E1 | {"property": "youngs_modulus", "material": None}},
-            "so that youngs_modulus is undefined",
+            "isotropic plies: youngs_modulus is undefined",
             "parameters.e1.property",
         ),
         ({"mesh.materials": {"m": OTHER}}, "is a laminate, whose plies", "mesh.materials.m.regions"),

@@ -182,7 +182,7 @@ INERTIA = r"train\.model: static"
             "parameters.s.guess",
             "is 30, but .* 1 in mesh.supports.0",
         ),
-        ({"parameters.t": FOUNDATION["parameters"]["s"]}, "parameters", "s and t are both the stiffness of spring"),
+        ({"parameters.t": FOUNDATION["parameters"]["s"]}, "parameters", "s and t both define the stiffness of spring"),
         (STATIC | {"motion_sensors": {"a": SENSOR}}, "motion_sensors.a.quantity", INERTIA),
         (STATIC | {"parameters.s": DENSITY, "validate.truth.parameters.s": 7850.0}, "parameters.s.property", INERTIA),
     ],

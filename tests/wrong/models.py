@@ -63,7 +63,7 @@ UNITS = {
         IN_MM,
         "159 times as heavy as the elements (31.4 kg)",
     ),
-    "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "no facet meets all of them"),
+    "a mesh of gmsh in mm": (msh(1000.0), of_gmsh(), "no facet meets all of these criteria"),
     "t/mm3 beside a mesh of gmsh": (msh(), of_gmsh(rho="7.85e-9"), "Values of the config are in Pa and kg/m³."),
     "a thickness in mm": (plate(section="PSHELL,1,1,2.,1,,1"), ON_PLATE, "is 2 m thick, but 0.447 m long"),
     "a thickness in km": (plate(section="PSHELL,1,1,2.-6,1,,1"), ON_PLATE, "thinner than 5e-05 m"),
@@ -120,7 +120,7 @@ SECTIONS = {
     "normals that change sides": (
         plate(turned=(3,)),
         ON_PLATE,
-        "normals of neighbouring shells are opposite at 3 common sides",
+        "normals of neighbouring shells are opposite, for example of elements 2 and 3 (affected common sides: 3)",
     ),
     "a section of shells on solids": (
         inp(section="*SHELL SECTION, ELSET=EALL, MATERIAL=STEEL\n0.01"),

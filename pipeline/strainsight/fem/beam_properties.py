@@ -69,12 +69,12 @@ def check_properties(properties: BeamProperties, ids: np.ndarray) -> None:
     excess = I12**2 - I1 * I2 * (1 + 1e-12)
     what, remedy = (
         "has I12² > I1 I2 (difference {value:.3g} m⁸)",
-        "Check I1, I2 and I12 of the beam property: no section has these values.",
+        "Correct I1, I2 or I12 of the beam property: I12² cannot exceed I1 I2.",
     )
     require(excess <= 0, excess, ids, what, remedy)
     ends = np.concatenate([bending_axes(properties.second)[1], _shares(properties.torsion)[:, None]], axis=1)
     least = ends.min(axis=(1, 2))
-    what = "has bending or torsional stiffness at one end only (at the other end {value:.3g} times the mean)"
+    what = "has bending or torsional stiffness at one end only (stiffness of the other end: {value:.3g} times the mean of both)"
     require(
         least > ONE_END, least, ids, what, "Specify I1, I2 and J of the beam property at both ends, or at neither end."
     )

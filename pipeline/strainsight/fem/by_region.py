@@ -54,8 +54,8 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
             break
         if degree > MOST:
             raise UserError(
-                f"over the range of {' and '.join(names)} the stiffness is not a polynomial of degree {MOST}",
-                remedy=f"Narrow {' or '.join(f'parameters.{name}.range' for name in names)}.",
+                f"a polynomial of degree {MOST} does not represent the stiffness matrix over the range of {' and '.join(names)}",
+                remedy=f"Reduce the width of {' or '.join(f'parameters.{name}.range' for name in names)}.",
             )
         for index in candidates:
             theta = {axis.name: axis.theta(k) for axis, k in zip(axes, index, strict=True)}
@@ -222,7 +222,7 @@ def _shaped(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[int,
             which = (number, parameter.property, meant(mesh, number, parameter.property, parameter.material))
             if (other := owner.setdefault(which, parameter)) is not parameter:
                 raise UserError(
-                    f"parameters {other.name} and {parameter.name} are both the {parameter.property} of region {number}",
+                    f"parameters {other.name} and {parameter.name} both define the {parameter.property} of region {number}",
                     remedy="Remove one of the two parameters.",
                 )
             dependent.setdefault(number, []).append(parameter)
@@ -270,19 +270,22 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
     names = [p.name for p in parameters]
     for p in parameters:
         if names.count(p.name) > 1 or not p.name:
-            raise UserError(f"{names.count(p.name)} parameters are called {p.name!r}", remedy="Use unique names.")
+            raise UserError(
+                f"the parameter name {p.name!r} is empty or is used more than once",
+                remedy="Give every parameter a separate name.",
+            )
         for number in p.regions:
             if number not in present:
                 raise UserError(
                     f"parameter {p.name} refers to region {number}, which has no elements",
-                    remedy=f"Use one of the regions {', '.join(map(str, present))}.",
+                    remedy=f"Assign the parameter to one of the regions {', '.join(map(str, present))}.",
                 )
             if shapes(mesh, number, p.property):
                 continue
             if p.property == "youngs_modulus" and (why := without_modulus(mesh, number)):
                 raise UserError(
-                    f"parameter {p.name} is the youngs_modulus of region {number} ({why}), which has several moduli",
-                    remedy="Estimate a factor on the stiffness instead: property: stiffness_factor, guess: 1.0.",
+                    f"parameter {p.name} is the `youngs_modulus` of region {number} ({why}), which has several moduli",
+                    remedy="Estimate a factor of the stiffness instead: `property: stiffness_factor`, `guess: 1.0`.",
                 )
             if (
                 scales_stiffness(p.property) == (kind == "stiffness")
@@ -290,7 +293,7 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
             ):
                 shared = p.property if p.property == other.property else kind
                 raise UserError(
-                    f"parameters {other.name} and {p.name} are both the {shared} of region {number}",
+                    f"parameters {other.name} and {p.name} both define the {shared} of region {number}",
                     remedy="Remove one of the two parameters.",
                 )
     targets: dict[str, dict[int, float]] = {}

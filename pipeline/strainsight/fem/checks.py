@@ -64,7 +64,7 @@ def _check_regions(mesh: Mesh, block: CellBlock | ShellBlock | BeamBlock) -> Non
             element = block.ids[np.argmax(block.region == number)]
             raise DeckError(
                 f"element {element} refers to region {number}, which does not exist",
-                remedy="Add this property to the deck.",
+                remedy=f"Add a property (section) with the id {number} to the mesh file.",
                 entity=("element", int(element)),
             )
 
@@ -77,7 +77,7 @@ def _check_sections(mesh: Mesh, block: ShellBlock | BeamBlock, kind: tuple[type[
             what = "has no section" if section is None else "has a section of another element type"
             raise DeckError(
                 f"{mesh.regions[int(number)]} of {block.kind} element {element} {what}",
-                remedy="Specify a shell thickness (PSHELL) or a beam section (for example PBAR).",
+                remedy="Assign a shell section (for example PSHELL) to shells, and a beam section (for example PBAR) to beams.",
                 entity=("element", int(element)),
             )
 
@@ -133,7 +133,9 @@ def _check_composite(mesh: Mesh, region: Region) -> None:
                 entity=("element", element),
             )
     if not composite.layers:
-        raise DeckError(f"{region} is a composite solid without layers", remedy="Add a layer to the composite solid.")
+        raise DeckError(
+            f"{region} is a composite solid without layers", remedy="Specify at least one layer in its section."
+        )
     remedy = "Add this material (isotropic or anisotropic) to the deck."
     _check_layers(mesh, f"a layer of {region}", "", composite.layers, mesh.layer_materials(region.id), remedy)
 
@@ -142,8 +144,8 @@ def _check_anisotropic(mesh: Mesh, material: Anisotropic, region: Region) -> Non
     for block in mesh.thin:
         if (block.region == region.id).any():
             raise DeckError(
-                f"{region} of {block.kind} elements has the anisotropic {material}, which only solids support",
-                remedy="Assign a lamina or a laminate to shells, and an isotropic material to beams.",
+                f"{region} of {block.kind} elements has an anisotropic material ({material}), which only solids support",
+                remedy="Assign an orthotropic material or a laminate to shells, and an isotropic material to beams.",
             )
     _check_stiffness(material)
 
@@ -189,8 +191,8 @@ def _check_lamina(lamina: Lamina) -> None:
             raise DeckError(f"{lamina} has the modulus {name} {modulus:g} Pa", remedy="Specify a positive modulus.")
     if not lamina.nu12**2 < lamina.e1 / lamina.e2:
         raise DeckError(
-            f"{lamina} has nu12 {lamina.nu12:g}",
-            remedy=f"Specify nu12 below the square root of e1/e2, {np.sqrt(lamina.e1 / lamina.e2):g}.",
+            f"{lamina} has Poisson's ratio nu12 = {lamina.nu12:g}",
+            remedy=f"Specify a nu12 below √(e1/e2) = {np.sqrt(lamina.e1 / lamina.e2):g}, the limit of a stable material.",
         )
     _check_density(lamina, lamina.density)
 
@@ -221,8 +223,8 @@ def _check_midsides(mesh: Mesh, block: CellBlock) -> None:
         if not off[worst] <= MIDSIDE_LIMIT:
             raise DeckError(
                 f"node {mesh.node_ids[block.nodes[worst, node]]} of {block.kind} element {block.ids[worst]} is "
-                f"{off[worst]:.2g} side lengths away from the middle of the element side",
-                remedy="Check the mid-side nodes of the element in the file: they are missing or in another order.",
+                f"{off[worst]:.2g} side lengths away from the middle of the element side (limit {MIDSIDE_LIMIT:g})",
+                remedy="Check the mid-side nodes of this element in the mesh file: one is missing or in a wrong position.",
                 entity=("element", int(block.ids[worst])),
             )
 
@@ -242,7 +244,7 @@ def _check_middle_half(mesh: Mesh, block: ShellBlock | BeamBlock) -> None:
         where = (
             f"lies at {0.5 + along[worst]:.2g} of the side length, outside the middle half of the side"
             if abs(along[worst]) >= MIDDLE_HALF
-            else f"is {across[worst]:.2g} side lengths away from the line of the side"
+            else f"is {across[worst]:.2g} side lengths away from the straight side (limit {MIDSIDE_LIMIT:g})"
         )
         raise DeckError(
             f"node {mesh.node_ids[block.nodes[worst, node]]} of {block.kind} element {block.ids[worst]} {where}",

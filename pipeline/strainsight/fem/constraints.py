@@ -128,8 +128,9 @@ def _clamped(mesh: Mesh, rows: MotionRows, dependencies: Equations) -> np.ndarra
     for (node, component), row in zip(fixed.tolist(), clamped.tolist(), strict=True):
         if row in dependencies.by:
             raise DeckError(
-                f"node {mesh.node_ids[node]} is clamped in component {component + 1} and dependent in {dependencies.by[row]}",
-                remedy="Clamp the reference node instead, or remove this node from the rigid or averaging element.",
+                f"component {component + 1} of node {mesh.node_ids[node]} is clamped, but also dependent in "
+                f"{dependencies.by[row]}",
+                remedy=f"Clamp an independent node of {dependencies.by[row]} instead, or remove the dependent node from it.",
                 entity=entity_of(dependencies.by[row]),
             )
     return clamped[clamped >= 0]
@@ -147,8 +148,8 @@ def _resolve_chains(mesh: Mesh, rows: MotionRows, dependencies: Equations, free:
         owner = {row + k: node for node, row in rows.first.items() for k in range(3)}
         nodes = sorted({int(mesh.node_ids[owner.get(int(row), int(row) // 3)]) for row in inside})
         raise DeckError(
-            f"ties form a cycle through nodes {', '.join(map(str, nodes))}",
-            remedy="Make one of these nodes independent.",
+            f"ties form a cycle through nodes {', '.join(map(str, nodes))}: each of these nodes depends on itself",
+            remedy="Remove one of these nodes from the dependent nodes of its tie.",
             entity=entity_of(dependencies.by[int(inside[0])]),
         )
     dependent = np.fromiter(dependencies.by, dtype=np.int64)

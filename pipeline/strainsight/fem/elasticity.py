@@ -109,8 +109,8 @@ def jacobians(
         worst = int(np.argmin(det.min(axis=1) / size[:, 0]))
         names = ", ".join(str(id) for id in ids[bad][:5]) + (", …" if bad.sum() > 5 else "")
         raise DeckError(
-            f"{bad.sum()} {kind.name} elements are flat or inverted: {names} "
-            f"(smallest Jacobian {det[worst].min():.3g} m³ in element {ids[worst]})",
+            f"flat or inverted {kind.name} elements ({bad.sum()} in total): {names} "
+            f"(smallest Jacobian determinant {det[worst].min():.3g} m³ in element {ids[worst]})",
             remedy="Check the node order and the mid-side nodes of these elements.",
             entity=("element", int(ids[worst])),
         )

@@ -109,7 +109,7 @@ class Equations:
             at = mesh.where(*entity_of(first)) if str(first) == str(e) else None
             raise DeckError(
                 f"node {mesh.node_ids[node]} is dependent in {first}{f' ({at})' if at else ''} and in {e}",
-                remedy="Make the node dependent in only one of the two.",
+                remedy="Remove the node from the dependent nodes of one of these two ties.",
                 entity=entity_of(e),
             )
         self.by[row] = e
@@ -147,8 +147,8 @@ def add_relations(mesh: Mesh, rows: MotionRows, dependencies: Equations) -> None
         dependent_node, dependent_component = e.follower
         if coefficient == 0:
             raise DeckError(
-                f"{e} has the coefficient 0 in its first term, node {mesh.node_ids[dependent_node]} component "
-                f"{dependent_component + 1}; this term must depend on the other terms",
+                f"the first term of {e}, component {dependent_component + 1} of node {mesh.node_ids[dependent_node]}, has the "
+                "coefficient 0, but the equation is solved for the first term",
                 remedy="Put a term with a nonzero coefficient first.",
                 entity=entity_of(e),
             )
@@ -268,7 +268,8 @@ def _add_rigid(mesh: Mesh, e: RigidElement, rows: MotionRows, dependencies: Equa
         fault = "has no dependent nodes"
         if len(nodes):
             fault = f"has the same node as reference and dependent node: {mesh.node_ids[e.reference]}"
-        raise DeckError(f"{e} {fault}", remedy="Correct the nodes of this element.", entity=("tie", e.id))
+        remedy = "Specify at least one dependent node other than the reference node."
+        raise DeckError(f"{e} {fault}", remedy=remedy, entity=("tie", e.id))
     arm = mesh.position[nodes] - mesh.position[e.reference]
     motion = np.zeros((len(nodes), 6, 6))
     motion[:, :3] = rigid_rows(arm)
@@ -309,7 +310,7 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, dependenci
     if not strength[-1] > LEAST_STRENGTH * np.linalg.norm(C, 2):
         named = ", ".join(f"{mesh.node_ids[node]} component {c + 1}" for node, c in dependent.tolist())
         raise DeckError(
-            f"{e} cannot be solved for the dependent motions (UM: node {named})",
+            f"the equations of {e} cannot be solved for its dependent motions (UM: node {named})",
             remedy="Specify as many UM components as reference components, on nodes that do not lie on one line.",
             entity=("tie", e.id),
         )
@@ -355,7 +356,7 @@ def _mean_motion(
     if loose.any():
         motion = MOTIONS[list(wanted)[int(np.argmax(loose.any(axis=1)))]]
         raise DeckError(
-            f"the {len(nodes)} nodes of {e} do not determine {motion} of its reference node {mesh.node_ids[e.reference]}",
+            f"the averaged nodes of {e} do not determine the {motion} of its reference node {mesh.node_ids[e.reference]}",
             remedy="Add averaged nodes that do not lie on one line, or remove rotations from the reference components.",
             entity=("tie", e.id),
         )

@@ -21,8 +21,8 @@ from scipy.sparse.linalg import SuperLU, splu
 from strainsight.errors import MachineWarning, NumericalError, UserError
 from strainsight.memory import require_memory
 
-NOT_DEFINITE = "the stiffness is not positive definite: a pivot is not positive"
-MECHANISM = "Check supports, connections and materials: a part can move freely or has no stiffness."
+NOT_DEFINITE = "the stiffness matrix is not positive definite: a pivot of its factorisation is not positive"
+MECHANISM = "Check supports, connections and materials: a part of the structure can move freely or has no stiffness."
 POSITIVE_DEFINITE = 2
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33
 OWN_VALUES, ORDERING, NUMERICAL_MEMORY, FROM_ZERO = 1, 2, 17, 35
@@ -38,7 +38,7 @@ def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     upper (n, n) the upper triangle of A, CSR with sorted indices. The memory of the factor is freed with the last reference to
     the result. Raises ImportError or OSError if PARDISO cannot be loaded, NumericalError if A is not positive definite, and
     UserError if the memory estimated by the analysis is not available."""
-    return factorise_with(upper, POSITIVE_DEFINITE, f"the factor of {upper.shape[0]} unknowns")[0]
+    return factorise_with(upper, POSITIVE_DEFINITE, f"the factorisation with {upper.shape[0]} unknowns")[0]
 
 
 def factorise_with(
@@ -113,12 +113,12 @@ def _failure(code: int, phase: int, size: int) -> NumericalError | UserError:
         return NumericalError(NOT_DEFINITE, remedy=MECHANISM)
     if code == _NO_MEMORY:
         return UserError(
-            f"the memory is not sufficient to factorise {size} unknowns",
-            remedy="Use a coarser mesh or a larger machine, or close other programs.",
+            f"the memory is not sufficient to factorise the stiffness matrix of {size} unknowns",
+            remedy="Use a coarser mesh or a computer with more memory, or close other programs.",
         )
     return NumericalError(
-        f"PARDISO stopped with code {code} in phase {phase} on {size} unknowns",
-        remedy="Look up the code in the manual of oneMKL, section pardiso.",
+        f"the equation solver PARDISO stopped with error code {code} in phase {phase} ({size} unknowns)",
+        remedy="Look up the error code in the manual of oneMKL, section pardiso.",
     )
 
 
@@ -180,7 +180,7 @@ class Factor:
         for start in range(0, columns.shape[1], BLOCK):
             X[:, start : start + BLOCK] = self._solve(columns[:, start : start + BLOCK])
         if not np.all(np.isfinite(X)):
-            raise NumericalError("the solution of A x = b is not finite", remedy=MECHANISM)
+            raise NumericalError("the solution of the linear equations is not finite", remedy=MECHANISM)
         return X.reshape(B.shape)
 
 
@@ -196,7 +196,7 @@ def factorise(A: sparse.csr_array) -> Factor:
     Raises NumericalError if A is not positive definite; UserError if the memory is not sufficient (known after the analysis
     of PARDISO, before its factorisation), and above 100 000 unknowns without PARDISO."""
     scale, size = diagonal_scaling(A), A.shape[0]
-    require_memory(LEAST_BYTES * A.nnz, f"the factor of {size} unknowns")
+    require_memory(LEAST_BYTES * A.nnz, f"the factorisation with {size} unknowns")
     upper = scaled_upper(A, scale)
     try:
         solve, name = pardiso(upper), "PARDISO"
@@ -204,12 +204,12 @@ def factorise(A: sparse.csr_array) -> Factor:
         if size > SUPERLU_LIMIT:
             raise too_large(size) from None
         warnings.warn(
-            "PARDISO is not available; SuperLU is used instead, which is two to five times slower and limited to "
-            "100 000 unknowns (pip install pypardiso, on x86-64)",
+            "the equation solver PARDISO is not available. SuperLU replaces it: it is two to five times slower and limited to "
+            "100 000 unknowns. On x86-64, install PARDISO with: pip install pypardiso",
             MachineWarning,
             stacklevel=2,
         )
-        factor = superlu(upper, "the stiffness")
+        factor = superlu(upper, "the stiffness matrix")
         if np.any(factor.U.diagonal() <= 0):
             raise NumericalError(NOT_DEFINITE, remedy=MECHANISM) from None
         solve, name = factor.solve, "SuperLU"
@@ -221,7 +221,7 @@ def diagonal_scaling(A: sparse.csr_array) -> np.ndarray:
     diagonal = A.diagonal()
     if not np.all(diagonal > 0):
         raise NumericalError(
-            f"the stiffness is not positive definite: diagonal entry {int(np.argmin(diagonal > 0))} is "
+            f"the stiffness matrix is not positive definite: diagonal entry {int(np.argmin(diagonal > 0))} is "
             f"{diagonal[np.argmin(diagonal > 0)]:g}",
             remedy=MECHANISM,
         )
@@ -239,7 +239,7 @@ def scaled_upper(A: sparse.csr_array, scale: np.ndarray) -> sparse.csr_array:
 def too_large(size: int) -> UserError:
     """Error for this number of unknowns without PARDISO."""
     return UserError(
-        f"{size} unknowns are too many for SuperLU, which is used without PARDISO",
+        f"the model has {size} unknowns, but the equation solver SuperLU is limited to 100 000, and PARDISO is not installed",
         remedy="Install PARDISO (pip install pypardiso, x86-64), or coarsen the mesh below 100 000 unknowns.",
     )
 
@@ -269,10 +269,10 @@ def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]
     Raises NumericalError if a pivot vanishes, UserError if the memory is not sufficient and above 100 000 unknowns without
     PARDISO.
     Source: Higham, Mathematics of Computation 67 (1998); George, Ikramov and Kucherov, SIAM J. Matrix Anal. 23 (2002)."""
-    require_memory(COMPLEX_BYTES * A.nnz, f"the complex factor of {A.shape[0]} unknowns")
+    require_memory(COMPLEX_BYTES * A.nnz, f"the complex factorisation with {A.shape[0]} unknowns")
     size = np.abs(A.diagonal())
     if not np.all(size > 0):
-        raise NumericalError("the dynamic stiffness has a zero on the diagonal", remedy=MECHANISM)
+        raise NumericalError("the dynamic stiffness matrix has a zero on the diagonal", remedy=MECHANISM)
     scale = 1.0 / np.sqrt(size)
     upper = scaled_upper(A, scale)
     try:
@@ -280,15 +280,15 @@ def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]
     except (ImportError, OSError):
         if A.shape[0] > SUPERLU_LIMIT:
             raise too_large(A.shape[0]) from None
-        solve = superlu(upper, "a dynamic stiffness").solve
+        solve = superlu(upper, "the dynamic stiffness matrix").solve
     return lambda b: scale * solve(scale * b)
 
 
 def _pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
-    what = f"the complex factor of {upper.shape[0]} unknowns"
+    what = f"the complex factorisation with {upper.shape[0]} unknowns"
     solve, iparm = factorise_with(upper, COMPLEX_SYMMETRIC, what, ((PERTURBATION, _TINY), (PIVOTING, 0)))
     if iparm[PERTURBED - 1]:
-        raise NumericalError("a pivot of the dynamic stiffness is zero", remedy=MECHANISM)
+        raise NumericalError("a pivot of the dynamic stiffness matrix is zero", remedy=MECHANISM)
     return lambda b: solve(b[:, None])[:, 0]
 
 

@@ -141,8 +141,8 @@ def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray
     if shortfall > 1e-6 or not np.any(constraint.transform.T @ e):
         where = f"node {load.node_id}" if load.node_id is not None else f"set {load.node_set!r}"
         raise UserError(
-            f"load {load.name}: {where} cannot exert {100 * shortfall:.3g} % of its moment",
-            remedy="Use the reference node of an RBE2 or RBE3, or a set of movable nodes that do not lie on a line.",
+            f"load {load.name}: {100 * shortfall:.3g} % of the moment cannot be applied to {where}",
+            remedy="Apply the moment to the reference node of an RBE2 or RBE3, or to a set of movable nodes not on one line.",
         )
     return e
 
@@ -159,7 +159,8 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
         return body_forces(mesh, BodyForce(rotation=_unit(load.name, axis), centre=np.asarray(point, dtype=float)))
     if sum(place is not None for place in (load.node_id, load.node_set, load.deck_load)) != 1:
         raise UserError(
-            f"load {load.name} needs a node, a node set or a load of the deck", remedy="Specify one of the three."
+            f"load {load.name} must act on a node, on a set or as a load of the deck",
+            remedy="Specify exactly one of `node`, `set` and `deck_load` in the load.",
         )
     if load.deck_load is not None:
         return _deck_load(mesh, load)
@@ -176,8 +177,8 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
         forces = bearing(mesh, face, _unit(load.name, load.bearing))
         if not forces.force.any():
             raise UserError(
-                f"load {load.name}: no part of face {face!r} faces the bearing load",
-                remedy="Reverse the bearing vector, which must point from the pin into the material, or use another face.",
+                f"load {load.name}: the bearing vector points out of the material everywhere on face {face!r}",
+                remedy="Reverse the bearing vector (it must point from the pin into the material), or use another face.",
             )
         return forces
     direction = _unit(load.name, load.direction)
@@ -191,7 +192,9 @@ def _unit(name: str, vector: tuple[float, float, float] | None) -> np.ndarray:
     direction = np.asarray(() if vector is None else vector, dtype=float)
     length = np.linalg.norm(direction)
     if direction.shape != (3,) or not (length > 0 and np.isfinite(length)):
-        raise UserError(f"load {name} has the direction {vector}", remedy="Specify three numbers, not all zero.")
+        raise UserError(
+            f"load {name} has the direction or axis {vector}", remedy="Specify a vector of three numbers, not all zero."
+        )
     return np.asarray(direction / length)
 
 
@@ -205,21 +208,22 @@ def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, forces: NodalF
     distributed = load.deck_load is not None or load.of_mass or load.node_set in mesh.faces
     if fixed and not distributed:
         raise UserError(
-            f"load {load.name} acts on node {mesh.node_ids[forces.nodes[fixed[0]]]}, which cannot move in its direction",
-            remedy="Load another node or direction: this node is clamped or belongs to no element.",
+            f"load {load.name} acts on node {mesh.node_ids[forces.nodes[fixed[0]]]}, which cannot move in the direction of "
+            "the load",
+            remedy="Use another node or direction for the load: this node is clamped or belongs to no element.",
         )
     if len(fixed) == len(loaded) and forces.moment is None:
-        what = load.deck_load or load.node_set or "on the mass"
+        what = load.deck_load or load.node_set or "gravity or rotation"
         raise UserError(
-            f"load {load.name} ({what}) acts only on nodes that cannot move in its direction",
-            remedy="Use another load: the nodes are clamped or belong to no element.",
+            f"load {load.name} ({what}) acts only on nodes that cannot move in the direction of the load",
+            remedy="Apply the load to other nodes: these nodes are clamped or belong to no element.",
         )
     if fixed and load.deck_load is not None and not forces.regions:
         resultant = np.linalg.norm(forces.force.sum(axis=0)) or 1.0
         share = np.linalg.norm(forces.force[fixed].sum(axis=0)) / resultant
         warnings.warn(
-            f"load {load.name} ({load.deck_load}): {len(fixed)} of its {len(loaded)} nodes cannot move in its direction "
-            f"(node {mesh.node_ids[forces.nodes[fixed[0]]]}, …); {100 * share:.3g} % of the resultant has no effect",
+            f"load {load.name} ({load.deck_load}): {100 * share:.3g} % of the resultant has no effect, because {len(fixed)} of "
+            f"{len(loaded)} loaded nodes (e.g. node {mesh.node_ids[forces.nodes[fixed[0]]]}) cannot move in the load direction",
             stacklevel=2,
         )
 
@@ -229,8 +233,8 @@ def _check_moments(model: FiniteElementModel, load: PointLoad, forces: NodalForc
     mesh, constraint = model.mesh, model.constraint
     if not np.any(constraint.transform.T @ e):
         raise UserError(
-            f"load {load.name} ({load.deck_load}): its moments act on nodes without rotations",
-            remedy="Use another load.",
+            f"load {load.name} ({load.deck_load}): its moments act only on nodes without rotations or with clamped rotations",
+            remedy="Make the loaded node the reference node of an RBE2 or RBE3, or use another load.",
         )
     moment = np.zeros((0, 3)) if forces.moment is None else forces.moment
     without_effect = [
@@ -240,9 +244,9 @@ def _check_moments(model: FiniteElementModel, load: PointLoad, forces: NodalForc
     ]
     if without_effect:
         warnings.warn(
-            f"load {load.name} ({load.deck_load}): the moment on node {mesh.node_ids[without_effect[0]]} has no effect"
-            f"{f', nor have {len(without_effect) - 1} others' if len(without_effect) > 1 else ''}: the node has no rotations "
-            "and no element that could rotate, or is clamped",
+            f"load {load.name} ({load.deck_load}): the moment on node {mesh.node_ids[without_effect[0]]}"
+            f"{f' (one of {len(without_effect)} such nodes)' if len(without_effect) > 1 else ''} has no effect: the node has no "
+            "rotations, or is clamped",
             stacklevel=2,
         )
 
@@ -250,15 +254,15 @@ def _check_moments(model: FiniteElementModel, load: PointLoad, forces: NodalForc
 def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
     """f / |Σ f|, or f with `factor`: one force per node, with the moments."""
     if load.deck_load is None or load.deck_load not in mesh.loads:
-        known = ", ".join(sorted(mesh.loads)) or "none"
+        known = ", ".join(sorted(mesh.loads)) or "the deck has no loads"
         raise UserError(
             f"load {load.name} refers to load {load.deck_load!r} of the deck, which does not exist",
-            remedy=f"Use one of the loads of the deck: {known}.",
+            remedy=f"Set `deck_load` to one of the loads of the deck ({known}).",
         )
     if load.direction is not None:
         raise UserError(
             f"load {load.name} has a direction, but the deck load {load.deck_load} already defines the direction",
-            remedy="Remove the direction.",
+            remedy="Remove `direction` from the load.",
         )
     forces = mesh.loads[load.deck_load]
     if forces.body:
@@ -269,7 +273,7 @@ def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
     total = 1.0 if load.factor else np.linalg.norm(forces.force.sum(axis=0))
     if not total > 1e-9 * np.abs(forces.force).sum():
         raise UserError(
-            f"load {load.name}: the forces of {load.deck_load} have no resultant",
+            f"load {load.name}: the resultant of the forces of {load.deck_load} is zero",
             remedy="Set `factor: true`, so that the load is a multiple of the deck load instead of a resultant in N.",
         )
     combined = summed([forces])
@@ -285,10 +289,10 @@ def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
     elif load.node_set is not None and load.node_set in mesh.node_sets:
         ids = [int(i) for i in np.unique(mesh.node_sets[load.node_set])]
     else:
-        known = ", ".join(sorted(mesh.node_sets)) or "none"
+        known = ", ".join(sorted(mesh.node_sets)) or "the mesh has no node sets"
         raise UserError(
             f"load {load.name} refers to node set {load.node_set!r}, which does not exist",
-            remedy=f"Use one of the node sets: {known}.",
+            remedy=f"Set `set` to one of the node sets ({known}).",
         )
     index = {int(node): i for i, node in enumerate(mesh.node_ids[: mesh.own_nodes])}
     missing = [node for node in ids if node not in index]
@@ -296,8 +300,8 @@ def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
         raise UserError(
             f"load {load.name} refers to node {missing[0]}, which does not exist"
             if missing
-            else f"load {load.name} refers to an empty node set",
-            remedy="Specify node ids of the mesh file.",
+            else f"load {load.name} refers to node set {load.node_set!r}, which is empty",
+            remedy="Use a node id of the mesh file." if missing else "Use a node set that contains nodes.",
         )
     return [index[node] for node in ids]
 

@@ -55,13 +55,14 @@ def check(point: PointMass) -> None:
     J = np.asarray(point.inertia)
     if not np.abs(J - J.T).max() <= 1e-9 * np.abs(J).max():
         raise DeckError(
-            f"the inertia of point mass {point.id} is not symmetric",
-            remedy="Specify six moments of inertia of a symmetric tensor.",
+            f"the inertia tensor of point mass {point.id} is not symmetric",
+            remedy="Specify the six moments and products of inertia of a symmetric tensor.",
         )
     M = np.zeros((6, 6)) if point.matrix is None else point.matrix
     if not np.abs(M - M.T).max() <= 1e-9 * np.abs(M).max():
         raise DeckError(
-            f"the matrix of point mass {point.id} is not symmetric", remedy="Specify only one triangle of the matrix."
+            f"the 6 × 6 mass matrix of point mass {point.id} is not symmetric",
+            remedy="Specify only one triangle of the matrix.",
         )
 
 

@@ -73,7 +73,7 @@ def largest(
             Q[:, :used] = Q[:, :behind] @ s[:, :used]
             T = np.diag(mu[:used])
     raise NumericalError(
-        f"the Lanczos iterations did not converge in {MOST} steps",
+        f"the Lanczos iterations for the modes did not converge in {MOST} steps",
         remedy="Check the model for nearly unconstrained parts, or request fewer modes.",
     )
 
@@ -152,9 +152,9 @@ def modes(
     relief = None if rigid is None else relief_of(M, rigid)
     massive = _rank_of_mass(M, relief)
     if not 1 <= count <= massive:
-        suffix = "" if relief is None else f" in addition to {relief.shapes.shape[1]} rigid-body modes"
+        suffix = "" if relief is None else " in addition to the rigid-body modes"
         raise UserError(
-            f"{count} modes were requested, but the model has only {massive} unknowns with mass{suffix}",
+            f"the requested number of modes is {count}, but the number of unknowns with mass is only {massive}{suffix}",
             remedy=f"Request 1 to {massive} modes.",
         )
     if shift > 0 or (shift and relief is not None):
@@ -186,7 +186,7 @@ def _lowest_modes(
     while True:
         wanted = min(count + guard, massive)
         if n <= DENSE_LIMIT or _basis(wanted) > n:
-            require_memory(8.0 * n * (4 * n + wanted), f"{count} modes of {n} unknowns")
+            require_memory(8.0 * n * (4 * n + wanted), f"{count} modes of a model with {n} unknowns")
             if relief is None:
                 inverse, shapes = _dense_modes(A.toarray(), M.toarray(), count, wanted)
             else:
@@ -217,8 +217,8 @@ def _dense_modes(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple
         inverse, V = eigh(M, A, subset_by_index=(n - wanted, n - 1))
     except np.linalg.LinAlgError:
         raise NumericalError(
-            "the stiffness is not positive definite",
-            remedy="Check supports and connections: the structure has a mechanism.",
+            "the stiffness matrix is not positive definite",
+            remedy="Check supports and connections: the structure has a mechanism (a part that can move without strain).",
         ) from None
     # additional vectors without mass are not modes
     selected = max(count, int(np.count_nonzero(inverse > n * np.finfo(float).eps * inverse[-1])))
@@ -231,7 +231,7 @@ def _condensed_modes(
     """Few massive unknowns: φ = Z y of the responses Z to a unit force on each, ZᵀMZ y = (1/λ) ZᵀAZ y; for a free structure
     to self-equilibrated forces on them."""
     n, massive = A.shape[0], np.flatnonzero(M.diagonal() > 0)
-    require_memory(8.0 * n * (3 * len(massive) + wanted), f"{count} modes of {n} unknowns")
+    require_memory(8.0 * n * (3 * len(massive) + wanted), f"{count} modes of a model with {n} unknowns")
     forces = np.zeros((n, len(massive)))
     forces[massive, np.arange(len(massive))] = 1.0
     if relief is not None:
@@ -254,7 +254,7 @@ def _lanczos(
     the complement of the modes found, x ← (I − Φ ΦᵀM) x, until they find no mode lower than the last. A search to the accuracy
     `ROUGHLY`, |error| ≤ `ROUGHLY`/λ, usually decides this for a third of the solutions."""
     n = A.shape[0]
-    require_memory(8.0 * n * (_basis(wanted) + 3 * wanted), f"{count} modes of {n} unknowns")
+    require_memory(8.0 * n * (_basis(wanted) + 3 * wanted), f"{count} modes of a model with {n} unknowns")
     inverse, shapes = _complement_modes(A, M, wanted, factor, np.zeros((n, 0)))
     while True:
         if factor.lowest is not None:
@@ -280,7 +280,7 @@ def _block_modes(
         return None
     n, width = A.shape[0], 1 if near is None or near.shape[1] < count + EXTRA else count + EXTRA
     most = 3 * (count + EXTRA) + 30 if width == 1 else 12 * (count + EXTRA)
-    require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"{count} modes of {n} unknowns")
+    require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"{count} modes of a model with {n} unknowns")
     try:
         if near is None or width == 1:
             start = factor.solve(M @ np.random.default_rng(0).standard_normal((n, 1)))
@@ -341,7 +341,7 @@ def _complement_modes(
         lam, V = eigsh(A, count, M=M, sigma=0.0, OPinv=inverted, v0=solve(start), ncv=_basis(count), tol=tolerance)
     except ArpackError as error:
         raise NumericalError(
-            f"the Lanczos iterations did not converge: {error}",
+            f"the Lanczos iterations for the modes did not converge: {error}",
             remedy="Check the model for nearly unconstrained parts, or request fewer modes.",
         ) from None
     return _ascending(M, lam, V)
@@ -363,8 +363,8 @@ def _check(A: sparse.csr_array, M: sparse.csr_array, lam: np.ndarray, shapes: np
     size = np.abs(shapes[:, 0])
     if not lam[0] > 1e-15 * stiffest and not lam[0] > 1e-12 * float(size @ (abs(A) @ size)):
         raise UserError(
-            f"the structure has a mechanism: a mode at {np.sqrt(max(lam[0], 0.0)) / (2 * np.pi):.2g} Hz has no stiffness except "
-            "rounding errors",
+            f"the structure has a mechanism: a mode at {np.sqrt(max(lam[0], 0.0)) / (2 * np.pi):.2g} Hz has no stiffness apart "
+            "from rounding errors",
             remedy="Check for parts that are joined at one node or one edge only, and for missing supports.",
         )
     residual = np.linalg.norm(A @ shapes - (M @ shapes) * lam, axis=0)
@@ -372,7 +372,8 @@ def _check(A: sparse.csr_array, M: sparse.csr_array, lam: np.ndarray, shapes: np
     worst = int(np.argmax(residual / scale))
     if not residual[worst] <= 1e-6 * scale[worst]:
         raise NumericalError(
-            f"mode {worst + 1} has a relative residual of {residual[worst] / scale[worst]:.1e}",
+            f"mode {worst + 1} satisfies K φ = λ M φ only with a relative residual of {residual[worst] / scale[worst]:.1e} "
+            "(limit 1e-6)",
             remedy="Check the model for elements of extreme shape or stiffness.",
         )
 

@@ -273,8 +273,8 @@ def surface_model(
     if rows.laws is not None and (without_stress := np.isnan(rows.laws.stiffness.constant[:, 0, 0])).any():
         region = mesh.regions[int(rows.region[rows.laws.facet[np.argmax(without_stress)]])]
         raise DeckError(
-            f"{region} has different materials for membrane and bending, or coupling, so that stress cannot be "
-            "computed from surface strain",
+            f"{region} has different materials for membrane and bending, or membrane-bending coupling: stress cannot be "
+            "computed from surface strain there",
             remedy="Assign one material (MID1 = MID2, no MID4) or plies (PCOMP), or request no stress and damage in this region.",
         )
     materials = [mesh.material_of(int(number)) for number in numbers]

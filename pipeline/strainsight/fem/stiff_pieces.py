@@ -160,8 +160,8 @@ def hinge_warnings(mesh: Mesh) -> tuple[str, ...]:
         return ()
     more = f" and nodes at {len(free) - SHOWN} more places" if len(free) > SHOWN else ""
     return (
-        f"parts share only {'; '.join(words)}{more} and are hinged at these nodes. If this is not intended, use common facets "
-        "or tie the parts (docs/decks.md, where a shell meets a solid).",
+        f"parts of the mesh share only {'; '.join(words)}{more} and are hinged there. If no hinge is intended, let the parts "
+        'share facets or tie them (docs/decks.md, "Where a shell meets a solid").',
     )
 
 

@@ -148,7 +148,7 @@ def _bodies(mesh: Mesh) -> Pieces:
         pieces = parts(mesh)
     if pieces.count > MOST:
         raise UserError(
-            f"the mesh consists of {pieces.count} parts that share no node",
+            f"the mesh consists of {pieces.count} parts that share no node, more than {MOST}",
             remedy="Merge coincident nodes (mesh.merge).",
         )
     return pieces
@@ -207,7 +207,7 @@ def _kind_of_tie(mesh: Mesh, constraint: Constraint, row: int) -> str:
     node = owner.get(row, row // 3)
     if node in {*mesh.turned_by_springs.tolist()} - leads:
         return " of a spring"
-    return " of a rigid element" if node in leads else " of a relation"
+    return " of a rigid element" if node in leads else " of a relation (MPC)"
 
 
 def _spring_elongations(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:

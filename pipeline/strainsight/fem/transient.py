@@ -112,8 +112,8 @@ def transient(
     if acceleration_rows is not None and acceleration_rows.shape[0]:
         if not np.all(M.diagonal() > 0):
             raise UserError(
-                "accelerations of a model with massless unknowns are undefined",
-                remedy="Specify a density for all materials, or use no accelerometers.",
+                "the model has unknowns without mass, so accelerations are undefined",
+                remedy="Specify a density for all materials, or remove the accelerometers.",
             )
         mass = factorise(M)
     reach = highest

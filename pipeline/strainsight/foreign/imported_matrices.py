@@ -66,9 +66,9 @@ def convert_matrices(
     for term in (*stiffness, *mass):
         if term.parameter is not None and at.setdefault(term.parameter, term.at) != term.at:
             raise UserError(
-                f"the matrices of {term.parameter} have different parameter values, {at[term.parameter]:g} and "
+                f"the matrices of parameter {term.parameter} have different values of `at`: {at[term.parameter]:g} and "
                 f"{term.at:g}",
-                remedy="use one parameter value for all matrices of a parameter",
+                remedy="set the same `at` in mesh.matrices for all matrices of this parameter",
             )
 
     def operator(terms: Sequence[Term]) -> AffineOperator:
@@ -106,7 +106,10 @@ def build_imported_model(mesh: Mesh, ready: ImportedMatrices) -> FullModel:
     constrained_mesh = _for_constraints(mesh, nodes, ready.components, stiff)
     constraint = constraint_transform(constrained_mesh, supported=supported, rotations=rotations)
     if constraint.transform.shape[1] == 0:
-        raise UserError("no degree of freedom is free: each row is fixed or has no stiffness", remedy="remove supports")
+        raise UserError(
+            "no degree of freedom is free: each row of the matrices is fixed by a support or has no stiffness",
+            remedy="remove supports from the mesh file or from mesh.supports",
+        )
     B = sparse.csr_array(P @ constraint.transform)
     model = FiniteElementModel(mesh, constraint, restricted(ready.stiffness, B), restricted(ready.mass, B))
     check_diagonal(model)
@@ -125,7 +128,7 @@ def _nodes_of(mesh: Mesh, ready: ImportedMatrices) -> np.ndarray:
         row = int(np.argmax(missing))
         raise DeckError(
             f"row {row + 1} of the matrices belongs to node {ready.node_ids[row]}, which is not in the mesh "
-            f"({missing.sum()} such rows)",
+            f"(affected rows: {missing.sum()})",
             where=f"{ready.source}:{row + 2}" if ready.source else None,
             remedy="use a mesh with all nodes of the matrices; nodes without elements are allowed",
         )
@@ -181,8 +184,9 @@ def check_diagonal(model: FiniteElementModel) -> None:
         free = int(np.argmin(diagonal > 0))
         name = describe_row(model.mesh, model.constraint, int(model.constraint.free_rows[free]))
         raise DeckError(
-            f"{name}: the stiffness is {diagonal[free]:g}, not positive ({np.count_nonzero(~(diagonal > 0))} such motions)",
-            remedy="check the matrix and its numbering; the diagonal of a stiffness must be positive",
+            f"{name}: the diagonal entry of the stiffness matrix is {diagonal[free]:g}, not positive "
+            f"(affected motions: {np.count_nonzero(~(diagonal > 0))})",
+            remedy="check the stiffness matrix and the file of mesh.matrices.numbering: all diagonal entries must be positive",
         )
 
 
@@ -199,8 +203,8 @@ def unmoved_solids(mesh: Mesh, constraint: Constraint, rows: int) -> list[str]:
     named = mesh.node_ids[still.any(axis=1)]
     listed = ", ".join(map(str, named[:5])) + (", …" if len(named) > 5 else "")
     return [
-        f"{np.count_nonzero(still)} translations of {len(named)} nodes of solids have no stiffness in the "
-        f"{rows} rows of the matrices and are set to zero, so strains at these nodes are too small (nodes {listed})"
+        f"translations of solids without stiffness in the matrices ({rows} rows) are set to zero, so strains are too small there "
+        f"(translations: {np.count_nonzero(still)}; nodes: {len(named)}, ids {listed})"
     ]
 
 
@@ -218,7 +222,7 @@ def lost_mass(
         return []
     row = int(np.argmax(lost))
     return [
-        f"{np.count_nonzero(lost)} rows have mass but no stiffness and are left out, for example node "
+        f"matrix rows with mass but without stiffness are left out ({np.count_nonzero(lost)} in total), for example node "
         f"{mesh.node_ids[nodes[row]]}, component {components[row] + 1}"
     ]
 
@@ -245,7 +249,7 @@ def check_support(model: FiniteElementModel, at: Mapping[str, float]) -> list[st
         share = np.linalg.norm(loose, axis=1)
         named = [word for word, part in zip(np.array(MOTIONS)[exists], share, strict=True) if part > 0.99]
         raise UserError(
-            f"the structure is not constrained in {', '.join(named) or f'{loose.shape[1]} rigid motion(s)'}: "
+            f"the structure can move freely ({', '.join(named) or f'rigid-body motions: {loose.shape[1]}'}): "
             "neither the supports of the mesh nor the matrices prevent this motion",
             remedy="fix nodes of the matrices (mesh.supports), or use matrices that include the supports",
         )
@@ -256,7 +260,7 @@ def check_support(model: FiniteElementModel, at: Mapping[str, float]) -> list[st
     if np.linalg.eigvalsh(inertia)[0] <= 0:
         return [note]
     softest = np.sqrt(eigh(resistance, inertia, eigvals_only=True)[0]) / (2 * np.pi)
-    return [f"{note} (its rigid-body frequency is {softest:.3g} Hz)"]
+    return [f"{note} (lowest rigid-body frequency: {softest:.3g} Hz)"]
 
 
 def _rigid_motions(model: FiniteElementModel) -> np.ndarray:

@@ -108,8 +108,8 @@ FOLLOWS, FACTOR = 0.9, 1.5
 """A response with cos² above FOLLOWS to the modal response of its load must have the same size within FACTOR."""
 
 AS_LOADED = (
-    "check that nodes and direction of the load are those of this step, and that `applied` is the load "
-    "magnitude [N, N m, Pa]. Check the units of the mesh, and that modes and step have the same supports"
+    "check that nodes and direction of this load are those of the step in the other program, and that `applied` is the "
+    "load magnitude there [N, N m, Pa]. Check the units of the mesh, and that modes and step have the same supports"
 )
 
 
@@ -118,31 +118,31 @@ def check_modes(frequency: np.ndarray, where: tuple[str, ...]) -> None:
     rigid = np.flatnonzero(~(frequency > RIGID * frequency.max(initial=0.0)))
     if rigid.size:
         raise UserError(
-            f"the structure is free or unstable: a mode is at {frequency[rigid[0]]:.4g} Hz ({rigid.size} modes "
-            f"below {RIGID:g} of the highest frequency {frequency.max():.4g} Hz)",
+            f"the structure is free or unstable: a mode is at {frequency[rigid[0]]:.4g} Hz, below {RIGID:g} times the highest "
+            f"frequency {frequency.max():.4g} Hz (modes below this limit: {rigid.size})",
             where=where[int(rigid[0])],
-            remedy="add the supports of the test, or soft springs, in the other program, and write modes and responses again",
+            remedy="add the supports of the test, or soft springs, in the other program, and export modes and responses again",
         )
 
 
 def check_rows(mesh: Mesh, imported: ImportedMotion, rows: np.ndarray | None = None) -> None:
     """Raise UserError if the results lack one of these rows of z, by default those of surface nodes."""
     if rows is None:
-        lacking, what = unresolved_rows(mesh, imported, mesh.nodes_of_elements), "which is on the surface"
+        lacking, what = unresolved_rows(mesh, imported, mesh.nodes_of_elements), "a node on the surface"
         if lacking.size:  # inside it does not matter
             facets = exterior_facets(mesh).nodes
             lacking = unresolved_rows(mesh, imported, np.unique(facets[facets >= 0]))
     else:
-        lacking, what = rows[~imported.known[rows]], "on which a load acts"
+        lacking, what = rows[~imported.known[rows]], "a node on which a load acts"
     if lacking.size:
         n = len(mesh.position)
         nodes = np.unique(mesh.node_ids[np.minimum(lacking, 3 * n - 1) // 3])
-        turned = " (no rotations)" if mesh.thin and imported.known[: 3 * n].any() else ""
+        turned = ", rotations are missing" if mesh.thin and imported.known[: 3 * n].any() else ""
         raise UserError(
-            f"the results have no motion of {describe_row(mesh, imported.constraint, int(lacking[0]))}, "
-            f"{what}{turned}: {len(nodes)} of the {mesh.own_nodes} nodes of the mesh have no motion",
+            f"the results do not contain {describe_row(mesh, imported.constraint, int(lacking[0]))} "
+            f"({what}{turned}); results are missing at {len(nodes)} of {mesh.own_nodes} nodes of the mesh",
             key="mesh.results",
-            remedy="use the mesh of the results, and write displacements of all nodes, with rotations for shells and beams",
+            remedy="use the mesh of the results, and export displacements of all nodes, with rotations for shells and beams",
         )
 
 
@@ -161,11 +161,11 @@ def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding
             ", ".join(f"{x:.6g}" for x in point) for point in (mesh.position[rows[worst]], position[worst])
         )
         raise UserError(
-            f"{int(far.sum())} of {len(rows)} nodes have other positions in the results: node "
+            f"{int(far.sum())} of {len(rows)} nodes do not have the same position in mesh and results: node "
             f"{mesh.node_ids[rows[worst]]} is at ({at}) m in the mesh, but at ({results_position}) m in the "
             "results",
             where=where,
-            remedy="use the mesh of the results, with its position and node numbers; mesh.length_unit applies to both files",
+            remedy="use the mesh of the results, with the same position and node numbers; mesh.length_unit is that of both files",
         )
 
 
@@ -185,13 +185,13 @@ def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None)
         raise UserError(
             "the normalisation of the modes is unknown: the file does not define it, and the mesh has no density",
             key="mesh.results.modal_mass",
-            remedy="set modal_mass: unit if ΦᵀMΦ = 1 in the units of the file (MASS in Nastran, always in CalculiX). "
+            remedy="set `modal_mass: unit` if ΦᵀMΦ = 1 in the units of the file (MASS in Nastran, always in CalculiX). "
             "Otherwise specify densities in mesh.materials, and write results of all nodes",
         )
     if file_mass is None:
         assert mesh_mass is not None
         return mesh_mass, [
-            f"modes are normalised with the densities of the mesh; ΦᵀMΦ of the first mode was {mesh_mass[0]:.4g} kg"
+            f"modes are normalised with the densities of the mesh; in the file, ΦᵀMΦ of the first mode is {mesh_mass[0]:.4g} kg"
         ]
     if mesh_mass is None:
         return file_mass, []
@@ -203,12 +203,12 @@ def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None)
             "value in the results",
             key="mesh.results",
             remedy="use the densities, point masses and units of the original analysis, or remove the densities. If "
-            "the modes do not have unit mass, set modal_mass: mesh",
+            "the modes do not have unit mass, set `modal_mass: mesh`",
         )
     if abs(off[worst] - 1) > UNIT:
         return file_mass, [
             f"the modal mass of mode {worst + 1} from the densities of the mesh is {off[worst]:.4g} times the "
-            "value in the results, which is used"
+            "value in the results; the value in the results is used"
         ]
     return file_mass, []
 
@@ -230,7 +230,7 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         modal = float(np.sum(P[:, j] ** 2 / lam))
         if not energy[j] > 0 or modal > (1 + SHARES) * energy[j]:
             raise UserError(
-                f"the work of this load on its response is {energy[j]:.5g} J, but the modes alone require "
+                f"the work of this load on its static response is {energy[j]:.5g} J, less than its work on the modes alone, "
                 f"{modal:.5g} J",
                 key=f"mesh.results.loads.{names[j]}",
                 where=where[j],
@@ -240,19 +240,19 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         for j in range(i):
             off = abs(G[i, j] - G[j, i]) / np.sqrt(energy[i] * energy[j])
             message = (
-                f"the response to {names[i]} moves {names[j]} by {G[i, j]:.5g} m/N, and the response to "
-                f"{names[j]} moves {names[i]}"
+                f"the static response to load {names[i]} moves load {names[j]} by {G[i, j]:.5g} m/N, but the response to load "
+                f"{names[j]} moves load {names[i]}"
             )
             if off > SYMMETRIC:
                 raise UserError(
-                    f"{message} by {G[j, i]:.5g} m/N: these loads do not belong to the results, because both "
-                    "values must be equal",
+                    f"{message} by {G[j, i]:.5g} m/N. Both values must be equal (reciprocity), so these loads do not belong to "
+                    "the results",
                     key=f"mesh.results.loads.{names[i]}",
                     where=where[i],
                     remedy=AS_LOADED,
                 )
             if off > max(1e-6, 10 * results.rounding):
-                notes.append(f"{message} by {G[j, i]:.5g} m/N, a relative difference of {off:.1e}; the mean is used")
+                notes.append(f"{message} by {G[j, i]:.5g} m/N (relative difference {off:.1e}); the mean is used")
     for j in range(s):
         share = P[:, j] / lam
         if modes.weighed is not None:
@@ -269,8 +269,8 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         if wrong:
             i = int(np.argmax(lam * np.maximum(share**2, projected**2)))
             raise UserError(
-                f"the response contains mode {i + 1} with the amplitude {projected[i]:.5g}, but this load requires "
-                f"{share[i]:.5g}: the relative difference is {off:.2g}",
+                f"the static response contains mode {i + 1} with the amplitude {projected[i]:.5g}, but this load gives the "
+                f"amplitude {share[i]:.5g}: the relative difference is {off:.2g}",
                 key=f"mesh.results.loads.{names[j]}",
                 where=where[j],
                 remedy=AS_LOADED,
@@ -422,18 +422,18 @@ def describe_responses(
     without = [name for i, name in enumerate(names) if i not in results.load]
     if without:
         notes.append(
-            f"the results have no static response to {', '.join(without)}, so its strain lacks the part that the "
+            f"the results have no static response to {', '.join(without)}. The strain under such a load lacks the part that the "
             f"{len(results.frequency)} modes do not represent"
         )
     if dropped:
         notes.append(
-            f"{dropped} of {len(results.load)} static responses depend on the modes and the other responses, "
-            f"within the relative precision {results.rounding:.0e} of their file, and are left out"
+            f"{dropped} of {len(results.load)} static responses left out: they are linear combinations of the modes and the "
+            f"other responses, within the relative precision {results.rounding:.0e} of the file"
         )
     if quasi_static and len(results.load) > dropped:
         notes.append(
-            "the mesh does not define the mass of the static residuals: they follow their loads "
-            f"quasi-statically, with a frequency of {above:.4g} Hz, {ABOVE:g} times the highest natural frequency"
+            "the mesh does not define the mass of the static residuals (static responses minus their modal part). They follow "
+            f"the loads quasi-statically, with a frequency of {above:.4g} Hz ({ABOVE:g} times the highest natural frequency)"
         )
     return notes
 

@@ -78,10 +78,10 @@ def check_values(change: Change) -> None:
     """Raise UserError if both sets have the same parameter value."""
     if abs(change.second / change.first - 1) < 1e-6:
         raise UserError(
-            f"both result sets have the same value {change.parameter.name} = {change.first:g}, so they do not "
-            "show its effect",
+            f"both result sets have the same value {change.parameter.name} = {change.first:g}, so their difference does not "
+            "show the effect of this parameter",
             key=f"{KEY}.at",
-            remedy="compute the second set with a value that differs by 20 % to 50 %",
+            remedy="compute the second set with a value of the parameter that differs by 20 % to 50 %",
         )
 
 
@@ -90,10 +90,10 @@ def check_supports(mesh: Mesh, imported: tuple[ImportedMotion, ImportedMotion]) 
     fixed_rows = [~motion.field.any(axis=1) & motion.known for motion in imported]
     other = np.flatnonzero((fixed_rows[0] != fixed_rows[1]) & imported[0].known & imported[1].known)
     if other.size:
-        which = "first" if fixed_rows[0][other[0]] else "second"
+        which, free = ("first", "second") if fixed_rows[0][other[0]] else ("second", "first")
         raise UserError(
-            f"{describe_row(mesh, imported[0].constraint, int(other[0]))} is fixed in the {which} set "
-            f"({other.size} such motions), but not in the other set",
+            f"{describe_row(mesh, imported[0].constraint, int(other[0]))} is fixed in the {which} result set, but not in the "
+            f"{free} set (affected motions: {other.size})",
             key=KEY,
             remedy="compute both sets with the same supports",
         )
@@ -145,8 +145,8 @@ def check_frequencies(change: Change, first: Observed, second: Observed, stiff: 
     if wrong.size:
         i = int(wrong[0])
         raise UserError(
-            f"mode {i + 1} changes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz, but a "
-            f"change of {values} can change it only by a factor of {np.sqrt(low):.4g} to {np.sqrt(high):.4g}",
+            f"mode {i + 1} changes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz, but a change of {values} "
+            f"allows only a factor of {np.sqrt(low):.4g} to {np.sqrt(high):.4g} between the frequencies",
             key=KEY,
             remedy="change only this parameter between the sets, write the same number of modes from the lowest on, "
             "and check both values (mesh.results.at, mesh.results.second.at)",
@@ -155,7 +155,7 @@ def check_frequencies(change: Change, first: Observed, second: Observed, stiff: 
         raise UserError(
             f"both result sets have the same frequencies: the change of {values} affects none of {count} modes",
             key=KEY,
-            remedy="specify the file that was computed with the other value",
+            remedy=f"specify the file that was computed with {name} = {change.second:g}",
         )
 
 
@@ -231,8 +231,8 @@ def build_two_set_model(
     mass = as_operator(M0, scaled.get("mass")) if stiff else affine
     if rounding >= FEW_DIGITS:
         notes.append(
-            f"the files have a relative precision of {rounding:.0e}; because the effect of {parameter.name} is "
-            "a difference of both sets, σ may be off by 1e-3. Binary files are more accurate"
+            f"the result files have a relative precision of {rounding:.0e}. The effect of {parameter.name} is the difference "
+            "of both sets, so the relative error of σ can reach 1e-3. Binary files are more precise"
         )
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)
@@ -250,7 +250,7 @@ def _change_of_stiffness(
     off = float(np.linalg.norm(S) / np.linalg.norm(N))
     if off > FORM:
         raise UserError(
-            f"{off:.0%} of the difference between the sets does not fit an isotropic stiffness of "
+            f"{off:.0%} of the difference between the result sets does not fit an isotropic stiffness of "
             f"{', '.join(str(mesh.regions[r]) for r in parameter.regions)}",
             key=KEY,
             remedy="change only this parameter in these regions; for anisotropic materials or other changes, "
@@ -263,8 +263,8 @@ def _change_of_stiffness(
     if off <= NOTED:
         return D, []
     return D, [
-        f"{off:.1%} of the effect of {parameter.name} does not fit the element formulation: frequencies between "
-        "the two values have a relative error of about one hundredth of this"
+        f"{off:.1%} of the effect of {parameter.name} does not fit the element formulation: between the values of both sets, the "
+        f"relative error of the frequencies is about {off / 100:.0e}"
     ]
 
 
@@ -280,7 +280,7 @@ def _forms(mesh: Mesh, parameter: Parameter) -> list[sparse.csr_array]:
                 f"{mesh.regions[number]} does not consist only of isotropic solids, so two result sets do not "
                 "determine its stiffness",
                 key=f"parameters.{parameter.name}.region",
-                remedy="use a parameter of isotropic solids, or import the input deck, or use mesh.matrices",
+                remedy="specify a region of isotropic solids, import the input deck, or use mesh.matrices",
             )
         blocks = tuple(
             replace(block, ids=block.ids[here], nodes=block.nodes[here], region=block.region[here])
@@ -339,7 +339,7 @@ def _check_reproduced(
         worst = int(np.argmax(off))
         if not off[worst] < REPRODUCED:
             raise UserError(
-                f"mode {worst + 1} of the {number} set is at {frequency[worst]:.6g} Hz in the model of both "
+                f"mode {worst + 1} of the {number} set is at {frequency[worst]:.6g} Hz in the model from both "
                 f"sets, but at {observed_set.frequency[worst]:.6g} Hz in the file",
                 key=KEY,
                 remedy="use the mesh, densities and loads of the original analysis for both sets, and all modes from "

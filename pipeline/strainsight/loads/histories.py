@@ -143,8 +143,8 @@ def _check_covered(signal: FromSamples, t: np.ndarray) -> None:
     slack = TIME_SLACK * (last - first)
     if t.size and (t.min() < first - slack or t.max() > last + slack):
         raise InfeasibleError(
-            f"the record covers {first:g} to {last:g} s, but {t.min():g} to {t.max():g} s are required",
-            remedy="Shorten the run, or use a longer record.",
+            f"the recorded signal covers {first:g} to {last:g} s, but the run requires {t.min():g} to {t.max():g} s",
+            remedy="Reduce the duration of the run, or use a longer record.",
         )
 
 
@@ -279,7 +279,8 @@ def motion(signal: Signal, of: Literal["position", "rate"], start: float = 0.0) 
         return lambda t: np.stack([_derivative(signal, np.asarray(t, float), order) for order in range(3)])
     if isinstance(signal, Sweep):
         raise InfeasibleError(
-            "a sweep of a rate is not supported", remedy="Specify a sweep of the position, or a recorded rate."
+            "a signal of type sweep cannot define a rate",
+            remedy="Specify a sweep of the position, or a recorded signal of the rate.",
         )
     first = _integral(signal, np.zeros(1))[0]
 
@@ -312,9 +313,7 @@ def gap(signal: FromSamples) -> tuple[float, float, float]:
 
 def _recorded(signal: FromSamples, of: str, start: float) -> Motion:
     if len(signal.time) < 2:
-        raise InfeasibleError(
-            "a record of one sample defines no motion", remedy="Use a record of at least two samples."
-        )
+        raise InfeasibleError("the recorded motion has only one sample", remedy="Use a record of at least two samples.")
     spline = CubicSpline(signal.time, signal.value)
     parts = [spline, spline.derivative(1), spline.derivative(2)]
     shift = 0.0

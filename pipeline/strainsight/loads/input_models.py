@@ -37,7 +37,7 @@ class IntegratedRandomWalk:
 
     def __post_init__(self) -> None:
         _positive(self.frequency, "the frequency of an integrated random walk")
-        _positive(self.kappa, "kappa of an integrated random walk")
+        _positive(self.kappa, "the factor kappa of an integrated random walk")
 
 
 @dataclass(frozen=True)

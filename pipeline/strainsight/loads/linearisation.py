@@ -103,8 +103,8 @@ def linearisation_instants(
     for name, peak in zip(unknowns.parameters, largest, strict=True):
         if peak <= 0:
             raise ConfigError(
-                f"the training motion never depends on {name}",
-                remedy="Apply a load in the training, or do not estimate the parameter.",
+                f"the motion in the training run does not depend on {name}",
+                remedy="Apply a load that deforms the regions of this parameter in the training run, or remove the parameter.",
             )
     act = (size / largest).min(axis=1)
     eligible = np.flatnonzero(act >= share * act.max())
@@ -191,7 +191,8 @@ def process_intensity(
     Returns Q (n*, n*). Raises ConfigError if a frequency, a drift or the step is missing, and for the rules of the thesis
     with an input that is not a random walk."""
     if rule != "intensity" and not (h and h > 0):
-        raise ConfigError(f"noise rule {rule} depends on the time step, which is {h}", remedy="Specify the time step.")
+        what = f"process noise rule {rule} requires a positive time step, but the time step is {h}"
+        raise ConfigError(what, remedy="Specify the time step.")
     step = h if h is not None else 0.0
     delta = np.array([positive_of(drift, p, "process noise scale") for p in unknowns.parameters])
     factor = {"intensity": 1.0, "thesis": step, "as_printed": step * step}[rule]
@@ -203,8 +204,8 @@ def process_intensity(
             walk = k * omega if rule == "intensity" else factor * omega**2
         elif rule != "intensity":
             raise ConfigError(
-                f"noise rule {rule} requires a random walk, but load {name} has another load model",
-                remedy="Set rule: intensity.",
+                f"process noise rule {rule} requires the load model random_walk, but load {name} has another model",
+                remedy="Use the rule intensity (in a config: process_noise.rule: continuous).",
             )
         blocks.append(input_intensity(model, walk))
     return np.asarray(block_diag(*blocks, np.diag(factor * delta**2)))

@@ -40,7 +40,11 @@ class Observability:
     sigma_min: Annotated[float, Column("1", "", "smallest singular value of the scaled PBH matrix at λ = 0")]
     condition_raw: Annotated[
         float,
-        Column("1", "", "condition number of the unscaled PBH matrix at λ = 0, as in the thesis; depends on units"),
+        Column(
+            "1",
+            "",
+            "condition number of the unscaled PBH matrix at λ = 0, as in the thesis; depends on units",
+        ),
     ]
     null_direction: str = ""
 
@@ -120,7 +124,9 @@ def marginal_modes(F: np.ndarray) -> MarginalModes:
     T, Z, k = schur(balanced, output="real", sort=lambda real, imag: real >= -MARGINAL * size)
     basis, T = Z[:, :k], T[:k, :k]
     if np.linalg.norm(balanced @ basis - basis @ T) > 1e-8 * size:
-        raise NumericalError("non-decaying states cannot be separated from decaying states")
+        raise NumericalError(
+            "the non-decaying states of the model cannot be separated numerically from the decaying states"
+        )
     eigenvalues: list[complex] = []
     vectors: list[np.ndarray] = []
     for group in _groups(np.linalg.eigvals(T) if k else np.zeros(0), SAME * size):
@@ -292,8 +298,8 @@ def cases(
     groups = (("input", tuple(inputs)), ("E", tuple(moduli)), ("rho", tuple(densities)), ("damping", tuple(damping)))
     if not np.all(largest > 0):
         raise ConfigError(
-            f"{np.sum(~(largest > 0))} of {len(largest)} channels have zero readings in the training motion",
-            remedy="Apply a load in the training, or remove these sensors.",
+            f"{np.sum(~(largest > 0))} of {len(largest)} channels have zero readings in the training run",
+            remedy="Apply a load that these channels measure in the training run, or remove their sensors.",
         )
     lam = modal_basis(model, model.reference)[0]
     n = model.size

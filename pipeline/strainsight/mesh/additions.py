@@ -93,7 +93,7 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
     several: dict[str, tuple[Callable[[int], object], str]] = {
         "a shell whose membrane, bending and shear": (
             mesh.general_shell,
-            "their materials in the deck (MAT1, MAT2, MAT8)",
+            "the materials of membrane, bending and shear in the deck (MAT1, MAT2, MAT8)",
         ),
         "a laminate, whose plies": (mesh.laminate, "materials of plies in the deck (MAT8, MAT1)"),
         "a composite solid, whose layers": (mesh.composites.get, "materials of layers in the deck"),
@@ -102,7 +102,7 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
         if layered := sorted(i for i in chosen if part_of(i)):
             raise UserError(
                 f"{mesh.regions[layered[0]]} is {words} have separate materials",
-                remedy=f"Exclude this region, and define {where}.",
+                remedy=f"Exclude this region from the material in mesh.materials, and define {where}.",
             )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
     stacks: list[tuple[Ply | Layer, ...]] = [
@@ -196,7 +196,7 @@ def with_node(mesh: Mesh, node_id: int, position: Sequence[float]) -> Mesh:
     """A mesh with an added node at position (3,) [m]. Raises UserError for an existing id."""
     if node_id in mesh.node_ids:
         raise UserError(
-            f"node {node_id} already exists in the mesh", remedy="Use another id, or remove the position of the node."
+            f"node {node_id} already exists in the mesh", remedy="Set `reference` to an unused node id, or remove `at`."
         )
     last = mesh.own_nodes
     return replace(
@@ -240,7 +240,7 @@ def node_indices(mesh: Mesh, name: str) -> IntArray:
         raise UserError(f"the mesh has no node set {name!r}", remedy=_suggestion(name, list(mesh.node_sets)))
     indices = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], mesh.node_sets[name]))
     if not indices.size:
-        raise UserError(f"node set {name!r} is empty", remedy="Specify another node set.")
+        raise UserError(f"node set {name!r} is empty", remedy="Specify a node set that contains nodes.")
     return indices
 
 
@@ -249,7 +249,9 @@ def _next_tie(mesh: Mesh) -> int:
 
 
 def _suggestion(word: str, known: list[str]) -> str:
-    return did_you_mean(word, known, f"Use one of {', '.join(sorted(set(known)))}." if known else "The mesh has none.")
+    return did_you_mean(
+        word, known, f"Use one of {', '.join(sorted(set(known)))}." if known else "Define it in the mesh file."
+    )
 
 
 def node_springs(name: str, nodes: IntArray, stiffness: Sequence[float]) -> Springs:

@@ -22,7 +22,8 @@ class Anisotropic:
 
     id: Annotated[int, Column("1", "", "id of every anisotropic material")]
     stiffness: Annotated[
-        FloatArray, Column("Pa", "6 × 6", "stiffness in the material axes, strain → stress: 11 22 33 12 23 31, γ = 2ε")
+        FloatArray,
+        Column("Pa", "6 × 6", "stiffness matrix in the material axes, order 11 22 33 12 23 31, γ = 2ε"),
     ]
     density: Annotated[float, Column("kg/m^3", "", "density of every anisotropic material")]
     name: Annotated[str, Column("1", "", "name of every anisotropic material in the file or config")] = ""
@@ -86,9 +87,10 @@ def constants_fault(moduli: Sequence[float], ratios: Sequence[float], shear: Seq
     least = float(np.linalg.eigvalsh(np.array([[1, -a, -b], [-a, 1, -c], [-b, -c, 1]]))[0])
     if not least > INDEFINITE:
         return (
-            f"the material is unstable: smallest eigenvalue of the flexibility √(E_i E_j) S_ij is {least:.3g}, for NU12 "
-            f"{ratios[0]:g}, NU13 {ratios[1]:g}, NU23 {ratios[2]:g}",
-            "Specify NU_ij = −ε_j/ε_i under a stress along i; multiply ratios of the opposite convention (NU_ji) by E_i/E_j.",
+            "the material is unstable: the smallest eigenvalue of the flexibility matrix √(E_i E_j) S_ij is "
+            f"{least:.3g}, for NU12 {ratios[0]:g}, NU13 {ratios[1]:g}, NU23 {ratios[2]:g}",
+            "Specify NU_ij = −ε_j/ε_i under a stress along i; multiply Poisson's ratios of the opposite convention (NU_ji) by "
+            "E_i/E_j.",
         )
     return None
 
@@ -99,13 +101,13 @@ def stiffness_fault(C: FloatArray) -> tuple[str, str] | None:
     The eigenvalues are those of C_ij/√(C_ii C_jj), independent of units and ratios of moduli."""
     diagonal = np.diagonal(C)
     if not np.isfinite(C).all():
-        return "the stiffness has a value that is not finite", "Specify finite values."
+        return "the stiffness matrix has a value that is not finite", "Specify finite values."
     if not (diagonal > 0).all():
         i = int(np.argmin(diagonal > 0))
         return (
-            f"the stiffness is not positive definite: diagonal entry {i + 1} is {diagonal[i]:g}, and the smallest eigenvalue "
-            f"is {np.linalg.eigvalsh(C)[0]:.4g}",
-            "Specify positive values on the diagonal.",
+            f"the stiffness matrix is not positive definite: diagonal entry {i + 1} is {diagonal[i]:g}, and the smallest "
+            f"eigenvalue is {np.linalg.eigvalsh(C)[0]:.4g}",
+            "Specify positive values on the diagonal of the stiffness matrix.",
         )
     scale = np.sqrt(diagonal)
     lam, V = np.linalg.eigh(C / np.outer(scale, scale))
@@ -113,7 +115,7 @@ def stiffness_fault(C: FloatArray) -> tuple[str, str] | None:
         worst = V[:, 0] / scale
         shown = ", ".join(f"{component:.2g}" for component in worst / np.abs(worst).max())
         return (
-            f"the stiffness is not positive definite: scaled to a unit diagonal, the smallest eigenvalue is {lam[0]:.3g}; "
+            f"the stiffness matrix is not positive definite: scaled to a unit diagonal, the smallest eigenvalue is {lam[0]:.3g}; "
             f"the strain ({shown}) requires no work",
             "Correct the off-diagonal constants: each must be smaller than the square root of the product of its two "
             "diagonal entries.",
@@ -128,7 +130,7 @@ def general_fault(shell: GeneralShell) -> tuple[str, str] | None:
     if shell.bending.any():
         parts["bending"] = shell.bending
         both = [[shell.membrane, shell.coupling], [shell.coupling.T, shell.bending / 12]]
-        parts["membrane with bending"] = np.block(both)
+        parts["membrane and bending"] = np.block(both)
     if shell.shear.any() and np.isfinite(shell.shear).all():
         parts["transverse shear"] = shell.shear
     for name, C in parts.items():
@@ -145,7 +147,9 @@ STACKED: dict[str, tuple[int, ...]] = {"hex8": (0, 1, 2), "hex20": (0, 1, 2), "w
 class Layer:
     """Layer of an isotropic material, or of an anisotropic one with the orientation of its axes."""
 
-    material: Annotated[int, Column("1", "", "material id of every layer, starting at ξ = −1")]
+    material: Annotated[
+        int, Column("1", "", "material id of every layer, from ξ = −1 to ξ = 1 along the stacking direction")
+    ]
     thickness: Annotated[float, Column("1", "", "thickness of every layer, relative to the other layers")]
     orientation: Orientation
 
@@ -157,7 +161,7 @@ class CompositeSolid:
 
     layers: Annotated[tuple[Layer, ...], Column("", "layer", "layers")]
     direction: Annotated[
-        int, Column("1", "", "stacking direction of the layers: 0, 1 or 2 of the element reference domain")
+        int, Column("1", "", "stacking direction of the layers: axis 0, 1 or 2 of the element reference domain")
     ] = 2
 
     @property

@@ -101,7 +101,7 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, assignments: Mapping[int, Gi
         raise element_error(
             element,
             f"element {element} is parallel to the section direction {list(towards[int(np.argmax(is_parallel))] or ())}",
-            "Put this line into a separate region with another section direction (mesh.sections).",
+            "Put this line into a separate region with another `direction` in mesh.sections.",
         )
     e = len(ids)
     return BeamBlock(kind, ids, nodes, region, axes, np.zeros((e, nodes.shape[1], 3)), np.zeros((e, 2, 6), dtype=bool))
@@ -113,7 +113,7 @@ def _refuse_curved_rods(block: CellBlock, assignments: Mapping[int, GivenSection
             raise element_error(
                 element,
                 f"element {element} is a line of three nodes, which requires bending stiffness, but its section has none",
-                "Specify moments of area of the section (mesh.sections), or mesh rods with lines of two nodes.",
+                "Specify `second_moments` of the section in mesh.sections, or mesh rods with lines of two nodes.",
             )
 
 
@@ -142,9 +142,9 @@ SectionsByGroup = dict[tuple[int, int | None], tuple[Region, GivenSection]]
 
 ELEMENT_NAMES = {1: "lines", 2: "triangles and quadrangles", 3: "solids"}
 REMEDIES = {
-    1: "Specify an area for lines.",
-    2: "Specify a thickness for triangles and quadrangles.",
-    3: "Remove the section: solids have no section.",
+    1: "Specify `area` for regions of lines.",
+    2: "Specify `thickness` for regions of triangles and quadrangles.",
+    3: "Remove this region from the section: solids have no section.",
 }
 SHELLS = (
     "Specify a section of their regions in mesh.sections to import triangles and quadrangles as shells, and lines as beams: "
@@ -219,7 +219,7 @@ def _tags(key: str, assigned: GivenSection, groups: Groups) -> Iterator[int | No
                 remedy=REMEDIES[others[0]]
                 if others
                 else did_you_mean(
-                    str(entry), names, f"Use one of the regions of {words}: {', '.join(names) or 'none'}; or all."
+                    str(entry), names, f"Use one of the regions of {words} ({', '.join(names) or 'none'}), or `all`."
                 ),
             )
         yield from matches

@@ -56,7 +56,7 @@ class Copies:
         element_sets = {name: np.sort(self._ids_of_copies(members)) for name, members in mesh.element_sets.items()}
         named = [name for j in range(count) if (name := f"SECTOR-{j + 1}") in {*node_sets, *element_sets}]
         if named:
-            raise UserError(f"the set {named[0]} has the same name as a copy of the sector", remedy="Rename the set.")
+            raise UserError(f"the set name {named[0]} is reserved for a copy of the sector", remedy="Rename the set.")
         sector = np.sort(np.concatenate([block.ids for block in mesh.blocks]))
         for j in range(count):
             element_sets[f"SECTOR-{j + 1}"] = sector + j * shift
@@ -215,8 +215,9 @@ class Copies:
             groups = self._by_reference(average.reference)
             if average.dependent is not None and len(groups) == 1:
                 raise UserError(
-                    f"{average}: an averaging element with UM components and its reference node on the axis cannot be expanded",
-                    remedy="Remove UM, so that the reference node is dependent.",
+                    f"{average}: an averaging element with UM components and its reference node on the sector axis cannot be "
+                    "copied to other sectors",
+                    remedy="Remove UM: the reference node is then the dependent node.",
                 )
             for reference, group in groups:
                 number.append(average.id)
@@ -267,8 +268,8 @@ class Copies:
         for row in set(replaced) - {relation.follower[0] for relation in relations}:
             raise UserError(
                 f"{replaced[row]}: node {self.mesh.node_ids[replaced[row].node[0]]} coincides with a node of the opposite cut "
-                "face, which has no such relation",
-                remedy="Put another motion first in the equation, or define the equation on the opposite face.",
+                "face, but that node has no such equation",
+                remedy="Put the motion of another node first in the equation, or define the equation on the opposite face too.",
             )
         return tuple(relations), np.array(number, dtype=np.int64)
 
@@ -357,7 +358,7 @@ def whole_ring(
     directions, and if a relation applies to a merged node without one."""
     if mesh.thin:
         raise UserError(
-            "a sector with shells or beams cannot be expanded",
+            "a sector with shells or beams cannot be expanded to the whole structure",
             remedy="Mesh the whole structure, or use solids only.",
         )
     e = -axis / np.linalg.norm(axis)  # copy 1 lies clockwise of the sector when looking against the axis
@@ -406,7 +407,8 @@ def _match_faces(
     mean, step, off, which = best
     if mean > spacing.mean():
         raise UserError(
-            f"the cut faces of the sector do not match after a rotation by 360°/{count}: their nodes differ by {mean:.3g} m",
+            f"the cut faces of the sector do not match after a rotation by 360°/{count}: the mean distance of opposite nodes is "
+            f"{mean:.3g} m",
             remedy="Check the number of sectors, the axis and the meshes of the two cut faces.",
         )
     near = off <= CLOSE * spacing.min()

@@ -27,7 +27,7 @@ class RigidElement:
     reference: Annotated[int, Column("1", "", "reference node index of every rigid element")]
     nodes: Annotated[IntArray, Column("1", "dependent node", "indices of the dependent nodes of every rigid element")]
     components: Annotated[tuple[int, ...], Column("1", "", "dependent components 1-6 of every rigid element")]
-    name: Annotated[str, Column("1", "", "name of the constraint in the file")] = ""
+    name: Annotated[str, Column("1", "", "name of the rigid element in the mesh file or config")] = ""
 
     def __str__(self) -> str:
         return self.name or f"rigid element {self.id}"
@@ -48,20 +48,25 @@ class AveragingElement:
     ]
     directions: Annotated[
         NDArray[np.bool_] | None,
-        Column("1", "averaged node × 3", "1 if the translation of the averaged node is used", none=1),
+        Column("1", "averaged node × 3", "1 if this translation of the averaged node enters the average", none=1),
     ] = None
     dependent: Annotated[
         IntArray | None,
         Column(
             "1",
             "component × 2",
-            "dependent [node index, component] (UM); none: components of the reference node",
+            "dependent motions as [node index, component] (UM); none: the components of the reference node",
         ),
     ] = None
-    name: Annotated[str, Column("1", "", "name of the constraint in the file")] = ""
+    name: Annotated[str, Column("1", "", "name of the averaging element in the mesh file or config")] = ""
     rotations: Annotated[
         NDArray[np.bool_] | None,
-        Column("1", "averaged node × 3", "1 if the rotation of the averaged node is used", offset="directions_offset"),
+        Column(
+            "1",
+            "averaged node × 3",
+            "1 if this rotation of the averaged node enters the average",
+            offset="directions_offset",
+        ),
     ] = None
 
     def __str__(self) -> str:
@@ -118,7 +123,7 @@ class Relation:
     value: Annotated[
         FloatArray, Column("SI", "term", "coefficient of the term; in m for a rotation", offset="term_offset")
     ]
-    name: Annotated[str, Column("1", "", "name of the constraint in the file")] = ""
+    name: Annotated[str, Column("1", "", "name of the relation in the mesh file or config")] = ""
     yields: bool = False
 
     def __str__(self) -> str:
@@ -156,7 +161,7 @@ class PointMass:
     ] = field(default_factory=lambda: np.zeros((3, 3)))
     matrix: Annotated[
         FloatArray | None,
-        Column("SI", "6 × 6", "mass matrix of a mass that differs between axes (CONM1, CMASS), otherwise 0"),
+        Column("SI", "6 × 6", "mass matrix of a point mass that differs between axes (CONM1, CMASS), otherwise 0"),
     ] = None
 
     @property
@@ -175,12 +180,14 @@ class Springs:
     name: Annotated[str, Column("1", "", "name of the spring element or support in the file or config")]
     stiffness: Annotated[FloatArray, Column("SI", "spring", "spring stiffness: N/m, for torsion springs N m/rad")]
     spring: Annotated[
-        IntArray, Column("1", "part", "number of the spring in its list, for every node motion", offset="part_offset")
+        IntArray, Column("1", "part", "index of the spring that the node motion elongates", offset="part_offset")
     ]
-    node: Annotated[IntArray, Column("1", "part", "node index of every node motion", offset="part_offset")]
+    node: Annotated[
+        IntArray, Column("1", "part", "index of the node whose motion elongates the spring", offset="part_offset")
+    ]
     component: Annotated[
         IntArray,
-        Column("1", "part", "component of every node motion: 0-2 translations, 3-5 rotations", offset="part_offset"),
+        Column("1", "part", "component of the node motion: 0-2 translations, 3-5 rotations", offset="part_offset"),
     ]
     value: Annotated[
         FloatArray, Column("SI", "part", "spring elongation per unit of the node motion", offset="part_offset")
@@ -226,7 +233,7 @@ class BodyForce:
         default_factory=lambda: np.zeros(3)
     )
     rotation: FloatArray = field(default_factory=lambda: np.zeros(3))
-    centre: Annotated[FloatArray, Column("m", "3", "a point of the rotation axis")] = field(
+    centre: Annotated[FloatArray, Column("m", "3", "a point of the rotation axis of the body force")] = field(
         default_factory=lambda: np.zeros(3)
     )
     elements: IntArray | None = None
@@ -246,5 +253,5 @@ class NodalForces:
     ] = None
     body: tuple[BodyForce, ...] = ()
     regions: Annotated[
-        tuple[int, ...], Column("1", "region", "ids of regions whose mass contributes to the forces")
+        tuple[int, ...], Column("1", "region", "ids of the regions whose mass gives the forces of the load")
     ] = ()

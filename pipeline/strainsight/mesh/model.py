@@ -67,7 +67,9 @@ class Region:
 
     id: Annotated[int, Column("1", "", "id of every region")]
     name: Annotated[str, Column("1", "", "name of every region")]
-    material: Annotated[int, Column("1", "", "material id of every region")]
+    material: Annotated[
+        int, Column("1", "", "material id of every region; 0: no material, or one for each ply or layer")
+    ]
 
     def __str__(self) -> str:
         return f"region {self.id} ({self.name})"
@@ -318,7 +320,7 @@ class Mesh(Properties):
         """Index of the node with this id of the file. Raises UserError if it does not exist."""
         hits = np.flatnonzero(self.node_ids == node_id)
         if hits.size == 0:
-            raise UserError(f"the mesh has no node {node_id}", remedy="Use the node ids of the mesh file.")
+            raise UserError(f"the mesh has no node {node_id}", remedy="Use a node id of the mesh file.")
         return int(hits[0])
 
     def where(self, kind: str, number: int) -> str | None:

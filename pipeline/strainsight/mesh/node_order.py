@@ -35,9 +35,8 @@ def check_node_order(mesh: Mesh) -> None:
         ):
             raise element_error(
                 blocks[0].ids[0],
-                f"mid-side nodes are not at the middles of their edges in all {len(off)} {kind} elements (at least "
-                f"{off.min():.2g} of the edge length away), but at the middles of other edges. The node order differs from "
-                "that of the format.",
+                f"in all {len(off)} {kind} elements, mid-side nodes are at the middles of wrong edges (at least {off.min():.2g} "
+                "of the edge length away from the right middle). The node order differs from that of the file format.",
                 "Write the element nodes in the order of the file format.",
             )
 
@@ -111,7 +110,7 @@ def plate_normals(
         )
     if warp[worst] > WARPED:
         notes.append(
-            f"{np.sum(warp > WARPED)} {called(worst).split()[0]} are warped: corners are more than {WARPED:g} of the mean "
-            f"diagonal off the mean plane ({called(worst)} {warp[worst]:.2g})"
+            f"warped {called(worst).split()[0]} ({np.sum(warp > WARPED)} in total): corners are more than {WARPED:g} of the mean "
+            f"diagonal off the mean plane (largest: {warp[worst]:.2g}, {called(worst)})"
         )
     return normal

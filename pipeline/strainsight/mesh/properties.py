@@ -69,12 +69,13 @@ def value_of(mesh: Mesh, region: int, property: str, material: int | str | None 
     if what := without_modulus(mesh, region):
         raise UserError(
             f"{mesh.regions[region]} is {what}, which has no single Young's modulus",
-            remedy="Estimate a factor of its stiffness: property: stiffness_factor, guess: 1.0, range: [0.8, 1.2].",
+            remedy="Estimate a factor of the stiffness: `property: stiffness_factor`, `guess: 1.0`, `range: [0.8, 1.2]`.",
         )
     isotropic = mesh.materials[mesh.regions[region].material]
     if material is not None and material not in (isotropic.id, str(isotropic)):
         raise UserError(
-            f"{mesh.regions[region]} has {isotropic}, not {material!r}", remedy="Remove the key `material`."
+            f"the material of {mesh.regions[region]} is {isotropic}, not {material!r}",
+            remedy="Remove the key `material`.",
         )
     return isotropic.youngs_modulus
 
@@ -124,9 +125,9 @@ def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> 
     other = "youngs_modulus" if kind == "orthotropic" else ", ".join(PLY_MODULI)
     if not materials:
         raise UserError(
-            f"{mesh.regions[region]} is {without_modulus(mesh, region)} without {kind} plies, so that {property} is undefined",
-            remedy="Estimate a factor of its stiffness, property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]"
-            + ("." if isinstance(several, CompositeSolid) else f", or one of the ply moduli, property: {other}."),
+            f"{mesh.regions[region]} is {without_modulus(mesh, region)} without {kind} plies: {property} is undefined",
+            remedy="Estimate a factor of the stiffness: `property: stiffness_factor`, `guess: 1.0`, `range: [0.8, 1.2]`"
+            + ("." if isinstance(several, CompositeSolid) else f". Or estimate a ply modulus: {other}."),
         )
     if material is None:
         if len(materials) > 1:
@@ -141,7 +142,7 @@ def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> 
     known = [str(each) for each in (*materials, *names.values())]
     raise UserError(
         f"the plies of {mesh.regions[region]} have no {kind} material {material!r}",
-        remedy=did_you_mean(str(material), known, f"The materials are {', '.join(known)}."),
+        remedy=did_you_mean(str(material), known, f"Set `material` to one of {', '.join(known)}."),
     )
 
 
@@ -191,13 +192,13 @@ def _require_section(mesh: Mesh, region: int, property: str) -> BeamSection | Sh
     else:
         kinds = "beams or homogeneous shells" if property == "bending_factor" else "beams or rods"
         raise UserError(
-            f"{mesh.regions[region]} does not consist of {kinds}, so that {property} is undefined",
-            remedy="Specify another region, or estimate stiffness_factor.",
+            f"{mesh.regions[region]} does not consist of {kinds}: {property} is undefined",
+            remedy="Specify another region, or estimate the property stiffness_factor.",
         )
     if not applies:
         raise UserError(
             f"the section of {mesh.regions[region]} has no stiffness that {property} could multiply",
-            remedy="Specify another region or another factor.",
+            remedy="Specify another region or another property.",
         )
     return section
 

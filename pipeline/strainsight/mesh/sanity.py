@@ -136,8 +136,9 @@ def _stiff_springs(mesh: Mesh) -> Iterator[str]:
             k = float(spring.stiffness[spring.torsion == turns].max(initial=0.0))
             if k > STIFF * max(E) * long**power:
                 yield (
-                    f"{spring} has {k:.3g} {unit}, {k / (max(E) * long**power):.2g} times E L{'³' * turns} of the structure, "
-                    "so that rounding errors dominate. Replace the spring by a support (SPC) or a rigid tie (RBE2)."
+                    f"{spring} has {k:.3g} {unit}, {k / (max(E) * long**power):.2g} times E L{'³' * turns} of the structure "
+                    "(E: Young's modulus, L: length): rounding errors dominate. Replace the spring by a support (SPC) or a rigid "
+                    "tie (RBE2)."
                 )
 
 
@@ -162,8 +163,8 @@ def _inconsistent_normals(mesh: Mesh) -> list[str]:
         return []
     a, b = element[same[0]].tolist()
     return [
-        f"normals of neighbouring shells are opposite at {len(same)} common sides, for example between elements "
-        f"{a} and {b}. Upper and lower face, offsets, ply order and pressures depend on the normal. Number the nodes of "
+        f"normals of neighbouring shells are opposite, for example of elements {a} and {b} (affected common sides: {len(same)}). "
+        "Upper and lower face, offsets, ply order and pressures depend on the normal. Number the nodes of "
         "all shells in the same direction."
     ]
 
@@ -353,7 +354,7 @@ def _stiff_cores(mesh: Mesh) -> list[str]:
         if excess > SHEAR_EXCESS:
             warnings.append(
                 f"{mesh.regions[number]} has layers whose shear moduli differ by a factor of {G.max() / G.min():.3g}: the "
-                f"elements are up to {excess:.3g} times too stiff in transverse shear. If this matters (thick, or a soft core), "
+                f"elements are up to {excess:.3g} times too stiff in transverse shear. For a thick solid or a soft core, "
                 "mesh core and skins with separate elements."
             )
     return warnings
@@ -397,8 +398,8 @@ def _material_warnings(
     warnings += _outside(f"{name}: density", rho, DENSITY, "kg/m³", remedy)
     if not warnings and rho > LIKELY_DENSITY[1] and E > METAL:
         warnings = [
-            f"{name}: density is {rho:.3g} kg/m³, but metals have at most {LIKELY_DENSITY[1]:g}. If the value is a specific "
-            f"weight, the density would be {rho / GRAVITY:.4g} kg/m³ (PARAM,WTMASS). Check the deck."
+            f"{name}: density is {rho:.3g} kg/m³, but metals have at most {LIKELY_DENSITY[1]:g} kg/m³. If the value is a "
+            f"specific weight, the density would be {rho / GRAVITY:.4g} kg/m³ (PARAM,WTMASS). Check the deck."
         ]
     if not warnings and (mixed := mixed_units(E, rho, length_unit, mass_unit, ply)):
         warnings = [
@@ -413,4 +414,4 @@ def _outside(what: str, value: float, limits: tuple[float, float], unit: str, re
     low, high = limits
     if low <= value <= high:
         return []
-    return [f"{what} is {value:.3g} {unit}, outside {low:g} to {high:g}. {remedy}"]
+    return [f"{what} is {value:.3g} {unit}, outside the usual range {low:g} to {high:g}. {remedy}"]

@@ -37,7 +37,7 @@ def section_of_shape(kind: str, dimensions: Sequence[float]) -> BeamSection:
     listed = ", ".join(f"{value:g}" for value in dimensions)
     if len(dimensions) != count:
         raise DeckError(
-            f"the section {kind} has {len(dimensions)} dimensions ({listed}) instead of {count}",
+            f"the number of dimensions of the section {kind} is {len(dimensions)} ({listed}), not {count}",
             remedy="Specify all dimensions as defined for PBARL.",
         )
     try:

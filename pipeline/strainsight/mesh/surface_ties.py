@@ -36,7 +36,7 @@ def with_surface_tie(
     facets = facets.some(facets.of(mesh.blocks) & chosen[facets.nodes].all(axis=1))
     if not len(facets.kind):
         raise UserError(
-            "no facet of a solid lies in the coarser surface",
+            "no facet of a solid lies in the coarser surface of the tie",
             remedy="Specify a face of the coarser side (mesh.faces) as `to`.",
         )
     nodes = np.setdiff1d(nodes, facets.nodes)
@@ -68,8 +68,8 @@ def with_surface_tie(
     last = int(np.argmax(best))
     if best[last] > within:
         raise UserError(
-            f"node {mesh.node_ids[nodes[last]]} is farther than {within:g} m from the surface",
-            remedy="Specify only nodes on the surface, or increase `within` [m].",
+            f"node {mesh.node_ids[nodes[last]]} is farther than {within:g} m from the surface of the tie",
+            remedy="Specify only nodes on this surface, or increase `within` [m].",
         )
     axes = np.array([mesh.axes.get(node, np.eye(3)) for node in nodes.tolist()]).reshape(-1, 3, 3)
     onto_axes = np.array([mesh.axes.get(node, np.eye(3)) for node in tied_to.ravel().tolist()]).reshape(
@@ -93,7 +93,10 @@ def without_held(mesh: Mesh) -> Mesh:
     remaining = tuple(tie for tie in mesh.relations if not (tie.yields and tie.follower in clamped))
     if not (count := len(mesh.relations) - len(remaining)):
         return mesh
-    note = f"{count} components of nodes tied to a surface (*TIE, mesh.ties) are clamped by supports, which replace the tie"
+    note = (
+        "supports clamp components of nodes tied to a surface (*TIE, mesh.ties) and replace the tie there (number of components: "
+        f"{count})"
+    )
     return replace(mesh, relations=remaining, notes=(*mesh.notes, note))
 
 

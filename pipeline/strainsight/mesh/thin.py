@@ -78,7 +78,9 @@ class ShellSection:
     bending: Annotated[float, Column("1", "", "bending stiffness relative to a solid plate, 12 I/t³; 0: membrane")] = (
         1.0
     )
-    shear: Annotated[float, Column("1", "", "shear thickness relative to t; infinite: rigid in shear")] = 5 / 6
+    shear: Annotated[
+        float, Column("1", "", "shear thickness relative to the thickness t; infinite: rigid in shear")
+    ] = 5 / 6
     nonstructural: Annotated[float, Column("kg/m^2", "", "nonstructural mass")] = 0.0
 
 
@@ -94,12 +96,15 @@ class GeneralShell:
 
     thickness: Annotated[float, Column("m", "", "thickness t")]
     membrane: Annotated[
-        FloatArray, Column("Pa", "3 × 3", "matrix M of the forces t M ε, in the material axes: xx yy xy, γ = 2ε")
+        FloatArray,
+        Column("Pa", "3 × 3", "matrix M of the membrane forces t M ε, in the material axes, order xx yy xy, γ = 2ε"),
     ]
-    coupling: Annotated[FloatArray, Column("Pa", "3 × 3", "matrix C of the forces t² C κ and moments t² C ε")]
-    bending: Annotated[FloatArray, Column("Pa", "3 × 3", "matrix D of the moments t³/12 D κ; 0: membrane")]
+    coupling: Annotated[
+        FloatArray, Column("Pa", "3 × 3", "coupling matrix C of the membrane forces t² C κ and moments t² C ε")
+    ]
+    bending: Annotated[FloatArray, Column("Pa", "3 × 3", "matrix D of the bending moments t³/12 D κ; 0: membrane")]
     shear: Annotated[
-        FloatArray, Column("Pa", "2 × 2", "matrix S of the transverse forces t S γ: xz yz; infinite: rigid")
+        FloatArray, Column("Pa", "2 × 2", "matrix S of the transverse shear forces t S γ, order xz yz; infinite: rigid")
     ]
     density: Annotated[float, Column("kg/m^3", "", "density of the shell")]
     uniform: Annotated[bool, Column("1", "", "1 if membrane and bending have the same material and no coupling")]
@@ -198,13 +203,15 @@ class BeamBlock:
     offset: Annotated[FloatArray, Column("m", "beam × node × 3", "offset of the beam axis from its nodes")]
     released: Annotated[
         NDArray[np.bool_],
-        Column("1", "beam × 2 × 6", "1 if the end releases this motion in the beam axes (pin flags)"),
+        Column(
+            "1", "beam × 2 × 6", "1 if this end of the beam is released for this motion, in the beam axes (pin flags)"
+        ),
     ]
     on_sides: Annotated[
         IntArray,
         Column(
             "1",
-            "beam with sides × side × node of it",
+            "beam with sides × side × side node",
             "indices of the nodes on the four sides of the beam, −1: none, see /arms",
         ),
     ] = field(default_factory=lambda: np.zeros((0, 4, 4), dtype=np.int64))

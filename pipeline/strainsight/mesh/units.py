@@ -58,7 +58,7 @@ def _factor(unit: str, table: Mapping[str, float], key: str) -> float:
     raise UserError(
         f"unknown unit {unit!r}",
         key=key,
-        remedy=(f"Did you mean {close[0]!r}? " if close else "") + f"Known units: {', '.join(table)}.",
+        remedy=(f"Did you mean {close[0]!r}? " if close else "") + f"Use one of the units {', '.join(table)}.",
     )
 
 
@@ -226,8 +226,8 @@ def likely_units(E: float, rho: float, length_unit: str, mass_unit: str) -> str:
         SOLIDS, PRESSURES.items(), DENSITIES.items()
     ):
         if _within(e * pascals, modulus) and _within(r * densities, density):
-            both = f"{e:.4g} appears to be in {p} and {r:.4g} in {d} ({name})"
-            return f"{both}. Specify both in units of mesh.length_unit, mesh.mass_unit and s."
+            both = f"The modulus {e:.4g} appears to be in {p} and the density {r:.4g} in {d} ({name})"
+            return f"{both}. Specify modulus and density in units of mesh.length_unit, mesh.mass_unit and s."
     return "Check mesh.mass_unit and mesh.length_unit."
 
 
@@ -247,14 +247,14 @@ def mixed_units(E: float, rho: float, length_unit: str, mass_unit: str, ply: boo
             if not _within(meant := e * factor, modulus):
                 continue
             in_ms = " with time in ms" if length_unit == "mm" and _same(M / L / factor, 1e-6) else ""
-            words = f"{e:.4g} appears to be in {unit}{in_ms} ({name}, {meant:.3g} Pa). {here} {meant * L / M:.4g}"
+            words = f"The modulus {e:.4g} appears to be in {unit}{in_ms} ({name}, {meant:.3g} Pa). {here} {meant * L / M:.4g}"
             for other, mass in MASS.items():
                 if _same(mass, factor * L):
                     return f"{words}. Otherwise set mesh.mass_unit {other} with the density {rho * L**3 / mass:.4g}."
             return f"{words}."
         for unit, factor in DENSITIES.items() if _within(E, modulus) and odd else ():
             if _within(meant := r * factor, density):
-                return f"{r:.4g} appears to be in {unit} ({name}). {here} {meant * L**3 / M:.4g}."
+                return f"The density {r:.4g} appears to be in {unit} ({name}). {here} {meant * L**3 / M:.4g}."
     return ""
 
 

@@ -83,12 +83,12 @@ def craig_bampton(
     Source: thesis 1.8-1.17; Craig and Bampton, AIAA Journal 6 (1968)."""
     if (modes is None) == (cutoff is None):
         raise UserError(
-            "a reduction requires either a number of modes or a cut-off frequency",
-            remedy="Specify exactly one of the two.",
+            "the reduction of a body requires either a number of modes or a cut-off frequency",
+            remedy="Specify exactly one of `modes` and `cutoff` for the body.",
         )
     if model.mass.parameters:
         raise UserError(
-            f"the density {model.mass.parameters[0]} is a parameter of a moving body, but its inertia must be constant",
+            f"parameter {model.mass.parameters[0]} is a density of a moving body, but the inertia of the body must be constant",
             remedy="Remove the density from the parameters; specify a fixed density of the material.",
         )
     b, unit = interface_motions(model, interface)
@@ -131,7 +131,8 @@ def floating_basis(body: CraigBampton, node: int) -> CraigBampton:
     fixed = [other for other, rows in body.interface.items() if not rows.any()]
     if fixed:
         raise UserError(
-            f"the frame of the body is already fixed to node {fixed[0]}", remedy="Fix the frame to only one node."
+            f"the floating frame of the body is already fixed to node {fixed[0]}",
+            remedy="Fix the frame to only one node.",
         )
     remaining = np.flatnonzero(~is_fixed)
     square = np.ix_(remaining, remaining)
@@ -149,7 +150,7 @@ def rows_of(body: CraigBampton, node: int) -> np.ndarray:
     if node not in body.interface:
         known = ", ".join(map(str, body.interface))
         raise UserError(
-            f"node {node} is not an interface of the reduced body",
+            f"node {node} is not an interface node of the reduced body",
             remedy=did_you_mean(str(node), map(str, body.interface), f"Use one of the interface nodes {known}."),
         )
     return body.interface[node]
@@ -181,7 +182,8 @@ def interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> tu
     """Columns b (6k,) of T of the interface motions z_b, and their values (6k, 6k) for unit z_b."""
     if len(interface) == 0:
         raise UserError(
-            "the reduction has no interface node", remedy="Specify the nodes of joints and forces as interface nodes."
+            "the reduced body has no interface node",
+            remedy="Specify the nodes of joints and forces as interface nodes.",
         )
     columns: list[np.ndarray] = []
     blocks = []
@@ -199,7 +201,7 @@ def interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> tu
         if len(columns_of_node) != 6 or np.isin(columns_of_node, np.concatenate([columns_of_node[:0], *columns])).any():
             raise UserError(
                 f"the six motions of interface node {node} are not independent: the node depends on other nodes or is clamped",
-                remedy="Use the reference node as interface, or tie the flange to this node by an RBE2.",
+                remedy="Use the reference node of an RBE2 as interface, or tie the connected surface to this node by an RBE2.",
             )
         columns.append(columns_of_node)
         blocks.append(np.linalg.inv(part[:, columns_of_node].toarray()))
@@ -212,8 +214,8 @@ def motion_rows(model: FiniteElementModel, node: int) -> np.ndarray:
     turning = model.constraint.reference_rows.get(index)
     if turning is None:
         raise UserError(
-            f"interface node {node} has no rotations, because it is not the reference of a rigid element",
-            remedy="Tie the flange to this node by an RBE2, in the deck or under mesh.ties.",
+            f"interface node {node} has no rotations, because it is not the reference node of a rigid element",
+            remedy="Tie the connected surface to this node by an RBE2, in the deck or under mesh.ties.",
         )
     return np.concatenate([translation_rows([index]), turning + np.arange(3)])
 
@@ -225,11 +227,11 @@ def _interior(
     most = int(np.count_nonzero(M.diagonal() > 0))
     if modes is not None and not 0 <= modes <= most:
         raise InfeasibleError(
-            f"{modes} modes were requested of a body with {most} unknowns between its interfaces",
+            f"the requested number of modes is {modes}, but the body has only {most} unknowns apart from its interface nodes",
             remedy=f"Request 0 to {most} modes.",
         )
     if cutoff is not None and not cutoff > 0:
-        raise InfeasibleError(f"the cut-off is {cutoff:g} Hz", remedy="Specify a positive cut-off.")
+        raise InfeasibleError(f"the cut-off frequency is {cutoff:g} Hz", remedy="Specify a positive cut-off frequency.")
     if len(F) == 0:  # rigid elements leave nothing between the interfaces
         return -load, np.zeros((0, 0)), np.zeros(0), np.inf
     factor = factorise(K)
@@ -248,8 +250,8 @@ def _fixed_interface_modes(
             break
         if count >= MOST_MODES:
             raise InfeasibleError(
-                f"more than {count} modes are below {cutoff:g} Hz (the last one is at {frequency[-1]:.4g} Hz)",
-                remedy="Reduce the cut-off, or specify a number of modes.",
+                f"more than {count} modes are below the cut-off frequency {cutoff:g} Hz (mode {count}: {frequency[-1]:.4g} Hz)",
+                remedy="Reduce `cutoff` of the body, or specify `modes` instead.",
             )
         count = min(2 * count, most)
     selected = int(modes) if modes is not None else int(np.count_nonzero(frequency <= cutoff))

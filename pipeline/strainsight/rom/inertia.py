@@ -22,25 +22,32 @@ class InertiaInvariants:
     """Integrals over the undeformed body, of the position x of a point and of its shapes Φ(x) (3, n), column k φ_k, in the
     floating frame: p = x + Φη."""
 
-    mass: Annotated[float, Column("kg", "", "mass of the body ∫ρ")]
-    first: Annotated[np.ndarray, Column("kg m", "3", "first moment of mass ∫ρ x")]
-    first_modal: Annotated[np.ndarray, Column("kg per unit", "3 × coordinate", "modal first moment ∫ρ Φ")]
-    second: Annotated[np.ndarray, Column("kg m^2", "3 × 3", "second moment of mass ∫ρ x xᵀ")]
+    mass: Annotated[float, Column("kg", "", "mass of the body ∫ρ dV")]
+    first: Annotated[np.ndarray, Column("kg m", "3", "first moment of mass ∫ρ x dV")]
+    first_modal: Annotated[np.ndarray, Column("kg per unit", "3 × coordinate", "first moment of the shapes Φ, ∫ρ Φ dV")]
+    second: Annotated[np.ndarray, Column("kg m^2", "3 × 3", "second moment of mass ∫ρ x xᵀ dV")]
     second_modal: Annotated[
-        np.ndarray, Column("kg m per unit", "coordinate × 3 × 3", "modal second moment ∫ρ (x φᵀ + φ xᵀ)")
+        np.ndarray,
+        Column("kg m per unit", "coordinate × 3 × 3", "second moment of position and shape φ, ∫ρ (x φᵀ + φ xᵀ) dV"),
     ]
     second_modal2: Annotated[
         np.ndarray,
-        Column("kg per unit^2", "coordinate × coordinate × 3 × 3", "quadratic modal second moment ∫ρ φ_k φ_lᵀ"),
+        Column("kg per unit^2", "coordinate × coordinate × 3 × 3", "second moment of two shapes, ∫ρ φ_k φ_lᵀ dV"),
     ]
     coupling: Annotated[
-        np.ndarray, Column("kg m per unit", "3 × 3 × coordinate", "coupling of rotation and modes ∫ρ x_j Φ")
+        np.ndarray, Column("kg m per unit", "3 × 3 × coordinate", "coupling of rotation and shapes Φ, ∫ρ x_j Φ dV")
     ]
     coupling_modal: Annotated[
         np.ndarray,
-        Column("kg per unit^2", "coordinate × 3 × 3 × coordinate", "modal coupling of rotation and modes ∫ρ φ_kj Φ"),
+        Column(
+            "kg per unit^2",
+            "coordinate × 3 × 3 × coordinate",
+            "coupling of shape φ_k and shapes Φ, ∫ρ φ_kj Φ dV",
+        ),
     ]
-    modal: Annotated[np.ndarray, Column("kg per unit^2", "coordinate × coordinate", "modal mass matrix ∫ρ ΦᵀΦ")]
+    modal: Annotated[
+        np.ndarray, Column("kg per unit^2", "coordinate × coordinate", "mass matrix of the shapes ∫ρ ΦᵀΦ dV")
+    ]
 
 
 def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaInvariants:
@@ -72,7 +79,8 @@ def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaI
         G += _point_mass_terms(point, F[point.node], None if row is None else z[row : row + 3])
     if not G[0, 0] > 0:
         raise DeckError(
-            f"the total mass is {G[0, 0]:g} kg", remedy="Specify the density of the materials (RHO on MAT1)."
+            f"the total mass of the body is {G[0, 0]:g} kg",
+            remedy="Specify the density of the materials (RHO on MAT1).",
         )
     G = 0.5 * (G + G.T)
     with_place = G[1:4, 4:].reshape(3, 3, n)

@@ -38,7 +38,8 @@ def oscillator_step(
     half_gap = np.sqrt((0.25 * c * c - lam).astype(complex))
     if np.any(np.abs(half_gap) < 1e-6 * np.sqrt(lam)):
         raise NumericalError(
-            "the damping ratio of a mode is 1 (critical damping)", remedy="Change the damping ratio slightly from 1."
+            "the damping ratio of a mode is 1 (critical damping)",
+            remedy="Specify a damping ratio that is not exactly 1.",
         )
     roots = np.stack([-0.5 * c + half_gap, -0.5 * c - half_gap])
     gap = 2 * half_gap
@@ -307,8 +308,7 @@ def steady_start(
     if (resonant & ~still).any():
         tone, mode = np.argwhere(resonant & ~still)[0]
         raise InfeasibleError(
-            f"a load of {frequency[tone] / (2 * np.pi):.6g} Hz excites the undamped mode {mode + 1}, so that no "
-            "periodic motion exists",
+            f"a load at {frequency[tone] / (2 * np.pi):.6g} Hz excites the undamped mode {mode + 1}: no periodic motion exists",
             remedy="Specify damping, or start from rest with train.settle: none.",
         )
     z = np.exp(1j * frequency * h)

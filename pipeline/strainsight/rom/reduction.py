@@ -54,11 +54,12 @@ def _latin(
     columns = {}
     for i, name in enumerate(reference):
         if name not in ranges:
-            raise InfeasibleError(f"parameter {name} has no range", remedy="Specify the range of the parameter.")
+            raise InfeasibleError(f"parameter {name} has no range", remedy="Specify `range` for the parameter.")
         low, high = ranges[name]
         if not 0 < low <= high < np.inf:
             raise InfeasibleError(
-                f"parameter {name} ranges from {low:g} to {high:g}", remedy="Specify 0 < low <= high."
+                f"the range of parameter {name} is {low:g} to {high:g}",
+                remedy="Specify a range with 0 < lower limit ≤ upper limit.",
             )
         columns[name] = low * (high / low) ** levels[order[:, i]]
     return tuple({name: float(column[k]) for name, column in columns.items()} for k in range(len(levels)))
@@ -213,7 +214,7 @@ def reduce_model(
     Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses."""
     if samples < 1:
         raise InfeasibleError(
-            f"the number of parameter samples is {samples}", remedy="Use at least 1 sample (the reference)."
+            f"the number of parameter samples is {samples}", remedy="Specify at least 1 sample (the reference values)."
         )
     points = parameter_samples(reference, ranges, 1 if only_scales(full) else samples)
     n_u, slopes = S.shape[1], slopes or {}
@@ -323,7 +324,7 @@ def _modal_coordinates(
             inverse, Y = eigh(M, K)
             if inverse[0] <= 0:
                 raise InfeasibleError(
-                    f"a static response moves no mass (m/k = {inverse[0]:.1e} s²)",
+                    f"the static response to a load moves no mass (modal mass/stiffness = {inverse[0]:.1e} s²)",
                     remedy="Specify the density of every region.",
                 )
             Y = Y[:, ::-1] / np.sqrt(inverse[::-1])

@@ -162,7 +162,7 @@ def _tangent(direction: Sequence[float], n: np.ndarray, refuse: Callable[[str, s
     angle = np.rad2deg(np.arctan2(np.linalg.norm(t), abs(a @ n)))
     if angle < STEEPEST:
         raise refuse(
-            f"has a direction at {angle:.3g}° to the surface normal {_xyz(n)}, so that its projection is undefined",
+            f"has a direction at {angle:.3g}° to the surface normal {_xyz(n)}: the projection on the surface is undefined",
             f"Specify a direction along the surface, at more than {STEEPEST:g}° to the normal.",
         )
     return t / np.linalg.norm(t)
@@ -208,8 +208,8 @@ def without(gauges: ImportedGauges, mesh: Mesh, facets: Facets | None, zones: Se
         selected &= ~inside(zone, mesh, facets, gauges.pool.position, gauges.pool.normal)
     if not selected.any():
         raise InfeasibleError(
-            f"all {len(selected)} imported gauges lie in excluded zones",
-            remedy="Reduce the excluded zones.",
+            f"no imported gauge lies outside the excluded zones (number of gauges: {len(selected)})",
+            remedy="Remove zones from `gauges.exclude`, or make them smaller.",
         )
     index = np.flatnonzero(selected)
     return ImportedGauges(gauges.pool.take(index), gauges.rows[index])

@@ -280,7 +280,7 @@ def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.nd
         first = keep[np.argmax(steep)]
         raise InfeasibleError(
             f"the gauge axis is within {STEEPEST:g}° of the normal of {np.count_nonzero(steep)} of {keep.size} facets "
-            f"(element {facets.element_id[first]}, facet {facets.facet[first]}), so that its projection is undefined",
+            f"(for example element {facets.element_id[first]}, facet {facets.facet[first]}): the projection is undefined",
             key=f"{key}.direction",
             remedy=f"Choose another {key}.direction.axis, restrict {key}.surface, or exclude these facets: "
             f"{key}.exclude: [{{normal_cone: {{axis: [{a[0]:.3g}, {a[1]:.3g}, {a[2]:.3g}], angle: {STEEPEST:g}}}}}].",

@@ -126,7 +126,7 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
     if not selected.any():
         picks = [name for name in ("near", "normal", "box", "radius") if getattr(pick, name)]
         where = (
-            f"Relax {' or '.join(picks)}: no facet meets all of them"
+            f"Relax {' or '.join(f'`{name}`' for name in picks)}: no facet meets all of these criteria"
             if len(picks) > 1
             else "Check that lengths are in m"
         )
@@ -166,7 +166,7 @@ def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) ->
                 return other if other in likely else face
             raise UserError(
                 f"the point {where} is equally near to two faces: {faces.in_words(face)} and {faces.in_words(other)}",
-                remedy="Specify a point inside the intended face, or add its normal.",
+                remedy="Specify a point inside the intended face, or add the key `normal` with the normal of this face.",
             )
     return face
 

@@ -75,8 +75,8 @@ def screen(
     bonded_ones = int(np.count_nonzero(fixed))
     if wanted < max(1, bonded_ones):
         raise InfeasibleError(
-            f"screen.keep selects only {wanted} of {count} candidates"
-            + (f", but {bonded_ones} are already bonded" if bonded_ones else ""),
+            f"screen.keep selects only {wanted} of {count} candidate gauges"
+            + (f", but the number of bonded gauges is {bonded_ones}" if bonded_ones else ""),
             remedy=f"Set screen.keep to at least {max(1, bonded_ones)}.",
         )
     owner = np.arange(count)
@@ -102,7 +102,7 @@ def screen(
     reason[selected] = KEPT
     if not selected:
         raise InfeasibleError(
-            f"the readings of all {count} candidates exceed their measuring range",
+            f"the readings of every candidate gauge exceed its measuring range (number of candidates: {count})",
             key="gauges.range",
             remedy="Increase the measuring range (gauges.range or gauges.type), or check the amplitude of the loads.",
         )
@@ -130,12 +130,14 @@ def _check(rms: np.ndarray, std: np.ndarray) -> None:
     bad = ~(np.isfinite(std) & (std > 0))
     if bad.any():
         raise InfeasibleError(
-            f"the gauge noise is {std[bad][0]:g}", remedy="Specify a positive noise standard deviation."
+            f"the standard deviation of the gauge noise is {std[bad][0]:g}",
+            remedy="Specify a positive noise standard deviation.",
         )
     if not np.isfinite(rms).all():
         raise InfeasibleError(
-            f"{np.count_nonzero(~np.isfinite(rms).all(axis=0))} candidates have a training reading that is not finite",
-            remedy="Check the loads of the training.",
+            "readings of candidate gauges in the training run are not finite (number of channels: "
+            f"{np.count_nonzero(~np.isfinite(rms).all(axis=0))})",
+            remedy="Check the loads of the training run.",
         )
 
 

@@ -92,8 +92,8 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
     if isinstance(zone, On | ShellFace | OnElements):
         if facets is None:
             raise UserError(
-                "the mesh has no solids, shells or beams, so that this zone has no surface",
-                remedy="Use near_set or a box zone instead.",
+                "the mesh has no solids, shells or beams, so a zone on a surface is not possible",
+                remedy="Use a `near_set` or `box` zone instead.",
             )
         match zone:
             case On():
@@ -163,7 +163,7 @@ def _nodes(mesh: Mesh, name: str) -> np.ndarray:
         in_set = mesh.above(in_set)
     if not in_set.any():
         known = sorted({*mesh.node_sets, *mesh.element_sets})
-        remedy = did_you_mean(name, known, f"Sets: {', '.join(known) or 'none'}.")
+        remedy = did_you_mean(name, known, f"Use one of the sets {', '.join(known) or '(none)'}.")
         raise UserError(f"the set {name!r} does not exist in the mesh, or is empty", remedy=remedy)
     return np.flatnonzero(in_set)
 
@@ -193,12 +193,12 @@ def admissible(
             every = np.ones(len(remaining), dtype=bool)
             chosen = every if surface == "all" else on_surface(mesh, facets, surface)
         yield f"{key}.surface", f"on the surface {surface!r}", chosen
-        yield f"{key}.surface", "with an area", np.any(normal != 0, axis=1)
+        yield f"{key}.surface", "with a nonzero area", np.any(normal != 0, axis=1)
         if (lies := covered(mesh, facets)).any():
             yield "mesh.file", "not covered by another part", ~lies
         if not on_constraints:
             tied = constrained_nodes(mesh, references=True)[facets.nodes] & (facets.nodes >= 0)
-            yield f"{key}.surface", "away from constrained nodes", ~np.any(tied, axis=1)
+            yield f"{key}.surface", "without constrained nodes", ~np.any(tied, axis=1)
         if include:
             with blame(f"{key}.include"):
                 zones = [inside(zone, mesh, facets, centre, normal) for zone in include]
@@ -213,8 +213,8 @@ def admissible(
         trail.append(f"{np.count_nonzero(remaining)} {what}")
         if not remaining.any():
             raise InfeasibleError(
-                f"no admissible facet remains for a gauge; {where} excludes the last {np.count_nonzero(before)}: "
-                f"{', '.join(trail)}",
+                f"no admissible facet remains for a gauge: {where} excludes all remaining facets ({np.count_nonzero(before)}). "
+                f"Number of facets: {', '.join(trail)}",
                 key=where,
                 remedy="Choose another surface, larger included zones or smaller excluded zones.",
             )

@@ -144,7 +144,7 @@ def test_reinterpreted_input_is_noted(read, old, new, note):
     assert old in TETRAHEDRON
     assert any(note in text for text in read(TETRAHEDRON.replace(old, new)).notes)
     reduced = read(bar().replace("C3D20", "C3D20R")).notes[0]
-    assert reduced.startswith("2 C3D20R elements imported as hex20 integrated fully")
+    assert reduced.startswith("2 C3D20R elements imported as hex20 with full integration")
 
 
 def test_regions_follow_the_sections(read):

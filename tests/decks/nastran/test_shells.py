@@ -101,8 +101,8 @@ def test_warped_quadrilateral_is_noted_or_refused(read):
     off = np.linalg.svd(x - x.mean(axis=0))[1][2] / 2
     diagonals = np.linalg.norm(x[2] - x[0]), np.linalg.norm(x[3] - x[1])
     (note,) = mesh.notes[1:]
-    assert note.startswith("1 CQUAD4 are warped")
-    assert f"(CQUAD4 10 {off / np.mean(diagonals):.2g})" in note
+    assert note.startswith("warped CQUAD4 (1 in total)")
+    assert f"(largest: {off / np.mean(diagonals):.2g}, CQUAD4 10)" in note
     assert read(changed("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,.4")).notes[1:] == ()
     with pytest.raises(DeckError, match=r"0\.67 of the mean diagonal off the mean plane \(limit 0\.3\)"):
         read(FLAT.replace("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,3.").replace("GRID,1,,0.,0.,0.", "GRID,1,,0.,0.,3."))

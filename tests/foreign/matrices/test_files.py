@@ -148,11 +148,11 @@ def test_a_numbering_is_nodes_and_components(tmp_path):
         ("7,1\n8,1\n", "first line is '7,1'", 1),
         ("node,component\n7,1\n7,one\n", "'one', not an integer", 3),
         ("node,component\n7,1\n1000000000000,1\n", "1000000000000, too large", 3),
-        ("node,component\n7,1\n7\n", "1 cells", 3),
+        ("node,component\n7,1\n7\n", "is 1, not 2", 3),
         ("node,component\n7,7\n", "component 7", 2),
         ("node,component\n7,0\n", "scalar point", 2),
         ("node,component\n7,1\n8,1\n7,1\n", "node 7, component 1 is numbered twice", 4),
-        ("node,component\n", "write one line node,component for each row", None),
+        ("node,component\n", "write one line node,component for each matrix row", None),
     ],
 )
 def test_invalid_numbering_is_refused(tmp_path, lines, said, line):

@@ -114,7 +114,7 @@ def test_op4_matrix_is_selected_by_name(tmp_path):
     [
         (lambda t: t[:150], "the file ends inside a matrix", 5),
         (lambda t: t.replace("4.0000000000000000D+00", "4.000000000000000x0D+0"), "not a number", 5),
-        (lambda t: t.replace("       1       1       2", "       1       2       2"), "column 1 of KGG has 2 numbers", 2),
+        (lambda t: t.replace("       1       1       2", "       1       2       2"), "column 1 of matrix KGG has 2 numbers", 2),
         (lambda t: t.replace("       2       1       2", "       1       1       2"), "follows column", 4),
         (lambda t: t.replace("       2KGG", "       4KGG"), "complex", 1),
         (lambda t: "\x00\x01\x02" * 50, "is not a valid line of an OP4 file", 1),
@@ -151,10 +151,10 @@ def test_calculix_matrices_match_deck(job):
     ("ending", "text", "what"),
     [
         (".sti", "{}2 1 0.0\n", "both triangles"),
-        (".sti", "1 1\n", "the lines have 2 numbers, not row, column and value"),
+        (".sti", "1 1\n", "the number of values per line is 2, not 3"),
         (".sti", "1 1 1.\n1 2 x\n", r"job.sti:2.*'1 2 x' does not consist of row, column and value"),
         (".sti", "", "the file is empty"),
-        (".dof", "{}5\n", r"'5' is not node\.component"),
+        (".dof", "{}5\n", r"'5' is not of the form node\.component"),
         (".dof", "{}4.2\n", "node 4, component 2 is numbered twice"),
     ],
 )

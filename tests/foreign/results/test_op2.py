@@ -217,7 +217,7 @@ def test_records_in_parts_and_packed_files(tmp_path):
         (TRANSIENT, 1, 8, "a transient response"),
         (STATIC, 1001, 14, "complex displacements"),
         (STATIC, 2001, 8, "SORT2"),
-        (STATIC, 1, 14, "rows of 14 words"),
+        (STATIC, 1, 14, "14 words per row"),
     ],
 )
 def test_other_kinds_are_refused_by_name_with_a_remedy(tmp_path, analysis, table, wide, said):
@@ -238,7 +238,7 @@ def test_nonfinite_numbers_are_refused(tmp_path, bad):
         list(read_responses(written(tmp_path, w.file(w.static(rows=w.rows(motion=motion))))))
     with pytest.raises(DeckError, match="frequency"):
         list(read_responses(written(tmp_path, w.file(w.modes(eigenvalues=(bad,))))))
-    with pytest.raises(DeckError, match="node 3 occurs twice"):
+    with pytest.raises(DeckError, match="the displacements of node 3 occur twice"):
         list(read_responses(written(tmp_path, w.file(w.static(rows=w.rows(nodes=[3, 1, 3]))))))
 
 

@@ -105,7 +105,7 @@ def test_other_kinds_are_refused_with_line_and_remedy(tmp_path, block, said):
     [
         (0, slice(0, 10), "     three", "'three' is not a finite number", 7),
         (3, slice(18, 36), "               NaN", r"the motion of node 1 is not finite: -0\.142857,", "7, subcase 1"),
-        (1, slice(0, 18), " " * 18, "a node must have two lines", 7),
+        (1, slice(0, 18), " " * 18, "the displacements of a node must have two lines", 7),
     ],
 )
 def test_invalid_punch_lines_are_refused(tmp_path, row, columns, text, said, line):

@@ -198,7 +198,7 @@ def test_rst_static_results_have_rotations(monkeypatch):
         (Made(4), "a transient analysis"),
         (Made(2, cyclic=True), "a cyclic analysis"),
         (Made(2, complex_=1), "complex results"),
-        (Made(0, names=("TEMP",)), "lacks UX, UY, UZ"),
+        (Made(0, names=("TEMP",)), "lacks the displacements UX, UY, UZ"),
     ],
 )
 def test_unsupported_rst_results_are_refused(monkeypatch, made, said):

@@ -104,7 +104,7 @@ def test_universal_shapes_may_be_accelerations(tmp_path):
         (dataset55(analysis=4), "a transient response"),
         (dataset55(analysis=6), "a buckling shape"),
         (dataset2414(analysis=0), "an analysis of type 0"),
-        (dataset55(count=4), "the vectors have 4 values instead of 3"),
+        (dataset55(count=4), "the vectors at the nodes have 4 values instead of 3"),
         (dataset55(body=lines().replace("  8.57143E-01", "          NaN")), r"the motion of node 999999999 is not finite"),
         (dataset55()[:-7], "the file ends inside dataset 55"),
         ("text\n", "expected the start of a dataset"),

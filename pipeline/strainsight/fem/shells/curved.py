@@ -375,7 +375,7 @@ def _refuse_folded(good: np.ndarray, kind: Kind, ids: np.ndarray) -> None:
     if not good.all():
         bad = ids[~good]
         raise DeckError(
-            f"{len(bad)} shells of {len(kind.nodes)} nodes are folded: {', '.join(map(str, bad[:5]))}"
+            f"folded shells of {len(kind.nodes)} nodes ({len(bad)} in total): {', '.join(map(str, bad[:5]))}"
             + (", …" if len(bad) > 5 else ""),
             remedy="Move the mid-side nodes to the middle of the sides, or split these elements.",
             entity=("element", int(bad[0])),

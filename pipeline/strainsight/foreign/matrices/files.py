@@ -61,17 +61,21 @@ def read_op4(path: Path, name: str | None = None) -> sparse.csr_array:
         wanted = header.name.lower() == name.lower() if name else not names
         names.append(header.name)
         if wanted and matrix is not None:
-            raise error_at(path, f"the file contains the matrix {header.name} twice", "use unique matrix names")
+            raise error_at(
+                path, f"the file contains the matrix {header.name} twice", "give each matrix of the file its own name"
+            )
         if wanted:
             matrix = _collect_columns(header.shape, columns)
         else:
             for _ in columns:
                 pass
     if name is None and len(names) > 1:
-        raise error_at(path, f"the file contains {len(names)} matrices: {', '.join(names)}", "specify the matrix name")
+        raise error_at(
+            path, f"the file contains {len(names)} matrices: {', '.join(names)}", "set `name` to one of them"
+        )
     if matrix is None:
         what = f"the file contains no matrix {name!r}" if name else "the file contains no matrix"
-        raise error_at(path, what, f"use one of {', '.join(names)}" if names else "export the matrix again")
+        raise error_at(path, what, f"set `name` to one of {', '.join(names)}" if names else "export the matrix again")
     return matrix
 
 
@@ -111,14 +115,14 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
         message = " ".join(str(error).split())[:200]
         raise error_at(path, f"cannot be read: {message}", "export the matrix again") from None
     except MemoryError:
-        raise error_at(path, "the matrix does not fit into memory", "write it in sparse form") from None
+        raise error_at(path, "the matrix does not fit into memory", "write the matrix in sparse form") from None
     if not np.isfinite(matrix.data).all():
         entry = matrix.tocoo()
         first = int(np.argmin(np.isfinite(entry.data)))
         raise error_at(
             path,
-            f"entry ({entry.row[first] + 1}, {entry.col[first] + 1}) is {entry.data[first]}",
-            "write only finite numbers",
+            f"matrix entry ({entry.row[first] + 1}, {entry.col[first] + 1}) is {entry.data[first]}",
+            "export the matrix with finite numbers only",
         )
     return matrix
 
@@ -148,7 +152,7 @@ def symmetric(X: sparse.csr_array, path: Path) -> tuple[sparse.csr_array, float]
             path,
             f"the matrix is not symmetric: entry ({worst.row[at] + 1}, {worst.col[at] + 1}) and its transpose "
             f"differ by {off:.1e} of the largest entry",
-            "remove gyroscopic, follower and control terms; stiffness and mass must be symmetric",
+            "remove gyroscopic, follower-force and control terms; stiffness and mass must be symmetric",
         )
     return sparse.csr_array(0.5 * (X + X.T)), off
 
@@ -165,8 +169,8 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
         if component == 0:
             raise error_at(
                 f"{path}:{number}",
-                f"row {node} is a scalar point (component 0), which has no position",
-                "condense it out, or number it as a component of a separate node",
+                f"point {node} is a scalar point (component 0), which has no position",
+                "remove the scalar point by static condensation, or number it as a component of a separate node",
             )
         if not (1 <= component <= 6 and node >= 1):
             raise error_at(
@@ -178,7 +182,9 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
         lines.append(number)
     pairs = np.array(rows, dtype=np.int64).reshape(-1, 2)
     if len(pairs) == 0:
-        raise error_at(path, "the file contains no numbering of rows", "write one line node,component for each row")
+        raise error_at(
+            path, "the file contains no numbering of rows", "write one line node,component for each matrix row"
+        )
     _, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(first[inverse.ravel()] != np.arange(len(pairs)))
     if again.size:
@@ -199,10 +205,13 @@ def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[s
         rows.pop()
     wanted, (_, first) = ",".join(header), rows[0]
     if [cell.lower() for cell in first] != list(header):
-        raise error_at(f"{path}:1", f"the first line is {','.join(first)[:60]!r}", f"replace it by {wanted!r}")
+        raise error_at(
+            f"{path}:1", f"the first line is {','.join(first)[:60]!r}", f"replace the first line by {wanted!r}"
+        )
     for number, cells in rows[1:]:
         if len(cells) != len(header):
-            raise error_at(f"{path}:{number}", f"{','.join(cells)[:60]!r} has {len(cells)} cells", f"write {wanted}")
+            what = f"the number of cells in the line {','.join(cells)[:60]!r} is {len(cells)}, not {len(header)}"
+            raise error_at(f"{path}:{number}", what, f"write the cells {wanted} in each line")
         yield number, cells
 
 
@@ -238,7 +247,9 @@ def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
             rows.append((line, [plain_cell(cell.strip()) for cell in cells or [""]]))
             line = reader.line_num + 1
     except csv.Error as error:
-        raise error_at(f"{path}:{line}", f"the line is not a valid table row: {error}", "correct the quotes") from None
+        raise error_at(
+            f"{path}:{line}", f"the line is not a valid table row: {error}", "correct the quotation marks"
+        ) from None
     return rows or [(1, [""])]
 
 
@@ -252,36 +263,41 @@ def _integer(cell: str, path: Path, number: int) -> int:
 
 def _from_matrix_market(path: Path, name: str | None) -> sparse.csr_array:
     if name is not None:
-        raise DeckError(f"a Matrix Market file has no matrix names such as {name!r}", remedy="remove the name")
+        raise DeckError(f"a Matrix Market file has no matrix names such as {name!r}", remedy="remove `name`")
     return _csr(read_market(path))
 
 
 def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
     with path.open("rb") as file:
         if file.read(2) != b"PK":
-            raise error_at(path, "the file is not an .npz archive", "save with scipy.sparse.save_npz or numpy.savez")
+            raise error_at(
+                path, "the file is not an .npz archive", "save the matrix with scipy.sparse.save_npz or numpy.savez"
+            )
     with np.load(path, allow_pickle=False) as archive:
         names = list(archive.files)
         if "format" in names:
             if name is not None:
-                raise DeckError(f"a SciPy archive has no matrix names such as {name!r}", remedy="remove the name")
+                raise DeckError(f"a SciPy archive has no matrix names such as {name!r}", remedy="remove `name`")
             require_room(path, names)
             return _csr(sparse.load_npz(path))
         if name is None and len(names) != 1:
-            raise error_at(path, f"the file contains {len(names)} arrays: {', '.join(names)}", "specify the array name")
+            raise error_at(
+                path, f"the file contains {len(names)} arrays: {', '.join(names)}", "set `name` to one of them"
+            )
         if name is not None and name not in names:
-            raise error_at(path, f"the file contains no array {name!r}", f"use one of {', '.join(names)}")
+            raise error_at(path, f"the file contains no array {name!r}", f"set `name` to one of {', '.join(names)}")
         require_room(path, [name or names[0]])
         return _csr(archive[name or names[0]])
 
 
 def _csr(matrix: Any) -> sparse.csr_array:
     if matrix.ndim != 2 or matrix.dtype.kind not in "fiub":
-        raise DeckError(f"the array has {matrix.ndim} dimensions and type {matrix.dtype}", remedy="save a real matrix")
+        what = f"the number of dimensions of the array is {matrix.ndim}, and its type is {matrix.dtype}"
+        raise DeckError(what, remedy="save a two-dimensional array of real numbers")
     if max(matrix.shape) > LARGEST or min(matrix.shape) == 0:
         raise DeckError(
             f"the matrix size {matrix.shape[0]} × {matrix.shape[1]} is not valid",
-            remedy="check the export of the matrix",
+            remedy=f"export a matrix with 1 to {LARGEST} rows and columns",
         )
     if hasattr(matrix, "check_format"):
         # without the full check, invalid indices would access memory outside the matrix
@@ -320,7 +336,11 @@ def _size(archive: ZipFile, info: ZipInfo, path: Path) -> int:
     with archive.open(info) as stream:
         version = npy.read_magic(stream)
         if version not in HEADERS:
-            raise error_at(path, f"{info.filename} has the unsupported .npy version {version}", "write plain numbers")
+            raise error_at(
+                path,
+                f"{info.filename} has the unsupported .npy version {version}",
+                "save a numeric array without named fields",
+            )
         shape, _, dtype = HEADERS[version](stream)
         header_size = stream.tell() + math.prod(shape) * dtype.itemsize
     if header_size != info.file_size and not dtype.hasobject:

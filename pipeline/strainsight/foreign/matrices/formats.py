@@ -66,13 +66,15 @@ def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where
 def check_column(header: Header, column: int, rows: list[int], lengths: list[int], numbers: Any, where: str) -> Column:
     for row, length in zip(rows, lengths, strict=True):
         if not (row >= 1 and 1 <= length <= header.shape[0] - row + 1):
-            raise damage_error(f"column {column} of {header.name} has {length} numbers from row {row}, too many", where)
+            what = f"column {column} of matrix {header.name} has {length} numbers from row {row} on"
+            raise damage_error(f"{what}, but the matrix has {header.shape[0]} rows", where)
     return column, rows, lengths, numbers
 
 
 def check_order(column: int, last: int, header: Header, where: str) -> int:
     if column <= last:
-        raise damage_error(f"column {column} of {header.name} follows column {last}, but columns must increase", where)
+        what = f"column {column} of matrix {header.name} follows column {last}, but column numbers must increase"
+        raise damage_error(what, where)
     return column
 
 
@@ -114,14 +116,14 @@ def _binary_columns(
     for at, size in records:
         where = f"{path}, byte {at}"
         if size < 3 * integer:
-            raise damage_error("the record is too short for a column", where)
+            raise damage_error("the record is too short for a matrix column", where)
         column, row, count = np.frombuffer(data, word, 3, at).tolist()
         last = check_order(column, last, header, where)
         if column > header.shape[1]:
             return
         begin = at + 3 * integer
         if count < 0 or begin + count * integer > at + size:
-            raise damage_error(f"a column of {count} words is in a record of only {size} bytes", where)
+            raise damage_error(f"a matrix column of {count} words is in a record of only {size} bytes", where)
         if row > 0:
             length = count // header.words
             numbers = np.frombuffer(data, real, length, begin).astype(float)
@@ -150,7 +152,7 @@ def _strings_of(words: list[int], header: Header, column: int, where: str) -> tu
             at += 1
         at += size
         if size <= 0 or size % header.words or at > len(words):
-            raise damage_error(f"a string in column {column} has the invalid length of {size} words", where)
+            raise damage_error(f"a block of entries in column {column} has the invalid length of {size} words", where)
         rows.append(row)
         lengths.append(size // header.words)
     return rows, lengths, places
@@ -236,7 +238,8 @@ def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Ite
                 size, row = (head >> 16) - 1, head & 0xFFFF
             left -= 1 + size
             if size <= 0 or left < 0:
-                raise damage_error(f"a string in column {column} has the invalid length of {size} words", lines.where)
+                what = f"a block of entries in column {column} has the invalid length of {size} words"
+                raise damage_error(what, lines.where)
             rows.append(row)
             lengths.append(size // header.words)
             _read_numbers(numbers, lines, lengths[-1], a_line, width)
@@ -289,7 +292,7 @@ def read_market(path: Path) -> sparse.coo_array | np.ndarray:
         ):
             raise error_at(
                 path,
-                f"the file declares {rows} × {columns} with {entries} entries, more than the file size allows",
+                f"the file declares a {rows} × {columns} matrix with {entries} entries, more than its file size allows",
                 "export the matrix again",
             )
         table = _table(file, path, entries, 1 if layout == "array" else 3, line)
@@ -323,11 +326,15 @@ def _table(file: TextIO, path: Path, entries: int, width: int, line: int) -> np.
         table = np.loadtxt(file, comments=None, ndmin=2, max_rows=entries)
     except ValueError as error:
         message = str(error).partition(";")[0][:200]
-        raise damage_error(f"a line below the sizes is not a valid entry: {message}", f"{path}:{line + 1}") from None
+        raise damage_error(
+            f"a line below the matrix size is not a valid matrix entry: {message}", f"{path}:{line + 1}"
+        ) from None
     if table.shape != (entries, width) or any(rest.strip() for rest in iter(lambda: file.readline(LONGEST), "")):
-        count = f"{len(table)} entries" if len(table) < entries else f"more than {entries} entries"
-        message = count if table.shape[1:] == (width,) else f"{table.shape[1]} numbers per line"
-        raise damage_error(f"found {message}, but {entries} entries of {width} numbers are declared", f"{path}:{line}")
+        count = len(table) if len(table) < entries else f"more than {entries}"
+        message = f"the number of entries is {count}, but the file declares {entries}"
+        if table.shape[1:] != (width,):
+            message = f"the number of values per line is {table.shape[1]}, but an entry has {width}"
+        raise damage_error(message, f"{path}:{line}")
     return table
 
 
@@ -365,22 +372,24 @@ def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
     """A symmetric matrix: lines "row column value", each off-diagonal pair once. Raises DeckError for a name, invalid row
     numbers, and a pair that occurs twice."""
     if name is not None:
-        raise DeckError(f"a CalculiX matrix has no name such as {name!r}", remedy="remove the name")
+        raise DeckError(f"a CalculiX matrix has no name such as {name!r}", remedy="remove `name`")
     entries = _entries(path)
     if entries.shape[1] != 3:
-        raise DeckError(f"the lines have {entries.shape[1]} numbers, not row, column and value", remedy=WRITE_AGAIN)
+        what = f"the number of values per line is {entries.shape[1]}, not 3 (row, column and value)"
+        raise DeckError(what, remedy=WRITE_AGAIN)
     whole = ((entries[:, :2] == np.floor(entries[:, :2])) & (entries[:, :2] >= 1) & (entries[:, :2] <= LARGEST)).all(
         axis=1
     )
     if not whole.all():
         i = int(np.argmin(whole))
-        message = f"row {entries[i, 0]:g} and column {entries[i, 1]:g} of entry {i + 1} must be integers from 1"
+        message = f"row {entries[i, 0]:g} and column {entries[i, 1]:g} of entry {i + 1} must be integers ≥ 1"
         raise DeckError(message, remedy=WRITE_AGAIN)
     at = entries[:, :2].astype(np.int64)
     n = int(at.max())
     low, high = at.min(axis=1) - 1, at.max(axis=1) - 1
     if len(np.unique(low * n + high)) < len(at):
-        raise DeckError("the file contains both triangles, or an entry twice", remedy="use the Matrix Market format")
+        what = "the file contains both triangles of the matrix, or one entry twice"
+        raise DeckError(what, remedy=f"{WRITE_AGAIN}, or write a Matrix Market file (.mtx)")
     half = sparse.csr_array((entries[:, 2], (low, high)), shape=(n, n))
     full = sparse.csr_array(half + half.T - sparse.diags_array(half.diagonal()))
     full.eliminate_zeros()
@@ -415,5 +424,7 @@ def read_dofs(path: Path) -> Iterator[tuple[int, list[str]]]:
         if text := line.strip():
             node, dot, component = text.partition(".")
             if not dot:
-                raise error_at(f"{path}:{number}", f"{text[:40]!r} is not node.component", "export the file again")
+                raise error_at(
+                    f"{path}:{number}", f"{text[:40]!r} is not of the form node.component", "export the file again"
+                )
             yield number, [node, component]

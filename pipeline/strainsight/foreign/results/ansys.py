@@ -31,7 +31,7 @@ def responses_in_child_process(path: Path) -> Iterator[Response]:
     """Read `responses` in a child process, one at a time, from a copy, because the library opens the file for writing. Raises
     the same DeckError, and one if the process fails."""
     limit = TIME_LIMIT + path.stat().st_size / 5e6
-    failure = damage_error(f"{PACKAGE} crashed or took too long", str(path))
+    failure = damage_error(f"the package {PACKAGE} crashed or took too long to read the file", str(path))
     with TemporaryDirectory() as folder:
         try:
             copy = copyfile(path, Path(folder) / path.name)
@@ -52,7 +52,7 @@ def messages(path: Path, copy: Path) -> Iterator[Message]:
     except DeckError:
         raise
     except MemoryError:
-        what = f"reading the file with {PACKAGE} requires too much memory for its size"
+        what = f"reading the file with {PACKAGE} requires too much memory for the size of the file"
         raise damage_error(what, str(path)) from None
     except Exception as error:
         raise damage_error(f"{PACKAGE} cannot read the file: {reason(error)}", str(path)) from None
@@ -113,7 +113,11 @@ def _response(result: Any, row: int, is_mode: bool, step: int, substep: int, pat
     where = f"{path}, load step {step}, substep {substep}"
     names = list(result.result_dof(row))
     if missing := [name for name in _TRANSLATIONS if name not in names]:
-        raise error_at(where, f"the result lacks {', '.join(missing)}", "use results of a three-dimensional structure")
+        raise error_at(
+            where,
+            f"the result lacks the displacements {', '.join(missing)}",
+            "use results of a three-dimensional structure",
+        )
     rotations = _ROTATIONS if all(name in names for name in _ROTATIONS) else []
     ids, values = result.nodal_solution(row)
     return Response(

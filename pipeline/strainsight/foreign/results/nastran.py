@@ -96,7 +96,7 @@ class Op2File:
             at = self._place()
             content = self._record(keep)
             if keep and len(content) != key * self.width:
-                raise damage_error(f"{key} words are announced, but {len(content)} bytes follow", at)
+                raise damage_error(f"a record length of {key} words is announced, but {len(content)} bytes follow", at)
             if keep:
                 parts.append(content)
         return parts if key < 0 else None
@@ -105,7 +105,7 @@ class Op2File:
         at = self._place()
         content = self._record(keep=True, most=self.width)
         if len(content) != self.width:
-            raise damage_error(f"expected a key, but found a record of {len(content)} bytes", at)
+            raise damage_error(f"expected a record length (key), but found a record of {len(content)} bytes", at)
         return int(np.frombuffer(content, self.integer)[0])
 
     def _record(self, keep: bool, most: int | None = None) -> bytes:
@@ -205,7 +205,7 @@ def _head(op2: Op2File, record: Record) -> _Head:
     words = np.frombuffer(record.content, op2.integer)
     if len(words) != _HEAD:
         raise damage_error(
-            f"record {record.number} of {record.table} has {len(words)} words, not {_HEAD}", record.where
+            f"record {record.number} of table {record.table} has {len(words)} words, not {_HEAD}", record.where
         )
     sort, table = divmod(int(words[1]), 1000)
     titles = (op2.text(record.content[first * op2.width : last * op2.width]) for first, last in _TITLES)
@@ -240,7 +240,8 @@ def _response(
         raise error_at(where, "the displacements are written node by node (SORT2)", "request DISPLACEMENT(SORT1)")
     if head.row != _ROW or (not is_mode and head.analysis not in _STATIC) or len(record.content) % (_ROW * op2.width):
         raise damage_error(
-            f"invalid block: {len(record.content)} bytes, rows of {head.row} words, analysis {head.analysis}", where
+            f"invalid block of displacements: {len(record.content)} bytes, {head.row} words per row, analysis {head.analysis}",
+            where,
         )
     row = np.dtype([("point", op2.integer), ("type", op2.integer), ("motion", op2.real, (6,))])
     rows = np.frombuffer(record.content, row)
@@ -365,7 +366,7 @@ def _rows(block: _Block, path: Path) -> tuple[np.ndarray, np.ndarray, int]:
     second = np.append(goes_on, [False, False])
     wrong = first[~second[first + 1] | second[first + 2]]
     if wrong.size:
-        raise damage_error("a node must have two lines", f"{path}:{block.number + int(wrong[0])}")
+        raise damage_error("the displacements of a node must have two lines", f"{path}:{block.number + int(wrong[0])}")
 
     def place(row: int) -> str:
         return f"{path}:{block.number + int(first[row])}"

@@ -212,7 +212,7 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
     """The response of a dataset; None unless it contains displacement vectors at nodes."""
     layout, lines, where = dataset.layout, dataset.lines, f"{path}:{dataset.number}"
     if (line_count := len(lines) // _WIDTH) < layout.lines:
-        raise damage_error(f"the header has {line_count} lines instead of {layout.lines}", where)
+        raise damage_error(f"the header of the dataset has {line_count} lines instead of {layout.lines}", where)
     head = [lines[row * _WIDTH : (row + 1) * _WIDTH].decode("latin-1") for row in range(layout.lines)]
     _, analysis, characteristic, kind, data, count = _integers(head[layout.parameters], 6, where)
     if layout.location is not None and _integers(head[layout.location], 1, where)[0] != _AT_NODES:
@@ -224,7 +224,7 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
             _OTHERS.get(analysis, "complex values" if data > 4 else f"an analysis of type {analysis}"), where
         )
     if count != _VECTORS[characteristic]:
-        raise damage_error(f"the vectors have {count} values instead of {_VECTORS[characteristic]}", where)
+        raise damage_error(f"the vectors at the nodes have {count} values instead of {_VECTORS[characteristic]}", where)
     integers_, reals_ = _integers(head[layout.integers], 8, where), _reals(head[layout.reals], where)
     step = integers_[layout.load_case] or 1
     is_mode = analysis == _UNIVERSAL_MODE

@@ -50,7 +50,7 @@ class Response:
 
     def __post_init__(self) -> None:
         if (pair := find_duplicate(self.node_ids)) is not None:
-            raise damage_error(f"node {self.node_ids[pair[1]]} occurs twice", self.where)
+            raise damage_error(f"the displacements of node {self.node_ids[pair[1]]} occur twice", self.where)
         finite = np.isfinite(self.motion).all(axis=1)
         if not finite.all():
             row = int(np.argmin(finite))
@@ -73,7 +73,7 @@ def unsupported_error(what: str, where: str) -> DeckError:
     """Error for an unsupported kind of result."""
     return error_at(
         where,
-        f"{what} is neither a real mode nor a static response",
+        f"unsupported result: {what}; only real modes and static responses are supported",
         "write real normal modes or static displacements to a separate file",
     )
 

@@ -129,7 +129,7 @@ UPRIGHTS_SECOND = (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)
 _MODES = "with incompatible modes"
 _FREQUENCIES_DIFFER = "; frequencies of coarse meshes differ from those of CalculiX by up to {} %"
 """Largest difference on two example decks."""
-_REDUCED = f"{_MODES}: full integration, no hourglass control"
+_REDUCED = f"{_MODES} and full integration, without hourglass control"
 
 
 def bubble_gradient(xi: FloatArray) -> FloatArray:
@@ -188,9 +188,9 @@ HEX20 = second_order(
     gmsh_order=(*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15),
     abaqus={
         "C3D20": "",
-        "C3D20R": f"integrated fully{_FREQUENCIES_DIFFER.format(17)}",
+        "C3D20R": f"with full integration{_FREQUENCIES_DIFFER.format(17)}",
         "C3D20H": HYBRID,
-        "C3D20RH": f"integrated fully, {HYBRID}",
+        "C3D20RH": f"with full integration, {HYBRID}",
     },
     meshio={"hexahedron20": ()},
     orders={"exodus": UPRIGHTS_SECOND},
