@@ -114,7 +114,7 @@ def test_a_record_that_disagrees_with_the_model_ends_with_3_and_has_no_sigma_unt
     found, said = of_test(record, ends=3)
     assert (found.summary["trusted"], found.summary["accepted"]) == (False, False)
     assert "inconsistent with the model: the estimates of side and down are inconsistent with the sensors. Check channels" in said
-    assert "the other channels disagree with gauges.2 (error" in said
+    assert "the prediction from the other channels disagrees with gauges.2 (error" in said
     assert max(ratios(found), key=ratios(found).__getitem__) == "gauges.2"
     assert all(np.isnan(found[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
     assert not any(key.startswith("rms_std") for key in found.summary)
@@ -167,7 +167,7 @@ def test_channels_that_were_exchanged_are_named(record):
     found, said = of_test(record[:, [0, 1, 2, 4, 3, 5, 6, 7]], ends=3)
     worst = max(ratios(found), key=ratios(found).__getitem__)
     assert worst in ("gauges.3", "gauges.4")
-    assert f"the other channels disagree with {worst} (error" in said
+    assert f"the prediction from the other channels disagrees with {worst} (error" in said
     assert found.summary["verdict.side"] == "inconsistent with the sensors"
 
 

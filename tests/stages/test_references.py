@@ -93,7 +93,7 @@ def test_the_same_history_however_it_is_written(table, text):
 @pytest.mark.parametrize(
     ("text", "line", "what", "remedy"),
     [
-        ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "delete repeated times"),
+        ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "delete lines with repeated times"),
         ("time,F\n0,1\n1,\n2,3\n", ":3", "missing value in column 'F'", "must not have gaps"),
         ("time;f\n0;1\n1;2\n", ":1", "column 'F' not found", "did you mean f?"),
         *(
