@@ -178,6 +178,6 @@ def test_an_unknown_that_does_nothing_in_training_is_refused(screened, tmp_path)
         "process_noise": {"frequency": 10.0, "amplitude": STRONG},
     }
     loads = {"down": own, "aside": load([0, 1, 0], STRONG, known=True)}
-    with pytest.raises(InfeasibleError, match="no candidate reads a signal from down") as error:
+    with pytest.raises(InfeasibleError, match="no reading of a candidate depends on down") as error:
         screened(TWO | {"loads": loads, "place.estimate": ["down"], "validate.initial_std": {"down": 0.1}})
     assert error.value.key == "place.estimate"

@@ -168,7 +168,7 @@ def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: in
     raise InfeasibleError(
         f"the {len(channels)} channels cannot determine {words}",
         key="estimate.channels",
-        remedy="Add channels, or use --allow-unobservable to estimate anyway.",
+        remedy="Add channels to estimate.channels, or use --allow-unobservable to estimate anyway.",
     )
 
 
