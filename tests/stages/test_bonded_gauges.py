@@ -60,7 +60,7 @@ def test_a_name_of_the_layout_alone_does_not_report_where_a_gauge_was_bonded(pro
     code, said = run(project, BEFORE)
     assert code == 2
     assert "estimate.gauges_file" in said
-    assert "the position where it was bonded is unknown" in said
+    assert "the position where the gauge was bonded is unknown" in said
 
 
 @pytest.mark.slow

@@ -161,5 +161,5 @@ def _check(pool: int, keep: int) -> None:
     if not 1 <= keep <= pool:
         raise ConfigError(
             f"cannot keep {keep} of the {pool} gauges in the pool",
-            remedy=f"keep between 1 and {pool} gauges",
+            remedy=f"keep between 1 and {pool} gauges (place.keep)",
         )

@@ -191,7 +191,7 @@ def robust_set(
     if limits.keep <= least:
         raise InfeasibleError(
             f"a layout of {limits.keep} gauges for {unknowns} unknowns: if any gauge fails, an unknown becomes unobservable",
-            remedy=f"keep at least {least + 1} gauges, or estimate fewer unknowns",
+            remedy=f"keep at least {least + 1} gauges (place.keep), or estimate fewer unknowns",
         )
     search = LossSearch(pools, aggregate, limits, limit)
     starts = []

@@ -188,7 +188,7 @@ def _conflict(limits: Limits, at: int) -> InfeasibleError:
         unit = "" if name == BUDGET else " gauges"
         used = f"{row[bonded].sum():g}{unit} of the {limits.most[at]:g}"
         what = f"bonded gauges ({limits.key}) use {used} that {name} allows"
-    return InfeasibleError(what, key=name, remedy=f"relax {name}, or remove a gauge from {limits.key}")
+    return InfeasibleError(what, key=name, remedy=f"relax the limit {name}, or remove a gauge from {limits.key}")
 
 
 def _no_room(limits: Limits, families: Sequence[str], room: int, layout: Found) -> InfeasibleError:
@@ -201,7 +201,7 @@ def _no_room(limits: Limits, families: Sequence[str], room: int, layout: Found) 
         f"{limits.keep} gauges requested, but {name}{together} allows only {room} of the {limits.size.sum()} gauges in the pool"
         f"{surely}",
         key=name,
-        remedy=f"set {KEEP}: {room}, or relax {name}" if room else f"relax {name}",
+        remedy=f"set {KEEP}: {room}, or relax the limit {name}" if room else f"relax the limit {name}",
     )
 
 
@@ -223,7 +223,7 @@ def _undetected(limits: Limits, detection: Detection, active: Sequence[str], nam
     return InfeasibleError(
         f"no layout{_within(active)} can observe {words}",
         key=name,
-        remedy=f"relax {name}, or estimate fewer unknowns",
+        remedy=f"relax the limit {name}, or estimate fewer unknowns",
     )
 
 

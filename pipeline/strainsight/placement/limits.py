@@ -121,7 +121,7 @@ def limits_of(
     if not max(1, bonded) <= keep <= total:
         raise ConfigError(
             f"cannot keep {keep} of the {total} gauges in the pool, of which {bonded} are bonded",
-            remedy=f"keep between {max(1, bonded)} and {total} gauges",
+            remedy=f"keep between {max(1, bonded)} and {total} gauges (place.keep)",
         )
     entries: list[tuple[str, np.ndarray, float]] = [(KEEP, sizes, keep), *zones]
     if budget is not None:

@@ -150,11 +150,13 @@ def solve_care(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
         _, Z, stable = schur(np.block([[F.T, -G.G / s], [-s * Q, -F]]), sort="lhp")
         P = np.linalg.solve(Z[:n, :n].T, Z[n:, :n].T).T / s
     except np.linalg.LinAlgError as error:
-        raise NumericalError(f"the Hamiltonian of the Riccati equation was not solved: {error}") from error
+        raise NumericalError(
+            f"the Hamiltonian eigenvalue problem of the Riccati equation was not solved: {error}"
+        ) from error
     if stable != n:
         raise NumericalError(
-            f"the Hamiltonian of the Riccati equation has {stable} stable eigenvalues instead of {n}",
-            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
+            f"the Hamiltonian matrix of the Riccati equation has {stable} stable eigenvalues instead of {n}",
+            remedy="check whether an unknown is nearly unobservable, and whether noise levels differ by many orders of magnitude",
         )
     return polish(F, Q, G, 0.5 * (P + P.T))
 
@@ -212,7 +214,7 @@ def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
     if not error <= ACCEPTED:
         raise NumericalError(
             f"the Riccati equation of a set of gauges is solved with an error of {error:.1e}; the tolerance is {ACCEPTED:.0e}",
-            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
+            remedy="check whether an unknown is nearly unobservable, and whether noise levels differ by many orders of magnitude",
         )
     return P
 

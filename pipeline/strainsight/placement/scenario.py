@@ -113,7 +113,7 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
             lost[size - len(units) :] /= units[:, None]
         raise InfeasibleError(
             f"no gauge of the pool can observe {undetectable_in_words(lost, names)}",
-            remedy="add candidates to the pool, estimate fewer unknowns, or make a load, a mass or a stiffness known",
+            remedy="add candidates to the pool, or estimate fewer unknowns: set a load, a density or a modulus as known",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
     # rows of Q at unit variance, so that no unit of a state hides the noise of another: the null space is the same
@@ -128,7 +128,7 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
     if not residual <= ACCEPTED:
         raise NumericalError(
             f"the Riccati equation of the pool is solved with an error of {residual:.1e}; the tolerance is {ACCEPTED:.0e}",
-            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
+            remedy="check whether an unknown is nearly unobservable, and whether noise levels differ by many orders of magnitude",
         )
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
 

@@ -173,8 +173,8 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
                 summary[f"missed.{name}"] = share
                 if share > MISSED:
                     doubts.append(
-                        f"the time step does not resolve {100 * share:.2g} % of the RMS of {name} (it resolves loads up to "
-                        f"{band:.3g} Hz). Reduce simulate.time_step, or filter the load"
+                        f"the time step does not resolve {100 * share:.2g} % of the RMS of {name} (loads up to "
+                        f"{band:.3g} Hz are resolved). Reduce simulate.time_step, or filter the load"
                     )
     doubts += [*doubtful_drives(config, using.files), *overloaded(config, pressure)]
     if system.size > system.constrained and settings.tolerance is None and turn > TURN[settings.method]:

@@ -207,7 +207,7 @@ def placed_channels(
             raise ConfigError(f"unknown gauge '{name}'", key=key, remedy=" ".join(filter(None, (remedy, listed))))
         if places is None and settings.gauges_file is None and not settings.as_placed:
             raise ConfigError(
-                f"{name} is a gauge of the current layout, and the position where it was bonded is unknown",
+                f"{name} is a gauge of the current layout, but the position where the gauge was bonded is unknown",
                 key=KEY,
                 remedy="Copy gauges.csv from the results folder to the config folder when the gauges are bonded, and set "
                 "estimate.gauges_file: gauges.csv. If the gauges were bonded as in this layout, set estimate.as_placed: true.",

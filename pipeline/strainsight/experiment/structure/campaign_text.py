@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from strainsight.decks.faults import plural
 from strainsight.estimation.consistency import check_innovations
 from strainsight.estimation.decision import summarise_record
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
@@ -117,7 +118,7 @@ def _message(campaign: Campaign) -> str:
     numbers, first, only = _numbers(campaign), campaign.first.estimated, campaign.only
     source = first.source.file if only else f"{len(campaign.records)} records ({', '.join(campaign.records)})"
     parts = [campaign.decision.message] if campaign.decision.message else []
-    parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels in {source}")
+    parts.append(f"{numbers['samples']} samples of {plural(len(first.gauge.label), 'channel')} in {source}")
     for name in campaign.unknowns.names:
         what = " RMS" if name in campaign.unknowns.inputs else ""
         sigma = "" if campaign.decision.withheld else f" ± {numbers[f'std.{name}']:.2g}"

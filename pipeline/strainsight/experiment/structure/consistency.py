@@ -200,7 +200,10 @@ def clock_in_words(test: Measured, step: float) -> str:
     """Warning if the sampling interval of a record differs widely from the time step of the config [s], else empty."""
     if max(test.step / step, step / test.step) < OTHER_STEP:
         return ""
-    return f"the sampling interval is {test.step:.3g} s, but train.time_step is {step:.3g} s: check estimate.time.unit"
+    return (
+        f"the sampling interval of the record is {test.step:.3g} s, but train.time_step is {step:.3g} s: check "
+        "estimate.time.unit"
+    )
 
 
 @dataclass(frozen=True)

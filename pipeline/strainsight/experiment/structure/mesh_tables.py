@@ -296,7 +296,7 @@ def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
     between = links(mesh)
     ground = sum(link.share > EXACT for link in between)
     detail = (
-        f"resisting a rigid-body motion: {ground}; largest resisting share {between[0].share:.2g}, {between[0].name}"
+        f"resisting a rigid-body motion: {ground}; largest relative stretch {between[0].share:.2g}, {between[0].name}"
         if between
         else ""
     )
@@ -344,11 +344,11 @@ def _differences(mesh: Mesh, program: str) -> Iterator[Row]:
         "element mass; on coarse meshes frequencies are lower than with consistent mass"
         if mesh.lumped
         else {
-            "nastran": "mass is consistent; Nastran uses lumped mass unless PARAM,COUPMASS is 1 (mesh.mass: lumped), with lower "
-            "frequencies on coarse meshes",
-            "abaqus": "mass is consistent; Abaqus uses lumped mass for first-order elements, with lower frequencies on coarse "
-            "meshes",
-        }.get(program, "mass is consistent"),
+            "nastran": "the mass matrix is consistent; Nastran uses lumped mass unless PARAM,COUPMASS is 1 (mesh.mass: lumped), "
+            "with lower frequencies on coarse meshes",
+            "abaqus": "the mass matrix is consistent; Abaqus uses lumped mass for first-order elements, with lower frequencies "
+            "on coarse meshes",
+        }.get(program, "the mass matrix is consistent"),
         "hex8 elements have incompatible modes and bend without locking; without incompatible modes they are stiffer"
         if "hex8" in kinds
         else "",

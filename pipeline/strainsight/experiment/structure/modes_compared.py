@@ -171,7 +171,7 @@ def _on_both(
     if len(common) < min(FEWEST, over[1]) or len(common) < min(ENOUGH, SHARE * over[1]):
         notes.append(
             f"the MAC is not available: only {len(common)} of {plural(over[1], 'node')} of the mesh have a shape in every mode "
-            "of the file. Print all nodes in the other program"
+            "of the file. Write the mode shapes at all nodes in the other program"
         )
         return None, notes, None
     for mode in theirs:

@@ -255,8 +255,8 @@ def scheme_in_words(problem: Problem, h: float) -> str:
     bias = scheme_bias(modal_basis(model, at)[0], model.damping.at(at), h, problem.scheme)
     longer, damped = (values[0] for values in bias)
     return (
-        f"the {problem.scheme.replace('_', ' ')} step of {h:g} s increases the period of the first mode by {100 * longer:.2g} % "
-        f"(error of a modulus: {200 * longer:.2g} %) and increases the damping ratio by {100 * damped:.2g} %"
+        f"the {problem.scheme.replace('_', ' ')} scheme with a time step of {h:g} s increases the period of the first mode "
+        f"by {100 * longer:.2g} % (error of a modulus: {200 * longer:.2g} %) and the damping ratio by {100 * damped:.2g} %"
     )
 
 

@@ -327,8 +327,8 @@ def inertia_problems(train: Train, training: Training, first: float) -> Iterator
     elif first * train.time_step * SAMPLES > 1:
         yield (
             f"The time step of {train.time_step:g} s is {first * train.time_step:.2g} periods of the first mode ({first:.4g} Hz) "
-            "and does not resolve the vibration. For slow loads, train.model: static is more accurate. Otherwise reduce the "
-            "time step."
+            "and does not resolve the vibration. For slow loads, train.model: static is more accurate. Otherwise reduce "
+            "train.time_step."
         )
 
 

@@ -387,8 +387,8 @@ def on_one_node(loads: Mapping[str, LoadSection], mesh: Mesh) -> tuple[str, ...]
                 what = "solid" if node in solid else "shell"
                 sentences.append(
                     f"loads.{name} is a concentrated force on node {load.node} of a {what}, where strain increases with mesh "
-                    f"refinement. Distribute it over a face (mesh.faces, loads.{name}.set), or tie the nodes to a reference "
-                    "node (mesh.ties)"
+                    f"refinement. Distribute the force over a face (mesh.faces, loads.{name}.set), or tie the nodes to a "
+                    "reference node (mesh.ties)"
                 )
     return tuple(sentences)
 

@@ -142,8 +142,8 @@ class Evidence:
         if not self.outside_range:
             yield from self.overconfident()
             yield from (
-                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of its largest value. Add sensors, or "
-                "remove a known load from estimate.inputs"
+                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of the largest value of {name}. Add sensors, "
+                "or remove a known load from estimate.inputs"
                 for name in self.names
                 if self._share(name) > HARDLY
             )
@@ -159,13 +159,13 @@ class Evidence:
             noises = "small" if nis > 1 else "large"
             tolerances = ". Gauge errors (estimate.tolerances) are included in σ, but not in this check"
             yield (
-                f"the RMS innovation is {np.sqrt(nis):.3g} times the predicted one: the model of the filter differs from the "
+                f"the RMS innovation is {np.sqrt(nis):.3g} times the predicted value: the model of the filter differs from the "
                 f"bench, or increment, disturbance or noise in `estimate` is too {noises}{tolerances * bool(estimate.tolerances)}"
             )
         for name in estimate.sensors if estimate.measured is not None else ():
             if (mismatch := self._number(f"mismatch.{name}")) > MATCHES:
                 where = "in the test" if self.in_test else f"in the run {getattr(estimate.measured, 'run', '')}"
-                yield f"under the estimated loads, sensor {name} differs by {100 * mismatch:.3g} % from its reading {where}"
+                yield f"under the estimated loads, the reading of {name} differs by {100 * mismatch:.3g} % from that {where}"
 
     def message(self, numbers: Mapping[str, Scalar], units: Mapping[str, str], decision: Decision) -> str:
         """Message of one line: problems, then the accuracy of every unknown (loads relative to the largest true value), with σ

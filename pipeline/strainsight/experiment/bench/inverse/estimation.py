@@ -178,7 +178,7 @@ def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarr
         if known or not len(at) or share * size > claimed:
             yield (
                 f"the time step of {h:g} s does not resolve {100 * share:.2g} % of the RMS of {name} "
-                f"(it resolves loads up to {resolved_frequency(frequency, h, method):.3g} Hz)"
+                f"(loads up to {resolved_frequency(frequency, h, method):.3g} Hz are resolved)"
             )
 
 

@@ -49,7 +49,8 @@ def keep_for(model: AugmentedStep, steps: int) -> tuple[Keep, tuple[str, ...]]:
         return "first", ()
     return "mean", (
         f"loads.csv contains filtered, not smoothed loads. Smoothing of {steps} steps with {model.size} states needs "
-        f"{size / 1e9:.3g} GB; the limit is {LARGEST / 1e9:.3g} GB. Reduce estimate.duration or increase estimate.time_step",
+        f"{size / 1e9:.3g} GB; the limit is {LARGEST / 1e9:.3g} GB. To smooth, reduce estimate.duration or increase "
+        "estimate.time_step",
     )
 
 

@@ -224,7 +224,9 @@ def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigEr
         what, reach = ("effect of one initial σ of an unknown", moved) if by_unknown else ("largest reading", largest)
         ratio = f"{what}: {reach:.3g}, {reach / noise:.1e} times the noise"
         what = f"the noise of {noise:g} is below rounding errors of the readings ({ratio})"
-        remedy = f"Reduce {'guesses, std and increments' if by_unknown else 'the loads'}, or check their units."
+        remedy = (
+            f"Reduce {'guess, std and increment in `estimate`' if by_unknown else 'the loads'}, or check their units."
+        )
     return ConfigError(what, key=key, remedy=remedy)
 
 

@@ -250,7 +250,7 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
         entries, key = settings.channels[name], f"{SECTION}.channels.{name}"
         if len(entries) != count:  # the size of a placed layout is not known to the config
             raise ConfigError(
-                f"the sensor needs one channel for each of its {count} components, but the list has {len(entries)}",
+                f"the sensor needs one channel for each of its {count} components (channels in the list: {len(entries)})",
                 key=key,
                 remedy="List the channels in the order of the components, with null for a component that was not measured.",
             )

@@ -172,8 +172,8 @@ def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -
     ):
         if bad and mode:
             raise InfeasibleError(
-                f"the time step of {linear.h:g} s is {mode * linear.h:.2g} periods of the {name} mode ({mode:.3g} Hz); this "
-                f"ratio must be {PERIODS[0]:g} to {PERIODS[1]:g}",
+                f"the time step of {linear.h:g} s is {mode * linear.h:.2g} periods of the {name} mode ({mode:.3g} Hz); the "
+                f"number of periods must be {PERIODS[0]:g} to {PERIODS[1]:g}",
                 key="bodies",
                 remedy="Check length and mass units, moduli and densities of the bodies, and the time step [s].",
             )
