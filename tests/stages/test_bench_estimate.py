@@ -181,7 +181,8 @@ def test_three_forces_give_three_displacements_and_the_strain_of_a_load_over_its
     [
         (
             "estimate.measured.sensors={relative: tip}",
-            "the sensor 'relative' has components in m or rad (5 in total), but the sensor 'tip' of the measured run has components in m (3 in total)",
+            "the sensor 'relative' has components in m or rad (5 in total), "
+            "but the sensor 'tip' of the measured run has components in m (3 in total)",
         ),
         ("estimate.measured.inputs={Fx: My}", "no load 'My'"),
         ("estimate.time_step=0.025", "does not divide the time step of the filter"),

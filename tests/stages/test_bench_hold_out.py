@@ -151,7 +151,8 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_disagrees_with_the_
     assert str(found.summary["withheld"]).endswith(beyond)
     assert found.summary["verdict.side"] == "σ is withheld"
     assert beyond in said
-    assert "the measurements are inconsistent with the model: the estimates of side and down are inconsistent with the sensors" in said
+    against = "the estimates of side and down are inconsistent with the sensors"
+    assert f"the measurements are inconsistent with the model: {against}" in said
     assert np.isnan(found["/sensors/tip/bias_std"]).all()
     assert "final offsets" in said
     assert "withheld" in said[said.index("final offsets") :]

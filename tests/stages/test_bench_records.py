@@ -98,7 +98,10 @@ ALONG = [CHANNELS["tip"][1] | {"channel": "y"}, None, CHANNELS["tip"][2]]
     [
         ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "1 channel listed for 2 components"),
         ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})], "1 channel is not enough for 2 unknown loads"),
-        ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "component 1 of the sensor gauges measures strain"),
+        (
+            [measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})],
+            "component 1 of the sensor gauges measures strain",
+        ),
         ([measured(), "estimate.duration=0.3", "simulate.duration=0.3"], "the measurement file ends after 0.2 s"),
         ([measured(), "estimate.runs=3"], "measurements of a test support one run only"),
         ([measured(), "estimate.time_step=0.004"], "estimate.measured"),

@@ -63,7 +63,7 @@ def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_s
 
     ours, every = weighted(swapped.gauges), np.array([weighted(gauges) for gauges in combinations(range(12), KEEP)])
     variance, deviation = map(float, re.findall(r"by more than (\S+) %", sentence))
-    assert "reduce tr(W P) by more than" in sentence
+    assert "reduce the criterion tr(W P) by more than" in sentence
     assert "the weighted RMS of the steady-state σ of Fz and E" in sentence
     least = every.sum(axis=1).min() / ours.sum()
     assert 100 * (1 - least) <= variance * (1 + 1e-6)

@@ -168,7 +168,8 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
     model = SimpleNamespace(damping=SimpleNamespace(parameter=None))
     problem = SimpleNamespace(unknowns=SimpleNamespace(parameters=("E",)), model=model)
     beyond = out_of_ranges(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
-    assert beyond == ({"E": f"E was estimated as {value:.4g} Pa, but the stage `rom` built the reduced model for values from 1e+11 to 3e+11"} if said else {})
+    words = "but the stage `rom` built the reduced model for values from 1e+11 to 3e+11"
+    assert beyond == ({"E": f"E was estimated as {value:.4g} Pa, {words}"} if said else {})
     assert widen({"E": ""}) == "widen parameters.E.range"
 
 

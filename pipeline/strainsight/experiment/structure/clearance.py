@@ -81,7 +81,7 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
         return Clearance(distance=0.0, wanted=wanted, rule=rule, near={}), blocked
     *others, last = (OBSTACLE_NAMES.get(name, name.removesuffix("s")) for name in around)
     raise InfeasibleError(
-        f"none of the {len(points)} candidates is at least {1e3 * wanted:.3g} mm from every {', '.join(others)} and {last}",
+        f"none of {len(points)} candidates is at least {1e3 * wanted:.3g} mm from every {', '.join(others)} and {last}",
         key="gauges.clearance",
         remedy="Reduce gauges.clearance, or set gauges.clearance: none and exclude critical areas by gauges.exclude.",
     )

@@ -231,7 +231,7 @@ class FaultInWords:
         name, (entry, key) = names[fault.channel], self._entry(fault, fault.channel)
         raw = estimate / (entry.sign * entry.scale * required_unit(entry.unit).factor)
         if fault.kind == "sign":
-            check = f"the direction of the load (loads.{name})" if fault.of_load else "the wiring of the gauge"
+            check = f"the direction of the load (loads.{name})" if fault.of_load else "the wiring"
             return f"{name} has the opposite sign", f"check {check}, or set {key}.sign: {-entry.sign}"
         if fault.kind == "scale":
             gauge = 0.1 < amount < 10 and not fault.of_load
