@@ -339,5 +339,5 @@ def refuse_noise(best: Mapping[str, tuple[float, float]]) -> None:
     raise InfeasibleError(
         f"the noise of {noise:.3g} is {noise / signal:.1g} times the largest RMS reading ({signal:.3g}), {why}",
         key=f"{key}.noise_std",
-        remedy=f"Set a noise of {limit}, in the unit of the reading: strain (1 µm/m is 1e-6), m/s² or m.",
+        remedy=f"Set {limit}, in the unit of the reading: strain (1 µm/m is 1e-6), m/s² or m.",
     )
