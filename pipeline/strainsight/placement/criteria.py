@@ -119,7 +119,8 @@ def _factor(M: np.ndarray) -> np.ndarray:
         raise NumericalError(
             "the covariance of the unknowns is numerically singular",
             key="place.criterion",
-            remedy="a combination of unknowns is known far better than each unknown: estimate fewer unknowns, or change this key",
+            remedy="a combination of unknowns is known far better than each unknown: estimate fewer unknowns, or change "
+            "place.criterion",
         ) from None
 
 
