@@ -68,8 +68,12 @@ def test_a_material_that_the_run_cannot_show_is_refused(tmp_path, modulus, densi
 BENCHES = [
     ("place.noise", "one increment of down changes", {"place.noise": 1e-30}),
     ("place.noise", "one increment of side", {"estimate.inputs.side.increment": 1e30}),
-    ("estimate.sensors.gauges.noise", "1e-30 is below the smallest noise of 1e-12", {"estimate.sensors.gauges.noise": 1e-30}),
-    ("estimate.sensors.gauges.noise", "effect of one σ of an unknown", {"estimate.inputs.side.std": 1e30}),
+    (
+        "estimate.sensors.gauges.noise",
+        "1e-30 is below the smallest accepted noise of 1e-12",
+        {"estimate.sensors.gauges.noise": 1e-30},
+    ),
+    ("estimate.sensors.gauges.noise", "effect of one initial σ of an unknown", {"estimate.inputs.side.std": 1e30}),
     ("estimate.inputs.down", "no sensor measures this unknown", {"estimate.sensors.gauges.noise": 1e6}),
     ("forces.side.signal", "exceeds the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
     ("bodies.beam", "the requested number of modes is 500, but the body has only", {"bodies.beam.modes": 500}),

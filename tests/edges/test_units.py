@@ -286,4 +286,4 @@ def test_a_bench_without_noise_reports_what_it_takes_instead(tmp_path):
     estimate = finished(tmp_path, "estimate", bricks((4, 2, 2)), quick, BENCH_CONFIG)["estimate"]
     for name in ("side", "down"):
         assert estimate.summary[f"error.{name}"] < 1e-2
-    assert "the noise of gauges was raised from 0 to" in str(estimate.tables)
+    assert "the noise of gauges was increased from 0 to" in str(estimate.tables)

@@ -114,9 +114,9 @@ def test_whiteness_tells_white_from_coloured():
 @pytest.mark.parametrize(
     ("process", "noise", "said"),
     [
-        (1, 1, "as large as the configured noise and uncorrelated"),
-        (1, 1 / 9, "2.6 times larger than the configured noise: check channels, known loads and the model"),
-        (9, 9, "3.0 times smaller than the configured noise: lower noise_std or process_noise"),
+        (1, 1, "as large as expected from the configured noise and uncorrelated"),
+        (1, 1 / 9, "2.6 times as large as expected from the configured noise: check channels, known loads and the model"),
+        (9, 9, "3.0 times smaller than expected from the configured noise: lower noise_std or process_noise"),
         (1 / 100, 1, "and correlated in time"),
         (1 / 100, 1, "; check channels, known loads and the model"),
         (1, 9, "; lower noise_std"),
@@ -137,7 +137,7 @@ def test_innovation_check_identifies_wrong_noise(process, noise, said):
 def test_innovation_check_reports_zero_record():
     found = check_innovations(np.zeros((100, 2)))
     assert (found.ratio, found.correlation, found.consistent) == (0.0, 0.0, False)
-    assert "all innovations are zero, as if the channels were not connected" in found.text
+    assert "all innovations are exactly zero: check whether the channels are connected" in found.text
 
 
 def test_innovation_check_detects_coloured_innovations():
@@ -332,7 +332,7 @@ def test_diverged_sets_count_as_worse():
 )
 def test_ratio_above_limit_is_printed_with_enough_digits(ratio, most, shown):
     words = Claim("test", 1, ratio, (0.0, most), "overconfident").words(number)
-    assert words == "overconfident (error {} times the claimed σ; at most {} if calibrated)".format(*shown)
+    assert words == "overconfident (error {} times the claimed σ; at most {} for a calibrated σ)".format(*shown)
 
 
 WRONG, BEYOND = "the measurements are inconsistent", {"E": "E is beyond"}

@@ -198,7 +198,7 @@ def test_divergence_at_all_points_is_refused(measured):
     model, mean, P, y = measured
     breaking = Breaking(known=model.known)
     object.__setattr__(breaking, "least", np.inf)
-    with pytest.raises(NumericalError, match="at all parameter values diverged") as error:
+    with pytest.raises(NumericalError, match="at all points of the parameter grid diverged") as error:
         filter_constants(problem_of(mean, P, runs_of(breaking)), y)
     assert "guess" in error.value.remedy
 
@@ -206,7 +206,7 @@ def test_divergence_at_all_points_is_refused(measured):
 def test_a_constant_without_prior_width_is_refused(measured):
     model, mean, P, y = measured
     P[XI, XI] = 0.0
-    with pytest.raises(InfeasibleError, match="initial σ of the parameters is zero"):
+    with pytest.raises(InfeasibleError, match="an initial σ of the parameters is zero"):
         filter_constants(problem_of(mean, P, runs_of(model)), y)
 
 

@@ -122,7 +122,7 @@ def test_a_note_says_that_mass_is_lumped_and_by_what_and_no_other(tmp_path, valu
     path = deck(tmp_path / "a.bdf", f"PARAM,COUPMASS,{value}")
     mesh = mesh_of(MeshFile(file="a.bdf", mass=choice), path)
     said = [note for note in mesh.notes if "lumped" in note]
-    assert [note.partition(":")[0] for note in said] == ([f"mass of solids is lumped ({by})"] if by else [])
+    assert [note.partition(":")[0] for note in said] == ([f"the mass matrix of solids is lumped ({by})"] if by else [])
     assert mesh.lumped == MeshColumns.of(mesh).restore().lumped == bool(by)
 
 

@@ -123,7 +123,7 @@ def test_default_loads_are_modal_forces():
         ({"states": [0, 0]}, "states"),
         ({"names": ["a"]}, "4 states have 1 names"),
         ({"criterion": "best"}, "criterion 'best'"),
-        ({"keep": 9}, "9 gauges"),
+        ({"keep": 9}, "cannot keep 9 of the"),
         ({"fixed": [8]}, "fixed contains row 8"),
         ({"conflicts": [[0, -1]]}, "conflicts contains row -1"),
         ({"conflicts": [0, 1, 2]}, "conflicts"),

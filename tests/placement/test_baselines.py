@@ -149,7 +149,7 @@ RULES = {
 @pytest.mark.parametrize("rule", RULES)
 def test_an_impossible_count_is_refused_and_the_whole_pool_is_none(rule):
     for keep in (0, 6):
-        with pytest.raises(ConfigError, match="of a pool of 5"):
+        with pytest.raises(ConfigError, match="of the 5 gauges in the pool"):
             RULES[rule](keep)
     assert RULES[rule](5).tolist() == list(range(5))
     assert len(RULES[rule](1)) == 1

@@ -165,7 +165,7 @@ def test_sets_of_too_few_gauges_are_not_tried_one_by_one(monkeypatch):
     monkeypatch.setattr(module, "milp", counted)
     limits = limits_of(60, 4, price=np.full(60, 3.0), budget=1.0)
     error = refusal(limits, Detection([pool]), NAMES)
-    assert error.what.startswith("the cheapest gauges that detect every unknown cost 9, but place.budget is 1")
+    assert error.what.startswith("the cheapest gauges that make every unknown observable cost 9, but place.budget is 1")
 
 
 ALL = np.arange(POOL)
@@ -178,17 +178,17 @@ REFUSED = {
     "no room in two zones": (
         {"keep": 4, "zones": [("place.at_most.0", ALL < 4, 1), ("place.at_most.1", ALL > 3, 2)]},
         "place.at_most.1",
-        "place.at_most.1 together with place.at_most.0 allows only 3 of the pool's 8",
+        "place.at_most.1 together with place.at_most.0 allows only 3 of the 8 gauges in the pool",
     ),
     "no room in the second by itself": (
         {"keep": 4, "zones": [("place.at_most.0", ALL < 4, 3), ("place.at_most.1", ALL >= 0, 2)]},
         "place.at_most.1",
-        "requested, but place.at_most.1 allows only 2 of the pool's 8",
+        "requested, but place.at_most.1 allows only 2 of the 8 gauges in the pool",
     ),
     "no room at all": (
         {"keep": 1, "zones": [("place.at_most.0", ALL >= 0, 0)]},
         "place.at_most.0",
-        "place.at_most.0 allows only 0 of the pool's 8",
+        "place.at_most.0 allows only 0 of the 8 gauges in the pool",
     ),
     "a zone hides a walk": (
         {"keep": 4, "zones": [("place.at_most.0", np.isin(ALL, [2, 4]), 0)]},
@@ -198,13 +198,13 @@ REFUSED = {
     "too dear together": (
         {"keep": 3, "price": PRICE, "budget": 0.7},
         "place.budget",
-        "the cheapest gauges that detect every unknown cost 0.8, but place.budget is 0.7",
+        "the cheapest gauges that make every unknown observable cost 0.8, but place.budget is 0.7",
     ),
-    "too few": ({"keep": 1}, "place.keep", "the smallest set that detects every unknown has 2"),
+    "too few": ({"keep": 1}, "place.keep", "the smallest set that makes every unknown observable has 2"),
     "too few in a zone": (
         {"keep": 2, "zones": [("place.at_most.0", np.isin(ALL, [3, 4]), 0)]},
         "place.keep",
-        "the smallest set that detects every unknown within place.at_most.0 has 3",
+        "the smallest set that makes every unknown observable within place.at_most.0 has 3",
     ),
 }
 

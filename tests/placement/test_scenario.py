@@ -62,7 +62,7 @@ def test_fewer_blocks_than_unknowns_are_enough_where_their_channels_are():
         eliminate([pairs], 1, names=("Fz", "Fy", "E"))
     with pytest.raises(InfeasibleError, match="2 gauges for 3 unknowns: if any gauge fails"):
         robust_set([solve_pool(pairs)], 2)
-    with pytest.raises(ConfigError, match="cannot keep 7 gauges of a pool of 6"):
+    with pytest.raises(ConfigError, match="cannot keep 7 of the 6 gauges in the pool"):
         eliminate([pairs], 7)
 
 
@@ -274,17 +274,17 @@ REFUSED = {
     "too near to their own mirror images": (
         {"keep": 4, "near": [(g, g) for g in range(8)]},
         "place.minimum_spacing",
-        "place.minimum_spacing allows only 3 of the pool's 11",
+        "place.minimum_spacing allows only 3 of the 11 gauges in the pool",
     ),
     "spacing of what is fixed": (
         {"keep": 3, "fixed": (0,), "near": [(0, i) for i in range(1, 10)]},
         "place.minimum_spacing",
-        "place.minimum_spacing allows only 2 of the pool's 11",
+        "place.minimum_spacing allows only 2 of the 11 gauges in the pool",
     ),
     "budget of nothing": (
         {"keep": 4, "price": PRICE, "budget": 0.0},
         "place.budget",
-        "the cheapest gauges that detect every unknown cost 0.7, but place.budget is 0",
+        "the cheapest gauges that make every unknown observable cost 0.7, but place.budget is 0",
     ),
     "count": ({"keep": 1}, None, r"1 gauges cannot observe 2 unknowns \(Fz, E\)"),
 }
@@ -326,9 +326,9 @@ def test_a_zone_around_all_that_see_an_unknown_is_named_with_it():
 
 
 def test_impossible_counts_keep_their_words():
-    with pytest.raises(ConfigError, match="cannot keep 12 gauges of a pool of 11 with 0 fixed"):
+    with pytest.raises(ConfigError, match="cannot keep 12 of the 11 gauges in the pool, of which 0 are bonded"):
         limits_of(11, 12)
-    with pytest.raises(ConfigError, match="cannot keep 1 gauges of a pool of 11 with 2 fixed"):
+    with pytest.raises(ConfigError, match="cannot keep 1 of the 11 gauges in the pool, of which 2 are bonded"):
         limits_of(11, 1, fixed=(3, 4))
-    with pytest.raises(ConfigError, match="cannot keep 18 gauges of a pool of 17 with 4 fixed"):
+    with pytest.raises(ConfigError, match="cannot keep 18 of the 17 gauges in the pool, of which 4 are bonded"):
         limits_of(11, 18, size=PAIRS, fixed=(0, 1))

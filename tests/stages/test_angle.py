@@ -215,7 +215,7 @@ def test_a_gauge_turned_by_15_degrees_is_the_one_that_the_others_disagree_with_m
     off = np.sqrt(np.mean(found.held_out**2, axis=0))
     assert np.argmax(off) == gauge - 1
     assert off[gauge - 1] > 3
-    assert f"the other gauges disagree with A{gauge} (error" in found.said
+    assert f"the prediction from the other gauges disagrees with A{gauge} (error" in found.said
 
 
 @pytest.mark.slow

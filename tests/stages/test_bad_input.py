@@ -66,7 +66,7 @@ TOGETHER = {
     [
         ({"damping.ratio": 0.0, "loads.tip.direction": [0, 0, 1]}, "place.estimate", "add structural damping"),
         (TOGETHER, "place.estimate", "tip, E and rho together: fix or measure one of them"),
-        ({"screen.keep": "all", "place.keep": 80, **PART}, "place.keep", "80 gauges"),
+        ({"screen.keep": "all", "place.keep": 80, **PART}, "place.keep", "cannot keep 80 of the"),
     ],
 )
 def test_what_no_pool_can_do_is_refused_by_place(tmp_path, changes, key, says):

@@ -182,10 +182,11 @@ def test_three_forces_give_three_displacements_and_the_strain_of_a_load_over_its
     [
         (
             "estimate.measured.sensors={relative: tip}",
-            "'relative' has 5 channels in m or rad, but sensors/tip of the other run has 3 in m",
+            "the sensor 'relative' has components in m or rad (5 in total), "
+            "but the sensor 'tip' of the measured run has components in m (3 in total)",
         ),
-        ("estimate.measured.inputs={Fx: My}", "no input 'My'"),
-        ("estimate.time_step=0.025", "does not divide the filter's step"),
+        ("estimate.measured.inputs={Fx: My}", "no load 'My'"),
+        ("estimate.time_step=0.025", "does not divide the time step of the filter"),
     ],
 )
 def test_another_bench_that_cannot_be_imported_is_refused(estimate, bench, change, what):

@@ -113,8 +113,8 @@ def test_a_record_that_disagrees_with_the_model_ends_with_3_and_has_no_sigma_unt
     record = scaled(record, 1.1)
     found, said = of_test(record, ends=3)
     assert (found.summary["trusted"], found.summary["accepted"]) == (False, False)
-    assert "inconsistent with the model: side, down are inconsistent with the sensors. Check channels" in said
-    assert "the other channels disagree with gauges.2 (error" in said
+    assert "inconsistent with the model: the estimates of side and down are inconsistent with the sensors. Check channels" in said
+    assert "the prediction from the other channels disagrees with gauges.2 (error" in said
     assert max(ratios(found), key=ratios(found).__getitem__) == "gauges.2"
     assert all(np.isnan(found[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
     assert not any(key.startswith("rms_std") for key in found.summary)
@@ -139,7 +139,7 @@ def test_a_suite_with_such_a_record_ends_with_3_too(record):
 
 
 def test_what_leaves_its_range_does_not_hide_that_the_record_disagrees_with_the_model(record, tmp_path, monkeypatch):
-    beyond = "E was estimated as 2 Pa, but reduce built the model for 0 to 1"
+    beyond = "E was estimated as 2 Pa, but the stage `reduce` built the reduced model for values from 0 to 1"
     monkeypatch.setattr(consistency, "bench_out_of_range", lambda *_: {"E": beyond})
     sensors = json.dumps(SENSORS | {"tip": {"noise": 1e-6, "bias": 1e-6}})
     changes = (f"estimate.sensors={sensors}", f"estimate.measured={json.dumps(MEASURED)}", EACH)
@@ -151,7 +151,8 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_disagrees_with_the_
     assert str(found.summary["withheld"]).endswith(beyond)
     assert found.summary["verdict.side"] == "σ is withheld"
     assert beyond in said
-    assert "the measurements are inconsistent with the model: side, down are inconsistent with the sensors" in said
+    against = "the estimates of side and down are inconsistent with the sensors"
+    assert f"the measurements are inconsistent with the model: {against}" in said
     assert np.isnan(found["/sensors/tip/bias_std"]).all()
     assert "final offsets" in said
     assert "withheld" in said[said.index("final offsets") :]
@@ -167,7 +168,7 @@ def test_channels_that_were_exchanged_are_named(record):
     found, said = of_test(record[:, [0, 1, 2, 4, 3, 5, 6, 7]], ends=3)
     worst = max(ratios(found), key=ratios(found).__getitem__)
     assert worst in ("gauges.3", "gauges.4")
-    assert f"the other channels disagree with {worst} (error" in said
+    assert f"the prediction from the other channels disagrees with {worst} (error" in said
     assert found.summary["verdict.side"] == "inconsistent with the sensors"
 
 

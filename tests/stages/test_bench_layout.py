@@ -111,7 +111,7 @@ def test_a_budget_is_kept_and_the_gauge_that_is_there_costs_nothing_and_stays():
     np.testing.assert_allclose(found["/candidates/position"][0], [0.3, 0.0, 0.095], atol=1e-6)
     proven(found, "trace", [1, 2, 3], lambda gauges: bonded in gauges)
     assert found["/layouts/random-1/candidate"][0] == 0
-    assert "5 of 6" in " ".join(found["/advice"])
+    assert "costs 5; the budget is 6" in " ".join(found["/advice"])
     lines = (found.path.parent / "gauges.csv").read_text(encoding="utf-8").splitlines()
     head = lines[0].split(",")
     assert sorted(line.split(",")[head.index("glued")] for line in lines[1:]) == ["no", "no", "yes"]

@@ -81,6 +81,6 @@ def test_console_and_page_begin_with_it(done):
         return
     page = (found["report"].path.parent / "report.html").read_text(encoding="utf-8")
     assert "E: outside the range of the reduced model" in page
-    assert "but reduce built the model for" in page
+    assert "but the stage `reduce` built the reduced model for" in page
     assert "✕ σ is withheld" in page
     assert "claimed standard deviations" not in page

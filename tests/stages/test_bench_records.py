@@ -75,7 +75,7 @@ def test_a_file_gives_the_loads_that_the_run_gives_it_was_written_from(run, simu
     by_file, found = histories(end)
     for name in by_run:
         np.testing.assert_allclose(by_file[name], by_run[name], rtol=1e-6, atol=1e-6)
-    assert "measured in test.csv" in end.text
+    assert "measurements of the file test.csv" in end.text
     assert "side RMS" in end.text
     assert found.summary["rms.down"] == pytest.approx(np.sqrt(np.mean(by_file["down"][3:] ** 2)), rel=1e-6)
 
@@ -99,8 +99,8 @@ ALONG = [CHANNELS["tip"][1] | {"channel": "y"}, None, CHANNELS["tip"][2]]
         ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "length is 1, but the number of sensor components is 2"),
         ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})],
          "the number of channels, 1, is smaller than the number of unknown loads, 2"),
-        ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "component 1 of gauges is a strain"),
-        ([measured(), "estimate.duration=0.3", "simulate.duration=0.3"], "the file ends after 0.2 s"),
+        ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "component 1 of the sensor gauges measures strain"),
+        ([measured(), "estimate.duration=0.3", "simulate.duration=0.3"], "the measurement file ends after 0.2 s"),
         ([measured(), "estimate.runs=3"], "with the measurements of a test, only one run is possible"),
         ([measured(), "estimate.time_step=0.004"], "estimate.measured"),
         ([measured(channels={"tip": ALONG}), "estimate.sensors={tip: {noise: 1.0e-6}}"], "side: no sensor measures this unknown"),

@@ -31,7 +31,7 @@ def run(config, *changes):
 def test_two_loads_on_one_line_of_action_may_be_allowed():
     end = run(RIG, BOTH, "estimate.allow_unobservable=true")
     assert end.code == 0
-    assert "their estimates rest on the initial σ" in end.text
+    assert "these estimates depend on the initial values and their σ" in end.text
 
 
 def test_a_step_of_implicit_euler_that_its_loads_outrun_is_refused_unless_allowed_or_made_up_for():
@@ -158,7 +158,7 @@ ONE_SMOOTH = "estimate.inputs={side: {std: 100.0, model: matern}, again: {std: 1
 @pytest.mark.parametrize(
     ("config", "change", "says"),
     [
-        (RIG, BOTH, ("cannot determine side and again together", "set one of these unknowns as known",
+        (RIG, BOTH, ("cannot determine side and again together", "remove one of these unknowns from `estimate` if it is known",
                      "estimate.allow_unobservable: true")),
         (RIG, ONE_SMOOTH, ("side and again together",)),
         (RIG, "estimate.inputs={side: {std: 100.0, model: matern, increment: 1.0}}",

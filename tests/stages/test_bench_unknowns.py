@@ -115,7 +115,7 @@ def test_loads_are_written_as_a_command_history_and_a_noise_of_zero_is_raised(es
     rows = list(csv.reader(io.StringIO((found.path.parent / "loads.csv").read_text(encoding="utf-8"))))
     assert rows[0] == ["time", "Fx", "Fy", "Fz"]
     np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/smoothed"], rtol=1e-8)
-    assert "the noise of gauges was raised from 0" in str(found.tables)
+    assert "the noise of gauges was increased from 0" in str(found.tables)
 
 
 def test_a_diverged_estimate_writes_no_command_history_and_reports_it(estimate):
@@ -135,7 +135,7 @@ def test_an_estimate_beyond_its_claim_is_called_overconfident(estimate):
     found = estimate(LOADS, "estimate.duration=1.0", *(f"estimate.inputs.F{k}.increment=1.0e-3" for k in "xyz"))
     text = str(found.tables)
     assert "Fz is overconfident" in text
-    assert "innovations are" in text
+    assert "the RMS innovation is" in text
 
 
 WEIGHT = 1.4e4 * 9.81

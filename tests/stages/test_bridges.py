@@ -297,13 +297,13 @@ def test_a_bridge_that_was_placed_is_found_in_the_file_of_its_layout(beam, tmp_p
     cells = [line.split(",") for line in lines]
     turned = [[*own[:sign], {"1": "-1", "-1": "1"}[own[sign]], *own[sign + 1 :]] for own in cells[1:]]
     (tmp_path / "other.csv").write_text("\n".join(map(",".join, [cells[0], *turned])))
-    with pytest.raises(ConfigError, match=r"G1 (has moved|is rotated)"):
+    with pytest.raises(ConfigError, match=r"G1 (was bonded at|is rotated)"):
         bonded_gauges(case.config, training, found.gauges, tmp_path / "other.csv")
 
 
 def test_no_opposite_side_is_an_error_with_key_and_remedy(beam):
     below, box = {"normal_cone": {"axis": [0, 1, 0], "angle": 20}}, {"box": [[-1, -1, -1], [2, 2, 0.01]]}
-    with pytest.raises(UserError, match="no place for a half-bending bridge: none of 18 places has an opposite facet") as caught:
+    with pytest.raises(UserError, match="a half-bending bridge: none of 18 candidate places has an opposite facet") as caught:
         beam[2]({"gauges.bridge": "half-bending", "gauges.exclude": [*UPRIGHT["gauges.exclude"], below, box]})
     assert caught.value.key == "gauges.bridge"
     assert "both sides (gauges.surface" in caught.value.remedy

@@ -119,5 +119,7 @@ def test_what_is_long_is_forecast_again_as_place_begins_and_its_pool_is_known():
     """2.2 GiB were measured of 20 000 gauges with 125 states in nine scenarios."""
     every = config("screen.keep=all", "place.instants=3", "place.parameter_samples=3")
     said = of_pool_in_words(every, 20_000, 125)
-    assert said.startswith("place of 20000 candidates, 125 states and 9 scenarios takes about 12 h of processor time and 1.5 GiB")
+    assert said.startswith(
+        "the stage `place` with 20000 candidates, 125 states and 9 scenarios takes about 12 h of processor time and 1.5 GiB"
+    )
     assert of_pool_in_words(every, 100, 23) == ""

@@ -81,7 +81,7 @@ def test_a_place_of_next_to_no_stress_has_no_interval(blind):
     assert "damage.low.V1" not in found.summary
     assert found.summary["life.V1"] == pytest.approx(found["/damage/hours"][()] / found.summary["damage.of_mean.V1"])
     said = " ".join(said.split())
-    assert "Below 0.1 of the largest equivalent range the interval is not validated" in said
+    assert "Where the equivalent range is below 0.1 of the largest one, the interval is not validated" in said
     assert "only the damage of the smoothed history" in said
 
 
@@ -96,7 +96,7 @@ def test_where_sigma_is_withheld_the_interval_is_too(tmp_path):
             assert np.isnan(found[f"/damage/{place}/{name}"]).all()
         assert (found[f"/damage/{place}/of_mean"] > 0).all()
     words = " ".join(said.split())
-    assert "damage of the smoothed history (no interval)" in words
+    assert "damage of the smoothed strain history (without interval)" in words
     assert "σ is withheld, so damage has no interval" in words
     assert not any(name.startswith(("damage.low", "damage.high", "damage.V1")) for name in found.summary)
 

@@ -91,7 +91,7 @@ def test_record_ends_where_known_loads_have_no_samples():
         found = common_part(given, 1, [moved], "moving")
         np.testing.assert_array_equal(found.values, values[2:5])
         np.testing.assert_array_equal(found.time, given.time[2:5])
-        assert found.notes == ("3 samples at the ends of the record were removed because they lack a known load",)
+        assert found.notes == ("samples at the ends of the record that were removed because a known load is missing: 3",)
     with pytest.raises(ConfigError, match=r"no samples in the first 0\.2 s"):
         common_part(given, 1, [False], "rest")
     assert common_part(given, 2, [], "rest") is given

@@ -201,7 +201,8 @@ def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_
     assert code == 0, said
     words = " ".join(said.split())
     assert re.search(
-        r"σ is withheld: E was estimated as 2\.\d+e\+11 Pa, but rom built the model for 1\.6e\+11 to 2e\+11: widen "
+        r"σ is withheld: E was estimated as 2\.\d+e\+11 Pa, but the stage `rom` built the reduced model for values "
+        r"from 1\.6e\+11 to 2e\+11: widen "
         r"parameters\.E\.",
         words,
     )

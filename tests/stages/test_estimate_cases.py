@@ -176,4 +176,4 @@ def test_a_record_whose_first_samples_ask_for_another_density_is_estimated(sound
 
 def test_an_accelerometer_does_not_tell_an_unknown_load_from_its_drift(sound, sound_folder):
     end, _ = sound.record(sound_folder, sound.Study("beam", "load", "accelerometer", "moving"), 1)
-    assert end == "2: the 1 channels cannot determine tip"
+    assert end == "2: the 1 channel cannot determine tip"

@@ -111,7 +111,7 @@ def test_what_bends_too_tightly_is_no_place_that_a_clearance_leaves(beam, traini
         return clearance_of(replace(structure, training=replace(training, candidates=own.take(np.array(places)))))
 
     for i, near in ((inside, "bends"), (flank, "edges")):
-        with pytest.raises(InfeasibleError, match=r"1 mm from every edge, support, load and bend too tight for"):
+        with pytest.raises(InfeasibleError, match=r"1 mm from every edge, support, load and surface with a radius too small for"):
             clearance_at([i])
         found, blocked = clearance_at([i, np.flatnonzero(half & (y == 0) & (np.abs(z - 0.045) < 1e-9))[0]])
         assert ({name for name, count in found.near.items() if count}, blocked.tolist()) == ({near}, [True, False])

@@ -108,7 +108,7 @@ def test_noise_is_spoken_of_where_no_channel_is_to_blame(project):
     values[:, 1:] += 2e-7 * rng.standard_normal(values[:, 1:].shape)
     code, said, found = found_of(project, write(project / "noisy.csv", head, values))
     assert code == 3
-    assert "no single fault of a channel or a known load explains this" in said
+    assert "no single fault of a channel or a known load explains the inconsistency" in said
     assert "noise_std" in said
     assert found["/channel_check/candidate"].size == 0
 
@@ -154,7 +154,7 @@ def repeated(u):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        *slowly((lambda u: u, ""), (blanks, "missing samples were interpolated")),
+        *slowly((lambda u: u, ""), (blanks, "missing samples of the load")),
         (repeated, "tip: the file contains every sample 4 times, so the channel was sampled at 250 Hz"),
     ],
 )
@@ -176,8 +176,8 @@ def with_a_gap(u):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (rough, "of the RMS of 'tip' is above 300 Hz (0.3 of its sampling rate)"),
-        (with_a_gap, "20 samples of the known load 'tip' are missing, 20 in a row, the first at 0.1 s"),
+        (rough, "of the RMS of 'tip' is above 300 Hz (0.3 times its sampling rate)"),
+        (with_a_gap, "the known load 'tip' has missing samples: 20 in total, 20 in a row, the first at 0.1 s"),
     ],
 )
 def test_a_load_that_its_samples_do_not_show_is_refused(known, change, says):

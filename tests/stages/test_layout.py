@@ -63,7 +63,7 @@ def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_s
 
     ours, every = weighted(swapped.gauges), np.array([weighted(gauges) for gauges in combinations(range(12), KEEP)])
     variance, deviation = map(float, re.findall(r"by more than (\S+) %", sentence))
-    assert "reduce tr(W P) by more than" in sentence
+    assert "reduce the criterion tr(W P) by more than" in sentence
     assert "the weighted RMS of the steady-state σ of Fz and E" in sentence
     least = every.sum(axis=1).min() / ours.sum()
     assert 100 * (1 - least) <= variance * (1 + 1e-6)
@@ -178,6 +178,6 @@ def test_an_unknown_that_does_nothing_in_training_is_refused(screened, tmp_path)
         "process_noise": {"frequency": 10.0, "amplitude": STRONG},
     }
     loads = {"down": own, "aside": load([0, 1, 0], STRONG, known=True)}
-    with pytest.raises(InfeasibleError, match="no candidate reads a signal from down") as error:
+    with pytest.raises(InfeasibleError, match="no reading of a candidate depends on down") as error:
         screened(TWO | {"loads": loads, "place.estimate": ["down"], "validate.initial_std": {"down": 0.1}})
     assert error.value.key == "place.estimate"

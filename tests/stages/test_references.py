@@ -93,7 +93,7 @@ def test_the_same_history_however_it_is_written(table, text):
 @pytest.mark.parametrize(
     ("text", "line", "what", "remedy"),
     [
-        ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "delete repeated times"),
+        ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "delete lines with repeated times"),
         ("time,F\n0,1\n1,\n2,3\n", ":3", "missing value in column 'F'", "must not have gaps"),
         ("time;f\n0;1\n1;2\n", ":1", "column 'F' not found", "did you mean f?"),
         *(
@@ -153,6 +153,6 @@ def test_the_table_of_an_import_has_what_was_found_with_numbers_and_nodes(tmp_pa
     assert ("warning", "", "one is odd") in table.rows
     found = {what: (how_many, detail) for what, how_many, detail in table.rows}
     assert found["fixed"] == ("9 components", "3 nodes")
-    assert found["MPC 5"] == ("2 motions", "node 4 component 1 follows")
+    assert found["MPC 5"] == ("2 motions", "dependent: node 4 component 1")
     assert found["point mass 30"] == ("0.833333 kg", "node 4, along x, y, z 0, 2.5, 0 kg")
     assert found["ignored"] == ("EIGRL", "1 time, without effect")

@@ -140,11 +140,11 @@ def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
     assert found["card PARAM POST"] == ("1", "ignored: no effect on stiffness, mass or supports")
     assert "card PARAM COUPMASS" not in found  # it counts
     assert found["card TOPVAR"] == ("1", "ignored: effect unknown")
-    assert found["parts without common nodes"] == ("2", "1 including ties, relations and springs")
+    assert found["parts without common nodes"] == ("2", "1 if ties, relations and springs count as connections")
     assert found["coincident nodes that are not connected"][0] == "0"
     assert found["rigid-body check: free motions"] == ("0", "")
     count, detail = found["rigid-body check: springs and relations between nodes"]
-    assert (count, detail.partition(";")[0]) == ("1", "1 resist free motion")
+    assert (count, detail.partition(";")[0]) == ("1", "resisting a rigid-body motion: 1")
     assert found["mass of region 1 PSOLID 1"][0] == f"{2 * 0.4 * 0.1 * 0.1 * 7850:.6g} kg"
     assert found["point masses"][0] == "2.5 kg"
 
@@ -158,7 +158,7 @@ def test_an_enforced_displacement_that_is_held_is_not_said_to_be_left_out(tmp_pa
 def test_free_sides_of_shells_are_counted(tmp_path):
     assert imported(tmp_path, plate(turned=(3,)), ON_PLATE)[0] == 0
     found = assumed(tmp_path)
-    assert found["free edges of shells"] == ("12", "0 edges have more than two shells")
+    assert found["free edges of shells"] == ("12", "edges with more than two shells: 0")
     assert found["mass of region 1 PSHELL 1"][0] == f"{0.4 * 0.2 * 0.002 * 7850:.6g} kg"
 
 
@@ -168,7 +168,8 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
     model = SimpleNamespace(damping=SimpleNamespace(parameter=None))
     problem = SimpleNamespace(unknowns=SimpleNamespace(parameters=("E",)), model=model)
     beyond = out_of_ranges(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
-    assert beyond == ({"E": f"E was estimated as {value:.4g} Pa, but rom built the model for 1e+11 to 3e+11"} if said else {})
+    words = "but the stage `rom` built the reduced model for values from 1e+11 to 3e+11"
+    assert beyond == ({"E": f"E was estimated as {value:.4g} Pa, {words}"} if said else {})
     assert widen({"E": ""}) == "widen parameters.E.range"
 
 

@@ -239,9 +239,9 @@ def build_columns(
                 break
             if len(parts) > MOST_COLUMNS:
                 raise NumericalError(
-                    f"the posterior of the parameters extends over more than {MOST_COLUMNS} standard deviations",
-                    remedy="estimate fewer parameters, or reduce their initial standard deviation: the measurements hardly "
-                    "distinguish them",
+                    f"the posterior distribution of the parameters needs more than {MOST_COLUMNS} columns of grid points",
+                    remedy="the measurements hardly distinguish the parameters: estimate fewer parameters, or reduce their "
+                    "initial standard deviation (estimate.initial_std, validate.initial_std)",
                 )
     cover = Columns(np.concatenate([part.cover.centre for part in parts]), across, parts[0].cover.precision)
     whole = concatenate(parts)
@@ -268,8 +268,9 @@ def _summit(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step
         mean = start + move
         refuse_lost(problem, mean)
     raise NumericalError(
-        f"no maximum of the posterior of the parameters was found in {MOST_TURNS} steps",
-        remedy="increase the noise of the gauges, or reduce the initial standard deviation of the parameters",
+        f"the search for the most likely parameter values did not converge in {MOST_TURNS} steps",
+        remedy="increase noise_std of the gauges, or reduce the initial standard deviation of the parameters "
+        "(estimate.initial_std, validate.initial_std)",
     )
 
 

@@ -16,7 +16,9 @@ from strainsight.estimation.model import FilterModel
 
 PROCESS, NOISE = "process_noise", "noise_std"
 """Config keys of Q and R."""
-CHECK = f"check channels, known loads and the model, and compare {NOISE} with the scatter of readings at rest"
+CHECK = (
+    f"check channels, known loads and the model, and compare {NOISE} of the gauges with the scatter of readings at rest"
+)
 """Possible causes of large innovations, which a larger noise would hide."""
 
 
@@ -70,26 +72,28 @@ def check_innovations(whitened: np.ndarray) -> InnovationCheck:
     15 (1970)."""
     samples = int(np.isfinite(whitened).sum())
     if not samples:
-        text = "no samples were measured, so the innovations cannot be checked"
+        text = "the innovations cannot be checked, because no channel has a measured sample"
         return InnovationCheck(np.nan, (np.nan, np.nan), np.nan, np.nan, False, text)
     power, chance = np.nansum(whitened**2), whiteness_band(samples, 1)
     ratio = float(np.sqrt(power / samples))
     size = check_ratio(ratio, samples)
     if not power:
-        text = "all innovations are zero, as if the channels were not connected: check the readings of the record"
+        text = "all innovations are exactly zero: check whether the channels are connected"
         return InnovationCheck(0.0, size.band, 0.0, chance, False, text)
     correlation = float(whiteness(whitened.reshape(len(whitened), -1)))
     large, small = size.result == OVERCONFIDENT, size.result == TOO_CAUTIOUS
     positive, negative = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
     by = (
-        f"{ratio:.1f} times larger than" if large else f"{1 / ratio:.1f} times smaller than" if small else "as large as"
+        f"{ratio:.1f} times as large as" if large else f"{1 / ratio:.1f} times smaller than" if small else "as large as"
     )
-    finding = f"the innovations are {by} the configured noise"
+    finding = f"the innovations are {by} expected from the configured noise"
     advice = CHECK if large or positive or negative else ""
     if small:
         advice = f"lower {NOISE if positive else PROCESS if negative else f'{NOISE} or {PROCESS}'}"
     if positive:
-        finding += f" and correlated in time ({correlation:.2f}): the model is too slow or incomplete"
+        finding += (
+            f" and correlated in time ({correlation:.2f}): the filter follows too slowly, or the model is incomplete"
+        )
     elif negative:
         finding += f" and alternate in sign (correlation {correlation:.2f}): the filter gain is too large"
     elif not advice:
@@ -166,7 +170,7 @@ def tune(
         if part != "noise" and not np.any(_block(model, part)):
             raise ConfigError(
                 f"the process noise of {part} is zero and cannot be tuned",
-                remedy="set this process noise, or tune other parts",
+                remedy=f"set a process noise greater than zero, or remove {part} from estimate.tune.parts",
             )
     count = len(parts)
     data = measurement if measurement.ndim == 3 else measurement[:, None, :]
@@ -195,8 +199,9 @@ def tune(
     first = around[0]
     if _lost(around, count):
         raise NumericalError(
-            "the filter diverges with the configured noise, so the noise cannot be tuned",
-            remedy="choose a guess closer to the true value, a smaller initial standard deviation or a smaller time step",
+            "the filter diverges with the configured noise levels, so estimate.tune cannot start from these levels",
+            remedy="choose guesses of the parameters closer to the true values, a smaller estimate.initial_std or a smaller "
+            "estimate.time_step",
         )
     # worse than anywhere on the way, and no more: the search interpolates, and next to infinity would leave it no step
     hopeless = abs(first) - first + 1.0

@@ -56,11 +56,11 @@ class Claim:
         return (1, low / max(self.ratio, 1e-300)) if self.result == TOO_CAUTIOUS else (0, 0.0)
 
     def words(self, shown: Shown, *, limit: bool = True) -> str:
-        """As "overconfident (error 6.6 times the claimed σ; at most 3.21 if calibrated)"; limit: whether to print the limit."""
-        what = {"test": "error", "smoothed": "smoothed error"}.get(self.of, "RMS error of the repeats")
+        """As "overconfident (error 6.6 times the claimed σ; at most 3.21 for a calibrated σ)"; limit: whether to print it."""
+        what = {"test": "error", "smoothed": "smoothed error"}.get(self.of, "RMS error of the repeated runs")
         most, limit = self.band[1], limit and self.overconfident
         digits = next((k for k in range(2, 9) if f"{self.ratio:.{k}g}" != f"{most:.{k}g}"), 9) if limit else 2
-        bound = f"; at most {shown(most, max(digits, 3))} if calibrated" * limit
+        bound = f"; at most {shown(most, max(digits, 3))} for a calibrated σ" * limit
         return f"{self.result} ({what} {shown(self.ratio, digits)} times the claimed σ{bound})"
 
 
@@ -271,8 +271,8 @@ def out_of_range(
     """Parameter → message, for parameters outside their range; ranges: [SI] of those in which the model is not exact; stage:
     that built the model."""
     return {
-        name: f"{name} was estimated as {values[name]:.4g}{'' if units[name] == '1' else f' {units[name]}'}, but {stage} built "
-        f"the model for {low:.4g} to {high:.4g}"
+        name: f"{name} was estimated as {values[name]:.4g}{'' if units[name] == '1' else f' {units[name]}'}, but the stage "
+        f"`{stage}` built the reduced model for values from {low:.4g} to {high:.4g}"
         for name, (low, high) in ranges.items()
         if not low <= values[name] <= high
     }
@@ -302,4 +302,4 @@ def summarise_record(trusted: bool, inconsistent_records: bool, noise_fits: bool
     """Result of one record: consistency with the model, with other records, and with its noise."""
     if not trusted:
         return f"inconsistent with {'other records' if inconsistent_records else 'the model'}"
-    return "fits" if noise_fits else "innovations disagree with the noise"
+    return "consistent" if noise_fits else "innovations disagree with the configured noise"

@@ -137,7 +137,7 @@ def _duals(
     except np.linalg.LinAlgError as error:
         raise NumericalError(
             "the innovation covariance is singular",
-            remedy="remove duplicate sensors, or increase the sensor noise above the floating-point resolution",
+            remedy="remove sensors that measure the same, or increase the sensor noise above the rounding error of the readings",
         ) from error
     return (transpose(HA) @ multiplier)[..., 0], (transpose(H) @ multiplier)[..., 0]
 
@@ -171,7 +171,7 @@ def run_filter(
     before the samples."""
     core, samples = driven_with_offsets(model, known, biased), model.by_step(measurement)
     if len(known) < len(samples):
-        raise ValueError(f"the known loads cover {len(known)} steps, but the samples cover {len(samples)}")
+        raise ValueError(f"the known loads cover {len(known)} steps, but the samples cover {len(samples)} steps")
     points = sigma_points(model, core, known, biased) if by_points else None
     return filter_runs(core, mean, covariance, samples, keep, points=points, **options)
 

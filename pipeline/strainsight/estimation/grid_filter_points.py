@@ -399,6 +399,7 @@ def refuse_lost(problem: GridProblem, point: np.ndarray) -> None:
     if lost.any():
         worst = int(np.argmax(np.where(lost, off, 0.0)))
         raise NumericalError(
-            f"the measurements require {np.exp(point[worst]):.3g} times the guess of {problem.model.unknowns.parameters[worst]}",
-            remedy="check the channel assignment, units and signs, and the loads",
+            f"the measurements fit best with {problem.model.unknowns.parameters[worst]} at {np.exp(point[worst]):.3g} times its "
+            "guess, which is not plausible",
+            remedy="check the channels (assignment, unit and sign) and the loads",
         )

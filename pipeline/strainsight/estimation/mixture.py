@@ -222,8 +222,8 @@ class Mixture:
             factor = np.linalg.cholesky(S)
         except np.linalg.LinAlgError:
             raise NumericalError(
-                f"the readings of step {span.start + _first_indefinite(S)} differ in magnitude by more than "
-                "floating-point numbers can represent",
+                f"at time step {span.start + _first_indefinite(S)} the readings of the channels differ too much in magnitude for "
+                "double precision",
                 remedy="check the units and scales of the channels",
             ) from None
         z = np.linalg.solve(factor, np.where(measured, self.innovation[span], 0.0)[..., None])[..., 0]
@@ -294,9 +294,9 @@ class Posterior:
     value: Annotated[np.ndarray, Column("<unit>", "/value", "values of <what>")]
     density: Annotated[np.ndarray, Column("1", "/value", "posterior density of ln <what>")]
     prior: Annotated[np.ndarray, Column("1", "/value", "prior density of ln <what>")]
-    left: Annotated[float, Column("1", "", "posterior σ of ln <what> over its prior σ")]
-    peak: Annotated[np.ndarray, Column("<unit>", "/peak", "values at the peaks of the posterior density")]
-    share: Annotated[np.ndarray, Column("1", "/peak", "probability of each peak")]
+    left: Annotated[float, Column("1", "", "posterior σ of ln <what> divided by its prior σ")]
+    peak: Annotated[np.ndarray, Column("<unit>", "/peak", "values of <what> at the peaks of its posterior density")]
+    share: Annotated[np.ndarray, Column("1", "/peak", "probability of each peak of the posterior density")]
 
 
 def marginal(point: np.ndarray, weight: np.ndarray, step: float, prior: tuple[float, float]) -> Posterior:

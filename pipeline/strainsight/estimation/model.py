@@ -60,11 +60,13 @@ class FilterModel:
             if name in self.known_inputs:
                 raise ConfigError(
                     f"input {name} is both known and estimated",
-                    remedy="set each input either as known or as unknown",
+                    remedy="remove the input from the known inputs, or from the unknowns",
                 )
         for name in self.model.parameters:
             if name not in self.fixed and name not in self.unknowns.parameters:
-                raise ConfigError(f"parameter {name} has no value", remedy="estimate the parameter, or set a value")
+                raise ConfigError(
+                    f"parameter {name} has no value", remedy="estimate the parameter, or set its value in `fixed`"
+                )
 
     @property
     def size(self) -> int:

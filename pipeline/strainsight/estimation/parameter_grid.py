@@ -250,9 +250,9 @@ def _build_and_filter(
         more = replace(grid, node=grid.missing_neighbours(heavy))
         if len(grid.node) + len(more.node) > most:
             raise _TooMany(
-                f"the posterior of the parameters needs more than {most} grid points",
-                remedy="estimate fewer parameters, or reduce their initial standard deviation: the measurements "
-                "hardly distinguish them",
+                f"the posterior distribution of the parameters needs more than {most} grid points",
+                remedy="the measurements hardly distinguish the parameters: estimate fewer parameters, or reduce their "
+                "initial standard deviation",
             )
         grid = grid.grown(more.node)
         parts.append(construction.at(more, step))
@@ -276,7 +276,7 @@ def build_next_grid(construction: GridConstruction[S], now: S) -> S:
             # beyond the digits of a logarithm no depth of a lattice is left below its largest value
             if not np.isfinite(now.log_weight).any() or not top - DEPTH < top:
                 raise NumericalError(
-                    "the readings are larger than the model can produce at any parameter values",
+                    "the readings are larger than the model can produce with any parameter values",
                     remedy="check the units and scales of the channels",
                 )
             first, *others = grid.peaks(share * now.log_weight, DEPTH)
@@ -293,8 +293,8 @@ def build_next_grid(construction: GridConstruction[S], now: S) -> S:
         if share == 1.0:
             return _refine_grid(construction, now, other)
     raise NumericalError(
-        f"the posterior of the parameters is not resolved after {MOST_LAID} grid refinements",
-        remedy="increase the noise of the gauges, or reduce the initial standard deviation of the parameters",
+        f"the parameter grid does not resolve the posterior distribution of the parameters after {MOST_LAID} refinements",
+        remedy="increase the noise of the sensors, or reduce the initial standard deviation of the parameters",
     )
 
 

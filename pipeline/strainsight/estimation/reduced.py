@@ -100,8 +100,9 @@ class DrivenModel:
 
     @property
     def loss(self) -> str:
-        names = ", ".join(self.model.unknowns.parameters) or "the state"
-        return f"{names} deviated from the guess by more than a factor of {np.exp(LOST):.0f}"
+        names = " or ".join(self.model.unknowns.parameters)
+        large = f"the estimate of {names} deviated from the guess by more than a factor of {np.exp(LOST):.0f}"
+        return large if names else "the state is not finite"
 
     def begin(self, x: np.ndarray, k: int) -> None:
         pass

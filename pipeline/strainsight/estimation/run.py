@@ -182,6 +182,7 @@ def _every_step(array: np.ndarray | None, steps: int) -> np.ndarray | None:
 def all_lost(model: StepModel, lost: np.ndarray) -> NumericalError:
     """Error if all runs diverge; lost (B,): steps at which they diverged."""
     return NumericalError(
-        f"the filter diverged: {model.loss} in all of {len(lost)} runs, first at {lost.min() * model.h:g} s",
-        remedy="choose a guess closer to the true value, a smaller initial standard deviation or a smaller time step",
+        f"the filter diverged: {model.loss} in every run ({len(lost)} in total), first at t = {lost.min() * model.h:g} s",
+        remedy="choose guesses of the parameters closer to the true values, a smaller initial standard deviation or a smaller "
+        "time step",
     )

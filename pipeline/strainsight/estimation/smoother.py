@@ -80,7 +80,7 @@ class Smoothed:
         if selected.wanted.rows.ndim == 2:
             return selected.std[:, _places(rows, selected.wanted.rows)]
         if not np.array_equal(rows, selected.wanted.rows):
-            raise ValueError("the smoother did not store the variance of the requested rows")
+            raise ValueError("the smoother did not store the variance of the requested outputs")
         return selected.std
 
     def covariance_of(self, states: np.ndarray) -> np.ndarray:
@@ -109,7 +109,7 @@ class Smoothed:
 
     def _require_selected(self) -> SelectedCovariances:
         if self.selected is None:
-            raise ValueError("the smoother stored no covariance")
+            raise ValueError("the smoother did not store any covariance")
         return self.selected
 
 
@@ -117,7 +117,7 @@ def _places(wanted: np.ndarray, available: np.ndarray) -> np.ndarray:
     """Indices (k,) of wanted entries (k, ...) among the available ones. Raises ValueError if one is missing."""
     at = [np.flatnonzero((available == one).reshape(len(available), -1).all(axis=1)) for one in wanted]
     if not all(map(len, at)):
-        raise ValueError("the smoother did not store this covariance")
+        raise ValueError("the smoother did not store the covariance of the requested states")
     return np.array([each[0] for each in at], dtype=int)
 
 
@@ -138,7 +138,7 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
         _require_kept, (run.covariance, run.jacobian, run.rows, run.adjusted)
     )
     if covariances.shape[1] != run.unknown_covariance.shape[1]:
-        raise ValueError("only the first run was stored")
+        raise ValueError("the filter stored the covariance of its first run only, so its other runs cannot be smoothed")
     core = DrivenModel(model, np.zeros((0, HOLD, 0))) if isinstance(model, FilterModel) else model
     steps, runs, channels = run.innovation.shape
     b, size = covariances.shape[1:3]
@@ -269,7 +269,7 @@ def smoother_errors(
     Source: Durbin and Koopman, Biometrika 89 (2002)."""
     adjusted, covariance = _require_kept(run.adjusted), _require_kept(run.covariance)
     if adjusted.shape[1] != 1:
-        raise ValueError(f"smoother errors need a single run, not {adjusted.shape[1]}")
+        raise ValueError(f"smoother errors can be sampled for one run only, not for {adjusted.shape[1]}")
     steps, _, m = adjusted.shape
     n = covariance.shape[-1]
     measured = np.isfinite(adjusted[:, 0])

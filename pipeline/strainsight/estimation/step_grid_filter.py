@@ -178,8 +178,8 @@ def _refuse_known(problem: StepGridProblem) -> None:
     std = np.sqrt(np.diagonal(covariance))
     if not np.all(std > 0) or np.linalg.eigvalsh(covariance / np.outer(std, std)).min() < 1e-12:
         raise InfeasibleError(
-            "the initial σ of the parameters is zero, or makes them linearly dependent",
-            remedy="remove std of known parameters, and estimate only one of several identical parameters",
+            "an initial σ of the parameters is zero, or the parameters are linearly dependent",
+            remedy="remove estimate.parameters.*.std of known parameters, and estimate only one of several identical parameters",
         )
 
 
@@ -187,15 +187,15 @@ def _refuse_far(problem: StepGridProblem, point: np.ndarray) -> None:
     mean, covariance = problem.prior
     if np.abs((point - mean) / np.sqrt(np.diagonal(covariance))).max() > FARTHEST:
         raise NumericalError(
-            f"the measurements require parameters more than {FARTHEST:g} initial σ from the guess",
-            remedy="check the channel assignment, units and signs, and the known loads; or increase std",
+            f"the measurements fit best with parameters more than {FARTHEST:g} initial σ away from their guess",
+            remedy="check the channels (assignment, unit and sign) and the known loads, or increase estimate.parameters.*.std",
         )
 
 
 def _none_left(step: int) -> NumericalError:
     when = f"by step {step}" if step else "at the start"
     return NumericalError(
-        f"the filters at all parameter values diverged {when}",
-        remedy="choose a guess closer to the true value, a smaller initial σ or a smaller time step, or set "
-        "method.parameters: extended",
+        f"the filters at all points of the parameter grid diverged {when}",
+        remedy="choose guesses of the parameters closer to the true values, a smaller initial σ or a smaller time step, or set "
+        "estimate.method.parameters: extended",
     )

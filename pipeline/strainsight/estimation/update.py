@@ -191,7 +191,8 @@ def _lower(X: np.ndarray) -> np.ndarray:
 def _indefinite(instant: float) -> NumericalError:
     return NumericalError(
         f"the innovation covariance is not positive definite at {instant:g} s",
-        remedy="remove duplicate gauges, or increase the noise above 1e-8 of the readings that the unknowns can cause",
+        remedy="remove gauges that measure the same, or increase the noise above 1e-8 of the largest reading that the "
+        "unknowns can cause",
     )
 
 

@@ -10,7 +10,7 @@ from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, classify_ra
 from strainsight.records.estimated import GRID_FILTER, Compared
 from strainsight.runner.output import Scalar, Table
 
-COMPARED = "comparison of filters (in brackets: error expected by the grid filter / claimed σ)"
+COMPARED = "comparison of filters (in brackets: error expected by the grid filter divided by the claimed σ)"
 WITHOUT_TOLERANCES = COMPARED.replace("filters", "filters without tolerances")
 """Titles of the table."""
 
@@ -47,7 +47,7 @@ def disagreements_in_words(filters: Compared | None) -> list[str]:
         for filter_, ratio in zip(filters.filter, map(float, ratios_of), strict=True):
             result = classify_ratio(ratio) if filter_ != GRID_FILTER else ""
             if result == OVERCONFIDENT:
-                expected = f"the grid filter expects an error of {ratio:.2g} times the claimed σ"
+                expected = f"the grid filter expects an error of {ratio:.2g} times the σ of the {filter_} filter"
                 words.append(f"the {filter_} filter is overconfident about {name}: {expected}")
             elif result == DIVERGED:
                 words.append(f"the {filter_} filter diverged and provides no estimate of {name}")

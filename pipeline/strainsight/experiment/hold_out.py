@@ -13,7 +13,7 @@ from strainsight.records.estimated import HoldOut
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import STRAIN, UNITS
 
-NOT_GIVEN = "not used by the filter"
+NOT_GIVEN = "the filter does not use this channel"
 
 
 def held_out(system: TestedSystem, progress: Callable[[str, float], None]) -> tuple[HoldOut, ...]:
@@ -75,7 +75,7 @@ def misfits_in_words(rows: Sequence[LeftOut], others: str) -> list[str]:
     """Name the channels that disagree with the others, the worst first, as it also distorts the predictions of others."""
     off = [(row.claim.ratio, row.label) for row in rows if row.claim and row.claim.overconfident]
     channels = [f"{label} (error {ratio:.2g} σ)" for ratio, label in sorted(off, key=lambda one: -one[0])]
-    return [f"the other {others} disagree with {', '.join(channels)}"] if channels else []
+    return [f"the prediction from the other {others} disagrees with {', '.join(channels)}"] if channels else []
 
 
 def hold_out_table(rows: Sequence[LeftOut], units: Sequence[str], each: str) -> Table:
@@ -91,7 +91,7 @@ def hold_out_table(rows: Sequence[LeftOut], units: Sequence[str], each: str) -> 
             claim = f"{row.claim.ratio:.2g}", f"{100 * row.inside:.3g} %", row.claim.result
         lines.append((row.label, size_in_words(row.reading, unit), share, *claim))
     return Table(
-        f"each {each} predicted from the others",
+        f"each {each} predicted from the other {each}s",
         ("channel", "RMS reading", "RMS error", "error / σ", "within 2σ", "consistency"),
         tuple(lines),
     )

@@ -37,7 +37,7 @@ QUANTITY = {
 }
 """Unit of a load → quantity in a file."""
 NO_UNIT = ("-", "–")
-NO_GAPS = "Load histories must not have gaps. Enter the value, or delete the line."
+NO_GAPS = "A load history must not have gaps. Enter the value, or delete this line of the file."
 
 
 def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = LOADS) -> FromSamples:
@@ -66,7 +66,7 @@ def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = 
             raise UserError(
                 f"the time does not increase from {recording.time[i]:.9g} s to {recording.time[i + 1]:.9g} s",
                 where=recording.place(i + 1),
-                remedy="Sort the record and delete repeated times.",
+                remedy="Sort the lines of the file by time, and delete lines with repeated times.",
             )
         return FromSamples(recording.time, values * _factor(column, recording, path, of))
 
@@ -98,7 +98,7 @@ def _factor(column: str, recording: Recording, path: Path, of: Sequence[str]) ->
         what = ("a load" if len(of) > 1 else of[0]) if of_load else " or ".join(of)
         raise ConfigError(
             f"column {column!r} in {path.name} has the unit {name}, which is not a unit of {what}",
-            remedy=f"Choose the column of the {'load' if of_load else 'required quantity'}.",
+            remedy=f"Set value_column to the column of {'the load' if of_load else what}.",
         )
     return unit.factor
 
@@ -121,9 +121,9 @@ def signals_of(
     for i, name in enumerate(names):
         if name in names[:i]:
             raise ConfigError(
-                f"channel {name!r} of the file is used twice",
+                f"two entries of the config use channel {name!r} of the file",
                 key=f"{list(wanted)[i]}.channel",
-                remedy="Check both entries.",
+                remedy="Assign another channel to one of the two entries.",
             )
     with blame(f"{section}.text"):
         form = TextFormat(

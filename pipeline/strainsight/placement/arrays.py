@@ -79,7 +79,9 @@ def place_arrays(
     _check_rows("fixed", np.array(list(fixed), dtype=int), len(H))
     pairs = None if conflicts is None else np.asarray(conflicts, dtype=int)
     if pairs is not None and (pairs.ndim != 2 or pairs.shape[1] != 2):
-        raise ConfigError(f"conflicts {pairs.shape}", remedy="specify pairs of rows of H (p, 2)")
+        raise ConfigError(
+            f"conflicts has the shape {pairs.shape}", remedy="pass pairs of row numbers of H, of shape (p, 2)"
+        )
     _check_rows("conflicts", np.zeros(0, dtype=int) if pairs is None else pairs, len(H))
     pool = solve_pool(Scenario(F, Q, H, r, np.zeros(len(F))), labels)
     pools = [pool.under(Metric(weight_of_pools([pool], at), criterion_of(criterion)))]
@@ -154,7 +156,7 @@ def place_modes(
         if not np.all(felt > 0):
             raise InfeasibleError(
                 f"no candidate responds to load {int(np.argmin(felt > 0)) + 1}",
-                remedy="pass more candidates or modes, or remove this load",
+                remedy="pass more candidates or modes, or remove the load",
             )
         amplitude = CLEAR / felt
     a = _positive("amplitude", amplitude, u)
@@ -201,7 +203,9 @@ def _positive(what: str, values: np.ndarray | float, count: int, zero: bool = Fa
 def _check_rows(what: str, rows: np.ndarray, count: int) -> None:
     outside = rows[(rows < 0) | (rows >= count)]
     if outside.size:
-        raise ConfigError(f"{what} contains row {outside[0]}, not in H", remedy=f"use rows from 0 to {count - 1}")
+        raise ConfigError(
+            f"{what} contains row {outside[0]}, which is not a row of H", remedy=f"use rows from 0 to {count - 1}"
+        )
 
 
 def _check_inputs(
@@ -232,9 +236,12 @@ def _check_inputs(
         )
     at = np.arange(n) if states is None else np.asarray(states, dtype=int)
     if not len(at) or at.min() < 0 or at.max() >= n or len(np.unique(at)) < len(at):
-        raise ConfigError(f"invalid states {at.tolist()} of {n}", remedy=f"pass different numbers from 0 to {n - 1}")
+        raise ConfigError(
+            f"`states` is {at.tolist()}, but the system has {n} states",
+            remedy=f"pass different numbers from 0 to {n - 1}",
+        )
     if names and len(names) != n:
-        raise ConfigError(f"{n} states have {len(names)} names", remedy="pass a name for each state, or none")
+        raise ConfigError(f"{n} states have {len(names)} names", remedy="pass one name for each state, or no names")
     if isinstance(criterion, str) and criterion not in {c.name for c in CRITERIA}:
         raise ConfigError(
             f"unknown criterion '{criterion}'", remedy=f"choose one of {', '.join(c.name for c in CRITERIA)}"

@@ -151,10 +151,15 @@ def _independent(rows: np.ndarray) -> np.ndarray:
             columns.append(rest / np.linalg.norm(rest))
             selected.append(column / np.linalg.norm(column))
     if not selected:
-        raise ConfigError("no gauge of the pool responds to any mode", remedy="choose another direction for the gauges")
+        raise ConfigError(
+            "no gauge of the pool responds to any mode", remedy="choose another measuring direction of the gauges"
+        )
     return np.array(selected).T
 
 
 def _check(pool: int, keep: int) -> None:
     if not 1 <= keep <= pool:
-        raise ConfigError(f"cannot keep {keep} gauges of a pool of {pool}", remedy=f"keep between 1 and {pool}")
+        raise ConfigError(
+            f"cannot keep {keep} of the {pool} gauges in the pool",
+            remedy=f"keep between 1 and {pool} gauges (place.keep)",
+        )

@@ -269,8 +269,8 @@ def branch_and_bound(
             heapify(heap)
     if search.best is None and not heap and search.unsolved == np.inf:
         raise InfeasibleError(
-            f"no set of {limits.keep} gauges of the pool{'' if limits.plain else ' within the limits'} detects every unknown",
-            remedy=f"keep more gauges{'' if limits.plain else ', widen the limits'}, or estimate fewer unknowns",
+            f"no {limits.keep} gauges of the pool{'' if limits.plain else ' within the limits'} make every unknown observable",
+            remedy=f"keep more gauges (place.keep){'' if limits.plain else ', widen the limits'}, or estimate fewer unknowns",
         )
     gauges = np.zeros(0, dtype=int) if search.best is None else search.best
     open_bound = min(search.unsolved, heap[0][0] if heap else np.inf)
@@ -287,8 +287,12 @@ def _first_set(
     if start is not None:
         gauges = np.unique(np.asarray(start, dtype=int))
         if not limits.allows(gauges):
-            what = f"{limits.keep} different gauges" if limits.plain else "a layout within the limits"
-            raise ValueError(f"the search must start from {what} that contain the fixed gauges")
+            what = (
+                f"{limits.keep} different gauges that contain"
+                if limits.plain
+                else "a layout within the limits that contains"
+            )
+            raise ValueError(f"the search must start from {what} the fixed gauges")
         return gauges
     try:
         return fill(pools, eliminate_from(pools, limits, aggregate).selected, limits, aggregate)

@@ -119,7 +119,8 @@ def _factor(M: np.ndarray) -> np.ndarray:
         raise NumericalError(
             "the covariance of the unknowns is numerically singular",
             key="place.criterion",
-            remedy="estimate fewer unknowns, or choose another criterion: a combination is known far better than each unknown",
+            remedy="a combination of unknowns is known far better than each unknown: estimate fewer unknowns, or change "
+            "place.criterion",
         ) from None
 
 
@@ -139,7 +140,7 @@ class WorstEigenvalue(Criterion):
     name = "worst_eigenvalue"
     title = "worst eigenvalue"
     symbol = "λ₁(P)"
-    sigma = "the steady-state σ of the least known combination"
+    sigma = "the steady-state σ of the most uncertain combination"
     meaning = "largest variance of any combination of the scaled unknowns"
 
     def value(self, M: np.ndarray) -> float:

@@ -212,7 +212,7 @@ def eliminate_from(
     if limits.keep < least:
         raise InfeasibleError(
             f"{limits.keep} gauges cannot observe {unknowns} unknowns" + (f" ({', '.join(names)})" if names else ""),
-            remedy=f"keep at least {least}, or estimate fewer unknowns",
+            remedy=f"keep at least {least} gauges (place.keep), or estimate fewer unknowns",
         )
     return _descend(
         tuple(pools), limits, aggregate, names, None if limits.plain else Guard(limits, Detection(pools), names)

@@ -29,7 +29,7 @@ def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggre
         return chosen
     loops = loops_of(pools, chosen)
     if loops is None:
-        raise ValueError("only a set that detects every unknown can be extended")
+        raise ValueError("only a set of gauges that makes every unknown observable can be extended")
     while len(room):
         into, loops = _most_telling(pools, loops, room, aggregate)
         chosen = np.sort(np.append(chosen, into))
@@ -120,7 +120,7 @@ def exchange(
         raise ValueError("an exchange must start from a layout within the limits that contains the fixed gauges")
     loops = loops_of(pools, chosen)
     if loops is None:
-        raise ValueError("an exchange must start from a set that detects every unknown")
+        raise ValueError("an exchange must start from a set of gauges that makes every unknown observable")
     costs = [_cost(pools, loops, aggregate)]
     swaps: list[tuple[int, int]] = []
     solves, complete = 0, False

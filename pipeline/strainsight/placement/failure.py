@@ -190,8 +190,8 @@ def robust_set(
     limits = as_limits(len(pools[0].rows), keep)
     if limits.keep <= least:
         raise InfeasibleError(
-            f"{limits.keep} gauges for {unknowns} unknowns: if any gauge fails, an unknown becomes unobservable",
-            remedy=f"keep at least {least + 1}, or estimate fewer unknowns",
+            f"a layout of {limits.keep} gauges for {unknowns} unknowns: if any gauge fails, an unknown becomes unobservable",
+            remedy=f"keep at least {least + 1} gauges (place.keep), or estimate fewer unknowns",
         )
     search = LossSearch(pools, aggregate, limits, limit)
     starts = []

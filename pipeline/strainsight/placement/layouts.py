@@ -167,13 +167,13 @@ def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> Infea
     if least is not None and least > limits.keep:
         known = "" if fewest.settled else f" (search limit {NODES} nodes)"
         return InfeasibleError(
-            f"{limits.keep} gauges requested, but the smallest set that detects every unknown{_within(families)}{known} "
-            f"has {least}",
+            f"{limits.keep} gauges requested, but the smallest set that makes every unknown observable{_within(families)}"
+            f"{known} has {least}",
             key=KEEP,
-            remedy=f"keep at least {least}, or estimate fewer unknowns",
+            remedy=f"keep at least {least} gauges, or estimate fewer unknowns",
         )
     return InfeasibleError(
-        f"no layout of {limits.keep} gauges that detects every unknown was found{_within(families)}",
+        f"no layout of {limits.keep} gauges that makes every unknown observable was found{_within(families)}",
         key=KEEP,
         remedy="keep another number of gauges, or relax the limits",
     )
@@ -183,12 +183,12 @@ def _conflict(limits: Limits, at: int) -> InfeasibleError:
     name, row = limits.names[at], limits.rows[[at]].toarray().ravel()
     bonded = [g for g in sorted(limits.fixed) if row[g] > 0]
     if name == SPACING:
-        what = f"bonded gauges ({limits.key}) are closer to gauge {bonded[0]} of the pool than {name}"
+        what = f"bonded gauges ({limits.key}) are closer to gauge {bonded[0]} of the pool than {name} allows"
     else:
         unit = "" if name == BUDGET else " gauges"
         used = f"{row[bonded].sum():g}{unit} of the {limits.most[at]:g}"
         what = f"bonded gauges ({limits.key}) use {used} that {name} allows"
-    return InfeasibleError(what, key=name, remedy=f"relax {name}, or remove a gauge from {limits.key}")
+    return InfeasibleError(what, key=name, remedy=f"relax the limit {name}, or remove a gauge from {limits.key}")
 
 
 def _no_room(limits: Limits, families: Sequence[str], room: int, layout: Found) -> InfeasibleError:
@@ -198,9 +198,10 @@ def _no_room(limits: Limits, families: Sequence[str], room: int, layout: Found) 
     together = f" together with {' and '.join(before)}" if enough else ""
     surely = "" if layout.settled else f" (search limit {NODES} nodes)"
     return InfeasibleError(
-        f"{limits.keep} gauges requested, but {name}{together} allows only {room} of the pool's {limits.size.sum()}{surely}",
+        f"{limits.keep} gauges requested, but {name}{together} allows only {room} of the {limits.size.sum()} gauges in the pool"
+        f"{surely}",
         key=name,
-        remedy=f"keep {room}, or relax {name}" if room else f"relax {name}",
+        remedy=f"set {KEEP}: {room}, or relax the limit {name}" if room else f"relax the limit {name}",
     )
 
 
@@ -212,8 +213,8 @@ def _undetected(limits: Limits, detection: Detection, active: Sequence[str], nam
         if cheapest.gauges is not None:
             budget = limits.most[limits.names.index(BUDGET)]
             return InfeasibleError(
-                f"the cheapest gauges that detect every unknown{_within(before)} cost {price[cheapest.gauges].sum():g}, but "
-                f"{name} is {budget:g}",
+                f"the cheapest gauges that make every unknown observable{_within(before)} cost "
+                f"{price[cheapest.gauges].sum():g}, but {name} is {budget:g}",
                 key=name,
                 remedy="increase the budget, or estimate fewer unknowns",
             )
@@ -222,7 +223,7 @@ def _undetected(limits: Limits, detection: Detection, active: Sequence[str], nam
     return InfeasibleError(
         f"no layout{_within(active)} can observe {words}",
         key=name,
-        remedy=f"relax {name}, or estimate fewer unknowns",
+        remedy=f"relax the limit {name}, or estimate fewer unknowns",
     )
 
 

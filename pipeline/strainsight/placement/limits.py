@@ -120,8 +120,8 @@ def limits_of(
     bonded, total = int(sizes[list(fixed_rows)].sum()), int(sizes.sum())
     if not max(1, bonded) <= keep <= total:
         raise ConfigError(
-            f"cannot keep {keep} gauges of a pool of {total} with {bonded} fixed",
-            remedy=f"keep between {max(1, bonded)} and {total}",
+            f"cannot keep {keep} of the {total} gauges in the pool, of which {bonded} are bonded",
+            remedy=f"keep between {max(1, bonded)} and {total} gauges (place.keep)",
         )
     entries: list[tuple[str, np.ndarray, float]] = [(KEEP, sizes, keep), *zones]
     if budget is not None:

@@ -150,11 +150,13 @@ def solve_care(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
         _, Z, stable = schur(np.block([[F.T, -G.G / s], [-s * Q, -F]]), sort="lhp")
         P = np.linalg.solve(Z[:n, :n].T, Z[n:, :n].T).T / s
     except np.linalg.LinAlgError as error:
-        raise NumericalError(f"the Hamiltonian of the Riccati equation was not solved: {error}") from error
+        raise NumericalError(
+            f"the Hamiltonian eigenvalue problem of the Riccati equation was not solved: {error}"
+        ) from error
     if stable != n:
         raise NumericalError(
-            f"the Hamiltonian of the Riccati equation has {stable} stable eigenvalues instead of {n}",
-            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
+            f"the Hamiltonian matrix of the Riccati equation has {stable} stable eigenvalues instead of {n}",
+            remedy="check whether an unknown is nearly unobservable, and whether noise levels differ by many orders of magnitude",
         )
     return polish(F, Q, G, 0.5 * (P + P.T))
 
@@ -211,8 +213,8 @@ def solve_anew(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
         P = P * d[:, None] * d
     if not error <= ACCEPTED:
         raise NumericalError(
-            f"the Riccati equation of a set of gauges is solved to {error:.1e} only, the tolerance is {ACCEPTED:.0e}",
-            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
+            f"the Riccati equation of a set of gauges is solved with an error of {error:.1e}; the tolerance is {ACCEPTED:.0e}",
+            remedy="check whether an unknown is nearly unobservable, and whether noise levels differ by many orders of magnitude",
         )
     return P
 
@@ -232,7 +234,7 @@ def _newton(
     loop = close_loop(F, G, P)
     if not loop.stable:
         raise NumericalError(
-            f"the steady-state filter is unstable: errors grow at {loop.abscissa:.3g} 1/s",
+            f"the steady-state filter is unstable: errors grow at a rate of {loop.abscissa:.3g} 1/s",
             remedy="add gauges, or estimate fewer unknowns: an unknown is nearly unobservable",
         )
     return lyapunov(loop, Q + G.squared(P)) if defect is None else P + lyapunov(loop, defect)
@@ -286,7 +288,7 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     # what doubling has rounded, a step of the filter itself forgets as fast as it forgets all else
     P = updated(_triangle(np.hstack([A @ before, N]).T).T, H)
     if not (error := _error(A, H, before, P)) <= ACCEPTED_IN_STEPS:
-        solved = f"accurate to {error:.1e} only" if np.isfinite(error) else "not solved: its filter is unstable"
+        solved = f"solved with an error of {error:.1e}" if np.isfinite(error) else "not solved: its filter is unstable"
         raise NumericalError(
             f"the steady-state covariance of a set of gauges is {solved}; the tolerance is {ACCEPTED_IN_STEPS:.0e}",
             remedy="check the units of the noise of gauges and inputs: their magnitudes differ too much for double precision",

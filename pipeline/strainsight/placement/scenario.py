@@ -113,7 +113,7 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
             lost[size - len(units) :] /= units[:, None]
         raise InfeasibleError(
             f"no gauge of the pool can observe {undetectable_in_words(lost, names)}",
-            remedy="add candidates to the pool, estimate fewer unknowns, or make a load, a mass or a stiffness known",
+            remedy="add candidates to the pool, or estimate fewer unknowns: set a load, a density or a modulus as known",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
     # rows of Q at unit variance, so that no unit of a state hides the noise of another: the null space is the same
@@ -127,8 +127,8 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
     residual = relative_residual(balanced.F, balanced.Q, information(balanced.rows.reshape(-1, size)), P)
     if not residual <= ACCEPTED:
         raise NumericalError(
-            f"the Riccati equation of the pool is solved to {residual:.1e} only, the tolerance is {ACCEPTED:.0e}",
-            remedy="check for a nearly unobservable unknown, and for noise levels of very different magnitude",
+            f"the Riccati equation of the pool is solved with an error of {residual:.1e}; the tolerance is {ACCEPTED:.0e}",
+            remedy="check whether an unknown is nearly unobservable, and whether noise levels differ by many orders of magnitude",
         )
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
 
@@ -157,11 +157,13 @@ def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> I
 def _check(scenario: Scenario) -> None:
     for name, matrix in (("F", scenario.F), ("Q", scenario.Q), ("the weight", scenario.weight)):
         if not np.all(np.isfinite(matrix)):
-            raise ConfigError(f"{name} of the linearised system is not finite", remedy="check the training motion")
+            raise ConfigError(
+                f"{name} of the linearised system is not finite", remedy="check the motion of the training run"
+            )
     blind = np.flatnonzero(~np.isfinite(scenario.H).reshape(len(scenario.H), -1).all(axis=1))
     if len(blind):
         raise ConfigError(
-            f"the strain operator of gauge {blind[0]} of the pool is not finite ({len(blind)} gauges in total)",
+            f"the strain operator of gauge {blind[0]} of the pool is not finite (gauges with this problem: {len(blind)})",
             remedy="check the facets of these gauges",
         )
     r = scenario.r.reshape(len(scenario.r), -1)
@@ -171,7 +173,7 @@ def _check(scenario: Scenario) -> None:
         first = int(noiseless[0])
         raise ConfigError(
             f"the noise of gauge {first} of the pool is {r[first][refused[first]][0]:g} "
-            f"({len(noiseless)} gauges in total have no positive noise)",
+            f"(gauges without a positive noise: {len(noiseless)})",
             remedy="set a positive noise for each gauge",
         )
 

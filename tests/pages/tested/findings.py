@@ -82,7 +82,7 @@ def findings(**changes):
         name="beam",
         title="beam: what the test says of side and E",
         unknowns=(unknown_load(), TestedUnknown("E", "Pa", "parameter", 2.1e11, 1.2e9)),
-        innovations="the innovations are as large as the configured noise",
+        innovations="the innovations are as large as expected from the configured noise",
         consistent=True,
         warnings=(),
         notes=("G1: 1 of 4001 samples are missing",),
@@ -138,7 +138,7 @@ def withheld():
     return replace(
         own,
         unknowns=(unknown_load(withheld=True), TestedUnknown("E", "Pa", "parameter", 2.1e11, None)),
-        warnings=(why, "the innovations are 3.1 times larger than the configured noise"),
+        warnings=(why, "the innovations are 3.1 times as large as expected from the configured noise"),
         consistent=False,
         readings=tuple(replace(reading, std=nothing) for reading in own.readings),
         histories=(history("side", load(), np.nan), replace(E, std=none, smoothed_std=none)),

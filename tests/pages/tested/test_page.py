@@ -53,7 +53,7 @@ def test_the_first_screen_has_every_unknown_with_its_sigma_and_the_result():
     top = float(load().max())
     assert f'<data value="{top!r}" data-unit="N">' in first
     assert f'<data value="{1.2e9 / 2.1e11!r}">' in first
-    assert "✓ the innovations are as large as the configured noise." in first
+    assert "✓ the innovations are as large as expected from the configured noise." in first
 
 
 def test_withheld_sigma_comes_first_with_its_reason_and_no_number_stands_for_it():

@@ -48,7 +48,7 @@ def beyond_limit(what: str, pressure: float, bearing: BearingSection) -> list[st
     return [
         f"the contact pressure of {what} is {pressure / 1e6:.4g} MPa, above the limit of {bearing.pressure_limit / 1e6:.4g} MPa, "
         "so plastic deformation is likely and the elastic contact model is not valid. Correct bearing size, preload or "
-        "loads, or increase pressure_limit"
+        "loads, or increase `pressure_limit` of the bearing"
     ]
 
 

@@ -97,9 +97,9 @@ def bench_of(
         supported = entry.type == "flexible" and reduced[name].clamped
         if supported and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
             raise ConfigError(
-                f"'{name}' has a pose, velocity or spin, but the supports of its deck fix it to the ground",
+                f"the body '{name}' has a pose, velocity or spin, but the supports of its deck fix it to the ground",
                 key=f"bodies.{name}",
-                remedy="Remove pose, velocity and spin, or remove the supports from the deck.",
+                remedy="Remove `pose`, `velocity` and `spin` of the body, or remove the supports from its deck.",
             )
         if not supported:
             poses[name] = Pose(
@@ -213,10 +213,10 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         turned = float(np.linalg.norm((q - configured)[part][3:12])) / np.sqrt(2)
         if moved > settings.snap_tolerance or turned > TURNED:
             raise ConfigError(
-                f"the joints move '{name}' by {moved:.4g} m and {turned:.3g} rad from its pose; the limits are "
-                f"{settings.snap_tolerance:g} m and {TURNED:g} rad",
+                f"the joints move the body '{name}' by {moved:.4g} m and {turned:.3g} rad from its configured pose; the limits "
+                f"are {settings.snap_tolerance:g} m and {TURNED:g} rad",
                 key=f"bodies.{name}.pose",
-                remedy="Correct the pose or the frames of its joints, or increase simulate.snap_tolerance.",
+                remedy="Correct the pose of the body or the frames of its joints, or increase simulate.snap_tolerance [m].",
             )
     _refuse_forceless(bench, q, u)
     if settings.start == "equilibrium":
@@ -232,7 +232,7 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 raise ConfigError(
                     unstable_in_words(rate_of_growth, body),
                     key="simulate.start",
-                    remedy="Start from a pose near a stable equilibrium, or set simulate.start: as_given or "
+                    remedy="Set bodies.*.pose near a stable equilibrium, or set simulate.start: as_given or "
                     "simulate.allow_unstable: true.",
                 )
         return q, project_velocity(bench.system, q, np.zeros_like(q), u)
@@ -245,17 +245,17 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         change, whole = (float(np.linalg.norm((d * x)[part])) for x in (v - rate, rate))
         if change > SLIP * max(whole, float(np.linalg.norm(d * rate)) * SLIP):
             raise ConfigError(
-                f"the joints of '{name}' prevent {100 * change / max(whole, change):.3g} % of the configured velocity and "
-                "spin",
+                f"the joints of the body '{name}' prevent {100 * change / max(whole, change):.3g} % of its configured velocity "
+                "and spin",
                 key=f"bodies.{name}.velocity",
-                remedy="Set velocities that the joints allow; the origin of a body that rotates about a pivot moves, too.",
+                remedy="Set a velocity and spin that the joints allow. If the body rotates about a pivot, its origin moves, too.",
             )
     return q, v
 
 
 def unstable_in_words(rate: float, body: str) -> str:
     """Describe an unstable equilibrium with a growth rate [1/s]."""
-    return f"the equilibrium is unstable: '{body}' moves away from it by a factor of {math.e:.1f} in {1 / rate:.3g} s"
+    return f"the equilibrium is unstable: a deviation of '{body}' grows by a factor of {math.e:.1f} in {1 / rate:.3g} s"
 
 
 def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
@@ -263,9 +263,9 @@ def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     for name, slope in driven_slopes(bench.system, q, u):
         if slope > 0:
             raise ConfigError(
-                "the angle between the frames differs from the driven angle by about half a turn",
+                "the angle between the two frames of the joint differs from the driven angle by about half a turn",
                 key=f"joints.{name}",
-                remedy="Rotate one of the frames or the body by half a turn, or add pi to the angle.",
+                remedy="Rotate one of the two frames or its body by half a turn, or add pi to the driven angle [rad].",
             )
     for joint in bench.system.joints:
         together = readings(bench.system, [RelationSensor(joint.name, joint.aligned)]).read(q, np.zeros_like(q))[0]
@@ -274,7 +274,7 @@ def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
                 raise ConfigError(
                     f"{relation.name} point in opposite directions",
                     key=f"joints.{joint.name}",
-                    remedy="Rotate one of the frames by half a turn.",
+                    remedy="Rotate one of the two frames of the joint by half a turn.",
                 )
 
 
@@ -287,7 +287,7 @@ def _refuse_forceless(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
             element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), values)
         except NumericalError as error:
             raise ConfigError(
-                f"at the start {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy
+                f"at the start of the simulation, {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy
             ) from error
 
 
@@ -319,9 +319,9 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
         if why:
             driven = ", ".join(f"{name} {inputs[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
             return ConfigError(
-                f"at t = {k * h:g} s the joints {why}, with driven motion {driven} [m or rad]",
+                f"at t = {k * h:g} s the joints {why}; the driven motion is {driven} [m or rad]",
                 key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
-                remedy="Reduce the driven motion, or move the frames of the joint.",
+                remedy="Reduce the driven motion in drive.signal, or move the frames of the joint.",
             )
     return None
 
@@ -341,6 +341,6 @@ def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
     return NumericalError(
         error.what,
         key=f"forces.{name}",
-        remedy=f"Increase the speed of the friction law ({sharp[name]:g}), which may be too steep for the time step, "
-        "or reduce simulate.time_step.",
+        remedy=f"The friction law may be too steep for the time step: increase forces.{name}.speed ({sharp[name]:g}), or reduce "
+        "simulate.time_step.",
     )

@@ -87,8 +87,8 @@ def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray],
                 if isinstance(config.joints[name], DrivenDistance) and not row[0].min(initial=np.inf) > SHORTEST:
                     first = time[np.argmin(row[0])]
                     raise ConfigError(
-                        f"the driven length is {row[0].min():.4g} m at t = {first:.4g} s, so its direction is undefined",
-                        remedy="Keep the length above zero.",
+                        f"the driven length is {row[0].min():.4g} m at t = {first:.4g} s, so its direction is not defined",
+                        remedy="Set a signal with positive lengths only.",
                     )
         return moved
 
@@ -108,16 +108,20 @@ def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]
         share, at = swing(signal)
         if share > SWING:
             doubts.append(
-                f"the spline of {name} overshoots the samples by {100 * share:.2g} % of their range at {at:.4g} s, because of a "
-                "jump or too few samples. Smooth the signal, or increase the sampling rate"
+                f"the spline through the driven motion of joints.{name} overshoots the samples by {100 * share:.2g} % of their "
+                f"range at {at:.4g} s, because of a jump or too few samples. Smooth the signal, or increase its sampling rate"
             )
         times, begin, end = gap(signal)
         if times > GAP:
-            doubts.append(f"{name} has no samples from {begin:.4g} to {end:.4g} s; a spline bridges this gap")
+            doubts.append(
+                f"the driven motion of joints.{name} has no samples from {begin:.4g} to {end:.4g} s; a spline fills this gap"
+            )
     return doubts
 
 
 def _refuse_huge(values: np.ndarray, unit: str) -> None:
     largest = float(np.abs(values).max(initial=0.0))
     if not largest <= LARGEST:
-        raise ConfigError(f"the value {largest:.2g} {unit} exceeds the limit of {LARGEST:g}", remedy="Check the unit.")
+        raise ConfigError(
+            f"the value {largest:.2g} {unit} exceeds the limit of {LARGEST:g}", remedy="Check the unit of the signal."
+        )

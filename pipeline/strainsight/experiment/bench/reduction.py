@@ -54,9 +54,11 @@ def reduce_output(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resour
             body, unknowns, frequency = _reduction(name, entry, config.frames, meshes[name])
         reduced[name], first, size = body, float(frequency[0]), len(body.mass)
         summary |= {f"unknowns.{name}": unknowns, f"coordinates.{name}": size, f"first_frequency.{name}": first}
-        text.append(f"{name} {unknowns} unknowns → {size}, first mode {first:.4g} Hz, cut-off {body.cut:.4g} Hz")
+        text.append(
+            f"{name} {unknowns} unknowns → {size} coordinates, first mode {first:.4g} Hz, first omitted mode {body.cut:.4g} Hz"
+        )
         text += [
-            f"the reduced model of {name} is valid for {key} from {low:.4g} to {high:.4g} Pa"
+            f"the reduced model of {name} is valid for the modulus {key} from {low:.4g} to {high:.4g} Pa"
             for key, (low, high) in body.reach.items()
             if np.isfinite(high)
         ]
@@ -65,7 +67,7 @@ def reduce_output(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resour
     return Output(
         datasets=written(ReducedBodies(bodies=reduced)),
         summary=summary,
-        message="; ".join(text) or "no flexible bodies",
+        message="; ".join(text) or "the bench has no flexible bodies",
         tables=tuple(tables),
     )
 
@@ -130,7 +132,9 @@ def _interface(name: str, frames: Mapping[str, FrameSection], model: FiniteEleme
             nodes.add(frame.node)
     if not nodes:
         raise ConfigError(
-            f"'{name}' has no frame", key=f"bodies.{name}", remedy="Define a frame at a node of the body."
+            f"the flexible body '{name}' has no frame at a node",
+            key=f"bodies.{name}",
+            remedy="Add a frame with `body` and `node` to `frames`.",
         )
     return sorted(nodes)
 
@@ -173,7 +177,7 @@ def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: 
     if not np.isfinite(q[at]).all():
         lost = time[at][~np.isfinite(q[at]).all(axis=1)][0]
         raise InfeasibleError(
-            f"the estimate diverged before {lost:g} s, so later fields are not available",
+            f"the estimate diverged before t = {lost:g} s, so strain and stress at later times are not available",
             key="field.of",
             remedy="Correct the estimate, or set field.of: simulate.",
         )

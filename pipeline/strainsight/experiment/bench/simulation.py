@@ -57,9 +57,9 @@ def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
         ellipse = max(float(ball.semi_axes.max()) for ball in balls)
         if ellipse > bearing.ball_diameter / 2:
             raise ConfigError(
-                f"the contact ellipse is larger than the ball ({1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s)",
+                f"the contact ellipse is larger than the ball (semi-axis {1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s)",
                 key=f"forces.{name}",
-                remedy="Check the size of the loads and the preload.",
+                remedy="Check the size of the loads and the preload of the bearing.",
             )
         rings[name] = RingMotion(
             displacement=q,
@@ -159,22 +159,22 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
         "parts": most,
         **{f"pressure.{name}": highest for name, highest in pressure.items()},
     }
-    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints satisfied to {worst:.1e}"
+    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints with errors up to {worst:.1e}"
     if settings.tolerance is not None:
-        text += f", each in up to {most} parts with a relative tolerance of {settings.tolerance:g}"
+        text += f", each divided into up to {most} substeps with a relative tolerance of {settings.tolerance:g}"
     doubts = []
     if len(record.frequency) and record.frequency[0] > 0:
         summary["first_frequency"] = float(record.frequency[0])
         if settings.tolerance is None:
             band = summary["band"] = resolved_frequency(record.frequency, h, settings.method)
-            text += f"; resolves loads up to {band:.3g} Hz to {100 * SHARE:g} %"
+            text += f"; resolves loads up to {band:.3g} Hz with an error of at most {100 * SHARE:g} %"
             for name, load in record.inputs.items():
                 share = float(load_error(load[:, None], record.frequency, h, settings.method)[0])
                 summary[f"missed.{name}"] = share
                 if share > MISSED:
                     doubts.append(
-                        f"the time step does not resolve {100 * share:.2g} % of the RMS of {name} (resolved up to {band:.3g} "
-                        "Hz). Reduce simulate.time_step, or filter the load"
+                        f"the time step does not resolve {100 * share:.2g} % of the RMS of {name} (loads up to "
+                        f"{band:.3g} Hz are resolved). Reduce simulate.time_step, or filter the load"
                     )
     doubts += [*doubtful_drives(config, using.files), *overloaded(config, pressure)]
     if system.size > system.constrained and settings.tolerance is None and turn > TURN[settings.method]:
@@ -191,7 +191,9 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
         rings.append((name, f"{pressure[name] / 1e6:.5g} MPa", f"{ring.worst.time:.4g} s", balls))
     tables = (
         Table("distance of the gauges to the surface", ("sensor", "gauge", "distance"), moved),
-        Table("highest pressure of the bearings", ("bearing", "pressure", "time", "loaded balls"), tuple(rings)),
+        Table(
+            "highest contact pressure of every bearing", ("bearing", "pressure", "time", "loaded balls"), tuple(rings)
+        ),
         *warnings_table(doubts),
     )
     return Output(
@@ -209,7 +211,7 @@ def _turning(turn: float, settings: Simulate) -> str:
         what = f"implicit Euler slows a free rotation by {100 * loss:.2g} % in the first second"
     else:
         lag, gain = 100 * LAG * turn**2, 100 * GAIN * turn**4 / h
-        what = f"a free rotation lags by {lag:.2g} % of its angle and gains {gain:.2g} % of its speed in a second"
+        what = f"a free rotation lags by {lag:.2g} % of its angle, and its speed grows by {gain:.2g} % in a second"
     return f"{what}. Reduce simulate.time_step"
 
 
@@ -254,7 +256,7 @@ def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
         if moved.max(initial=0.0) > SPUN:
             smooth = ", or smooth a jump in the recorded signal" if key in recorded else ""
             raise ConfigError(
-                f"the angle changes by {moved.max():.3g} rad in a step; the limit is {SPUN:g} rad",
+                f"the angle changes by {moved.max():.3g} rad in a time step; the limit is {SPUN:g} rad",
                 key=key,
                 remedy=f"Reduce {section}.time_step{smooth}.",
             )

@@ -54,9 +54,9 @@ def least_expected(layouts: Sequence[Expectation], over: Collection[str]) -> int
 
 REMEDY = {
     "noise": "reduce the noise of the channels, or add channels",
-    "process noise": "reduce the process noise, if loads, parameters and model errors allow it",
+    "process noise": "reduce the process noise, if it exceeds the real changes of loads and parameters and the model errors",
     "start": "use a longer run",
-    "position": "position the gauges more accurately, or move them to smaller strain gradients",
+    "position": "position the gauges more accurately, or move the gauges to places with smaller strain gradients",
     "angle": "align the gauges more accurately",
     "gain": "calibrate the channels more accurately",
     "transverse sensitivity": "use gauges of known transverse sensitivity",
@@ -64,7 +64,7 @@ REMEDY = {
     "drift": "use channels with less drift, or a shorter record",
     "temperature": "keep the temperature constant, or add compensation gauges on an unloaded part",
     "load direction": "align the loads more accurately, or estimate their transverse components",
-    "load point": "apply the loads more accurately",
+    "load point": "apply the loads more accurately at their intended points",
     "load gain": "calibrate the load cells more accurately",
     "load between samples": "record known loads at a higher rate",
     "damping": "measure the damping of each mode",
@@ -84,7 +84,7 @@ def budget_table(budget: Mapping[str, Mapping[str, float]], of: str = "budget") 
 def budget_tables(budget: Budget | None, without: Sequence[str] = ()) -> tuple[Table, ...]:
     """Variance budget of a filter run, remedies, and the reasons for missing budgets; empty without any."""
     sentences = (*helps({} if budget is None else budget.shares), *without)
-    table = () if budget is None else (budget_table(budget.shares, "budget of the filtered estimates"),)
+    table = () if budget is None else (budget_table(budget.shares, "variance budget of the filtered estimates"),)
     return (*table, *warnings_table(sentences, "how to reduce σ"))
 
 
@@ -96,7 +96,7 @@ def helps(budget: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
         led.setdefault(largest, []).append(name)
     for source, names in led.items():
         much = listed_words([f"{100 * budget[name][source]:.0f} % of the variance of {name}" for name in names])
-        yield f"Largest source of σ({listed_words(names)}): {source} ({much}). To reduce it, {REMEDY[source]}."
+        yield f"Largest source of σ({listed_words(names)}): {source} ({much}). To reduce σ, {REMEDY[source]}."
 
 
 NEARLY = 0.8
@@ -124,22 +124,22 @@ def advice(
         *best_possible(layout.certificate, task.criterion, task.over, task.sigma),
         *_uneliminated(task, layout),
         *(
-            f"{', '.join(labels[i] for i in group)} are redundant in the training run: they average noise and can replace "
-            "each other."
+            f"{', '.join(labels[i] for i in group)} are redundant in the training run: their readings are nearly proportional, "
+            "so together they only average noise."
             for group in groups
         ),
         *_failures(labels, loss, expected.std, expected.without),
         *(f"{labels[int(i)]} is already bonded." for i in np.flatnonzero(listed.bonded)),
         *_loads(labels, listed.most / listed.range),
-        *([f"The layout costs {price[0]:g} of {price[1]:g}."] if price else []),
-        *([f"{alone} gauges without a free mirror image were omitted."] if alone else []),
+        *([f"The layout costs {price[0]:g}; the budget is {price[1]:g}."] if price else []),
+        *([f"Gauges that were omitted because their mirror image is not available: {alone}."] if alone else []),
         *([f"{ties} of {len(elimination.ties)} removals were ties, so equivalent layouts exist."] if ties else []),
     )
 
 
 def _how_many(sigma: str, cost: np.ndarray, size: int, labels: Sequence[str], keep: int) -> Iterator[str]:
     if len(labels) < keep:
-        yield f"The layout has {len(labels)} gauges instead of {keep}: no further useful gauge was found within the limits."
+        yield f"Gauges in the layout: {len(labels)} instead of {keep}, because the limits allow no further useful gauge."
     gain = gains(cost)
     if not len(gain):
         return
@@ -147,10 +147,11 @@ def _how_many(sigma: str, cost: np.ndarray, size: int, labels: Sequence[str], ke
     if worth == size:
         yield f"Number of gauges: one more gauge would reduce {sigma} by only {100 * gain[0]:.2g} %."
     else:
-        total = 1 - np.prod(1 - gain[: worth - size])
+        more, total = worth - size, 1 - np.prod(1 - gain[: worth - size])
+        together = f" {more} more would reduce it by {100 * total:.2g} % in total," * (more > 1)
         yield (
-            f"Number of gauges: one more gauge would reduce {sigma} by {100 * gain[0]:.2g} %, {worth - size} more by "
-            f"{100 * total:.2g} %, and each further gauge by less than {100 * WORTH:g} %."
+            f"Number of gauges: one more gauge would reduce {sigma} by {100 * gain[0]:.2g} %,{together} and each "
+            f"further gauge by less than {100 * WORTH:g} %."
         )
 
 
@@ -158,8 +159,8 @@ def moved_in_words(exact: Expectation, chosen: Expectation, over: Collection[str
     """Gain of the layout chosen with installation errors over the layout chosen without."""
     name = max(over, key=lambda key: exact.std[key] / chosen.std[key])
     return (
-        "Installation errors were included as noise: away from steep gradients the expected "
-        f"σ({name}) is {exact.std[name] / chosen.std[name]:.3g} times lower than with the layout for exact gauges."
+        "Installation errors were included as noise, which favours places away from steep strain gradients: with the layout "
+        f"for exact gauges, the expected σ({name}) would be {exact.std[name] / chosen.std[name]:.3g} times as large."
     )
 
 
@@ -187,8 +188,8 @@ def best_possible(
         yield f"Optimality: no allowed layout can reduce {sigma} by more than {deviation} %."
     else:
         yield (
-            f"Optimality: no allowed layout can reduce {criterion.symbol} by more than {variance} %, or its root, {sigma}, by "
-            f"more than {deviation} %. A single σ may be reduced by more."
+            f"Optimality: no allowed layout can reduce the criterion {criterion.symbol} by more than {variance} %, or its root, "
+            f"{sigma}, by more than {deviation} %. A single σ may be reduced by more."
         )
 
 
@@ -198,8 +199,8 @@ def _uneliminated(task: Task, layout: OptimisedLayout) -> Iterator[str]:
         return
     every, entered = len(task.whole.limits.size), len(task.whole.rows)
     yield (
-        f"This bound covers all {every} candidates, of which {entered} entered the elimination; "
-        f"{layout.better or 'none'} of the others could improve the layout."
+        f"This bound covers all {every} candidates. The elimination used {entered} of them; {layout.better or 'none'} of the "
+        "remaining candidates could improve the layout."
     )
 
 
@@ -234,6 +235,6 @@ def _percent(share: float) -> str:
 def _loads(labels: Sequence[str], load: np.ndarray) -> Iterator[str]:
     for label, share in zip(labels, load, strict=True):
         if share > 1:
-            yield f"{label} exceeds its measuring range: training strain {share:.2g} times the limit."
+            yield f"{label} exceeds its measuring range: the strain in the training run is {share:.2g} times the limit."
         elif share > NEARLY:
             yield f"{label} uses {100 * share:.0f} % of its measuring range in the training run."

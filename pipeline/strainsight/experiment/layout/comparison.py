@@ -84,7 +84,7 @@ def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarr
     random = [s for rule, s in others.scores.items() if rule.startswith("random_")]
     ordered = sorted(random, key=lambda s: (np.isnan(s.cost[chosen]), s.cost[chosen]))
     if ordered:
-        shown[f"random, median of {len(ordered)}"] = ordered[(len(ordered) - 1) // 2]
+        shown[f"random layout, median of {len(ordered)}"] = ordered[(len(ordered) - 1) // 2]
     best = others.scores["final"].cost[chosen]
 
     def number(value: float) -> str:
@@ -106,11 +106,13 @@ def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarr
     columns = (
         "rule",
         criteria[0].symbol,
-        "relative to layout",
+        "ratio to this layout",
         *(c.symbol for c in criteria[1:]),
         *(f"steady-state σ({n})" for n in names),
     )
-    return Table("criteria of the steady-state covariance (ranks layouts, not the expected σ)", columns, rows)
+    return Table(
+        "criteria of the steady-state covariance (to rank layouts; the expected σ is different)", columns, rows
+    )
 
 
 def _some(of: np.ndarray) -> list[int]:

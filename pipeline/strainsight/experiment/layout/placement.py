@@ -91,7 +91,7 @@ def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement
     expected, final = _most_important_first(task, expected_of(task, layout), layout.gauges)
     gauges = task.pool.gauges_of(final)
     listed = subject.listed(gauges)
-    progress("gauge failures and layouts by other rules", 0.8)
+    progress("effect of gauge failures, layouts by other placement rules", 0.8)
     if task.single is None or len(final) == len(gauges):
         loss = loss_if_one_fails(task.under(task.pools), final, task.aggregate)
     else:  # one gauge of a mirrored pair fails, not both
@@ -125,7 +125,7 @@ def _extend_pool(
     for _ in range(rounds):
         whole = task.whole
         assert whole is not None
-        progress("bound over all candidates", 0.55)
+        progress("lower bound over all candidates", 0.55)
         bound = certify(task.under(whole.pools), whole.rows[start], cost, task.aggregate, limits=whole.limits)
         new = np.setdiff1d(np.flatnonzero(bound.including < cost * (1 - TIE)), whole.rows)
         if not len(new):

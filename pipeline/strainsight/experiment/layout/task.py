@@ -264,7 +264,7 @@ class Task:
     @property
     def sigma(self) -> str:
         """Name of the root of the metric: σ of one unknown, or the criterion's mean."""
-        return root_of(self.criterion, self.over) + (" (installation errors as noise)" if self.coherence else "")
+        return root_of(self.criterion, self.over) + (" (with installation errors as noise)" if self.coherence else "")
 
     def cost_of(self, rows: np.ndarray) -> tuple[float, float] | None:
         """Price of a layout (k,) of pool rows and its budget, None without a budget."""

@@ -62,7 +62,9 @@ def read_bonded(path: Path) -> dict[str, BondedPlace]:
     for line, cells in csv_columns(path, NEEDED):
         name = cells["gauge"]
         if not name:
-            raise DeckError("the gauge name is missing", where=f"{path}:{line}", remedy="Fill in the column gauge.")
+            raise DeckError(
+                "the gauge name is missing", where=f"{path}:{line}", remedy="Enter the name in the column `gauge`."
+            )
         if name in rows and name != last:
             raise DeckError(
                 f"gauge name {name} is used twice",
@@ -73,7 +75,9 @@ def read_bonded(path: Path) -> dict[str, BondedPlace]:
         rows.setdefault(name, []).append((line, cells))
     if not rows:
         raise DeckError(
-            "the file contains no gauges", where=str(path), remedy=f"Write one line per gauge: {','.join(NEEDED)}"
+            "the file contains no gauges",
+            where=str(path),
+            remedy=f"Write one line per gauge with the columns {','.join(NEEDED)}",
         )
     return {name: _place(path, name, lines) for name, lines in rows.items()}
 
@@ -87,12 +91,18 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
     where = f"{path}:{first}"
     length = np.linalg.norm(vectors["direction"], axis=1)
     if not length.all():
-        raise DeckError(f"the direction of gauge {name} has zero length", where=where, remedy="Correct direction_x, …")
+        raise DeckError(
+            f"the direction of gauge {name} has zero length",
+            where=where,
+            remedy="Correct direction_x, direction_y and direction_z.",
+        )
     direction = vectors["direction"] / length[:, None]
     sign = _signs(path, name, lines)
     if sign is None and np.ptp(vectors["position"], axis=0).any():
         raise DeckError(
-            f"the grids of {name} have different positions", where=where, remedy="Give all grids the same position."
+            f"the grids of gauge {name} have different positions",
+            where=where,
+            remedy="Enter the same position for all grids of a rosette; for a bridge, add the column `sign`.",
         )
     has_normal = all(cells.get(column) for column in NORMAL)
     normal = np.array([_number(path, first, cells, column) for column in NORMAL]) if has_normal else np.zeros(3)
@@ -123,7 +133,9 @@ def _signs(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> np
     if not any(cells):
         if lines[0][1].get("kind") == STRAIN_KINDS[2]:
             raise DeckError(
-                f"the arms of bridge {name} have no sign", where=where, remedy="Add the column sign with 1 or -1."
+                f"the arms of bridge {name} have no sign",
+                where=where,
+                remedy="Add the column `sign` with 1 or -1 for each arm.",
             )
         return None
     sign = [_number(path, line, entry, "sign") for line, entry in lines]
@@ -141,7 +153,7 @@ def _number(path: Path, line: int, cells: dict[str, str], column: str) -> float:
         raise DeckError(
             f"{cells[column]!r} in column {column} is not a number",
             where=f"{path}:{line}",
-            remedy="Enter a number, in metres.",
+            remedy="Enter a number; positions are in metres.",
         )
     return value
 
@@ -187,22 +199,26 @@ def placed_channels(
             if places is not None and name in places:
                 was = _xyz(places[name].position[0])
                 raise ConfigError(
-                    f"gauge '{name}' is not in the current layout; it was bonded at {was} m", key=key, remedy=_KEPT
+                    f"gauge '{name}' was bonded at {was} m, but is not in the current layout", key=key, remedy=_KEPT
                 )
             existing = list(dict.fromkeys((*labels, *named)))
-            listed = f"Gauges: {', '.join(existing[:12])}{' …' * (len(existing) > 12)}"
+            listed = f"Known gauges: {', '.join(existing[:12])}{' …' * (len(existing) > 12)}"
             remedy = did_you_mean(name, existing)
             raise ConfigError(f"unknown gauge '{name}'", key=key, remedy=" ".join(filter(None, (remedy, listed))))
         if places is None and settings.gauges_file is None and not settings.as_placed:
             raise ConfigError(
-                f"{name} is a label of the current layout, and the position where it was bonded is unknown",
+                f"{name} is a gauge of the current layout, but the position where the gauge was bonded is unknown",
                 key=KEY,
                 remedy="Copy gauges.csv from the results folder to the config folder when the gauges are bonded, and set "
-                "estimate.gauges_file: gauges.csv. If the layout is unchanged, set estimate.as_placed: true.",
+                "estimate.gauges_file: gauges.csv. If the gauges were bonded as in this layout, set estimate.as_placed: true.",
             )
         if places is not None and name not in places:
-            remedy, listed = did_you_mean(name, places), f"The file contains {', '.join(places)}"
-            raise ConfigError(f"{name} is missing in {KEY}", key=key, remedy=" ".join(filter(None, (remedy, listed))))
+            remedy, listed = did_you_mean(name, places), f"The file contains the gauges {', '.join(places)}"
+            raise ConfigError(
+                f"gauge {name} is missing in the file of {KEY}",
+                key=key,
+                remedy=" ".join(filter(None, (remedy, listed))),
+            )
         yield key, name
 
 
@@ -212,12 +228,12 @@ def _check_kept(file: Path) -> None:
         raise ConfigError(
             f"{file.name} in the results folder is overwritten with every new layout and does not record bonded positions",
             key=KEY,
-            remedy="Copy the file used for bonding to the config folder and set the key to the copy. Earlier versions remain in "
-            "the results folder as gauges-….csv.",
+            remedy="Copy the file used for bonding to the config folder and set estimate.gauges_file to the copy. Earlier "
+            "versions remain in the results folder as gauges-….csv.",
         )
 
 
-_KEPT = "Set gauges.fixed_file to that file: bonded gauges then keep their positions and names in every layout."
+_KEPT = "Set gauges.fixed_file to the file of estimate.gauges_file: bonded gauges then keep positions and names in every layout."
 
 
 def _check_place(
@@ -230,21 +246,25 @@ def _check_place(
     if len(now) != len(was.direction):
         what = "arms" if channels.arms is not None or was.bridge else "channels"
         raise ConfigError(
-            f"{name} was bonded with {len(was.direction)} {what} and has {len(now)} in the layout",
+            f"the number of {what} of {name} is {len(now)} in the current layout, but was {len(was.direction)} when bonded",
             key=key,
             remedy=_KEPT,
         )
     of_file = np.argsort(-was.sign, kind="stable")
     position, direction = was.position[of_file], was.direction[of_file]
     if was.bridge and was.sign[of_file].tolist() != sign.tolist():
-        raise ConfigError(f"the arms of {name} were bonded with other signs", key=key, remedy=_KEPT)
+        raise ConfigError(
+            f"in the current layout the arms of {name} have other signs than when bonded",
+            key=key,
+            remedy=_KEPT,
+        )
     allowed, off = tolerances_of(config.tolerances), np.linalg.norm(now.position - position, axis=1)
     worst = int(np.argmax(off))
     moved = float(off[worst])
     if moved > max(allowed.position, ROUNDED * float(np.abs(was.position[0]).max())):
         raise ConfigError(
-            f"{name} has moved: it was bonded at {_xyz(position[worst])} m; in the layout it is at "
-            f"{_xyz(now.position[worst])} m, a distance of {1e3 * moved:.3g} mm",
+            f"{name} was bonded at {_xyz(position[worst])} m, but its position in the current layout is "
+            f"{_xyz(now.position[worst])} m, at a distance of {1e3 * moved:.3g} mm",
             key=key,
             remedy=_KEPT,
         )
@@ -254,7 +274,8 @@ def _check_place(
     turned = float(np.rad2deg(np.arccos(np.clip(along.min(), -1.0, 1.0))))
     if turned > max(allowed.angle, float(np.rad2deg(np.sqrt(2 * ROUNDED)))):
         raise ConfigError(
-            f"{name} is rotated by {turned:.3g}° from its bonded direction {_xyz(direction[int(np.argmin(along))])}",
+            f"in the current layout {name} is rotated by {turned:.3g}° from its bonded direction "
+            f"{_xyz(direction[int(np.argmin(along))])}",
             key=key,
             remedy=_KEPT,
         )
@@ -305,20 +326,24 @@ def given_table(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             d = [float(cell or "0") for cell in cells[4:]]
         except ValueError:
             raise DeckError(
-                f"{','.join(cells)[:60]!r} contains an invalid number",
+                f"{','.join(cells)[:60]!r} has a cell that is not a number",
                 where=f"{path}:{line}",
                 remedy="Enter the gauge number as an integer, the position, and optionally the direction.",
             ) from None
         if not (np.isfinite([*x, *d]).all() and abs(gauge) < 2**62):
             raise DeckError(
-                f"gauge {gauge} has a value that is not finite", where=f"{path}:{line}", remedy="Correct the value."
+                f"gauge {gauge} has a value that is not finite",
+                where=f"{path}:{line}",
+                remedy="Enter finite numbers for the position and the direction.",
             )
         number.append(gauge)
         position.append(x)
         direction.append(d)
     if not number:
         raise DeckError(
-            "the table contains no gauges", where=str(path), remedy=f"Write one line per gauge: {','.join(COLUMNS)}"
+            "the table contains no gauges",
+            where=str(path),
+            remedy=f"Write one line per gauge with the columns {','.join(COLUMNS)}",
         )
     ids, first = np.unique(number, return_index=True)
     if len(ids) < len(number):

@@ -129,7 +129,9 @@ def campaign_of(
     records = () if settings is None else records_of(settings)
     if settings is None or not records:
         raise ConfigError(
-            "measurement file not specified", key="estimate.file", remedy="Set estimate.file to the measured data."
+            "no measurement file is specified",
+            key="estimate.file",
+            remedy="Set estimate.file to the file with the measurements.",
         )
     progress, began = using.progress, time.perf_counter()
 
@@ -184,10 +186,13 @@ def campaign_of(
         raise InconsistentRecordError(
             conflict,
             key="estimate.records",
-            remedy="Remove records of another part or of re-bonded gauges, or correct the known loads and units.",
+            remedy="Remove records of another structure or with re-bonded gauges, or correct the known loads and units.",
         )
     uncertain_loads = "" if settings.loads_follow_model else load_dependence_text(problem)
-    uncertain_loads += ", or set estimate.loads_follow_model if the loads are exact" * bool(uncertain_loads)
+    uncertain_loads += (
+        ", or set estimate.loads_follow_model: true if the unknown loads follow their model in process_noise"
+        * bool(uncertain_loads)
+    )
 
     def of_records(texts: Sequence[str]) -> str:
         named = zip(records, texts, strict=True)
@@ -309,7 +314,7 @@ def _filtered(
         if decision.inconsistent:
             why = error.what if isinstance(error, NumericalError) else error
             raise InconsistentRecordError(
-                f"every filter diverges on this record ({why}): {decision.inconsistent}",
+                f"every filter diverges with the record ({why}): {decision.inconsistent}",
                 key="estimate",
                 remedy="Correct the cause of the inconsistency and run the estimate again.",
             ) from error
@@ -337,7 +342,7 @@ def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, resul
             return excluded_in_words(otherwise, True, "estimate.start"), ""
     return (
         "",
-        f"the filter comparison neglects tolerances, but the record requires them: {words} with and without tolerances",
+        f"the comparison of filters neglects tolerances, but estimates with and without tolerances exclude each other: {words}",
     )
 
 
@@ -346,9 +351,9 @@ def _notes(hidden: str, tuning: Tuning | None) -> tuple[str, ...]:
     undecided = () if tuning is None else tuning.undecided
     factors, untuned = ", ".join(f"{part} {value:.3g}" for part, value in tuned.items()), ", ".join(undecided)
     return (
-        f"estimates rest on the initial values, because the channels cannot determine {hidden}" if hidden else "",
-        f"noise levels were tuned to the measurements, factors: {factors}" if factors else "",
-        f"the measurements do not determine the noise of {untuned}" if untuned else "",
+        f"the channels cannot determine {hidden}; these estimates depend on the initial values" if hidden else "",
+        f"noise levels were tuned to the measurements, by the factors: {factors}" if factors else "",
+        f"the measurements do not determine the noise level of {untuned}" if untuned else "",
     )
 
 

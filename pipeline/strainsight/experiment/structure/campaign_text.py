@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from strainsight.decks.faults import plural
 from strainsight.estimation.consistency import check_innovations
 from strainsight.estimation.decision import summarise_record
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
@@ -117,19 +118,21 @@ def _message(campaign: Campaign) -> str:
     numbers, first, only = _numbers(campaign), campaign.first.estimated, campaign.only
     source = first.source.file if only else f"{len(campaign.records)} records ({', '.join(campaign.records)})"
     parts = [campaign.decision.message] if campaign.decision.message else []
-    parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels in {source}")
+    parts.append(f"{numbers['samples']} samples of {plural(len(first.gauge.label), 'channel')} in {source}")
     for name in campaign.unknowns.names:
         what = " RMS" if name in campaign.unknowns.inputs else ""
         sigma = "" if campaign.decision.withheld else f" ± {numbers[f'std.{name}']:.2g}"
         parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {campaign.units[name]}{what}")
     if "hold_out.inside" in numbers:
-        parts.append(f"gauges predicted from the others: {100 * numbers['hold_out.inside']:.3g} % within 2σ")
+        parts.append(
+            f"gauges predicted from the other gauges: {100 * numbers['hold_out.inside']:.3g} % of samples within 2σ"
+        )
     for of, record in campaign.records.items():
         misfits = misfits_in_words(without_each(record.estimated), "gauges")
         parts += [text if only else f"{of}: {text}" for text in misfits]
     loud = [of for of, one in campaign.records.items() if one.judgement.trusted and not one.innovation_check.consistent]
     if loud:
-        parts.append(f"the configured noise does not match the innovations{'' if only else ' of ' + ', '.join(loud)}")
+        parts.append(f"the innovations{'' if only else ' of ' + ', '.join(loud)} do not match the configured noise")
     parts += damage_in_words(campaign.damage)
     parts += posterior_doubts(campaign.posterior, campaign.units)
     parts += disagreements_in_words(first.compared)
@@ -207,7 +210,7 @@ def _parameter_table(campaign: Campaign) -> Table:
         shown = campaign.decision.cell if campaign.decision.withheld else sigma
         rows.append((name, f"{value:.5g} {campaign.units[name]}", shown, *each))
     some = 0 < len(_agreeing(campaign)) < len(campaign.records)
-    by = "from consistent records" if some else "from all records"
+    by = "estimate from consistent records" if some else "estimate from all records"
     columns = ("parameter", by, "claimed σ", *(f"{of} alone" for of in campaign.records))
     return Table("parameters shared by all records", columns, tuple(rows))
 
@@ -246,7 +249,7 @@ def channel_table(estimated: Estimated, units: Sequence[str]) -> Table:
     by = "from all other channels" if check.by_others else "one step ahead from all channels"
     whole = check.end - check.begin >= 0.99 * float(time[-1] - time[0])
     part = "" if whole else f", from {check.begin:.4g} to {check.end:.4g} s"
-    return Table(f"channels, predicted {by}{part}", tuple(columns), tuple(rows))
+    return Table(f"readings of the channels, predicted {by}{part}", tuple(columns), tuple(rows))
 
 
 def _csv(estimated: Estimated, units: Mapping[str, str], labels: Sequence[str]) -> bytes:
@@ -290,7 +293,7 @@ def damage_in_words(damaged: Damaged | None) -> list[str]:
     if damaged is None or damaged.surface is None or damaged.hot_spot is None or not len(damaged.hot_spot):
         return []
     at, i = damaged.surface, int(damaged.hot_spot[0])
-    return [f"damage up to {_damage(at, i)}{_interval(at, i, ' (', ')')} at element {at.element[i]}"]
+    return [f"largest damage {_damage(at, i)}{_interval(at, i, ' (', ')')} at element {at.element[i]}"]
 
 
 def damage_tables(damaged: Damaged | None, labels: Sequence[str]) -> tuple[Table, ...]:
@@ -305,7 +308,11 @@ def damage_tables(damaged: Damaged | None, labels: Sequence[str]) -> tuple[Table
     if damaged.virtual is not None:
         rows += [(label, *_row(damaged, damaged.virtual, i)) for i, label in enumerate(labels)]
     columns = ("place", "x, y, z [m]", "damage", "95 % interval", "equivalent range", "life")
-    title = "damage of the smoothed history (no interval)" if withheld else "damage: hot spots and virtual gauges"
+    title = (
+        "damage of the smoothed strain history (without interval)"
+        if withheld
+        else "damage at hot spots and virtual gauges"
+    )
     return (Table(title, columns, tuple(rows)),)
 
 

@@ -127,8 +127,8 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
             pool = strain.candidates
             if not len(pool):
                 raise InfeasibleError(
-                    f"no place for a {gauges.bridge} bridge: none of {strain.alone} places has an opposite facet that allows a "
-                    "gauge in the same direction",
+                    f"no place for a {gauges.bridge} bridge: none of {strain.alone} candidate places has an opposite facet that "
+                    "allows a gauge in the same direction",
                     key="gauges.bridge",
                     remedy="Include both sides (gauges.surface, gauges.include, gauges.exclude), choose another direction, or "
                     "remove gauges.bridge.",
@@ -138,9 +138,9 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
     well = fits(mesh.position, pool, facets)
     if not well.any():
         raise ConfigError(
-            f"a grid of {length:g} m crosses a sharp edge at all {len(pool)} places",
+            f"a measuring grid of {length:g} m length crosses a sharp edge at all {len(pool)} candidate places",
             key="gauges.grid_length",
-            remedy="Reduce the grid length.",
+            remedy="Reduce gauges.grid_length.",
         )
     fitting = pool.take(np.flatnonzero(well))
     return replace(strain, candidates=fitting, left_out=pool.gauges - fitting.gauges)
@@ -160,7 +160,7 @@ def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
             raise ConfigError(
                 f"two bonded gauges have the name {entry.name}",
                 key=entry.key.partition(".arms")[0],
-                remedy="Rename one of them.",
+                remedy="Rename one of these gauges in gauges.fixed or in the file of gauges.fixed_file.",
             )
     return entries
 
@@ -186,9 +186,9 @@ def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, called: str) -
 def _entry(gauges: Gauges, file: Path, name: str, place: BondedPlace) -> BondedEntry:
     if place.kind not in STRAIN_KINDS:
         raise ConfigError(
-            f"{name} has the kind '{place.kind}' ({file.name}:{place.line}); only strain gauges can be fixed",
+            f"{name} has the kind '{place.kind}' ({file.name}:{place.line}); the file may contain only strain gauges",
             key=FILE,
-            remedy="Remove this line.",
+            remedy="Remove this line of the file.",
         )
     grids = [
         BondedEntry(position, direction, _length(gauges, length), key=FILE)

@@ -83,7 +83,7 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
     raise InfeasibleError(
         f"none of {len(points)} candidates is at least {1e3 * wanted:.3g} mm from every {', '.join(others)} and {last}",
         key="gauges.clearance",
-        remedy="Reduce the clearance or set it to none, and exclude critical areas by gauges.exclude.",
+        remedy="Reduce gauges.clearance, or set gauges.clearance: none and exclude critical areas by gauges.exclude.",
     )
 
 
@@ -102,10 +102,10 @@ def bent_gauges(structure: Structure) -> np.ndarray:
     free = straining[~pool.bonded[pool.first[straining]]]
     if len(free) and bent[free].all():
         raise InfeasibleError(
-            f"at all {len(free)} candidates the surface radius is below the bend radius of {gauges.type}, "
+            f"at all {len(free)} candidates the surface radius is below the minimum bend radius of gauge type {gauges.type}, "
             f"{1e3 * kind.bend_radius:g} mm",
             key="gauges.type",
-            remedy="Choose a smaller type or another surface (gauges.surface, gauges.include).",
+            remedy="Choose a gauge type with a smaller bend radius, or another surface (gauges.surface, gauges.include).",
         )
     return bent
 
@@ -119,8 +119,8 @@ def bent_warning(structure: Structure, bent: np.ndarray) -> str:
         return ""
     names = ", ".join(structure.training.name[i] or f"fixed {i + 1}" for i in bonded)
     return (
-        f"Bonded where the surface radius is below the bend radius of {gauges.type}, {1e3 * kind.bend_radius:g} mm: "
-        f"{names}. Check the adhesion of the carrier, or set gauges.type to the type of the bonded gauges."
+        f"Gauges bonded where the surface radius is below the minimum bend radius of gauge type {gauges.type}, "
+        f"{1e3 * kind.bend_radius:g} mm: {names}. Check the adhesion of the carrier, or set gauges.type to the bonded type."
     )
 
 
@@ -130,7 +130,7 @@ def _lies_on(part: Candidates, facets: Facets, chosen: np.ndarray) -> np.ndarray
     return part.any_grid(np.isin(facet_key(grids.element, grids.facet), facets.key[chosen]))
 
 
-OBSTACLE_NAMES = {"faces": "face of gauges.exclude", "bends": "bend too tight for gauges.type"}
+OBSTACLE_NAMES = {"faces": "face of gauges.exclude", "bends": "surface with a radius too small for gauges.type"}
 """Obstacles in the singular; others without their s."""
 
 
@@ -171,7 +171,7 @@ def clearance_in_words(clearance: Clearance, total: int) -> str:
     how = {STATED: "", CARRIER: " (half the carrier diagonal)"}[clearance.rule]
     if clearance.distance < clearance.wanted:
         how = f" (reduced from {1e3 * clearance.wanted:.3g} mm)"
-    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {total} candidates nearer{near and f': {near}'}"
+    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {total} candidates too near{near and f': {near}'}"
 
 
 def clearance_warning(clearance: Clearance) -> str:
@@ -181,8 +181,8 @@ def clearance_warning(clearance: Clearance) -> str:
     used = f"{1e3 * clearance.distance:.3g} mm is used" if clearance.distance else "no clearance is used"
     return (
         f"The default clearance of {1e3 * clearance.wanted:.3g} mm from edges, supports and loads (half the carrier diagonal) "
-        f"leaves fewer than {CHOICE} places, so {used}. Refine the mesh, or set gauges.clearance to a length or "
-        "none for your gauge type."
+        f"leaves fewer than {CHOICE} places, so {used}. Refine the mesh, or set gauges.clearance for your gauge "
+        "type: a length [m] or none."
     )
 
 
@@ -267,7 +267,7 @@ def advice_at_gauges(sites: AtGauges | None, labels: Sequence[str], bonded: Sequ
     groups: dict[str, list[str]] = {}
     for i, label in enumerate(labels):
         if words := sites.steep_in_words(i):
-            remedy = "" if bonded[i] else ". Position it with a template, use a shorter grid, or move it"
+            remedy = "" if bonded[i] else ". Position the gauge with a template, use a shorter grid, or move the gauge"
             yield f"{label}: {words}{remedy}."
         if not bonded[i]:
             for words in sites.access(i):
@@ -387,9 +387,9 @@ def hot_spot_advice(test: HotSpots | None, labels: Sequence[str], bonded: Sequen
         if abs(test.spread[i]) > test.share:
             how.append(f"by {_percent(test.spread[i])} if nearby nodal forces are distributed over facets")
         remedy = (
-            "Refine the mesh there, including the real fillet or contact"
+            "Refine the mesh there, and model the real fillet or contact"
             if bonded[i]
-            else "Move {it} (gauges.clearance, gauges.exclude) or refine the mesh there"
+            else "Move {it} by gauges.clearance or gauges.exclude, or refine the mesh there"
         )
         groups.setdefault((" and ".join(how), remedy), []).append(labels[i])
     for (how_much, remedy), those in groups.items():
@@ -406,7 +406,7 @@ def hot_spot_table(test: HotSpots, labels: Sequence[str]) -> Table:
         (label, _percent(refined), _percent(spread) if spread else "", "hot spot" if hot else "")
         for label, refined, spread, hot in zip(labels, test.refined, test.spread, test.hot, strict=True)
     )
-    columns = ("gauge", "with a refined mesh", "with distributed nodal forces", "result")
+    columns = ("gauge", "change with a refined mesh", "change with distributed nodal forces", "result")
     return Table(f"hot spots: strain changes by more than {100 * test.share:.2g} %", columns, rows)
 
 

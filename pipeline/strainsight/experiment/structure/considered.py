@@ -175,8 +175,8 @@ def not_held_in_words(structure: Structure) -> tuple[str, ...]:
         tolerances.position or tolerances.angle or tolerances.transverse
     ):
         sentences.append(
-            "σ does not include position, angle and transverse sensitivity errors of imported gauges, because their strain "
-            "operator has no strain gradient (tolerances.position, angle, transverse)"
+            "σ does not include position, angle and transverse sensitivity errors of imported gauges, because the "
+            "imported strain operator has no gradients (tolerances.position, tolerances.angle, tolerances.transverse)"
         )
     change = structure.reduced.misaligned.shape
     for key, std, of in (
@@ -194,7 +194,7 @@ def not_held_in_words(structure: Structure) -> tuple[str, ...]:
         ]
         if rigid:
             sentences.append(
-                f"σ does not include tolerances.{key} of {', '.join(rigid)}: this error causes no motion of the model"
+                f"σ does not include tolerances.{key} of {', '.join(rigid)}: this error causes no motion of the reduced model"
             )
     return tuple(sentences)
 
@@ -335,7 +335,7 @@ def budget_of(
     model = record.model
     x = smoothed.mean[:, 0, : model.size]
     if not np.isfinite(x).all():
-        return {}, ("no variance budget: the smoothed motion is not finite",)
+        return {}, ("no variance budget: the smoothed motion has values that are not finite",)
     u = inputs_of(model, x[:-1], record.known)
     theta = {name: float(value) for name, value in theta_of(model, x[-1]).items()}
     smoothed_values = {name: theta[name] for name in problem.unknowns.parameters}
@@ -356,7 +356,7 @@ def budget_of(
     ratio = dict(zip(problem.unknowns.names, np.sqrt(whole[0] / claimed).tolist(), strict=True))
     accurate = {name: share for name, share in shares.items() if 1 / HOLDS <= ratio[name] <= HOLDS}
     return accurate, tuple(
-        f"no variance budget of {name}: linearisation changes its σ by a factor of {ratio[name]:.2g}"
+        f"no variance budget of {name}: the linearised σ is {ratio[name]:.2g} times the claimed σ"
         for name in shares
         if name not in accurate
     )

@@ -163,7 +163,7 @@ def check_consistency(
     )
     if not finding.inconsistent:
         return ConsistencyResult("", "", by_channel)
-    ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains this"
+    ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains the inconsistency"
     if named:
         text = f": {named}"
     elif candidates:
@@ -190,7 +190,7 @@ def _worst_in_words(check: RecordCheck, test: Measured) -> str:
     sample, channel, size = check.worst
     if not size > 0:
         return ""
-    return f", the largest {size:.3g} σ at {_time_of(test, sample):.6g} s ({test.labels[channel]})"
+    return f", the largest is {size:.3g} σ at {_time_of(test, sample):.6g} s ({test.labels[channel]})"
 
 
 def _time_of(test: Measured, sample: int) -> float:
@@ -202,7 +202,10 @@ def clock_in_words(test: Measured, step: float) -> str:
     """Warning if the sampling interval of a record differs widely from the time step of the config [s], else empty."""
     if max(test.step / step, step / test.step) < OTHER_STEP:
         return ""
-    return f"the sampling interval of the record is {test.step:.3g} s, train.time_step is {step:.3g} s: check estimate.time.unit"
+    return (
+        f"the sampling interval of the record is {test.step:.3g} s, but train.time_step is {step:.3g} s: check "
+        "estimate.time.unit"
+    )
 
 
 @dataclass(frozen=True)
@@ -230,13 +233,13 @@ class FaultInWords:
         name, (entry, key) = names[fault.channel], self._entry(fault, fault.channel)
         raw = estimate / (entry.sign * entry.scale * required_unit(entry.unit).factor)
         if fault.kind == "sign":
-            check = f"its direction (loads.{name})" if fault.of_load else "the wiring"
+            check = f"the direction of the load (loads.{name})" if fault.of_load else "the wiring"
             return f"{name} has the opposite sign", f"check {check}, or set {key}.sign: {-entry.sign}"
         if fault.kind == "scale":
             gauge = 0.1 < amount < 10 and not fault.of_load
             check = "bridge and gauge factor" if gauge else f"{key}.unit (now {entry.unit})"
             remedy = f"check {check}, or set {key}.scale: {entry.scale / amount:.9g}"
-            return f"{name} is {amount:g} times too large", remedy
+            return f"the readings of {name} are {amount:g} times as large as expected", remedy
         if fault.kind == "swapped":
             other = self._entry(fault, int(amount))[1]
             return f"{name} and {names[int(amount)]} are swapped", f"exchange {key}.channel and {other}.channel"
@@ -255,12 +258,15 @@ class FaultInWords:
             what = f"{name} is {n} sample{'s' * (n > 1)} ({n * self._step:.3g} s) {late}"
             return what, f"set {key}.delay: {_delay_in_words(entry, int(amount), n * self._step)}{moving}"
         if fault.kind == "angle":
-            return f"{name} is rotated by {abs(amount):g}°", f"check its direction, and {key}.gauge and {key}.grid"
+            return (
+                f"{name} is rotated by {abs(amount):g}°",
+                f"check the direction of the gauge, {key}.gauge and {key}.grid",
+            )
         if fault.kind == "dead":
             return f"{name} contains only noise, so the gauge or its cable is broken", f"remove {key}"
         if fault.kind == "clipped":
             count = int(at_limit(self.stretch.samples[:, fault.channel]).sum())
-            what = f"{name} is clipped in at least {count} samples"
+            what = f"{name} is clipped (samples at the limit: at least {count})"
             return what, f"set {key}.missing to the clipped intervals, or remove {key}"
         spikes = "; ".join(self._spikes(fault, channel) for channel in fault.channels)
         what = f"spikes: {spikes}" if fault.kind == "spikes" else self._for_a_time(fault)
@@ -303,7 +309,7 @@ class FaultInWords:
         spans = [span[1:] for span in fault.spans if span[0] == channel]
         times = [self._time(a) if b - a == 1 else f"{self._time(a)} to {self._time(b - 1)}" for a, b in spans]
         if (more := len(times) - MOST_TIMES) > 0:
-            return f"{self.test.labels[channel]} at {', '.join(times[:MOST_TIMES])} s and at {more} other times"
+            return f"{self.test.labels[channel]} at {', '.join(times[:MOST_TIMES])} s (further times: {more})"
         last = times.pop()
         return f"{self.test.labels[channel]} at {', '.join(times) + ' and ' if times else ''}{last} s"
 
@@ -350,8 +356,8 @@ def _pattern_in_words(pattern: ResidualPattern, labels: Sequence[str]) -> str:
     most = [f"{labels[j]} ({pattern.share[j]:.0%})" for j in order if pattern.share[j] >= LEAST_SHARE]
     return (
         f"an unmodelled load or other disturbance acts on {', '.join(most)}. In this pattern of channels the innovations are "
-        f"{pattern.size:.3g} times as large as predicted and slow (correlation {pattern.correlation:.2f}). "
-        "Add the missing load (loads), or check temperature, cables and supports"
+        f"{pattern.size:.3g} times as large as predicted and change slowly (correlation {pattern.correlation:.2f}). "
+        "Add the missing load to `loads`, or check temperature, cables and supports"
     )
 
 

@@ -125,8 +125,8 @@ def of_pool_in_words(config: PlacementConfig, m: int, n: int) -> str:
     minutes = cost.seconds / 60
     time = f"{minutes / 60:.2g} h" if minutes > 90 else f"{minutes:.2g} min"
     return (
-        f"place of {m} candidates, {n} states and {scenarios_of(config)} scenarios takes about {time} of processor time and "
-        f"{cost.memory:.2g} GiB, within a factor of three. Reduce screen.keep to save time"
+        f"the stage `place` with {m} candidates, {n} states and {scenarios_of(config)} scenarios takes about {time} of processor "
+        f"time and {cost.memory:.2g} GiB of memory, within a factor of three. Reduce screen.keep to save time"
     )
 
 

@@ -94,10 +94,10 @@ def damage_places(skin: Skin, virtual: Virtual | None) -> dict[str, Places]:
     below = np.array([number[place] for place in zip(pool.element.tolist(), pool.facet.tolist(), strict=True)])
     if skin.model.laws is not None and (on := np.isin(below, skin.model.laws.facet)).any():
         raise UserError(
-            f"{int(on.sum())} virtual gauges lie on a laminate or anisotropic solid, where stress is not proportional to the "
-            f"strain of one grid (the first on element {pool.element[int(np.argmax(on))]})",
+            f"on a laminate or anisotropic solid, stress is not proportional to the strain of one grid; virtual gauges there: "
+            f"{int(on.sum())} (the first on element {pool.element[int(np.argmax(on))]})",
             key="estimate.virtual",
-            remedy="Remove these virtual gauges to compute damage; the damage of the surface covers these places.",
+            remedy="Remove these virtual gauges from estimate.virtual; the damage of the surface covers these places.",
         )
     strain = replace(virtual.change.of_terms(lambda X: X[:, None]), constant=virtual.rows[:, None])
     gauges = Places(pool.position, pool.element, strain, surface.take(below).modulus)
@@ -250,8 +250,8 @@ def damage_notes(settings: DamageSettings, withheld: str, shown: float, by: str)
     why = "not validated" if shown == SHOWN_DECIDED else "unreliable"
     return (
         *((by,) if by else ()),
-        f"damage is the median of {settings.draws} samples with its 95 % interval{few}. Below {shown:g} of the largest "
-        f"equivalent range the interval is {why}, so only the damage of the smoothed history is reported",
+        f"damage is the median of {settings.draws} samples with its 95 % interval{few}. Where the equivalent range is "
+        f"below {shown:g} of the largest one, the interval is {why}, so only the damage of the smoothed history is reported",
     )
 
 
@@ -284,7 +284,7 @@ def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndar
         raise UserError(
             f"{plies} and {thick} are both estimated, and surface stress depends on their product",
             key="estimate.damage",
-            remedy="Estimate only one of them, or remove damage.",
+            remedy="Remove one of these parameters from place.estimate, or remove estimate.damage.",
         )
     terms = {label: surface.law_stress(surface.strain, X) for label, X in law.terms.items()}
     terms |= {label: surface.unit_stress(X, law.constant) for label, X in change.terms.items()}
@@ -417,6 +417,6 @@ def walks_in_words(config: PlacementConfig, changed: Sequence[str]) -> str:
     each = [(f"loads.{name}.process_noise.model", config.loads[name].process_noise.model) for name in changed]
     keys = ", ".join(f"{key}: {model}" for key, model in each)
     return (
-        f"the measurements favour another random-walk model of {', '.join(changed)}, which is used for damage. Loads, strains "
-        f"and their σ use the configured model. Set {keys} to use it for all results"
+        f"the measurements favour another random-walk model of {', '.join(changed)} than the configured one. Damage uses the "
+        f"favoured model; loads, strains and their σ use the configured one. For all results by the favoured model, set {keys}"
     )

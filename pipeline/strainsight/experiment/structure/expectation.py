@@ -132,7 +132,7 @@ def case_table(cases: ByCase, symbol: str) -> Table:
         for i, name in enumerate(cases.name)
     )
     columns = ("load case", "weight", symbol, *(f"expected σ({name})" for name in cases.std))
-    return Table("load cases: σ relative to the amplitude of the case", columns, rows)
+    return Table("load cases: σ relative to the amplitude in the load case", columns, rows)
 
 
 def cases_in_words(cases: ByCase, aggregate: str) -> Iterator[str]:
@@ -161,8 +161,8 @@ def unresolved_candidates(training: Training) -> str:
     if not straining.any() or (largest := float(training.peak[straining].max())) >= RESOLVED:
         return ""
     return (
-        f"The largest training reading of all gauges is {_size(largest)}, below the amplifier resolution of {_size(RESOLVED)}. "
-        f"{LOUDER.capitalize()} (loads.*.signal, mesh.length_unit, mesh.mass_unit)."
+        f"The largest reading of all gauges in the training run is {_size(largest)}, below the amplifier resolution of "
+        f"{_size(RESOLVED)}. {LOUDER.capitalize()} (loads.*.signal, mesh.length_unit, mesh.mass_unit)."
     )
 
 
@@ -188,8 +188,8 @@ def loud_noise(training: Training, screened: Screened) -> str:
     if not loud:
         return ""
     return (
-        f"The noise of a sample exceeds every training reading: {'; '.join(loud)}. Check the loads, and noise_std in the unit of "
-        "the reading (1 µm/m is 1e-6)."
+        f"The noise of one sample exceeds every reading of the training run: {'; '.join(loud)}. Check the loads, and noise_std "
+        "of these sensors: noise_std has the unit of the reading (1 µm/m is 1e-6)."
     )
 
 
@@ -200,7 +200,7 @@ def unresolved_gauges(listed: GaugeList) -> Iterator[str]:
         return
     those = ", ".join(f"{listed.labels[i]} ({_size(float(listed.peak[i]))})" for i in weak)
     others = "" if len(weak) == len(listed.labels) else ", or move these gauges (gauges.include, gauges.exclude)"
-    yield f"Training readings below the amplifier resolution of {_size(RESOLVED)}: {those}. {LOUDER.capitalize()}{others}."
+    yield f"Readings in training below the amplifier resolution of {_size(RESOLVED)}: {those}. {LOUDER.capitalize()}{others}."
 
 
 def _size(strain: float) -> str:

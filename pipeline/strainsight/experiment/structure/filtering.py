@@ -129,7 +129,9 @@ def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str
                 f"{peak:.4g} {units[name]} ({100 * share:.0f} %)"
                 for peak, share in zip(one.peak, one.share, strict=True)
             )
-            words.append(f"the measurements allow {len(one.peak)} values of {name}: {places}; its σ covers all of them")
+            words.append(
+                f"the measurements allow {len(one.peak)} values of {name}: {places}; σ({name}) covers all of these values"
+            )
     return words
 
 
@@ -203,5 +205,5 @@ def excluded(estimate: Values, other: Values) -> str:
 
 def excluded_in_words(words: str, settled: bool, key: str) -> str:
     """Reason to withhold σ, from `excluded`; settled: whether the estimate starts settled (`key`)."""
-    by = f"by settled and unknown start; check {key}" if settled else "by two searches; report this record as a bug"
+    by = f"with settled and unknown initial motion; check {key}" if settled else "by two searches; report this as a bug"
     return f"two estimates exclude each other: {words} ({by})" if words else ""

@@ -157,7 +157,7 @@ def measured_of(
     every = steps_a_sample(loads) if settings.time_step is None else round(dt / settings.time_step)
     if settings.time_step is not None and (every < 1 or abs(every * settings.time_step / dt - 1) > 1e-6):
         raise ConfigError(
-            f"{settings.time_step:g} s does not divide the sampling interval of {dt:.9g} s",
+            f"the time step of {settings.time_step:g} s does not divide the sampling interval of {dt:.9g} s",
             key="estimate.time_step",
             remedy=f"Remove the key, or set it to {dt / max(every, 1):.9g} s.",
         )
@@ -224,7 +224,11 @@ def settled_in(problem: Problem, test: Measured) -> Settled:
                 break
         else:
             return settled_at(problem, tones.frequency, amplitude)
-    raise ConfigError(wrong, key="estimate.start", remedy="Set moving, or rest if the structure was at rest.")
+    raise ConfigError(
+        wrong,
+        key="estimate.start",
+        remedy="Set estimate.start: moving, or estimate.start: rest if the structure was at rest.",
+    )
 
 
 def _channel(key: str, entry: GaugeChannel, problem: Problem, gauges: Mapping[str, int]) -> int:
@@ -233,9 +237,9 @@ def _channel(key: str, entry: GaugeChannel, problem: Problem, gauges: Mapping[st
     grids = grids[grids >= 0]
     if entry.grid > len(grids):
         raise ConfigError(
-            f"grid {entry.grid} does not exist, the gauge has {len(grids)}",
+            f"the gauge has no grid {entry.grid} (number of grids: {len(grids)})",
             key=f"{key}.grid",
-            remedy=f"Set 1 to {len(grids)}.",
+            remedy=f"Set a grid number of at most {len(grids)}.",
         )
     return int(grids[entry.grid - 1])
 
@@ -264,8 +268,8 @@ def wanted_of(record: RecordSettings, known: Sequence[str], units: Mapping[str, 
             raise ConfigError(
                 f"the known load '{name}' has no channel",
                 key=record.inputs,
-                remedy=f"Set inputs: {{{name}: {{channel: …, unit: {units[name]}}}}}, or set loads.{name}.known: false to "
-                "estimate it.",
+                remedy=f"Set {record.inputs}: {{{name}: {{channel: …, unit: {units[name]}}}}}, or set loads.{name}.known: false "
+                "to estimate the load.",
             )
     wanted: dict[str, Channel] = {f"{record.channels}.{i}": entry for i, entry in enumerate(record.settings.channels)}
     return wanted | {f"{record.inputs}.{name}": inputs[name] for name in known}
@@ -305,7 +309,7 @@ def _check_strain(key: str, entry: Channel, time: np.ndarray, values: np.ndarray
         raise ConfigError(
             f"{what}, in {len(implausible)} of {len(time)} samples: at {times} s{' …' * (len(implausible) > 10)}",
             key=f"{key}.missing",
-            remedy="Mark these samples as missing: [[from, to], …].",
+            remedy="Set the intervals of these samples as missing: [[from, to], …] [s].",
         )
     if len(implausible):
         raise ConfigError(
@@ -343,7 +347,9 @@ def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str)
             key="estimate.start",
             remedy="Set estimate.start: moving.",
         )
-    note = f"{count - (end - begin)} samples at the ends of the record were removed because they lack a known load"
+    note = (
+        f"samples at the ends of the record that were removed because a known load is missing: {count - (end - begin)}"
+    )
     return replace(
         signals, time=signals.time[begin:end], values=signals.values[begin:end], notes=(*signals.notes, note)
     )
@@ -370,16 +376,14 @@ def hold_known_loads(
         rate = 1 / (spacing * (signals.time[1] - signals.time[0]))
         missing = int(np.isnan(values).sum())
         if missing:
-            notes.append(f"{name}: {missing} missing samples were interpolated by a spline")
+            notes.append(f"missing samples of the load {name} that were interpolated by a spline: {missing}")
         share = share_above(filled, BAND / spacing)
-        fast = (
-            f"{100 * share:.2g} % of the RMS of '{name}' is above {BAND * rate:.4g} Hz ({BAND:g} of its sampling rate)"
-        )
+        fast = f"{100 * share:.2g} % of the RMS of '{name}' is above {BAND * rate:.4g} Hz ({BAND:g} times its sampling rate)"
         if share > LARGEST:
             raise ConfigError(
                 f"{fast}, so this load cannot be interpolated between samples",
                 key=f"{key}.{name}",
-                remedy="Record the load at a higher rate with an anti-aliasing filter, or estimate this load.",
+                remedy=f"Record the load at a higher rate with an anti-aliasing filter, or set loads.{name}.known: false.",
             )
         if share > SLIGHT:
             notes.append(f"{fast}, which affects the estimate. Record the load at a higher rate")
@@ -401,8 +405,8 @@ def _spacing(signals: Signals, name: str, values: np.ndarray, key: str) -> int:
         if not at_ends:
             where = f"{spacing[longest] - 1} in a row, the first at {signals.time[known[longest] + 1]:g} s"
         raise ConfigError(
-            f"{np.isnan(values).sum()} samples of the known load '{name}' are missing, {where}",
+            f"the known load '{name}' has missing samples: {np.isnan(values).sum()} in total, {where}",
             key=key,
-            remedy="Cut the record, or estimate this load.",
+            remedy=f"Remove this part of the record, or set loads.{name}.known: false to estimate the load.",
         )
     return int(spacing.max())

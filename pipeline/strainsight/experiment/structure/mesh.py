@@ -92,7 +92,7 @@ def grounding_warnings(mesh: Mesh) -> tuple[str, ...]:
     more = f" and {len(grounding) - SHOWN} more" if len(grounding) > SHOWN else ""
     return (
         f"springs or relations between nodes resist a rigid-body motion like a support: {named}{more}. Move "
-        "their end nodes to the same point, or align them with the line between these nodes",
+        "their end nodes to the same point, or align the springs and relations with the line between their end nodes",
     )
 
 
@@ -109,7 +109,7 @@ def heavy_points(mesh: Mesh) -> tuple[str, ...]:
     return (
         f"point masses ({points:.4g} kg) are {points / elements:.3g} times as heavy as the elements ({elements:.4g} kg). "
         f"A steel ball of this mass has a diameter of {ball:.3g} m, the structure a length of {long:.3g} m. "
-        "Check mesh.mass_unit; ignore this for a large mass that drives the base",
+        "Check mesh.mass_unit; ignore this warning for a large mass that drives the base",
     )
 
 
@@ -172,7 +172,7 @@ def _with_mass(mesh: Mesh, config: MeshFile, key: str) -> Mesh:
         )
     chosen = mesh.lumped if config.mass is None else config.mass == "lumped"
     by = "PARAM,COUPMASS" if config.mass is None else f"{key}.mass"
-    note = f"mass of solids is lumped ({by}): the diagonal, scaled to the mass of each element"
+    note = f"the mass matrix of solids is lumped ({by}): diagonal of the consistent matrix, scaled to the mass of each element"
     return replace(mesh, lumped=chosen, notes=(*mesh.notes, *[note] * chosen))
 
 
@@ -272,7 +272,7 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
         raise UserError(
             "the mesh has no faces, because it has no solids, shells or beams with a cross-section",
             key=f"{key}.faces",
-            remedy="Use node sets instead.",
+            remedy="Remove this key, and use node sets of the mesh file instead.",
         )
     if config.faces:
         facets = exterior_facets(mesh)

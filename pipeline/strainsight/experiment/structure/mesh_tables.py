@@ -125,7 +125,7 @@ def _constraints(mesh: Mesh) -> list[Row]:
     supported = len(np.unique(mesh.fixed[:, 0]))
     rows = [("fixed", plural(len(mesh.fixed), "component"), plural(supported, "node"))]
     if mesh.axes:
-        rows.append(("local displacement systems", plural(len(mesh.axes), "node"), ""))
+        rows.append(("local displacement coordinate systems", plural(len(mesh.axes), "node"), ""))
     ties = {
         kind: [
             (str(tie), plural(len(tie.nodes), "node"), f"reference node {mesh.node_ids[tie.reference]}")
@@ -139,7 +139,7 @@ def _constraints(mesh: Mesh) -> list[Row]:
             (
                 str(relation),
                 plural(len(relation.node), "motion"),
-                f"node {mesh.node_ids[relation.follower[0]]} component {relation.follower[1] + 1} follows",
+                f"dependent: node {mesh.node_ids[relation.follower[0]]} component {relation.follower[1] + 1}",
             )
             for relation in mesh.relations
         ],
@@ -206,7 +206,7 @@ def _shortened(rows: list[Row], what: str) -> list[Row]:
 def _quality(quality: Quality) -> Row:
     worst = int(np.argmin(quality.shape))
     least = f"smallest {quality.shape[worst]:.3f} (element {quality.ids[worst]})"
-    detail = f"{least}, smallest |J| ratio {quality.curvature.min():.3f}"
+    detail = f"{least}, smallest Jacobian ratio {quality.curvature.min():.3f}"
     return (f"shape quality of {quality.kind}", f"mean {quality.shape.mean():.3f}", detail)
 
 
@@ -268,7 +268,11 @@ def _connections(mesh: Mesh) -> Iterator[Row]:
         return
     joints = Joints(mesh)
     tied = np.unique(joined_parts(mesh, joints)[mesh.nodes_of_elements])
-    yield ("parts without common nodes", str(parts(mesh).count), f"{len(tied)} including ties, relations and springs")
+    yield (
+        "parts without common nodes",
+        str(parts(mesh).count),
+        f"{len(tied)} if ties, relations and springs count as connections",
+    )
     coincident = Coincident(mesh, joints)
     yield ("coincident nodes that are not connected", str(len(coincident.unjoined)), "")
     if mesh.shells:
@@ -277,7 +281,7 @@ def _connections(mesh: Mesh) -> Iterator[Row]:
             for block in mesh.shells
         ]
         _, count = np.unique(np.sort(np.concatenate(rings), axis=1), axis=0, return_counts=True)
-        several = f"{int((count > 2).sum())} edges have more than two shells"
+        several = f"edges with more than two shells: {int((count > 2).sum())}"
         yield ("free edges of shells", str(int((count == 1).sum())), several)
 
 
@@ -291,10 +295,14 @@ def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
             yield ("rigid-body check: free motions", "?", error.what)
     between = links(mesh)
     ground = sum(link.share > EXACT for link in between)
-    detail = f"{ground} resist free motion; largest share {between[0].share:.2g}, {between[0].name}" if between else ""
+    detail = (
+        f"resisting a rigid-body motion: {ground}; largest relative stretch {between[0].share:.2g}, {between[0].name}"
+        if between
+        else ""
+    )
     yield ("rigid-body check: springs and relations between nodes", str(len(between)), detail)
     supports = len(np.unique(mesh.fixed[:, 0]))
-    yield ("supported nodes", str(supports), f"{len(mesh.fixed)} fixed components")
+    yield ("supported nodes", str(supports), plural(len(mesh.fixed), "fixed component"))
 
 
 def _masses(mesh: Mesh) -> Iterator[Row]:
@@ -330,24 +338,26 @@ def _differences(mesh: Mesh, program: str) -> Iterator[Row]:
     """Differences from other programs that apply to this mesh."""
     kinds = {block.kind for block in mesh.elements}
     for text in (
-        "linear about the unloaded state: no preload, contact, large displacements or temperature",
+        "the model is linear about the unloaded state: no preload, contact, large displacements or temperature",
         "damping is taken from the config, not from the deck",
-        "mass of solids is lumped (mesh.mass or PARAM,COUPMASS): diagonal of the consistent mass, scaled to the element mass; "
-        "on coarse meshes frequencies are lower than with consistent mass"
+        "the mass matrix of solids is lumped (mesh.mass or PARAM,COUPMASS): diagonal of the consistent matrix, scaled to the "
+        "element mass; on coarse meshes frequencies are lower than with consistent mass"
         if mesh.lumped
         else {
-            "nastran": "mass is consistent; Nastran uses lumped mass unless PARAM,COUPMASS is 1 (mesh.mass: lumped), with lower "
-            "frequencies on coarse meshes",
-            "abaqus": "mass is consistent; Abaqus uses lumped mass for first-order elements, with lower frequencies on coarse "
-            "meshes",
-        }.get(program, "mass is consistent"),
-        "hex8 elements have incompatible modes and bend without locking; programs without them are stiffer"
+            "nastran": "the mass matrix is consistent; Nastran uses lumped mass unless PARAM,COUPMASS is 1 (mesh.mass: lumped), "
+            "with lower frequencies on coarse meshes",
+            "abaqus": "the mass matrix is consistent; Abaqus uses lumped mass for first-order elements, with lower frequencies "
+            "on coarse meshes",
+        }.get(program, "the mass matrix is consistent"),
+        "hex8 elements have incompatible modes and bend without locking; without incompatible modes they are stiffer"
         if "hex8" in kinds
         else "",
         "linear tetrahedra, wedges and pyramids are too stiff in bending"
         if kinds & {"tet4", "wedge6", "pyra5"}
         else "",
-        "the drilling stiffness of shells follows from the membrane, without K6ROT" if mesh.shells else "",
+        "the drilling stiffness of shells is computed from their membrane stiffness; K6ROT is not used"
+        if mesh.shells
+        else "",
         "beams use the shear factors of their section; the slenderness compensation of Abaqus is not applied"
         if program == "abaqus" and mesh.beams
         else "",

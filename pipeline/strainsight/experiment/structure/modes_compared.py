@@ -106,11 +106,11 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
     if len(theirs) > massive:
         raise UserError(
             f"the file has {len(theirs)} modes, but the model has only {massive} unknowns with mass",
-            remedy="Compare fewer modes.",
+            remedy="Use a results file with fewer modes.",
         )
     notes = [
         f"mode {mode.number} of the file ({mode.frequency:.3g} Hz) is a rigid-body mode, but the model of the deck has "
-        + (f"only {rigid}" if rigid else "none")
+        + (f"only {plural(rigid, 'rigid-body mode')}" if rigid else "no rigid-body modes")
         for mode in still[rigid:]
         if mode.frequency <= RIGID * theirs[-1].frequency  # with wrong units all modes would be listed
     ]
@@ -146,7 +146,7 @@ def _on_both(
     of all nodes."""
     lacking = [str(mode.number) for mode in theirs if not len(mode.node_ids)]
     if lacking:
-        some = f"no MAC: mode {', '.join(lacking[:8])} of the file has no shape, other modes have one"
+        some = f"the MAC is not available, because these modes of the file have no shape: {', '.join(lacking[:8])}"
         return None, [some] if len(lacking) < len(theirs) else [], None
     table, columns = IdTable(mesh.node_ids[: mesh.own_nodes]), []
     ids = np.unique(np.concatenate([mode.node_ids for mode in theirs]))
@@ -164,14 +164,14 @@ def _on_both(
     notes = []
     if len(foreign):
         notes.append(
-            f"{len(foreign)} of {plural(len(ids), 'node')} of the file are not in the mesh and are omitted, such as "
+            f"nodes of the file that are not in the mesh and are omitted: {len(foreign)} of {len(ids)}, for example "
             f"{foreign[0]}. Check that the file belongs to this deck"
         )
     over = len(common), mesh.own_nodes
     if len(common) < min(FEWEST, over[1]) or len(common) < min(ENOUGH, SHARE * over[1]):
         notes.append(
-            f"no MAC: only {len(common)} of {plural(over[1], 'node')} of the mesh have a shape in every mode of the file. "
-            "Print all nodes in the other program"
+            f"the MAC is not available: only {len(common)} of {plural(over[1], 'node')} of the mesh have a shape in every mode "
+            "of the file. Write the mode shapes at all nodes in the other program"
         )
         return None, notes, None
     for mode in theirs:

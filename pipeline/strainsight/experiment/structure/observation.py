@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
+from strainsight.decks.faults import plural
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.recorded import signal_of
 from strainsight.experiment.structure.candidates import channels_of, largest_of_quantity, reading_sizes
@@ -166,9 +167,9 @@ def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: in
     if allowed:
         return words
     raise InfeasibleError(
-        f"the {len(channels)} channels cannot determine {words}",
+        f"the {plural(len(channels), 'channel')} cannot determine {words}",
         key="estimate.channels",
-        remedy="Add channels, or use --allow-unobservable to estimate anyway.",
+        remedy="Add channels to estimate.channels, or use --allow-unobservable to estimate anyway.",
     )
 
 

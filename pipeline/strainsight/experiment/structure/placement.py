@@ -175,9 +175,9 @@ class _OnStructure(Subject):
             return np.zeros((len(self.problems), len(self.screened.noise_std)))
         if self.screened.installation is None:
             raise ConfigError(
-                "the candidates were screened without installation errors",
+                "the result of the stage `screen` contains no installation errors",
                 key="place.installation",
-                remedy="Run the stage screen again with this config.",
+                remedy="Run the stage `screen` again with this config.",
             )
         return self.screened.installation
 
@@ -326,9 +326,9 @@ def pool_of(
             pairs.append((int(gauge), other))
     if not pairs:
         raise InfeasibleError(
-            f"none of the {len(selected)} gauges of the pool has a mirror image in it",
+            f"none of the {len(selected)} gauges of the pool has a mirror image in the pool",
             key="place.symmetry",
-            remedy="Check the plane, keep more candidates (screen.keep: all), or use a mirrored mesh.",
+            remedy="Check the symmetry plane, keep more candidates (screen.keep: all), or use a mirrored mesh.",
         )
     gauges = np.array(pairs)
     first, second = channels.of(gauges[:, 0]), channels.of(np.maximum(gauges[:, 1], 0))

@@ -231,7 +231,7 @@ def load_dependence_text(problem: Problem) -> str:
     names, loads = ", ".join(unknowns.parameters), ", ".join(unknowns.inputs)
     return (
         f"no load is known, so the estimates of {names} depend on the process_noise of {loads}, and σ is invalid for other "
-        "loads. Measure one load and set it as known"
+        "loads. Measure one load and set loads.*.known: true for this load"
     )
 
 
@@ -243,7 +243,7 @@ def damping_dependence_text(problem: Problem) -> str:
         return ""
     return (
         f"the damping factor {damping} is also unknown, so σ of {', '.join(others)} depends on the process_noise of "
-        f"{', '.join(unknowns.inputs)}. Remove {damping} to make σ independent of this noise model"
+        f"{', '.join(unknowns.inputs)}. Remove {damping} from place.estimate to make σ independent of process_noise"
     )
 
 
@@ -255,8 +255,8 @@ def scheme_in_words(problem: Problem, h: float) -> str:
     bias = scheme_bias(modal_basis(model, at)[0], model.damping.at(at), h, problem.scheme)
     longer, damped = (values[0] for values in bias)
     return (
-        f"the {problem.scheme.replace('_', ' ')} step of {h:g} s increases the period of the first mode by {100 * longer:.2g} % "
-        f"(error of a modulus {200 * longer:.2g} %) and adds {100 * damped:.2g} % of damping"
+        f"the {problem.scheme.replace('_', ' ')} scheme with a time step of {h:g} s increases the period of the first mode "
+        f"by {100 * longer:.2g} % (error of a modulus: {200 * longer:.2g} %) and the damping ratio by {100 * damped:.2g} %"
     )
 
 

@@ -226,7 +226,7 @@ def _require_memory(filters: Sequence[RecordFilter], some: bool) -> None:
 def budget_in(record: RecordFilter, result: FilteredRecord) -> tuple[Shares, tuple[str, ...]]:
     """Variance budget, and the reasons if it is missing."""
     if record.records > 1:
-        return {}, ("no variance budget: available for a single record only",)
+        return {}, ("no variance budget: it is available only for a single record",)
     if record.long:
         return {}, (f"no variance budget: the record has more than {LONGEST_COMPARED} steps",)
     if len(record.biased):

@@ -122,11 +122,13 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
                         f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns, but {path.name} has {len(node_ids)} "
                         "unknowns",
                         where=str(files[key]),
-                        remedy="Use matrix and numbering of the same model.",
+                        remedy="Use a matrix and a numbering file of the same model.",
                     )
                 X, off = symmetric(X, files[key])
             if off > NOTED:
-                notes.append(f"{files[key].name} was made symmetric (asymmetry {off:.1e} of its largest entry)")
+                notes.append(
+                    f"{files[key].name} was made symmetric (largest asymmetry: {off:.1e} times the largest entry)"
+                )
             terms[kind].append(Term(X, entry.parameter, 1.0 if entry.at is None else entry.at))
     with blame("mesh.matrices"):
         ready = convert_matrices(
@@ -231,7 +233,7 @@ def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.nd
         if strained < BALANCED:
             raise UserError(
                 "the load causes only rigid-body acceleration of the free structure (mesh.free) and no strain "
-                f"({strained:.1e} of the load remains after inertia relief)",
+                f"(a fraction of {strained:.1e} of the load remains after inertia relief)",
                 key=f"loads.{name}",
                 remedy="Remove the load, or add supports (mesh.supports) instead of mesh.free.",
             )
@@ -325,8 +327,8 @@ def inertia_problems(train: Train, training: Training, first: float) -> Iterator
     elif first * train.time_step * SAMPLES > 1:
         yield (
             f"The time step of {train.time_step:g} s is {first * train.time_step:.2g} periods of the first mode ({first:.4g} Hz) "
-            "and does not resolve the vibration. For slow loads, train.model: static is more accurate. Otherwise reduce the "
-            "time step."
+            "and does not resolve the vibration. For slow loads, train.model: static is more accurate. Otherwise reduce "
+            "train.time_step."
         )
 
 

@@ -101,7 +101,7 @@ def parameters_of(
                 factor, usual = {"Pa": (1e6, "MPa"), "m": (1e-3, "mm")}.get(unit, (1.0, unit))
                 remedy = "Check mesh.length_unit and mesh.mass_unit, or the guess."
                 if unit == "1":
-                    remedy = "The parameter is a factor on the value of the deck; 1.0 leaves it unchanged."
+                    remedy = "Set a factor on the value of the deck; 1.0 leaves the value unchanged."
                 elif 0.1 <= factor * value / deck <= 10:
                     remedy = f"If you mean {value:g} {usual}, set {factor * value:.4g} {unit}."
                 raise ConfigError(
@@ -239,7 +239,7 @@ def _require_affine(parameter: Parameter, parameters: Sequence[Parameter]) -> No
             raise UserError(
                 f"body forces (gravity, rotation) depend on the product of {parameter.name} and {other.name}",
                 key=f"parameters.{other.name}",
-                remedy="Estimate only one of them, or define the load as forces.",
+                remedy="Remove one of these parameters from place.estimate, or define the load by forces.",
             )
 
 
@@ -387,8 +387,8 @@ def on_one_node(loads: Mapping[str, LoadSection], mesh: Mesh) -> tuple[str, ...]
                 what = "solid" if node in solid else "shell"
                 sentences.append(
                     f"loads.{name} is a concentrated force on node {load.node} of a {what}, where strain increases with mesh "
-                    f"refinement. Distribute it over a face (mesh.faces, loads.{name}.set), or tie the nodes to a reference "
-                    "node (mesh.ties)"
+                    f"refinement. Distribute the force over a face (mesh.faces, loads.{name}.set), or tie the nodes to a "
+                    "reference node (mesh.ties)"
                 )
     return tuple(sentences)
 

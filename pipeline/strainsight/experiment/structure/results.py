@@ -159,9 +159,9 @@ def _gather(
                     one.responses.append(replace(response, motion=np.zeros((0, 3))))  # stored in `motion` below
                     one.motion.append(motion)
         if missing.any():
-            notes.append(f"{int(missing.sum())} nodes of {path.name} are not in the mesh and are omitted")
+            notes.append(f"nodes of {path.name} that are not in the mesh and are omitted: {int(missing.sum())}")
         if scalar_points:
-            notes.append(f"{scalar_points} scalar or fluid points of {path.name} are omitted")
+            notes.append(f"scalar or fluid points of {path.name} that are omitted: {scalar_points}")
         for one in of_file:
             _check_responses(one, path, list(steps))
     return notes
@@ -189,14 +189,14 @@ def _check_responses(wanted: WantedResult, path: Path, steps: list[str]) -> None
             f"no {'modes' if modes else 'static response'}{of_step} in the file",
             where=str(path),
             key=wanted.key,
-            remedy=f"The file contains {listed}{', …' if len(steps) > 8 else ''}.",
+            remedy=f"Choose another step or file. The file contains {listed}{', …' if len(steps) > 8 else ''}.",
         )
     if len(several) > 1:
         raise DeckError(
             f"several steps have {'modes' if modes else 'static responses'}: {', '.join(map(str, several[:8]))}",
             where=str(path),
             key=wanted.key,
-            remedy=f"Set {wanted.key}.step.",
+            remedy=f"Set {wanted.key}.step to one of these steps.",
         )
     if not modes and len(wanted.responses) > 1:
         raise DeckError(
@@ -238,10 +238,10 @@ def _proportional(entry: ResultsSection, mesh: Mesh, parameters: Sequence[Parame
         if set(regions_of(mesh.elements)) - set(parameter.regions) or elsewhere:
             part = f"{parameter.name} does not scale {f'the {but} of the deck' if elsewhere else 'all regions'}"
             raise UserError(
-                f"results at one value determine only the effect of a factor on the whole {kind}, but {part}",
+                f"results at one parameter value determine only the effect of a factor on the whole {kind}, but {part}",
                 key=f"parameters.{parameter.name}",
                 remedy="Estimate a property or a stiffness_factor of all regions, or import a second set of results at another "
-                "value (mesh.results.second), the deck, or mesh.matrices.",
+                "value (mesh.results.second), or use the deck or mesh.matrices.",
             )
         scaled[kind] = parameter.name, _made_with(entry, mesh, parameter)
     return scaled
@@ -260,6 +260,7 @@ def _made_with(settings: ResultsSection, mesh: Mesh, parameter: Parameter) -> fl
         raise UserError(
             f"the {parameter.property} of the imported results is unknown: {what}",
             key="mesh.results.at",
-            remedy=f"Set at: {{{parameter.name}: …}}, or for different values estimate a stiffness_factor of all regions.",
+            remedy=f"Set mesh.results.at: {{{parameter.name}: …}}, or for different values estimate a "
+            "stiffness_factor of all regions.",
         )
     return values.pop()

@@ -165,7 +165,7 @@ def _by_unknowns(structure: Structure, noise_std: np.ndarray, v: np.ndarray | No
     alone, config = list(_alone(structure)), structure.config
     if not alone:
         raise InfeasibleError(
-            f"no candidate reads a signal from {' or '.join(config.place.estimate)} in the training run",
+            f"in the training run, no reading of a candidate depends on {' or '.join(config.place.estimate)}",
             key="place.estimate",
             remedy="Use training loads that excite these unknowns, for example a recorded signal that is not zero.",
         )
@@ -228,6 +228,6 @@ def _noise_std(noise: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) 
         raise ConfigError(
             "relative noise is undefined because all candidates read zero in the training run",
             key=key,
-            remedy="Set {value: …}, or load the structure.",
+            remedy=f"Set {key}: {{value: …}}, or use loads that strain the structure.",
         )
     return noise.relative_to_strongest * strongest

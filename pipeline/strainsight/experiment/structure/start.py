@@ -57,7 +57,9 @@ def _lead(settle: float, signals: Sequence[Signal], h: float) -> np.ndarray:
     remedy = "Set train.settle to auto or none, or use a record that begins earlier."
     if any(isinstance(signal, Sweep) for signal in signals):
         raise ConfigError(
-            f"a sweep begins at t = 0 and has no settling time of {settle:g} s", key="train.settle", remedy=remedy
+            f"a sweep begins at t = 0, so a settling time of {settle:g} s before it is not possible",
+            key="train.settle",
+            remedy=remedy,
         )
     count = ceil(settle / h * (1 - 1e-9))
     try:

@@ -239,7 +239,7 @@ def _points(trial: Trial, sweeps: Sweeps) -> list[tuple[str, float]]:
         key = f"validate.sweeps.wrong_parameters.{name}"
         if name not in trial.problem.model.parameters:
             known = ", ".join(trial.problem.model.parameters) or "none"
-            raise ConfigError(f"unknown parameter '{name}'", key=key, remedy=f"Parameters: {known}.")
+            raise ConfigError(f"unknown parameter '{name}'", key=key, remedy=f"Choose one of the parameters: {known}.")
         if name in trial.problem.unknowns.parameters:
             raise ConfigError(
                 f"'{name}' is estimated, so it cannot have a wrong value",
@@ -273,7 +273,7 @@ def sweep_table(swept: SweepTable) -> Table:
     words = {"time_step": "time step {:g} s", "process_noise": "process noise × {:g}"}
     rows = tuple(
         (
-            words.get(key, f"{key} assumed {{:g}} × truth").format(value),
+            words.get(key, f"{key} assumed {{:g}} × true value").format(value),
             *(f"{100 * swept.error[n][i]:.3g} % (σ {100 * swept.std[n][i]:.2g} %)" for n in swept.error),
         )
         for i, (key, value) in enumerate(zip(swept.key, swept.value, strict=True))

@@ -123,9 +123,9 @@ def typical_of(
             amplitude = amplitude if entry.amplitude is None else entry.amplitude
         if run.name and amplitude == 0:
             raise ConfigError(
-                f"load '{name}' is zero throughout this case",
+                f"load '{name}' is zero at all times of this load case",
                 key=f"{run.key}.loads.{name}",
-                remedy=f"Set {name}: none.",
+                remedy=f"Set {run.key}.loads.{name}: none.",
             )
         typical[name] = frequency, amplitude
     return typical
@@ -282,7 +282,8 @@ def refuse_damping(damping: Damping, frequency: np.ndarray) -> None:
     if ratio.min() > MOST_DAMPED:
         least = int(np.argmin(ratio))
         raise InfeasibleError(
-            f"the smallest damping ratio of all modes is {ratio[least]:.2g}, at {frequency[least]:.4g} Hz (1 is critical)",
+            f"the smallest damping ratio of all modes is {ratio[least]:.2g} (at {frequency[least]:.4g} Hz), above the limit of "
+            f"{MOST_DAMPED:g}",
             key="damping",
             remedy="Check alpha [1/s] and beta [s]: ζ = (α/ω + βω)/2 with ω = 2πf.",
         )
@@ -296,14 +297,15 @@ def refuse_times(frequency: np.ndarray, duration: float, step: float, section: s
     units = "Check mesh.length_unit, mesh.mass_unit, modulus and density"
     if last * duration < LEAST_PERIODS:
         raise InfeasibleError(
-            f"{duration:g} s are only {last * duration:.2g} periods of the last mode ({last:.4g} Hz), too short for an effect of "
-            "the stiffness",
+            f"the duration of {duration:g} s is only {last * duration:.2g} periods of the last mode ({last:.4g} Hz), too short "
+            "for the stiffness to affect the readings",
             key=f"{section}.duration",
             remedy=f"{units}, or set at least {at_least(LEAST_PERIODS / last)} s, better a few periods of the first mode.",
         )
     if first * step > MOST_PERIODS:
         raise InfeasibleError(
-            f"{step:g} s are {first * step:.2g} periods of the first mode ({first:.4g} Hz), so the response is static",
+            f"the time step of {step:g} s is {first * step:.2g} periods of the first mode ({first:.4g} Hz), so the response is "
+            "static",
             key=f"{section}.time_step",
             remedy=f"{units}, or set at most {at_most(MOST_PERIODS / first)} s.",
         )

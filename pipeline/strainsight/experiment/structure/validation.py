@@ -126,7 +126,7 @@ def validation_of(
     compare = problem.method == "grid" and config.filter.compare is not False
     samples = trial.covariance, trial.known, measured
     record = GridRecord(model, np.zeros(model.size), *samples, none_considered(model), settled=trial.settled)
-    watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
+    watch = _watched(using, "noise levels, repeated runs, random layouts", 0.4, 0.8)
     studies, lost = studies_of(
         trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch
     )
@@ -325,7 +325,7 @@ def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, uni
 def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
     """Summary numbers; model: of the truth in the config."""
     trial, scheme = validation.trial, scheme_in_words(validation.trial.problem, validation.trial.h)
-    stopped = f"position errors of {trial.stopped} gauges limited by an edge" if trial.stopped else ""
+    stopped = f"gauges with a position error limited by an edge: {trial.stopped}" if trial.stopped else ""
     consistency = validation.validated.consistency
     numbers: dict[str, Scalar] = {
         "truth": model,
@@ -384,7 +384,7 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
     return "; ".join(words)
 
 
-MEDIANS = ("random, screened (median)", "random, all (median)")
+MEDIANS = ("random layouts, screened (median)", "random layouts, all (median)")
 
 
 def _table(validation: Validation, withheld: bool) -> Table:
@@ -397,7 +397,7 @@ def _table(validation: Validation, withheld: bool) -> Table:
             rms, truth = "", f"{trial.truth.theta[name]:.5g}"
         else:
             rms, truth = " RMS", f"{np.sqrt(np.mean(trial.history[name] ** 2)):.5g}"
-        truth += f" (in % of its amplitude {accuracy.scale:.4g})" if accuracy.zero else ""
+        truth += f" (errors in % of the amplitude {accuracy.scale:.4g})" if accuracy.zero else ""
         medians = (
             f"{100 * np.nanmedian(sets.error[name]):.3f} %" if len(sets.error[name]) else "-"
             for sets in (validated.screened, validated.all)

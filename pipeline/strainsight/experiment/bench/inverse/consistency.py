@@ -39,14 +39,14 @@ from strainsight.experiment.hold_out import hold_out_numbers, hold_out_table, mi
 from strainsight.records.bench import BenchEstimated
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table, warnings_table
-from strainsight.text import csv_bytes, number
+from strainsight.text import csv_bytes, listed, number
 
 HARDLY = 0.5
 """σ of a load relative to its largest value above which it is weakly observable."""
 MATCHES = 0.01
 """Largest mismatch of a sensor for benches with the same motion."""
 REMEDY = (
-    "set bodies.*.moduli.*.value nearer to the estimate, keep more modes (bodies.*.modes), or check loads, units, supports and "
+    "set bodies.*.moduli.*.value closer to the estimate, keep more modes (bodies.*.modes), or check loads, units, supports and "
     "sensors"
 )
 """Remedy for a modulus outside its `reach`."""
@@ -108,7 +108,8 @@ class Evidence:
 
     @property
     def _disagreement(self) -> str:
-        return f"{', '.join(self.against)} {'is' if len(self.against) == 1 else 'are'} {SENSORS_DISAGREE}"
+        subject = "the estimate of" if len(self.against) == 1 else "the estimates of"
+        return f"{subject} {listed(self.against)} {'is' if len(self.against) == 1 else 'are'} {SENSORS_DISAGREE}"
 
     def result_of(self, name: str) -> str:
         """Most serious problem of an unknown; else the calibration of σ if the truth is known, or the result of the hold-out
@@ -137,34 +138,34 @@ class Evidence:
         """Warnings about overconfident, unobservable or inconsistent estimates."""
         estimate, lost = self.estimate, self.estimation.filtered.lost
         if (diverged := lost[lost >= 0]).size:
-            yield f"{len(diverged)} of {len(lost)} runs diverged, the first after {diverged.min()} steps"
+            yield f"{len(diverged)} of {len(lost)} runs diverged, the first at step {diverged.min()}"
         if not self.outside_range:
             yield from self.overconfident()
             yield from (
-                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of its largest value. Add sensors, or set "
-                "a load as known"
+                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of the largest value of {name}. Add sensors, "
+                "or remove a known load from estimate.inputs"
                 for name in self.names
                 if self._share(name) > HARDLY
             )
             yield from (
-                f"{name} is not identified: estimates from different starts differ by more than 3.2 σ, σ exceeds half of the "
-                "initial σ, or the error exceeds σ"
+                f"{name} is not identified: estimates from different initial values differ by more than 3.2 σ, or σ exceeds half "
+                "of the initial σ, or the error exceeds σ"
                 for name in self.names
                 if self.numbers.get(f"identified.{name}") is False
             )
         # slow loads reduce innovations, down to (m − n)/m, so warn only for a truth of the filter's own model
         if self.size == OVERCONFIDENT or (estimate.truth.model == "sampled" and self.size == TOO_CAUTIOUS):
             nis = self._number("nis")
-            off, noises = ("larger", "small") if nis > 1 else ("smaller", "large")
+            noises = "small" if nis > 1 else "large"
             tolerances = ". Gauge errors (estimate.tolerances) are included in σ, but not in this check"
             yield (
-                f"innovations are {np.sqrt(max(nis, 1 / nis)):.3g} times {off} than predicted: the model differs from the "
-                f"bench, or increments, disturbance or noise are too {noises}{tolerances * bool(estimate.tolerances)}"
+                f"the RMS innovation is {np.sqrt(nis):.3g} times the predicted value: the model of the filter differs from the "
+                f"bench, or increment, disturbance or noise in `estimate` is too {noises}{tolerances * bool(estimate.tolerances)}"
             )
         for name in estimate.sensors if estimate.measured is not None else ():
             if (mismatch := self._number(f"mismatch.{name}")) > MATCHES:
-                where = "in the test" if self.in_test else f"on {getattr(estimate.measured, 'run', '')}"
-                yield f"with the estimated loads, {name} differs by {100 * mismatch:.3g} % from its reading {where}"
+                where = "in the test" if self.in_test else f"in the run {getattr(estimate.measured, 'run', '')}"
+                yield f"under the estimated loads, the reading of {name} differs by {100 * mismatch:.3g} % from that {where}"
 
     def message(self, numbers: Mapping[str, Scalar], units: Mapping[str, str], decision: Decision) -> str:
         """Message of one line: problems, then the accuracy of every unknown (loads relative to the largest true value), with σ
@@ -177,7 +178,9 @@ class Evidence:
                 estimates.append(f"{name} error {100 * of[f'error.{name}']:.2g} %{sigma}")
             elif f"ratio_slope.{name}" in of:
                 slope, offset = of[f"ratio_slope.{name}"], of[f"ratio_offset.{name}"]
-                estimates.append(f"{name} = {slope:.3g} × load of the other bench {'+-'[offset < 0]} {abs(offset):.3g}")
+                estimates.append(
+                    f"{name} = {slope:.3g} × load on the measured bench {'+-'[offset < 0]} {abs(offset):.3g} {units[name]}"
+                )
             elif f"rms_std.{name}" in of or not with_sigma:
                 kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
                 sigma = f" ± {of[f'rms_std.{name}']:.2g}" if with_sigma else ""
@@ -186,7 +189,9 @@ class Evidence:
             worst = max((of[f"mismatch.{name}"] for name in estimate.sensors), default=np.nan)
             estimates.insert(0, f"sensor mismatch {100 * worst:.2g} %")
         if "hold_out.inside" in of:
-            estimates.append(f"sensors predicted from the others: {100 * of['hold_out.inside']:.3g} % within 2σ")
+            estimates.append(
+                f"sensors predicted from the other sensors: {100 * of['hold_out.inside']:.3g} % of samples within 2σ"
+            )
         parts = [decision.message] if decision.message else []
         parts += [] if self.outside_range else self.overconfident()
         parts += [f"{name} is not identified" for name in self.names if of[f"identified.{name}"] == 0]
@@ -273,16 +278,16 @@ def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
 
 
 METHODS = {
-    "iterated": "iterated update including the time step",
-    "one_shot": "single update, projected onto the constraints",
-    "undamped": "iterated update without damping",
-    "as_printed": "single update as printed, without projection",
+    "iterated": "iterated measurement update with damping",
+    "one_shot": "single measurement update, projected onto the constraints",
+    "undamped": "iterated measurement update without damping",
+    "as_printed": "single measurement update as printed in the thesis, without projection",
 }
 TRUTHS = {
-    "fine": "simulated with time step h/{substeps}",
-    "independent": "simulated by the Radau method",
-    "filter_step": "simulated with the time step of the filter",
-    "sampled": "sampled from the filter's own model",
+    "fine": "measurements simulated with the time step of the filter divided by {substeps}",
+    "independent": "measurements simulated by the Radau method",
+    "filter_step": "measurements simulated with the time step of the filter",
+    "sampled": "measurements sampled from the model of the filter",
 }
 COLUMNS = {
     "inputs": ("slope", "offset", "error", "std", "smoothed_error", "smoothed_std"),
@@ -300,7 +305,7 @@ def loud_sensors(estimate: BenchEstimateSection, record: BenchEstimated) -> Iter
         largest = float(np.max(np.abs(expected), initial=0.0))
         if noise > largest:
             key = f"estimate.sensors.{name}.noise"
-            yield f"the noise of {name} ({noise:.3g}) exceeds its largest reading ({largest:.3g}): check {key}"
+            yield f"the noise of {name} ({noise:.3g}) exceeds the largest predicted reading ({largest:.3g}): check {key}"
 
 
 def bench_disagreements(estimation: BenchEstimation) -> list[str]:
@@ -308,8 +313,8 @@ def bench_disagreements(estimation: BenchEstimation) -> list[str]:
     words = disagreements_in_words(estimation.filtered.compared)
     if words and estimation.problem.estimate.inputs:
         words.append(
-            "the parameter grid filter also depends on the increments of unknown loads and is biased if these increments are too "
-            "large. Set a load as known, or correct the increments"
+            "the estimates of the parameter grid filter also depend on estimate.inputs.*.increment and are biased if an "
+            "increment is too large. Remove known loads from estimate.inputs, or correct the increments"
         )
     return words
 
@@ -330,7 +335,7 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
         "expected_nis": (m - nu) / m if estimate.truth.model != "sampled" else 1.0,
         "violation": float(np.nanmax(result.record.violation)),
         "method": METHODS[estimate.method.update]
-        + (", Q* as printed" if estimate.method.noise == "as_printed" else "")
+        + (", process noise Q* as printed in the thesis" if estimate.method.noise == "as_printed" else "")
         + ("" if filtered.compared is None else ", parameter grid filter"),
         "truth": _truth(estimate),
         **result.numbers,
@@ -351,9 +356,9 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
 
 def _truth(estimate: BenchEstimateSection) -> str:
     if isinstance(estimate.measured, FromFile):
-        return f"measured in {estimate.measured.file}"
+        return f"measurements of the file {estimate.measured.file}"
     if estimate.measured is not None:
-        return f"measured on {estimate.measured.run}"
+        return f"measurements of the run {estimate.measured.run}"
     text = TRUTHS[estimate.truth.model].format(substeps=estimate.truth.substeps)
     return text + ("" if estimate.truth.noise else ", without noise")
 
@@ -376,7 +381,7 @@ def unknowns_table(
         rows.append((name, results.get(name, ""), *cells))
     title = "unknowns: errors and σ relative to the largest true value"
     if in_test or estimation.reality.elsewhere:
-        title = "unknowns after settling" if in_test else "unknowns"
+        title = "estimates of the unknowns after settling" if in_test else "estimates of the unknowns"
     width = max((len(row) for row in rows), default=2)
     filled = tuple((*row, *[""] * (width - len(row))) for row in rows)
     return Table(title, ("unknown", "consistency", *[""] * (width - 2)), filled)

@@ -80,7 +80,7 @@ class FilteredBench:
         others = self.available.copy()
         others[part] = False
         if not others.any():
-            return (), "no other channel"
+            return (), "no other channel is available for the prediction"
         try:
             trial = self.trial_with(others)
             list(undistinguished(trial, self.mean))
@@ -94,7 +94,7 @@ class FilteredBench:
                 else f"without this channel: {error.what}",
             )
         if lost.any():
-            return (), f"without this channel {lost.sum()} of {len(lost)} runs diverge"
+            return (), f"without this channel, {lost.sum()} of {len(lost)} runs diverge"
         return ((mean, std),), ""
 
 
@@ -126,9 +126,10 @@ def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
         raise ConfigError(
             f"the sensors cannot determine {words} at any of {len(combinations)} instants of the run",
             key="estimate.inputs" if estimate.inputs else "estimate.parameters",
-            remedy="Add a sensor, set one of these unknowns as known, or set estimate.allow_unobservable: true.",
+            remedy="Add a sensor, remove one of these unknowns from `estimate` if it is known, or set "
+            "estimate.allow_unobservable: true.",
         )
-    yield f"the sensors cannot determine {words}: their estimates rest on the initial σ"
+    yield f"the sensors cannot determine {words}: these estimates depend on the initial values and their σ"
 
 
 def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
@@ -138,14 +139,14 @@ def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.nd
     Limits: MISSED for a known load; for an estimated load also its σ, as its spectrum includes errors."""
     config, h = trial.problem.config, trial.model.h
     doubts = [
-        f"{name} rotates by {turn:.2g} rad in a step of {h:g} s; the limit of linearisation is {TURN:g} rad"
+        f"{name} rotates by {turn:.2g} rad in a time step of {h:g} s; the limit of the linearisation is {TURN:g} rad"
         for name, turn in turns_in_a_step(trial.problem.bench, mean[:, trial.model.v], h).items()
         if turn > TURN
     ]
     if not corrects(config):
         doubts = list(_missed(trial, reality, mean, std))
     if doubts and not trial.problem.estimate.allow_unresolved_steps:
-        step_error = "" if corrects(config) or config.driven else "set method.step_error: estimated, "
+        step_error = "" if corrects(config) or config.driven else "set estimate.method.step_error: estimated, "
         raise ConfigError(
             doubts[0],
             key="estimate.time_step",
@@ -177,7 +178,7 @@ def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarr
         if known or not len(at) or share * size > claimed:
             yield (
                 f"the time step of {h:g} s does not resolve {100 * share:.2g} % of the RMS of {name} "
-                f"(resolved up to {resolved_frequency(frequency, h, method):.3g} Hz)"
+                f"(loads up to {resolved_frequency(frequency, h, method):.3g} Hz are resolved)"
             )
 
 

@@ -48,8 +48,9 @@ def keep_for(model: AugmentedStep, steps: int) -> tuple[Keep, tuple[str, ...]]:
     if size <= LARGEST:
         return "first", ()
     return "mean", (
-        f"loads.csv contains filtered loads: smoothing {steps} steps of {model.size} states needs {size / 1e9:.3g} GB, the limit "
-        f"is {LARGEST / 1e9:.3g} GB. To smooth, reduce estimate.duration or increase estimate.time_step",
+        f"loads.csv contains filtered, not smoothed loads. Smoothing of {steps} steps with {model.size} states needs "
+        f"{size / 1e9:.3g} GB; the limit is {LARGEST / 1e9:.3g} GB. To smooth, reduce estimate.duration or increase "
+        "estimate.time_step",
     )
 
 
@@ -170,9 +171,10 @@ def _refuse_large(trial: BenchTrial, y: np.ndarray) -> None:
     needed = 8.0 * steps * runs * size * (3 * size + y.shape[2] + trial.installed[0].shape[1])
     if needed > LARGEST:
         raise ConfigError(
-            f"{steps} steps of {runs} runs with {size} states need {needed / 1e9:.3g} GB; the limit is {LARGEST / 1e9:.3g} GB",
+            f"gauge errors in {runs} runs of {steps} steps with {size} states need {needed / 1e9:.3g} GB of memory; the limit is "
+            f"{LARGEST / 1e9:.3g} GB",
             key="estimate.tolerances",
-            remedy="Reduce the number of runs or estimate.duration, or remove the tolerances.",
+            remedy="Reduce estimate.runs or estimate.duration, or remove estimate.tolerances.",
         )
 
 
@@ -195,7 +197,7 @@ def by_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRun
     if without := sum(grid_run.without for grid_run in grid_runs):
         tried = sum(len(grid_run.weight) for grid_run in grid_runs)
         notes = (
-            f"{without} of {tried} parameter grid points have no weight, because their filters diverged or have no start",
+            f"parameter grid points without weight: {without} of {tried}. Their filters diverged, or have no initial state",
         )
     return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, grid_runs[0]), notes=notes)
 

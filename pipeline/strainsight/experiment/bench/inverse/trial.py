@@ -207,20 +207,26 @@ def _noise(
                 float(largest[part].max()),
             )
             raise _too_quiet(key, low, by_unknown, read)
-        notes.append(f"the noise of {name} was raised from {low:.3g} to {high:.3g}, to exceed rounding errors")
+        notes.append(
+            f"the noise of {name} was increased from {low:.3g} to {high:.3g}, because rounding errors were larger"
+        )
     return noise, tuple(notes)
 
 
 def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:
     """Error for a noise far below the rounding error of the readings or of the effect of unknowns."""
-    what, remedy = f"{noise:g} is below the smallest noise of {NOTHING:g}", "Increase the loads and the noise."
+    what, remedy = (
+        f"{noise:g} is below the smallest accepted noise of {NOTHING:g}",
+        "Increase the loads and this noise.",
+    )
     if max(SPAN * moved, FLOOR * largest) >= NOTHING:
         by_unknown = SPAN * moved >= FLOOR * largest
-        what, reach = ("effect of one σ of an unknown", moved) if by_unknown else ("largest reading", largest)
-        what = (
-            f"the noise of {noise:g} is below rounding errors ({what} {reach:.3g}, {reach / noise:.1e} times the noise)"
+        what, reach = ("effect of one initial σ of an unknown", moved) if by_unknown else ("largest reading", largest)
+        ratio = f"{what}: {reach:.3g}, {reach / noise:.1e} times the noise"
+        what = f"the noise of {noise:g} is below rounding errors of the readings ({ratio})"
+        remedy = (
+            f"Reduce {'guess, std and increment in `estimate`' if by_unknown else 'the loads'}, or check their units."
         )
-        remedy = f"Reduce {'guesses, std and increments' if by_unknown else 'the loads'}, or check their units."
     return ConfigError(what, key=key, remedy=remedy)
 
 
@@ -247,13 +253,15 @@ def _felt(
             if unsolved is not None:
                 raise unsolved
             raise ConfigError(
-                f"no sensor measures this unknown: one σ ({std:.3g}) changes every reading by less than {FELT:g} σ of its noise",
+                f"no sensor measures this unknown: one initial σ ({std:.3g}) of the unknown changes every reading by less than "
+                f"{FELT:g} σ of the noise",
                 key=f"estimate.{name}",
-                remedy="Add a sensor on a body that the unknown deforms or moves, set the unknown as known, or set "
-                "estimate.allow_unobservable: true.",
+                remedy="Add a sensor on a body that the unknown deforms or moves, remove the unknown from `estimate` if it is "
+                "known, or set estimate.allow_unobservable: true.",
             )
     return tuple(
-        f"{name} does not measure any unknown: one σ of any unknown changes its reading by less than {FELT:g} σ of its noise"
+        f"the sensor {name} measures no unknown: one initial σ of any unknown changes its reading by less than "
+        f"{FELT:g} σ of the noise"
         for name, part in channels.items()
         if moved[part].max(initial=0.0) < FELT and available[part].any()
     )

@@ -168,8 +168,8 @@ def sample(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.nda
             x = model.projected(x + np.array(moved), k + 1)
         if not np.all(np.isfinite(x)):
             raise NumericalError(
-                f"the simulated test sampled from the filter's model failed at {k * model.h:g} s",
-                remedy="Reduce the increments or the initial standard deviations.",
+                f"the simulation of the test with the model of the filter failed at t = {k * model.h:g} s",
+                remedy="Reduce `increment` or `std` of the unknowns in estimate.inputs and estimate.parameters.",
             )
         inputs[k + 1][:, model.inputs] = x[:, model.u]
         readings[k] = model.measure(x, k)[0]
@@ -190,13 +190,13 @@ def from_run(
     every = round(h / pace)
     if abs(every * pace - h) > FEW * pace or every < 1:
         raise ConfigError(
-            f"the time step of the other run, {pace:g} s, does not divide the filter's step of {h:g} s",
+            f"the time step of the measured run, {pace:g} s, does not divide the time step of the filter, {h:g} s",
             key=key,
             remedy=f"Set estimate.time_step to a multiple of {pace:g} s.",
         )
     if every * steps > len(clock) - 1:
         raise ConfigError(
-            f"the other run ends after {clock[-1]:g} s, the estimate after {h * steps:g} s",
+            f"the measured run ends after {clock[-1]:g} s, the estimate after {h * steps:g} s",
             key=key,
             remedy=f"Set estimate.duration to at most {clock[-1]:g} s.",
         )
@@ -214,30 +214,30 @@ def from_run(
             read[name][:, : 3 if units_of(entry)[0].startswith("m") else 0] *= settings.scale
         elif used:
             raise ConfigError(
-                f"'{name}' has {channels} channels in {unit_of(entry)}, but sensors/{wanted} of the other run has "
-                f"{values.shape[1]} in {unit}",
+                f"the sensor '{name}' has components in {unit_of(entry)} ({channels} in total), but the sensor '{wanted}' of the "
+                f"measured run has components in {unit} ({values.shape[1]} in total)",
                 key="estimate.measured",
-                remedy="Assign a sensor of the same kind and size in estimate.measured.sensors.",
+                remedy="In estimate.measured.sensors, assign a sensor with the same units and number of components.",
             )
     loads = {}
     for name, load_unit in load_units(problem.config, problem.estimate.inputs).items():
         wanted = settings.inputs.get(name, name)
         if name not in settings.inputs and wanted not in other.inputs:
             continue
-        loads[name] = _entry_of(other.inputs, "input", wanted, f"estimate.measured.inputs.{name}")[rows]
+        loads[name] = _entry_of(other.inputs, "load", wanted, f"estimate.measured.inputs.{name}")[rows]
         if (unit := record.unit_of(other, "inputs", wanted)) != load_unit:
             raise ConfigError(
-                f"'{name}' has the unit {load_unit}, but '{wanted}' of the other run has {unit}",
+                f"the load '{name}' has the unit {load_unit}, but the load '{wanted}' of the measured run has the unit {unit}",
                 key=f"estimate.measured.inputs.{name}",
-                remedy="Assign a load of the same kind.",
+                remedy=f"Assign a load with the unit {load_unit}.",
             )
     return read, loads
 
 
 def _entry_of(entries: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
     if name not in entries:
-        remedy = did_you_mean(name, list(entries), f"The other run has: {', '.join(entries)}.")
-        raise ConfigError(f"the other run has no {kind} '{name}'", key=key, remedy=remedy)
+        remedy = did_you_mean(name, list(entries), f"Choose one of: {', '.join(entries)}.")
+        raise ConfigError(f"the measured run has no {kind} '{name}'", key=key, remedy=remedy)
     return entries[name]
 
 
@@ -252,16 +252,16 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
         entries, key = settings.channels[name], f"{SECTION}.channels.{name}"
         if len(entries) != count:  # the size of a placed layout is not known to the config
             raise ConfigError(
-                f"{len(entries)} channels are assigned to {count} components",
+                f"the sensor needs one channel for each of its {count} components (channels in the list: {len(entries)})",
                 key=key,
-                remedy="Assign one channel per component, in order, and null for a component that was not measured.",
+                remedy="List the channels in the order of the components, with null for a component that was not measured.",
             )
         wanted |= {f"{key}.{i}": entry for i, entry in enumerate(entries) if entry is not None}
     signals = signals_of(settings, SECTION, path, wanted, step=problem.h)
     if len(signals.time) <= steps:
         end = signals.time[-1] - signals.time[0]
         raise ConfigError(
-            f"the file ends after {end:.6g} s, the estimate after {problem.h * steps:.6g} s",
+            f"the measurement file ends after {end:.6g} s, the estimate after {problem.h * steps:.6g} s",
             key=f"{SECTION}.file",
             remedy=f"Set estimate.duration to at most {end:.6g} s.",
         )
@@ -272,13 +272,14 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
         kind = QUANTITY[units[int(component) % len(units)]]
         if quantity != kind:
             raise ConfigError(
-                f"the channel has the unit {entry.unit} ({quantity}), but component {int(component) + 1} of {name} is a {kind}",
+                f"the channel has the unit {entry.unit} ({quantity}), but component {int(component) + 1} of the sensor {name} "
+                f"measures {kind}",
                 key=f"{key}.unit",
-                remedy="Check the unit and the order of the components.",
+                remedy="Check the unit and the order of the channels.",
             )
         read[name][:, int(component)] = values[: steps + 1]
     more = len(signals.time) - 1 - steps
-    notes = [f"{more} samples of the file after the end of the estimate were ignored"] if more else []
+    notes = [f"samples of the file that were ignored after the end of the estimate: {more}"] if more else []
     return read, (*signals.notes, *notes)
 
 

@@ -88,7 +88,9 @@ def poses_of(body: PlacedBody, instants: Sequence[float]) -> list[Pose]:
         try:
             q = static_equilibrium(bench.system, q, inputs, bench.theta)[0]
         except (InfeasibleError, NumericalError) as error:
-            raise type(error)(f"at {instant:.4g} s {error.what}", key="place.poses", remedy=error.remedy) from error
+            raise type(error)(
+                f"at t = {instant:.4g} s, {error.what}", key="place.poses", remedy=error.remedy
+            ) from error
         poses.append((q, inputs))
     return poses
 

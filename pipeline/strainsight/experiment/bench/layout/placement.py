@@ -39,7 +39,10 @@ from strainsight.records.bench import PLACED, BenchCandidates, BenchLayout, Benc
 from strainsight.records.record import record_from
 from strainsight.runner.output import Output, Scalar, Table
 
-EXACT = "Expected σ assumes exact gauges, as parameters are estimated; ranking and σ of `estimate` include estimate.tolerances."
+EXACT = (
+    "The expected σ neglects gauge errors, because parameters are estimated. The ranking of the gauges and σ of the stage "
+    "`estimate` include estimate.tolerances."
+)
 UNIDENTIFIED = 0.9
 """Ratio of σ to that of the guess above which gauges do not identify a parameter."""
 
@@ -57,7 +60,7 @@ def placement_output(
     advice = placement.advice
     if len(unidentified := subject.unidentified(np.array(list(placement.expected.std.values())))):
         names = " and ".join(body.unknowns.free[i] for i in unidentified)
-        sentence = f"The gauges do not identify {names}: σ stays near the initial σ during the whole run."
+        sentence = f"The gauges do not identify {names}: σ never falls below {100 * UNIDENTIFIED:g} % of the initial σ."
         advice = (sentence, *advice)
     if subject.known is not None and pool.off.any():
         advice = (EXACT, *advice)
@@ -183,7 +186,7 @@ class _Body(Subject):
             std = self.summed_up(self.in_poses(gauges))
         if not np.isfinite(std).all():
             raise InfeasibleError(
-                f"a filter with the {len(gauges)} gauges does not detect every unknown",
+                f"a filter with the {len(gauges)} selected gauges cannot observe every unknown",
                 key="place.keep",
                 remedy="Increase place.keep, or estimate fewer unknowns.",
             )

@@ -139,9 +139,9 @@ def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
     lost = [name for name, size in zip(inputs, largest, strict=True) if size <= UNFELT * largest.max(initial=0.0)]
     if lost:
         raise InfeasibleError(
-            f"{', '.join(lost)} cause{'s' * (len(lost) == 1)} no strain at any candidate",
+            f"{', '.join(lost)} cause{'s' * (len(lost) == 1)} no strain at any candidate gauge",
             key="place.body",
-            remedy="Choose a body that these loads strain, choose other poses, or remove these unknowns from estimate.",
+            remedy="Choose a body that these unknowns strain, set other place.poses, or remove these unknowns from `estimate`.",
         )
     return np.asarray(largest)
 
@@ -160,10 +160,10 @@ def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -
     for name, share in zip(body.loads, felt, strict=True):
         if not FELT[0] <= share <= FELT[1]:
             raise InfeasibleError(
-                f"one increment of {name} changes the reading of the most sensitive gauge by {share:.2g} times its noise of "
-                f"{noise:g}; the ratio must be {FELT[0]:g} to {FELT[1]:g}",
+                f"one increment of {name} changes the reading of the most sensitive gauge by {share:.2g} times the noise of "
+                f"{noise:g}; this ratio must be {FELT[0]:g} to {FELT[1]:g}",
                 key="place.noise",
-                remedy=f"Check the unit (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli.",
+                remedy=f"Check place.noise (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli of the bodies.",
             )
     first, last = np.sqrt(np.maximum(linear.stiffness[[0, -1]], 0.0)) / (2 * np.pi)
     for name, mode, bad in (
@@ -173,9 +173,9 @@ def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -
         if bad and mode:
             raise InfeasibleError(
                 f"the time step of {linear.h:g} s is {mode * linear.h:.2g} periods of the {name} mode ({mode:.3g} Hz); the "
-                f"ratio must be {PERIODS[0]:g} to {PERIODS[1]:g}",
+                f"number of periods must be {PERIODS[0]:g} to {PERIODS[1]:g}",
                 key="bodies",
-                remedy="Check length and mass units, moduli and densities, and the time step [s].",
+                remedy="Check length and mass units, moduli and densities of the bodies, and the time step [s].",
             )
 
 
