@@ -43,7 +43,7 @@ class PositionAxes:
         if self.is_deck_system:
             return "deck coordinates"
         origin, x, y = (" ".join(f"{round(v, 6) + 0.0:g}" for v in row) for row in (self.origin, *self.axes[:2]))
-        return f"datum at ({origin}) {self.unit} of the deck, x axis ({x}), y axis ({y})"
+        return f"coordinates of the datum at ({origin}) {self.unit} in deck coordinates, x axis ({x}), y axis ({y})"
 
 
 METRES = PositionAxes("m", 1.0, np.zeros(3), np.eye(3))
