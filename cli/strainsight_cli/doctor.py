@@ -48,7 +48,7 @@ def check_solver() -> DoctorFinding:
     text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s"
     text += f", largest error of the solution {facts['error']:.1e}"
     if not facts["error"] < ACCURATE:
-        return DoctorFinding("solver", FAILS, f"{text}, above the limit of {ACCURATE:.0e}", reinstall)
+        return DoctorFinding("solver", FAILS, f"{text} (limit {ACCURATE:.0e})", reinstall)
     if facts["solver"] != "PARDISO":
         why = f" ({facts['why']})" if facts.get("why") else ""
         meaning = "the solver is many times slower, and limited to 100 000 unknowns"

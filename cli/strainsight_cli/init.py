@@ -60,13 +60,17 @@ def init(
             "--load", help="Location of the load: as for --support, or 'deck_load NAME' for a load of the deck."
         ),
     ] = None,
-    direction: Annotated[str | None, typer.Option("--direction", help="Direction of the load, 'x, y, z'.")] = None,
+    direction: Annotated[
+        str | None, typer.Option("--direction", help="Direction of the load in the global axes of the deck, 'x, y, z'.")
+    ] = None,
     amplitude: Annotated[str | None, typer.Option("--amplitude", help="Amplitude of the load [N].")] = None,
     frequency: Annotated[str | None, typer.Option("--frequency", help="Frequency of the load [Hz].")] = None,
     axis: Annotated[
         str | None,
         typer.Option(
-            "--axis", help="Measuring direction of the gauges, 'x, y, z'; default: that of the principal strain."
+            "--axis",
+            help="Measuring direction of the gauges in the global axes of the deck, 'x, y, z'; default: direction of the "
+            "principal strain.",
         ),
     ] = None,
     keep: Annotated[int, typer.Option("--keep", min=1, help="Number of gauges to bond.")] = 4,
@@ -222,7 +226,12 @@ def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
     ask("support", support_question, _numbered(hints, read_support), not hints.supports)
     ask("load", "location of the load (number above, node ID, or x, y, z in m)", _numbered(hints, read_place))
     free = answers.load is None or answers.load.kind != "deck_load"
-    ask("direction", "direction of the load (x, y, z)", partial(read_direction, "direction"), free)
+    ask(
+        "direction",
+        "direction of the load in the global axes of the deck (x, y, z)",
+        partial(read_direction, "direction"),
+        free,
+    )
     ask("amplitude", "amplitude of the load [N]", partial(read_positive, "amplitude"), free)
     ask("frequency", "frequency of the load [Hz]", partial(read_positive, "frequency"))
     sought = "estimate the load (otherwise Young's modulus, from a measured load)"

@@ -44,13 +44,17 @@ Jobs = Annotated[
         "--jobs",
         min=1,
         metavar="N",
-        help="Number of parallel processes for sweeps (docs/scaling.md), default: one per core; for a suite, number of "
-        "parallel runs, default: its key jobs.",
+        help="Number of parallel processes for independent computations (docs/scaling.md); default: one per core. For a "
+        "suite: number of parallel runs; default: `jobs` in its config.",
     ),
 ]
 Dask = Annotated[
     str | None,
-    typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler (trusted) for sweeps, see docs/scaling.md."),
+    typer.Option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Trusted Dask scheduler whose workers run independent computations (docs/scaling.md).",
+    ),
 ]
 DEFAULT_RESULTS = Path("results")
 

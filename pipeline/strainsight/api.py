@@ -378,7 +378,7 @@ def estimate(
         raise ConfigError(
             "the test has several records",
             key="estimate.records",
-            remedy="use the function `campaign`, which returns each record by name",
+            remedy="call `campaign` of strainsight.api instead; it returns every record by name",
         )
     return estimation
 

@@ -66,12 +66,14 @@ def _audit(folder: str | None, event: str, arguments: tuple[Any, ...]) -> None:
     if event == "open":
         path, _, flags = arguments
         if flags & _WRITING and not _is_writable(path, folder):
-            raise PermissionError(f"the reader process must not write {path!r}")
+            raise PermissionError(f"the library that reads the file tried to write {path!r}; this is not permitted")
     elif event in ("compile", "exec"):
         if sys._getframe(1).f_globals.get("__name__") not in _COMPILERS:
-            raise PermissionError(f"the reader process must not {event} text")
+            raise PermissionError(
+                f"the library that reads the file tried to {event} Python code; this is not permitted"
+            )
     elif event in _REFUSED or event.startswith(_REFUSED_MODULES):
-        raise PermissionError(f"the reader process must not call {event}")
+        raise PermissionError(f"the library that reads the file tried to call {event}; this is not permitted")
 
 
 def _is_writable(path: str | bytes | int, folder: str | None) -> bool:

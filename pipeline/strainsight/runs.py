@@ -52,7 +52,9 @@ class Written:
         artefact = self.artefact(stage)
         if "/VTKHDF" not in artefact:
             raise UserError(
-                f"the results file of the stage '{stage}' contains no grid", where=str(artefact.path), remedy=self.GRIDS
+                f"the results file of the stage '{stage}' contains no grid (VTKHDF)",
+                where=str(artefact.path),
+                remedy=self.GRIDS,
             )
         paths = [path for path in artefact.paths() if path.startswith("/VTKHDF/")]
         return to_pyvista(VtkHdf({path.removeprefix("/VTKHDF/"): artefact[path] for path in paths}, {}), step)
@@ -72,7 +74,7 @@ class Run(Written):
     """Results of a placement. Grids: "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain of the
     candidates, "estimate" with `estimate.field` the surface over time."""
 
-    GRIDS = "use the stage `import`, `rom`, `place` or `validate`, or `estimate` with `estimate.field`"
+    GRIDS = "use the stage import, rom, place or validate; or set `estimate.field` and use the stage estimate"
 
     @property
     def mesh(self) -> Mesh:
@@ -112,7 +114,7 @@ class Run(Written):
 class BenchRun(Written):
     """Results of a bench, or of bearings alone. Grids: "place" the pool, "field" the surface of a body over time."""
 
-    GRIDS = "use the stage `place` (with section `place`) or `field` (with section `field`)"
+    GRIDS = "add the section `place` or `field` to the config, and use the stage with this name"
 
     @property
     def meshes(self) -> dict[str, Mesh]:

@@ -152,7 +152,7 @@ def test_unsupported_labview_files_are_refused(tmp_path, change, said, remedy):
 
 def test_second_labview_segment_is_refused(tmp_path):
     path = written(tmp_path / "a.lvm", [*LVM.split("\n"), *rows("\t"), "", *LVM.split("\n")[13:], *rows("\t")])
-    with expect_refusal(UserError, f"a.lvm:{24 + COUNT + 1}  ", remedy="another segment begins here"):
+    with expect_refusal(UserError, f"a.lvm:{24 + COUNT + 1}  ", remedy="a new table (segment of the recording) begins here"):
         read(path, time="X_Value")
 
 

@@ -69,7 +69,7 @@ def test_one_number_is_the_interval_or_the_rate(rig):
     np.testing.assert_allclose(read(rig, ["top"], time="dt", time_unit="s").time, T, rtol=1e-14)
     np.testing.assert_allclose(read(rig, ["top"], time="fs", time_unit="Hz").time, T, rtol=1e-14)
     np.testing.assert_allclose(read(rig, ["top"], time="dt", time_unit="ms").time, 1e-3 * T, rtol=1e-14)
-    with expect_refusal(UserError, "the number 'fs' = 1000 is interpreted as sampling interval in s", remedy="unit: Hz"):
+    with expect_refusal(UserError, "'fs' = 1000 may be a sampling rate or a sampling interval: its unit is s", remedy="unit: Hz"):
         read(rig, ["top"], time="fs", time_unit="s")
     with pytest.raises(UserError, match="unit of time in the config is unknown: 'Hz'"):
         read(rig, ["top"], time="t", time_unit="Hz")

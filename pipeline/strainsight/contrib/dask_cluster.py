@@ -129,7 +129,7 @@ def _require_workers(client: Any, address: str) -> None:
 def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str, str | None] | None = None) -> None:
     """Raise UserError if a package has another version there."""
     other = [
-        f"{name} {_format_version(theirs.get(name))} there, {_format_version(version)} on this computer"
+        f"{name} {_format_version(theirs.get(name))} ({_format_version(version)} on this computer)"
         for name, version in (ours or versions()).items()
         if theirs.get(name) != version
     ]

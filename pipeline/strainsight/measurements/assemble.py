@@ -145,7 +145,7 @@ def remove_repeated_samples(name: str, values: np.ndarray, step: float) -> tuple
             f"channel {name!r} contains every sample {n} or {n + 1} times: it was sampled at {1 / (step * (n + 1)):.4g} "
             f"to {1 / (step * n):.4g} Hz and written at a higher rate, so the delays of its samples differ",
             remedy="export all channels at one rate, resampled after an anti-aliasing filter; if the repeated values "
-            "are real, set `override: true`",
+            "are real, set `override: true` for this channel",
         )
     note = (
         f"{name}: the file contains every sample {n} times, so the channel was sampled at {1 / (step * n):.4g} Hz and has a "

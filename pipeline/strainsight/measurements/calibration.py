@@ -214,7 +214,7 @@ def _check_unit(recording: Recording, name: str, settings: ChannelSettings) -> t
     raise UserError(
         f"the unit of channel {name!r} is {settings.unit} in the config, but {unit_in_file} in the file",
         where=recording.source,
-        remedy="correct the unit in the config, or set `override: true` if the file is wrong",
+        remedy="correct the unit in the config, or set `override: true` for this channel if the file is wrong",
     )
 
 
@@ -225,7 +225,7 @@ def _check_size(recording: Recording, name: str, settings: ChannelSettings, valu
         raise UserError(
             f"channel {name!r} has the value {values[sample]:g} {settings.unit}, above the limit of {LARGEST:g}",
             where=recording.place(sample),
-            remedy="leave the cell empty for missing samples, or list the number that marks them, `text: {missing: [NUMBER]}`",
+            remedy="leave the cell empty for missing samples, or set `text: {missing: [NUMBER]}` to the number that marks them",
         )
 
 

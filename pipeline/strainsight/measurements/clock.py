@@ -77,8 +77,8 @@ def uniform_clock(recording: Recording) -> Clock:
     if (count := float(whole.sum()) + 1) > MOST_FILLED * t.size:
         worst = int(np.argmax(whole))
         raise UserError(
-            f"filling the gaps would extend the record from {t.size} to {count:.4g} samples; the "
-            f"longest gap is {between[worst]:.6g} s after {t[worst]:.9g} s",
+            f"filling the gaps would extend the record from {t.size} to {count:.4g} samples "
+            f"(limit: {MOST_FILLED} times as many); the longest gap is {between[worst]:.6g} s after {t[worst]:.9g} s",
             where=recording.place(worst + 1),
             remedy="cut the record at the gap, or correct the time stamp after the gap",
         )
@@ -165,7 +165,7 @@ def _check_order(recording: Recording, between: np.ndarray) -> None:
         return
     i = int(wrong[0])
     t, where = recording.time, recording.place(i + 1)
-    more = f", the first of {wrong.size} places" if wrong.size > 1 else ""
+    more = f", the first of {wrong.size} such places" if wrong.size > 1 else ""
     if between[i] == 0:
         raise UserError(
             f"the time {t[i]:.9g} s occurs twice{more}",
@@ -211,7 +211,7 @@ def _check_stamps(recording: Recording, off: np.ndarray, step: float) -> None:
     if abs(off[worst]) > JITTER * step:
         raise UserError(
             f"the time {recording.time[worst]:.9g} s deviates by {100 * abs(off[worst]) / step:.3g} % of a step "
-            f"from the uniform clock with step {step:.6g} s",
+            f"(limit {100 * JITTER:g} %) from the uniform clock with step {step:.6g} s",
             where=recording.place(worst),
             remedy=f"write the time with more digits; {FIXED_RATE}",
         )
@@ -329,9 +329,9 @@ def time_from_number(
     rate. name: name of the number; a name that suggests a rate is refused with a unit of time."""
     if not 0 < scalar < np.inf:
         raise UserError(
-            f"the number {name!r} of the time is {scalar:g}, not positive",
+            f"{name!r}, the sampling interval or sampling rate, is {scalar:g}, not positive",
             where=where,
-            remedy="correct this sampling interval or sampling rate in the file",
+            remedy="correct this number in the file",
         )
     units = [unit for unit in (time_unit, unit_in_file) if unit is not None]
     rates = [spelling(unit) for unit in units if spelling(unit) in RATES]
@@ -340,9 +340,10 @@ def time_from_number(
     words = name.lower().rpartition(".")[2]
     if rates or words in ("fs", "f_s", "sr", "hz") or any(word in words for word in ("rate", "freq")):
         raise UserError(
-            f"the number {name!r} = {scalar:g} is interpreted as sampling interval in {' and '.join(units) or 's'}",
+            f"{name!r} = {scalar:g} may be a sampling rate or a sampling interval: its unit is "
+            f"{' and '.join(units) or 'missing'}",
             where=where,
-            remedy="if the number is the sampling rate, set `time: {unit: Hz}`",
+            remedy="set `time: {unit: Hz}` for a sampling rate; otherwise correct the name or the unit in the file",
         )
     return scalar * np.arange(samples) * time_factor(time_unit, unit_in_file, where), "s"
 

@@ -139,7 +139,7 @@ def split(text: str, delimiter: str, where: str) -> list[str]:
         raise UserError(
             f"{quote(text)} is not a valid table row: {error}",
             where=where,
-            remedy="close the quotation marks in the same line",
+            remedy="enclose only whole cells in quotation marks, and close them in the same line",
         ) from None
 
 
@@ -152,7 +152,8 @@ def _delimiter(text: str, where: str, form: TextFormat, single: bool) -> str:
     delimiter_names = {",": "commas", ";": "semicolons", "\t": "tabs"}
     if delimiters:
         raise UserError(
-            f"the line of names contains {' and '.join(delimiter_names[sign] for sign in delimiters)}: {quote(text)}",
+            f"the line of names contains {' and '.join(delimiter_names[sign] for sign in delimiters)}, so the delimiter is "
+            f"ambiguous: {quote(text)}",
             where=where,
             remedy=form.remedy_setting("delimiter", f'"{delimiters[-1]}"', "specify the delimiter")
             + (", or the correct delimiter" if form.key else ""),

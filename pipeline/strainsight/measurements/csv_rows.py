@@ -17,7 +17,7 @@ from strainsight.measurements.records import Recording, decode, quote
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,\d*")
 
-_SEGMENT = "the line is truncated, or another segment begins here: export one segment per file"
+_SEGMENT = "the line is truncated, or a new table (segment of the recording) begins here: export one segment per file"
 _COUNTED = "write the time in seconds, or as clock time: 10:00:00.01, 2024-05-03 10:00:00.01"
 _DATE = re.compile(r"\d[:/]\d|\d\.\d+\.\d")
 _DIGIT = re.compile(r"\d")

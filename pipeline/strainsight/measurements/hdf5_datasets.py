@@ -24,6 +24,7 @@ _COLUMN = re.compile(r"(.*)\[(\d{1,9})\]")
 _UNIT_NAMES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
 _PACKING = {"scale_factor": 1.0, "add_offset": 0.0}
 INSTEAD = "write the samples into the file itself, as one plain dataset per channel"
+UNWRITTEN = "export the record again, only up to the last sample that was written"
 
 
 def signals(path: Path, names: Sequence[str]) -> Signals:
@@ -170,7 +171,7 @@ def check_stored(item: Any, where: str, file_size: int) -> None:
         raise UserError(
             f"the dataset has {item.nbytes} bytes, but the file has only {file_size} bytes",
             where=where,
-            remedy="cut the record where the writing stopped",
+            remedy=UNWRITTEN,
         )
     if item.chunks is not None:
         if np.prod([float(n) for n in item.chunks]) * item.dtype.itemsize > LARGEST_CHUNK:
@@ -188,7 +189,7 @@ def check_stored(item: Any, where: str, file_size: int) -> None:
         raise UserError(
             f"the dataset contains only {written} of {expected} blocks of samples; the other blocks were never written",
             where=where,
-            remedy="cut the record where the writing stopped",
+            remedy=UNWRITTEN,
         )
 
 

@@ -75,7 +75,7 @@ def _open_stream(path: Path) -> IO[bytes]:
             member = next((item for item in archive.infolist() if item.filename.lower().endswith(_ENDINGS)), None)
             if member is None:
                 raise UserError(
-                    f"the archive contains no file {' or '.join(_ENDINGS)}",
+                    f"the archive contains no file with the ending {' or '.join(_ENDINGS)}",
                     where=str(path),
                     remedy="unpack the archive and specify the file",
                 )

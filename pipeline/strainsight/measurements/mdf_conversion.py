@@ -145,7 +145,7 @@ _KINDS = {
 """Version → code of a rule → kind."""
 _DEEPEST = 4
 """Largest nesting depth of rules."""
-EXPORT = "export physical values of the channel, or raw values with a linear rule"
+EXPORT = "export physical values of the channel, or raw values with a linear conversion rule"
 
 
 def to_physical(raw: Values, rule: Any, version: int, integers: bool, name: str, where: str) -> Values:

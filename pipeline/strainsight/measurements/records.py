@@ -305,6 +305,6 @@ def time_factor(unit_in_config: str | None, unit_in_file: str | None, where: str
         raise UserError(
             f"the time unit is {unit_in_config} in the config, but {unit_in_file} in the file",
             where=where,
-            remedy=f"correct the wrong unit, in the config with `time: {{unit: {unit_in_file}}}`",
+            remedy=f"correct the unit in the file, or set `time: {{unit: {unit_in_file}}}` in the config",
         )
     return factors[0]

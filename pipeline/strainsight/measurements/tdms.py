@@ -78,7 +78,7 @@ def _check_scales(properties: Mapping[str, Any], name: str, path: Path) -> None:
             raise UserError(
                 f"channel {name!r} has a scale of type {quote(str(kind))}, which is not supported",
                 where=str(path),
-                remedy="save scaled values, for example with DIAdem, or use another scale type",
+                remedy="save scaled values instead of raw values, for example with DIAdem",
             )
 
 

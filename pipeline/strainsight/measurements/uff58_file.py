@@ -229,7 +229,9 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
         chosen = [_chosen(name, known, path) for name in channels]
         read = {name: _read(file, path, each, name, time_unit) for name, each in zip(channels, chosen, strict=True)}
     if not read:
-        raise UserError("no channels are specified", where=str(path), remedy="name at least one function as channel")
+        raise UserError(
+            "no channels are specified", where=str(path), remedy="specify at least one function of the file as channel"
+        )
     check_one_clock({name: time for name, (time, _) in read.items()}, path)
     signals = [
         (read[channels[0]][0], "s"),
@@ -333,7 +335,8 @@ def _chosen(name: str, known: Mapping[str, list[Function]], path: Path) -> Funct
         raise UserError(
             f"{name!r} is the name of {len(matches)} functions: {id_lines}",
             where=str(path),
-            remedy="use the id lines in the config, or assign a unique node and direction to each function in the file",
+            remedy="specify the id line of the function as `channel` in the config, or assign a unique node and direction "
+            "to each function in the file",
         )
     first = [function.names[-1] for functions in known.values() for function in functions[:1]]
     raise missing_error("function", name, known, str(path), first)

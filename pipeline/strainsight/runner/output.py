@@ -200,7 +200,7 @@ class _Reading:
             item = h5o.open(group, encoded)
             if (address := _address(item)) in self.seen or len(self.seen) > MAX_OBJECTS:
                 what = (
-                    "is a second name of an earlier object"
+                    "is a second link to an earlier object"
                     if address in self.seen
                     else f"exceeds the limit of {MAX_OBJECTS} objects"
                 )

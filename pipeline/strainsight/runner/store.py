@@ -231,12 +231,12 @@ def _check(output: Output) -> None:
             raise ValueError(f"{path} has no unit or no description")
         missing = [scale for scale in dataset.scales if scale and scale not in output.datasets]
         if missing:
-            raise ValueError(f"{path}: the scale {missing[0]} is not a dataset of the output")
+            raise ValueError(f"{path}: the dimension scale {missing[0]} is not among the datasets of the stage")
         if len(dataset.scales) > np.ndim(dataset.array):
             raise ValueError(f"{path}: {len(dataset.scales)} scales for {np.ndim(dataset.array)} axes")
     for name in output.files:
         if not is_plain_name(name):
-            raise ValueError(f"'{name}' cannot be the name of a file next to an artefact")
+            raise ValueError(f"'{name}' is not permitted as name of a file next to the results file")
 
 
 def _raw(path: str) -> bool:

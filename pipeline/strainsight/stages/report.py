@@ -169,7 +169,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     for key, by_name in (("error", noise.error), ("std", noise.std)):
         for name, values in by_name.items():
             what, axis = (
-                f"relative {'σ' if key == 'std' else key} of {name} at the gauge noise /noise/level",
+                f"relative {'σ' if key == 'std' else key} of the estimate of {name} with the gauge noise /noise/level",
                 ("/noise/level",),
             )
             datasets[f"/noise/{key}/{name}"] = Dataset(values, "1", what, axis)

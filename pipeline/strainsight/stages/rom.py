@@ -42,7 +42,7 @@ def run_rom(context: Context[PlacementConfig]) -> Output:
             "projection_error": worst,
         },
         message=f"{size} unknowns reduced to {reduced.model.size}, first mode {hertz(first, 2)} Hz, "
-        f"relative error of the reduced model {worst:.1e}",
+        f"largest relative error of the reduced model (frequencies, static responses) {worst:.1e}",
         tables=warnings_table([f"{source}: {text}" for text in other.notes] if other else ()),
     )
 

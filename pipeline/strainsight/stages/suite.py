@@ -217,8 +217,8 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
 OF_A_LOAD = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")
 """Numbers of a bench's unknown that the file keeps."""
 SAID = ("source", "published", "published_settings", "other_settings", "verdict")
-OF_PLACEMENTS = ("error", "smoothed", "claimed σ", "expected σ", "repeats", "verdict")
-OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "verdict")
+OF_PLACEMENTS = ("error", "smoothed error", "claimed σ", "expected σ", "error of repeats", "consistency")
+OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "consistency")
 
 
 def numbers_of(suite: Suite) -> SuiteNumbers:
@@ -360,8 +360,10 @@ def run(context: Context[SimpleNamespace]) -> Output:
     many, estimated, confirmed = len(suite.runs), sum(run.is_estimated for run in suite.runs), results.count(CONFIRMED)
     wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in FAULTS)
     none = without_benefit(suite)
-    message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
-    message += f"; placement has no benefit in {len(none)} run{'s' * (len(none) != 1)}" * bool(none)
+    message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} with an estimate"
+    message += (
+        f"; random layouts are as accurate as the placed layout in {len(none)} run{'s' * (len(none) != 1)}" * bool(none)
+    )
     message += f"; {confirmed} of {len(results)} claims confirmed" if results else ""
     agreeing = sum(row.result == HOLDS for row in suite.comparisons)
     message += f"; {agreeing} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""

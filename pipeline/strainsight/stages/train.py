@@ -90,7 +90,7 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
             (surface.twice, f"duplicate bridges omitted (same bridge from the opposite side): {surface.twice}"),
             (
                 len(surface.empty),
-                f"no surface facet in {', '.join(surface.empty)}: check that the zone is in metres",
+                f"no surface facet in {', '.join(surface.empty)}: specify the zone in metres, in deck coordinates",
             ),
         )
         parts += [text for count, text in notes if count]
@@ -256,11 +256,11 @@ def run_observe(context: Context[PlacementConfig]) -> Output:
     condition = trained.max(axis=0)
     worst = index_of_largest(condition)
     where = f" in {observed.excitation[index_of_largest(trained[:, worst])]}" * bool(training.cases)
-    cases = "1 case" if len(condition) == 1 else f"{len(condition)} cases"
+    cases = "1 set of unknowns" if len(condition) == 1 else f"{len(condition)} sets of unknowns"
     return Output(
         datasets=written(observed),
         summary={f"condition.{case}": float(value) for case, value in zip(observed.case, condition, strict=True)},
-        message=f"{cases}, worst condition number {condition[worst]:.2g} for {_unknowns(observed, worst)}{where}",
+        message=f"{cases}, largest condition number {condition[worst]:.2g} for {_unknowns(observed, worst)}{where}",
         tables=(_table(observed),),
     )
 

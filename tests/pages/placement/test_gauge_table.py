@@ -55,7 +55,7 @@ def test_places_and_distances_to_edges_are_in_the_unit_and_axes_of_the_datum(ful
     assert [row["angle to edges"] for row in found] == ["−30°|60°", "0°", "–", "–"]
     assert (found[0]["x [mm]"], found[0]["y [mm]"], found[0]["z [mm]"]) == ("900.0", "−20.0", "120.0")
     assert found[0]["direction"] == "−1 0 0"
-    assert "datum: origin (1000 0 0) mm in the mesh file, x axis (-1 0 0), y axis (0 -1 0)" in text
+    assert "coordinates of the datum at (1000 0 0) mm in deck coordinates, x axis (-1 0 0), y axis (0 -1 0)" in text
     assert "nearest edges" not in gauge_table(report)
 
 

@@ -90,7 +90,9 @@ def _launcher(environment: Mapping[str, str]) -> tuple[str, ...]:
         launcher = tuple(shlex.split(command))
     except ValueError as error:
         raise UserError(
-            f"{LAUNCHER}={command!r} is not a valid command: {error}", key="solver", remedy="close the quotes"
+            f"{LAUNCHER}={command!r} is not a valid command: {error}",
+            key="solver",
+            remedy=f"correct the quotes and backslashes in {LAUNCHER}",
         ) from None
     if not launcher or shutil.which(launcher[0], path=environment.get("PATH")) is None:
         raise UserError(
@@ -120,11 +122,11 @@ def _lacking(programs: Programs) -> str:
             timeout=LIMIT,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return f"everything ({error})"
+        return f"all packages: it does not run ({error})"
     return (
         " and ".join(process.stdout.split())
         if process.returncode == 0
-        else f"everything (exit code {process.returncode})"
+        else f"all packages: it does not run (exit code {process.returncode})"
     )
 
 
@@ -163,8 +165,8 @@ class OverMpi:
             session.close()
             raise
         self.say(
-            f"SLEPc {hello['slepc']} with MUMPS in {hello['processes']} processes: factorising {A.shape[0]} unknowns took "
-            f"{answer['memory'] * 1e6 / GIB:.3g} GiB"
+            f"SLEPc {hello['slepc']} with MUMPS in {hello['processes']} processes: factorising {A.shape[0]} unknowns used "
+            f"{answer['memory'] * 1e6 / GIB:.3g} GiB of memory"
         )
         return _factor(session, scale)
 
@@ -182,7 +184,7 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
     ) -> tuple[np.ndarray, np.ndarray]:
         if not mass or mass[0] is not M:
             if mass:
-                raise ValueError("a factor supports one mass matrix only")
+                raise ValueError("this factorisation was used with another mass matrix; factorise the stiffness again")
             session.matrix("M", scaled_upper(M, scale))
             mass.append(M)
         first, into = session.array((start / scale)[:, None]), session.room(count, len(start))
@@ -218,7 +220,7 @@ class _Session:
         hello = self._wait("hello.json", START_LIMIT)
         if hello["launched"] != hello["processes"]:
             raise UserError(
-                f"`{' '.join(self.programs.launcher)}` starts {hello['launched']} processes that are not connected",
+                f"`{' '.join(self.programs.launcher)}` starts {hello['launched']} processes that are not connected by MPI",
                 key="solver",
                 remedy=f"use the launcher of the MPI that petsc4py was built with: export {LAUNCHER}=…",
             )
@@ -320,23 +322,27 @@ class _Session:
         if kind == "converged":
             return NumericalError(
                 f"the Krylov-Schur iterations did not converge: {answer['found']} modes after {answer['iterations']} restarts",
-                remedy="check the model for nearly unconnected parts, or request fewer modes",
+                remedy="check the model for nearly unconstrained parts, or reduce the number of modes in the config",
             )
         if kind == "memory":
             figure = f" (estimated: {answer['estimate'] * 1e6 / GIB:.3g} GiB)" if "estimate" in answer else ""
             return UserError(
                 f"the MPI processes have too little memory for the factor{figure}",
                 key="solver",
-                remedy=f"use more machines with {LAUNCHER}, or {SMALLER}",
+                remedy=f"name more machines in the launcher command (export {LAUNCHER}=…), or {SMALLER}",
             )
         if kind == "indices":
             return UserError(
-                f"PETSc with 32-bit indices cannot index the entries of a process ({answer['text']})",
+                f"the part of the matrix on one process is too large for PETSc with 32-bit indices: {answer['text']}",
                 key="solver",
-                remedy=f"start more processes with {LAUNCHER}, or build PETSc --with-64-bit-indices",
+                remedy=f"set more processes in the launcher command (export {LAUNCHER}=…), or build PETSc --with-64-bit-indices",
             )
-        text = answer.get("text") or f"MUMPS stopped with INFOG(1) = {answer['code']}, INFOG(2) = {answer['detail']}"
-        return NumericalError(text, key="solver", remedy="look up the code in the MUMPS manual; or set solver: direct")
+        if text := answer.get("text"):
+            return NumericalError(text, key="solver", remedy="set solver: direct")
+        text = f"MUMPS stopped with INFOG(1) = {answer['code']}, INFOG(2) = {answer['detail']}"
+        return NumericalError(
+            text, key="solver", remedy="look up INFOG(1) in the manual of MUMPS, or set solver: direct"
+        )
 
     def _failed(self) -> NumericalError | UserError:
         """Error of processes that ended unexpectedly."""
@@ -350,7 +356,8 @@ class _Session:
             return NumericalError(
                 f"an MPI process died: {what}",
                 key="solver",
-                remedy=f"{killed} the processes on more machines with {LAUNCHER}, or use a coarser mesh; or set solver: direct",
+                remedy=f"{killed} the processes on more machines (export {LAUNCHER}=…), or use a coarser mesh; "
+                "or set solver: direct",
             )
         return UserError(
             what,

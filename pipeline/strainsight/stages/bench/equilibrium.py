@@ -46,8 +46,12 @@ def statics(context: Context[BenchConfig]) -> Output:
     drives = [(name, _digits(force, 6, carried)) for name, force in record.drives.items()]
     rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
     tables = (
-        Table("frame positions in equilibrium [m]", ("frame", "x", "y", "z"), tuple(where)),
-        Table("joint loads on the second frame of each joint", ("joint", "x", "y", "z", "unit"), tuple(loads)),
+        Table("frame positions in equilibrium, global axes [m]", ("frame", "x", "y", "z"), tuple(where)),
+        Table(
+            "joint loads on the second frame of each joint, in the axes of the first frame",
+            ("joint", "x", "y", "z", "unit"),
+            tuple(loads),
+        ),
         Table("drives [N or N m]", ("drive", "force"), tuple(drives)),
         Table("bearings", ("bearing", "highest pressure"), tuple(rings)),
         *warnings_table([*overloaded(config, pressed), *unstable]),
@@ -80,7 +84,7 @@ def modes(context: Context[BenchConfig]) -> Output:
     text = f"{len(record.frequency)} coupled mode{'s' * (len(record.frequency) != 1)}"
     text += f", {oscillating[0]:.4g} to {oscillating[-1]:.4g} Hz" if len(oscillating) else ""
     free, topples = int(np.sum(record.stiffness == 0)), int(np.sum(record.stiffness < 0))
-    text += f"; {free} unconstrained mode{'s' * (free != 1)}" * (free > 0)
+    text += f"; {free} mode{'s' * (free != 1)} without stiffness (0 Hz)" * (free > 0)
     text += f"; unstable, growth rate {rest.growth:.3g} 1/s" * (rest.growth > 0)
     return Output(
         datasets=written(record) | grid,

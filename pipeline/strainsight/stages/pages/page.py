@@ -125,7 +125,7 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
             )
     notes += map(capital, disagreements_in_words(validated.compared))
     if lost := int(summary["lost_runs"]):
-        notes.append(f"The medians of the studies exclude the diverged filter runs ({lost})")
+        notes.append(f"The medians of repeated filter runs exclude the diverged runs ({lost})")
     return [f"{note}." for note in notes]
 
 

@@ -204,14 +204,16 @@ def _placement_candidates(name: str, layout: PictureLayout, train: Artefact) -> 
     rms = training.rms[candidates.channel_of_grid[strains]]
     others = candidates.first[candidates.quantity[candidates.first] != STRAIN]
     title, layout = f"{name}: {candidates.gauges} candidates", replace(layout, pool=candidates.position[others])
-    return _dotted(title, layout, grids.position[strains], rms * MICRO, "RMS strain of the training run", "µm/m")
+    return _dotted(
+        title, layout, grids.position[strains], rms * MICRO, "RMS strain in the simulated training run", "µm/m"
+    )
 
 
 def _strain(title: str, layout: PictureLayout, up: Mapping[str, Artefact]) -> View:
     field, candidates = read(Validated, up["validate"]).field, read(Training, up["train"]).candidates
     grids, strain = candidates.grids, field.strain[candidates.channel_of_grid]
     known = np.flatnonzero(np.isfinite(strain) & (grids.quantity == STRAIN))
-    layout, when = replace(layout, pool=NOTHING), f"t = {field.instant:.4g} s (largest true strain)"
+    layout, when = replace(layout, pool=NOTHING), f"t = {field.instant:.4g} s (largest simulated strain)"
     quantity = "estimated strain of every candidate"
     return _dotted(title, layout, grids.position[known], strain[known] * MICRO, quantity, "µm/m", when)
 
@@ -326,7 +328,9 @@ def view_of(
         raise UserError(f"--body {body}: a placement has a single body", where=config_file, remedy="omit --body")
     if of is not None and (isinstance(config, BenchConfig) or what not in (None, "field")):
         remedy = "omit --of: a bench has only one field" if isinstance(config, BenchConfig) else "use --what field"
-        raise UserError(f"--of {of}: this view has one source only", where=config_file, remedy=remedy)
+        raise UserError(
+            f"--of {of}: only the field of a placement has several sources", where=config_file, remedy=remedy
+        )
     shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
     available = VALIDATION if missing_stages(folder, [STAGE[TEST]]) else TEST
     offers = offers_of(config, stages, shown, of or available)
