@@ -89,7 +89,7 @@ def elastic_fault(youngs_modulus: float, poisson_ratio: float) -> tuple[str, str
     if not -1 < poisson_ratio < 0.5:
         return (
             f"Poisson's ratio is {poisson_ratio:g}, outside -1 to 0.5",
-            "specify a Poisson's ratio above -1 and below 0.5 (rubber: 0.49)",
+            "specify a Poisson's ratio above -1 and below 0.5 (for rubber, for example, 0.49)",
         )
     return None
 

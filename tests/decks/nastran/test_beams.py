@@ -205,7 +205,7 @@ test_errors_have_file_and_line = refusal_table(lambda card, pbar: deck(card, pba
     ("CBAR,10,1,1,2,0.,0.,1.\n,,,2.", PBAR, "both ends of the element coincide", 5),
     ("CBAR,10,1,1,2,0.,0.,1.\n,,123456", PBAR, "all components of end B are released", 5),
     ("CBEAM,10,1,1,2,0.,0.,1.", PBAR, "property 1 is a PBAR, but must be a PBEAM", 5),
-    ("CROD,10,7,1,2", PBAR, r"property 7 is not in the deck \(PROD\)", 5),
+    ("CROD,10,7,1,2", PBAR, r"property 7 has no PROD card in the deck", 5),
     (CARD, "PBAR,1,1,0.,1.,1.", "area is 0", 6),
     (CARD, "PBAR,1,1,1.,-1.,1.", "the section properties are inconsistent: I1 = -1, I2 = 1, I12 = 0, J = 0,", 6),
     (CARD, "PBAR,1,1,1.,1.,1.\n\n,,,2.", "only I12 may be negative, and I12² must not exceed I1 I2", 6),

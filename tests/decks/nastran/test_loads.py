@@ -213,10 +213,10 @@ def test_gravity_and_rotation_are_read_in_their_systems(read):
 
 
 test_invalid_loads_are_refused = refusal_table(lambda cards: deck("hex8", cards), [
-    ("PLOAD4,1,9,2.,,,,5,7\n", "element 9 is not a solid or plate of the deck"),
+    ("PLOAD4,1,9,2.,,,,5,7\n", "element 9 is not a solid or shell of the deck"),
     ("PLOAD4,1,7,2.,,,,5,6\n", "specify two opposite corners as G1 and G3; tetrahedron: specify a corner"),
     ("PLOAD,1,2.,1,2,7\n", "no solid or shell has a face with the corners 1, 2, 7"),
-    ("PLOAD2,1,2.,7\n", "element 7 is not a plate"),
+    ("PLOAD2,1,2.,7\n", "element 7 is not a shell"),
     ("RFORCE,1,,,1.,0.,0.,1.\n+,2.\n", r"angular acceleration \(RACC\) is not supported"),
     ("LOAD,9,1.,1.,4\n", "set 4 contains no imported load"),
     ("CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nGRAV,1,6,1.,1.\n", "the coordinate system CID is not rectangular"),

@@ -117,7 +117,7 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
         return mesh, "both surfaces have the same nodes, so the surfaces are already connected"
     if not pair.second.facets:
         raise pair.row.error(
-            f"surface {pair.second.name} consists of nodes, and no surface can be bonded to a surface without facets",
+            f"the second surface of a bonded contact needs facets, but {pair.second.name} consists of nodes only",
             f"define surface {pair.second.name} by element facets (*SURFACE, TYPE=ELEMENT)",
         )
     size = facet_size(mesh, pair.first, pair.second)
@@ -136,18 +136,19 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     except UserError:
         tied = 0
     other = pair.second.name
-    left = [f"{plural(shared, 'node')} not bonded (on both surfaces)"] if shared else []
-    left += [f"{plural(len(nodes) - len(free), 'node')} not bonded (already tied)"] if len(free) < len(nodes) else []
-    leading = f"{plural(len(free) - len(able), 'node')} not bonded (nodes of {other} are tied to them)"
+    left = [f"{plural(shared, 'node')} not bonded (common to both surfaces, so already connected)"] if shared else []
+    dependent = f"{plural(len(nodes) - len(free), 'node')} not bonded (already dependent in another tie or contact)"
+    left += [dependent] if len(free) < len(nodes) else []
+    leading = f"{plural(len(free) - len(able), 'node')} not bonded (nodes of {other} depend on them in another tie)"
     left += [leading] if len(able) < len(free) else []
     far = f"{plural(len(able) - tied, 'node')} not bonded (more than {within:.3g} length units from {other})"
     left += [far] if tied < len(able) else []
     second_size = facet_size(mesh, pair.second, pair.first)
     if tied and second_size is not None and second_size > COARSER * size:
         left += [
-            f"some nodes of {other} not bonded, because {other} has a finer mesh: name {other} first in *CONTACT PAIR"
+            f"some nodes of {other} not bonded, because {other} has a finer mesh: in *CONTACT PAIR, write {other} first"
         ]
-    how = "TIED in the deck" if pair.tied else "mesh.contact"
+    how = "TIED in the deck" if pair.tied else "mesh.contact: bonded"
     bound = "" if pair.tied or not tied else "; the model is too stiff where the contact may open or slide"
     count = plural(len(pair.first.nodes), "node")
     return mesh, f"{tied} of {count} of {pair.first.name} bonded ({how}){''.join(f', {part}' for part in left)}{bound}"

@@ -155,7 +155,9 @@ def _body(assembly: Assembly, scope: Scope, row: Row, label: str) -> BodyForce:
     if label == "GRAV":
         return BodyForce(acceleration=size * direction, elements=elements)
     if size < 0:
-        raise row.error(f"the squared angular velocity is {size:g}, negative", "write Ω² [rad²/s²] as the third entry")
+        raise row.error(
+            f"the squared angular velocity is {size:g}, negative", "set entry 3 of this line to Ω² [rad²/s²]"
+        )
     point = np.array([row.real(3 + i, "a coordinate of the point on the rotation axis", 0.0) for i in range(3)])
     centre = scope.rotation @ point + scope.translation
     return BodyForce(rotation=np.sqrt(size) * direction, centre=centre, elements=elements)

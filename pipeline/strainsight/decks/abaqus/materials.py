@@ -215,7 +215,7 @@ def _density(definition: Definition, notes: list[str], lines: int = 1) -> float:
         if keyword is not None and len(keyword.texts) > each:
             counts = "the first line is used" if each == 1 else f"the first {each} lines are used"
             notes.append(
-                f"material {name}: {keyword.title} has {len(keyword.texts)} lines; {counts} at all temperatures"
+                f"material {name}: {keyword.title} has {len(keyword.texts)} lines; {counts}, for all temperatures"
             )
     return rho
 
@@ -308,7 +308,7 @@ def solid_orientation(assembly: Assembly, scope: Scope, keyword: Keyword) -> Ori
     axes = solid_axes(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
     if axes is None and not np.allclose(scope.rotation, np.eye(3)):
         raise keyword.error(
-            "anisotropic solids of a rotated instance need an ORIENTATION", "add ORIENTATION=… to the section"
+            "anisotropic solids of a rotated instance need an ORIENTATION", "add ORIENTATION=… to the *SOLID SECTION"
         )
     return Orientation(BASIC, np.eye(3)) if axes is None else axes.orientation
 
@@ -334,7 +334,7 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     if parse_real(first.text(0)) is None:
         raise first.error(
             f"the distribution {first.text(0)!r} is not supported for the axes of anisotropic solids",
-            "for each group of elements, define one section and one *ORIENTATION with DEFINITION=COORDINATES",
+            "for each group of elements with equal axes, define one section and one *ORIENTATION with DEFINITION=COORDINATES",
         )
     points = np.array([first.real(i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
     if system == "CYLINDRICAL":

@@ -205,7 +205,7 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
             "remove OFFSET1 and OFFSET2, or use SECTION=RECT, BOX, PIPE or CIRC",
         )
     share = [
-        keyword.number(name, 0.0, "write the offset divided by the section width in this direction")
+        keyword.number(name, 0.0, "write the offset along n1 or n2, divided by the section width in this direction")
         for name in ("OFFSET1", "OFFSET2")
     ]
     return np.array(share) * sizes
@@ -378,7 +378,7 @@ def _layer(
             turned = f"rotated by {angle:g}°" if angle else "in a rotated instance"
             raise row.error(
                 f"layer {number} is anisotropic and {turned}, but its section has no ORIENTATION",
-                "add ORIENTATION=… to the section; the *ORIENTATION needs a second line: rotation axis of the layers, angle 0",
+                "add ORIENTATION=… to the section; line 2 of this *ORIENTATION: axis normal to the layers (1-3), angle 0",
             )
         return Layer(material, t, Orientation(BASIC, np.eye(3)))
     if not angle:

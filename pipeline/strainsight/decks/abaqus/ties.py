@@ -363,7 +363,8 @@ def _cut(row: Row, scope: Scope, surfaces: Surfaces) -> tuple[Surface, Surface]:
     one, other = (surfaces.find(row.text(i), scope, row) for i in (0, 1))
     if not len(one.nodes) or not len(other.nodes):
         raise row.error(
-            f"surface {(other if len(one.nodes) else one).name} of a sector face has no nodes", "correct this *SURFACE"
+            f"surface {(other if len(one.nodes) else one).name} of a sector face has no nodes",
+            "in its *SURFACE, list the nodes or facets of the sector face",
         )
     return one, other
 

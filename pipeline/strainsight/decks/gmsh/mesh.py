@@ -71,8 +71,8 @@ def note_doubled(doubled: Doubled) -> list[str]:
         return []
     return [
         f"{plural(count, 'repeated element')} (element {doubled.dropped[0]} repeats element {doubled.remaining[0]}), because "
-        "volumes belong to several physical volumes. Each element is imported once, in the region of the volume with the lowest "
-        "tag and in the sets of all its volumes"
+        "geometric volumes belong to several physical volumes. Each element is imported once: in the region of the physical "
+        "volume with the lowest tag, and in the sets of all its physical volumes"
     ]
 
 
@@ -142,7 +142,8 @@ def thin_cells(
             raise entity_error("element", element, what, remedy, file.where)
     if several:
         notes.append(
-            f"elements such as {several[0][0]} are in several physical groups with a section; the lowest tag is their region"
+            f"elements such as {several[0][0]} are in several physical groups with a section; their region is the group with the "
+            "lowest tag"
         )
     cells = []
     for number, kind in THIN_KINDS.items():
@@ -265,7 +266,7 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     if several:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
         notes.append(
-            f"{plural(count, 'element')} in several physical volumes ({both}); the volume with the lowest tag defines the region"
+            f"{plural(count, 'element')} in several physical volumes ({both}); the one with the lowest tag defines the region"
         )
     blocks = []
     for kind in ELEMENTS:

@@ -155,7 +155,7 @@ class _Reader:
         claimed = rows[0][1].strip() if rows else b""
         if claimed != str(len(rows) - 1).encode():
             text = claimed[:20].decode("latin-1")
-            raise self._error(f"$PhysicalNames announces {text!r} names, but contains {max(len(rows) - 1, 0)}", start)
+            raise self._error(f"$PhysicalNames declares {text!r} names, but contains {max(len(rows) - 1, 0)}", start)
 
     def _read_numbers(self, name: str, start: int, body: bytes) -> int:
         """Read a section of numbers; returns its end."""

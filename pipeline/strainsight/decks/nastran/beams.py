@@ -94,7 +94,7 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
         if lost.any():
             raise cards[int(np.argmax(lost))].error(
                 "the orientation G0 or X1 to X3 is parallel to the beam axis",
-                "specify a point or vector that is not on the axis",
+                "specify a point off the axis, or a vector not parallel to it",
             )
         blocks.append(BeamBlock(kind, ids, nodes, region, axes, offset, released))
     return tuple(blocks)
@@ -209,7 +209,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     end_b = replace(_station(card, ends[-1][0], end_a), points=ends[-1][1]) if ends else end_a
     for x, field, _ in stations:
         if not 0 < x <= 1:
-            raise card.error(f"X/XB is {x:g}, outside 0 < X/XB ≤ 1", "set 1 for end B, or less between the ends")
+            raise card.error(f"X/XB is {x:g}, outside 0 < X/XB ≤ 1", "set X/XB to 1 at end B, below 1 between the ends")
         if x < 1:
             check_station(card, x, _station(card, field, _interpolate(x, end_a, end_b)), end_a, end_b)
     words: tuple[str, ...] = ("K1", "K2", "S1", "S2", "NSI(A)", "NSI(B)", "CW(A)", "CW(B)")
@@ -344,7 +344,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
             )
         x = card.real(at + 1, "the station X/XB", 1.0)
         if not 0 < x <= 1:
-            raise card.error(f"X/XB is {x:g}, outside 0 < X/XB ≤ 1", "set 1 for end B, or less between the ends")
+            raise card.error(f"X/XB is {x:g}, outside 0 < X/XB ≤ 1", "set X/XB to 1 at end B, below 1 between the ends")
         blank = not any(card.text(i) for i in range(at + 2, at + 3 + count))
         station = _section(card, _dimensions(card, at + 2, count, dimensions))
         station = replace(station, nonstructural=card.not_negative(at + 2 + count, "the nonstructural mass NSM", mass))

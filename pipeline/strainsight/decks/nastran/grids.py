@@ -51,7 +51,7 @@ def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateS
             elif missing[0] not in definitions:
                 raise definition.card.error(
                     f"the card refers to coordinate system {missing[0]}, which is not in the deck",
-                    "add the card of this coordinate system",
+                    "add the card of this coordinate system, or correct its id on this card",
                 )
             elif missing[0] in pending:
                 raise definitions[cid].card.error(
@@ -238,7 +238,7 @@ def find_system(card: Card, field: int, systems: dict[int, CoordinateSystem]) ->
     """The coordinate system of a field; the basic one if it is blank. Raises DeckError if it is missing."""
     cid = card.integer(field, "the coordinate system CID", 0)
     if cid not in systems:
-        raise card.error(f"coordinate system {cid} is not a CORD1 or CORD2 of the deck", "add the card of this system")
+        raise card.error(f"coordinate system {cid} is not a CORD1 or CORD2 of the deck", "add its card, or correct CID")
     return systems[cid]
 
 

@@ -178,7 +178,7 @@ def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int
     if missing.size or not ids.size:
         what = f"element {missing[0]} is not a" if missing.size else "the card refers to no"
         raise card.error(
-            f"{what} {'plate' if card.name == 'PLOAD2' else 'solid or plate'} of the deck",
+            f"{what} {'shell' if card.name == 'PLOAD2' else 'solid or shell'} of the deck",
             f"correct the id, or leave these loads out (mesh.ignore: [{card.name}])",
         )
     return [plates[i] for i in ids.tolist()]

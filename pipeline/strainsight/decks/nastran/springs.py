@@ -189,7 +189,7 @@ def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> Flo
     if not np.linalg.norm(z) > APART * np.linalg.norm(first):
         raise card.error(
             "the orientation GO or X1 to X3 is parallel to the element axis",
-            "specify a point or vector that is not on the axis",
+            "specify a point off the axis, or a vector not parallel to it",
         )
     z = z / np.linalg.norm(z)
     return np.column_stack([x, np.cross(z, x), z])

@@ -202,7 +202,7 @@ def _no_property(card: Card, number: int, cards: Cards) -> DeckError:
     other_card = next(
         (name for name in cards if _PROPERTY.match(name) and any(c.text(0) == str(number) for c in cards[name])), None
     )
-    what = f"is a {other_card}, but must be a {wanted}" if other_card else f"is not in the deck ({wanted})"
+    what = f"is a {other_card}, but must be a {wanted}" if other_card else f"has no {wanted} card in the deck"
     remedy = f"assign a {wanted} to these elements" if other_card else f"add a {wanted} with id {number}"
     return card.error(f"property {number} {what}", f"{remedy}, or ignore these elements (mesh.ignore: [{card.name}])")
 

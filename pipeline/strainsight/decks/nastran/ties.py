@@ -129,7 +129,7 @@ def _um_set(card: Card, tokens: list[str], nodes: NodeTable, count: int) -> IntA
         motions += [(nodes.row(node, card), c) for c in wanted]
     if len(motions) != count or len(set(motions)) != count:
         raise card.error(
-            f"the UM set has {plural(len(set(motions)), 'component')} (repeated ones counted once), but REFC has {count}",
+            f"the UM set has {plural(len(set(motions)), 'different component')}, but REFC has {count}",
             "specify as many components in the UM set as in REFC",
         )
     return np.array(motions, dtype=np.int64)

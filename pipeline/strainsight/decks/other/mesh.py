@@ -73,7 +73,7 @@ def numbers_of(
         right = numbers is not None and len(numbers) == count and numbers.min(initial=1) > 0
         if numbers is not None and right and len(np.unique(numbers)) == count:
             return numbers, name
-        notes.append(f"the {what} data {name} are not unique positive integers, so they are not used as {what} ids")
+        notes.append(f"the data {name} are not unique positive integers, so they are not used as {what} ids")
     notes.append(f"the file contains no {what} ids, so ids from 1 are assigned in the order of the file")
     return np.arange(1, count + 1), ""
 
@@ -184,7 +184,7 @@ class Cells:
                 raise error_at(
                     self.path,
                     f"the cell type {block.type} cannot have a section from mesh.sections ({plural(int(inside.sum()), 'cell')})",
-                    f"mesh these regions with {', '.join(THIN)}",
+                    f"mesh the regions of mesh.sections with {', '.join(THIN)}",
                 )
             nodes = np.asarray(block.data, np.int64)[inside]
             yield CellBlock(THIN[block.type], self.ids[rows][inside], nodes, region[inside].astype(np.int64))
@@ -347,7 +347,9 @@ def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatA
     nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
     if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
         nodes = in_order(nodes, kind.mirrored)
-        notes.append(f"mirrored node order of format {form} corrected in {plural(len(nodes), kind.name + ' element')}")
+        notes.append(
+            f"left-handed node order of format {form} corrected in {plural(len(nodes), kind.name + ' element')}"
+        )
     return nodes
 
 
