@@ -36,14 +36,15 @@ class SNCurve(Section):
     """S-N curve N = cycles · (stress/Δσ)^slope: straight lines of ln N over ln Δσ."""
 
     slope: Annotated[float, Field(ge=1, le=30)] = Field(
-        description="Slope m of the S-N curve through `stress`, for fewer cycles than `knee` [-]."
+        description="Slope m of the S-N curve for fewer cycles than `knee` [-]; the curve passes through the point (`cycles`, "
+        "`stress`)."
     )
     stress: Stress = Field(
         description="Stress range or amplitude (see `of`) with a fatigue life of `cycles` cycles [Pa]."
     )
     of: Literal["range", "amplitude"] = expert(
         "range",
-        description="Kind of `stress`: the stress range Δσ from valley to peak, or the stress amplitude σ_a = Δσ/2.",
+        description="Quantity that `stress` states: the stress range Δσ from valley to peak, or the stress amplitude σ_a = Δσ/2.",
     )
     cycles: Cycles = Field(2e6, description="Number of cycles to failure at `stress` [-].")
     knee: Cycles | None = Field(
@@ -67,8 +68,8 @@ class MeanStressSection(Section):
 
     rule: Literal["none", "goodman", "fkm"] = expert(
         "none",
-        description="Rule of the correction. With `none`: no correction. With `goodman`: Δσ/(1 − σ_m/R_m) for a tensile mean "
-        "stress σ_m. With `fkm`: FKM guideline with the mean stress sensitivity M.",
+        description="Rule of the mean stress correction. With `none`: no correction. With `goodman`: Δσ/(1 − σ_m/R_m) for a "
+        "tensile mean stress σ_m. With `fkm`: FKM guideline with the mean stress sensitivity M.",
     )
     tensile_strength: Stress | None = expert(None, description="Tensile strength R_m for `rule: goodman` [Pa].")
     sensitivity: Annotated[float, Field(ge=0, le=1)] | None = expert(

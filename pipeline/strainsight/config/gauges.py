@@ -217,8 +217,8 @@ class Angled(Section):
     angles: Angles = Field(
         (0.0,),
         description="Angles from the measuring direction, counter-clockwise about the outward normal [deg]; the direction is "
-        "first projected onto the surface. Each angle of a candidate is a separate gauge, or with gauges.rosette a grid of "
-        "the rosette. Each angle of a bonded gauge is a grid.",
+        "first projected onto the surface. For a candidate, each angle is a separate gauge, or with gauges.rosette a grid of "
+        "the rosette. For a bonded gauge, each angle is a measuring grid of this gauge.",
     )
 
     def problems(self) -> Iterator[Problem]:

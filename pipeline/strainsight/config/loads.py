@@ -290,7 +290,7 @@ class TrainingCase(Section):
     weight: Annotated[Positive, Plausible(1e-6, 1e6)] = Field(
         1.0,
         description="Weight of this load case in the criterion [-], a factor on the variances of the unknowns in this case. "
-        "With a weight of 4, σ counts twice.",
+        "A weight of 4 has the same effect as twice the σ of the unknowns.",
     )
     loads: dict[Name, CaseEntry] = Field(
         {},

@@ -215,8 +215,8 @@ class Validate(TimeSpan):
     random_sets: Annotated[int, Plausible(0, 1000)] = Field(
         10,
         ge=0,
-        description="Number of random layouts for comparison [-]: one group from all candidates, and one group from "
-        "the candidates selected by `screen`.",
+        description="Number of random layouts for comparison [-], in each of two groups: from all candidates, and from the "
+        "candidates selected by `screen`.",
     )
     noise_factors: Annotated[tuple[Positive, ...], Plausible(1e-6, 1e6)] = Field(
         (0.1, 5.0), description="Factors on noise_std for additional runs with other noise levels [-]."
