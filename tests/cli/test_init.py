@@ -62,7 +62,7 @@ def test_unsupported_cards_and_support_sets_are_listed(init):
     text = text.replace("ENDDATA", "SPC1,7,3,1\nCQUAD,901,9,1,2,3,4\nCQUAD,902,9,1,2,3,4\nACCEL1,9\nENDDATA")
     assert init("--load", "node 900001", *LOAD, text=text)[0] == 0
     written = Path("own.yaml").read_text()
-    assert re.search(r"#   ACCEL1 +# 1, the first at beam.bdf:\d+\n  #   CQUAD +# 2, the first at beam.bdf:\d+\n", written)
+    assert re.search(r"#   ACCEL1 +# number: 1, first: beam.bdf:\d+\n  #   CQUAD +# number: 2, first: beam.bdf:\d+\n", written)
 
     def imported(*changes):
         text = written
@@ -143,8 +143,8 @@ def test_gravity_and_rotation_loads_of_deck_are_offered(init):
     text = bricks((4, 2, 2)).replace("ENDDATA", "GRAV,5,,9.81,0.,0.,-1.\nRFORCE,6,,,10.,0.,0.,2.\nENDDATA")
     assert init(*LOAD, text=text)[0] == 0
     written = Path("own.yaml").read_text()
-    weight = r"deck_load: LOAD-5 +# gravity of 9.81 m/s² along \(0, 0, -1\), acts on the whole mass; with `factor: true`, "
-    weight += "without direction"
+    weight = r"deck_load: LOAD-5 +# gravity of 9.81 m/s² along \(0, 0, -1\), acts on the whole mass; set `factor: true`, "
+    weight += "omit `direction`"
     assert re.search(f"#   {weight}", written)
     assert re.search(r"#   deck_load: LOAD-6 +# rotation at 125.7 rad/s about \(0, 0, 1\), acts on the whole mass", written)
     assert init("--load", "deck_load LOAD-5", "--frequency", "5", text=text)[0] == 0

@@ -94,7 +94,7 @@ SECTIONS = [
     ("regions: all, thickness: 0.002, area: 1.0e-4", "", "cannot be combined"),
     ("regions: all, thickness: 0", ".thickness", "has to be above 0"),
     ("regions: all, thickness: 0.002, direction: [0, 0, 1]", ".direction", "applies to beams only"),
-    ("regions: all, area: 1.0e-4, direction: [0, 0, 1]", ".direction", "this is a rod"),
+    ("regions: all, area: 1.0e-4, direction: [0, 0, 1]", ".direction", "and is a rod"),
     (BEAM.replace("torsion: 1.0e-9, ", ""), ".torsion", "missing"),
     (BEAM.replace("[0, 0, 1]", "[0, 0, 0]"), ".direction", "length zero"),
     (BEAM.replace("1.0e-9]", "1.0e-9, 2.0e-9]"), ".second_moments", "too large"),
@@ -180,7 +180,8 @@ def test_time_step_of_case_resolves_process_noise():
     slow = "{type: sine, frequency: 1, amplitude: 1}"
     cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
     assert loaded(cases)["a"].time_step == 0.01
-    with expect_refusal(ConfigError, r"40 Hz is 2\.5 times the time step of load", key="loads.side.process_noise.frequency"):
+    words = r"40 Hz is 2\.5 times the time step of load case 'a'"
+    with expect_refusal(ConfigError, words, key="loads.side.process_noise.frequency"):
         loaded(cases, "loads.side.process_noise.frequency=40")
 
 
@@ -244,10 +245,10 @@ def test_user_defined_gauge_type_may_replace_catalogue_type(load_typed):
     ("overrides", "said"),
     [
         (["gauges.type=3/530"], r"gauges\.type: unknown gauge type '3/530' +did you mean 3/350"),
-        (["gauges.type=3/350-rosette"], r"gauges\.type: gauge type 3/350-rosette has 3 grids, but the gauges"),
+        (["gauges.type=3/350-rosette"], r"gauges\.type: gauge type 3/350-rosette has 3 grids, but each gauge"),
         (
             ["gauges.type=3/350", "gauges.rosette=true", "gauges.direction={type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}"],
-            r"gauge type 3/350 has 1 grid, but the gauges of the config have 3 +set gauges.type to 3/350-rosette",
+            r"gauge type 3/350 has 1 grid, but each gauge of the config has 3 +set gauges.type to 3/350-rosette",
         ),
     ],
 )

@@ -156,7 +156,8 @@ def refused(name: str, override: str | Override) -> list[ConfigError]:
     [
         ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "is a mapping, but has to be a list", BOX),
         ("{box: [[0, 0, 0], [1, 1, 1]], at: 1}", ".at", "unknown key", "known keys: box"),
-        ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing", "axis: Direction of the axis of the"),
+        ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing",
+         "axis: Direction of the axis of the cylinder [-]."),
         ("{near_edgs: 0.1}", "", f"set exactly one of {FORMS}", "did you mean near_edges?"),
     ],
 )

@@ -166,7 +166,7 @@ def test_a_guess_from_a_run_that_comes_later_is_refused(write):
 
 @pytest.mark.parametrize(
     ("given", "remedy"),
-    [("place.keep=5", "for a key of the runs, write set.place.keep=5"), ("jbos=2", "did you mean jobs?")],
+    [("place.keep=5", "to set the key in every run of the suite, write set.place.keep=5"), ("jbos=2", "did you mean jobs?")],
 )
 def test_a_key_of_the_runs_behind_set_is_placed_there(write, given, remedy):
     (error,) = refused(write(), given)
@@ -179,7 +179,7 @@ def test_a_section_that_was_replaced_whole_is_reported(write):
     errors = [error for error in refused(write(text)) if error.what == "missing"]
     assert errors
     for error in errors:
-        assert error.remedy == "`set` replaced the whole section train; write train.duration: 0.2"
+        assert error.remedy == "`set` replaced the whole section train; set single keys: train.duration: 0.2"
         assert place(text, "{train") in error.where
 
 

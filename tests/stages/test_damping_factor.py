@@ -63,13 +63,13 @@ def test_the_factor_moves_nothing_but_the_damping(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"parameters.zeta.region": 1}, "in every mode, not in a region"),
-        ({"damping": {"type": "rayleigh", "alpha": 0.0, "beta": 0.0}}, "has no effect, since `damping` is zero"),
+        ({"parameters.zeta.region": 1}, "of every mode, not of a region"),
+        ({"damping": {"type": "rayleigh", "alpha": 0.0, "beta": 0.0}}, "since the key `damping` of the config is zero"),
         ({"train.model": "static"}, "does not depend on the damping"),
         ({"tolerances": {"damping": 1.5}}, "tolerances.damping permits a separate factor of 1.5"),
         (
             {"parameters.more": {"property": "damping_factor", "guess": 1.0, "range": [0.5, 2.0]}},
-            "the parameter more is already a damping_factor",
+            "parameter 'more' already has the property damping_factor",
         ),
     ],
 )

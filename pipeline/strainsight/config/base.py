@@ -21,7 +21,7 @@ def mark_of(field: FieldInfo, kind: Any) -> Any:
 
 @dataclass(frozen=True)
 class Marked:
-    """A marked text or number of a config: section, dotted key of its field, key of the value, value, marker."""
+    """A text or number of a config whose field has a marker: section, dotted keys of field and value, value, marker."""
 
     section: BaseModel
     field: str
@@ -87,11 +87,15 @@ def step_problems(key: str, duration: float, step: float, fewest: int, most: int
     if not fewest * (1 - 1e-9) <= steps <= most:
         what = f"the duration of {duration:g} s is {steps:.3g} times the time step of {step:g} s"
         if steps < fewest:
-            yield Problem(key, f"{what}, below the limit of {fewest}", f"use at most {at_most(duration / fewest)} s")
+            yield Problem(
+                key, f"{what}, less than {fewest} times", f"use a step of at most {at_most(duration / fewest)} s"
+            )
         else:
-            yield Problem(key, f"{what}, above the limit of {most:g}", f"use at least {at_least(duration / most)} s")
+            yield Problem(
+                key, f"{what}, more than {most:g} times", f"use a step of at least {at_least(duration / most)} s"
+            )
     elif abs(steps - round(steps)) > 1e-6 * steps:
-        what = f"the step of {step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
+        what = f"the time step of {step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
         longer = f", or {other}: {step * round(steps):.9g}" if other else ""
         yield Problem(key, what, f"use a step of {duration / round(steps):.9g} s{longer}")
 
@@ -315,7 +319,7 @@ class TimeSpan(Section):
 
 
 class NamedRun(Section):
-    """Keys of every run."""
+    """Keys that every run has."""
 
     name: RunName = Field(description="Name of the run; its results are written to results/NAME.")
     seed: Seed = Field(0, description="Seed of the random number generator [-].")

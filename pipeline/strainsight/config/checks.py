@@ -219,8 +219,8 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
     for key, name in load_names.items():
         yield from known(key, name, config.loads, "load")
         if name in config.loads and not config.loads[name].known:
-            what = f"load '{name}' is unknown, so the channel of the load has no effect"
-            remedy = f"remove the channel, or set loads.{name}.known: true and remove {name} from place.estimate"
+            what = f"load '{name}' is unknown, so the measured channel of this load has no effect"
+            remedy = f"remove this entry, or set loads.{name}.known: true and remove {name} from place.estimate"
             yield Problem(key, what, remedy)
 
 
@@ -272,7 +272,7 @@ def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
         yield Problem("filter.compare", what, f"remove filter.compare, {ONE}")
     if settings.tune.parts:
         what = "noise levels can be tuned with one record only"
-        remedy = "tune noise levels in a run with one record (estimate.file), and copy the tuned values to this config"
+        remedy = "tune noise levels in a run with estimate.file, and scale the variances here by the printed factors"
         yield Problem("estimate.tune.parts", what, remedy)
     if settings.field is not None:
         what = "strain of the surface over time is available for one record only"

@@ -11,7 +11,7 @@ from strainsight.config.placement import GuessFrom, PlacementConfig, RayleighDam
 from strainsight.config.tolerances import tolerances_of
 
 DAMPING = "damping_factor"
-OF_STEP = "set the load magnitude in the step of this response, in the unit of the load"
+OF_STEP = "set the load magnitude in the results step of this response [unit of the load], such as 500 for 500 N"
 
 
 def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -26,7 +26,8 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
     for name, load in config.loads.items():
         if matrices is not None and (load.gravity or load.rotation):
             what = "gravity and rotation need the positions of the masses, but mesh.matrices contains no positions"
-            yield Problem(f"loads.{name}", what, "define forces in the deck, and name them in `deck_load`", at_key=True)
+            remedy = f"define the forces as a load of the deck, and set loads.{name}.deck_load to its name"
+            yield Problem(f"loads.{name}", what, remedy, at_key=True)
     if matrices is None:
         return
     named: set[str] = set()
@@ -43,7 +44,7 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
             parameter = config.parameters.get(term.parameter)
             if parameter is not None and parameter.property not in wanted:
                 what = f"parameter '{term.parameter}' has the property {parameter.property}"
-                yield Problem(f"{key}.parameter", what, f"for a {kind} term, use the property {' or '.join(wanted)}")
+                yield Problem(f"{key}.parameter", what, f"name a parameter with the property {' or '.join(wanted)}")
     for name in config.parameters:
         if name not in named and named <= set(config.parameters) and config.parameters[name].property != DAMPING:
             what = "no term of mesh.matrices depends on this parameter"
@@ -68,7 +69,7 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
     for i, support in enumerate(config.mesh.supports):
         if support.stiffness is not None:
             what = "mesh.results already contains the stiffness of all springs"
-            remedy = "remove `stiffness`, and include the spring in the model of the other program"
+            remedy = "remove `stiffness`, and include the spring in the model that produced mesh.results"
             yield Problem(f"mesh.supports.{i}.stiffness", what, remedy, at_key=True)
     for name, entry in results.loads.items():
         key = f"mesh.results.loads.{name}"
@@ -212,26 +213,26 @@ def damping_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Check the parameters with property damping_factor."""
     names = [name for name, parameter in config.parameters.items() if parameter.property == DAMPING]
     for name in names[1:]:
-        what = f"the parameter {names[0]} is already a {DAMPING}"
+        what = f"parameter '{names[0]}' already has the property {DAMPING}, which only one parameter may have"
         yield Problem(f"parameters.{name}", what, f"remove the parameter {name} or {names[0]}", at_key=True)
     for name in names:
         parameter = config.parameters[name]
         if parameter.region is not None:
-            what = f"a {DAMPING} scales `damping` in every mode, not in a region"
+            what = f"a parameter with the property {DAMPING} scales the damping of every mode, not of a region"
             yield Problem(f"parameters.{name}.region", what, "remove `region`")
         law = config.damping
         none = not (law.alpha or law.beta) if isinstance(law, RayleighDamping) else not law.ratio
         if none:
-            what = f"a {DAMPING} has no effect, since `damping` is zero"
+            what = f"the property {DAMPING} has no effect, since the key `damping` of the config is zero"
             remedy = "set `damping` to the expected value, such as {type: modal, ratio: 0.01}"
             yield Problem(f"parameters.{name}.property", what, remedy)
         spread = tolerances_of(config.tolerances).damping
         if name in config.place.estimate and spread > 1:
             what = (
-                f"a {DAMPING} is one factor for all modes, but tolerances.damping permits a separate factor of "
+                f"the property {DAMPING} is one factor for all modes, but tolerances.damping permits a separate factor of "
                 f"{spread:g} for each mode"
             )
-            remedy = f"set tolerances: {{damping: 1}}, or remove {name} from place.estimate"
+            remedy = f"set tolerances.damping: 1, or remove {name} from place.estimate"
             yield Problem(f"parameters.{name}.property", what, remedy)
         if config.train.model == "static":
             what = "a static model (train.model: static) does not depend on the damping"
@@ -308,7 +309,7 @@ def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
             what = {
                 "gauges.direction": "the candidates already have directions",
                 "gauges.bridge": "the row of a bridge already contains the sum of its arms",
-            }.get(key, "this key needs a mesh surface")
+            }.get(key, "this key needs candidates on a surface of the mesh")
             yield Problem(key, f"cannot be combined with gauges.strain_operator: {what}", f"remove {key}", at_key=True)
 
 

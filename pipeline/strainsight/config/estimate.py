@@ -36,14 +36,15 @@ class SNCurve(Section):
     """S-N curve N = cycles · (stress/Δσ)^slope: straight lines of ln N over ln Δσ."""
 
     slope: Annotated[float, Field(ge=1, le=30)] = Field(
-        description="Slope m of the S-N curve through `stress`, for fewer cycles than `knee` [-]."
+        description="Slope m of the S-N curve for fewer cycles than `knee` [-]; the curve passes through the point (`cycles`, "
+        "`stress`)."
     )
     stress: Stress = Field(
         description="Stress range or amplitude (see `of`) with a fatigue life of `cycles` cycles [Pa]."
     )
     of: Literal["range", "amplitude"] = expert(
         "range",
-        description="Kind of `stress`: the stress range Δσ from valley to peak, or the stress amplitude σ_a = Δσ/2.",
+        description="Quantity that `stress` states: the stress range Δσ from valley to peak, or the stress amplitude σ_a = Δσ/2.",
     )
     cycles: Cycles = Field(2e6, description="Number of cycles to failure at `stress` [-].")
     knee: Cycles | None = Field(
@@ -67,8 +68,8 @@ class MeanStressSection(Section):
 
     rule: Literal["none", "goodman", "fkm"] = expert(
         "none",
-        description="Rule of the correction. With `none`: no correction. With `goodman`: Δσ/(1 − σ_m/R_m) for a tensile mean "
-        "stress σ_m. With `fkm`: FKM guideline with the mean stress sensitivity M.",
+        description="Rule of the mean stress correction. With `none`: no correction. With `goodman`: Δσ/(1 − σ_m/R_m) for a "
+        "tensile mean stress σ_m. With `fkm`: FKM guideline with the mean stress sensitivity M.",
     )
     tensile_strength: Stress | None = expert(None, description="Tensile strength R_m for `rule: goodman` [Pa].")
     sensitivity: Annotated[float, Field(ge=0, le=1)] | None = expert(
@@ -136,8 +137,8 @@ class BridgeSection(Section):
     """Wheatstone bridge of a channel in mV/V or V/V."""
 
     arrangement: BridgeKind = Field(
-        description="Bridge circuit; docs/estimation.md lists the circuits. With `sum`: a bridge of gauges.fixed or "
-        "gauges.bridge."
+        description="Bridge circuit; docs/estimation.md lists the circuits. With `sum`: the signed sum of the arms of a "
+        "bridge in gauges.fixed or gauges.bridge."
     )
     gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(description="Gauge factor of the gauges in the bridge [-].")
     poisson_ratio: float | None = expert(
@@ -221,8 +222,8 @@ class GaugeChannel(Channel):
     """A channel of a gauge."""
 
     gauge: Text | Id = Field(
-        description="Name of the gauge in gauges.fixed, number of the gauge in the table of gauges.strain_operator, or label of "
-        "the gauge in the layout, such as G1 in gauges.csv."
+        description="Name of the gauge in gauges.fixed, number of the gauge in the table of gauges.strain_operator, or label "
+        "of the gauge in the layout, such as G1 in gauges.csv."
     )
     grid: Annotated[int, Plausible(1, 3)] = expert(
         1, ge=1, description="Number of the measuring grid of a rosette, or of the axis of a motion sensor, from 1 [-]."
@@ -294,7 +295,8 @@ class Field3D(Section):
     """Strain and stress of the whole surface over time."""
 
     every: Annotated[Positive | None, Plausible(1e-6, 1e5, "s")] = Field(
-        None, description="Time between two frames of the surface [s]; null: 100 frames in the record."
+        None,
+        description="Time between two stored instants of the surface strain [s]; null: 100 instants in the record.",
     )
 
 
@@ -303,9 +305,9 @@ class Tune(Section):
 
     parts: tuple[Literal["process", "inputs", "model_error", "parameters", "noise"], ...] = expert(
         (),
-        description="Noise levels to tune, each by one factor; empty: no tuning. With `noise`: measurement noise. With "
-        "`process`: all process noise. With `inputs`, `model_error` or `parameters`: process noise of the loads, of the "
-        "velocities or of the parameters.",
+        description="Noise variances to tune, each by one factor; empty: no tuning. With `noise`: measurement noise. With "
+        "`process`: all process noise. With `inputs`: process noise of the loads. With `model_error`: process noise of the "
+        "velocities. With `parameters`: process noise of the parameters.",
     )
 
 
@@ -317,7 +319,8 @@ class RecordedFile(Section):
 
     format: FileFormat = expert(
         "auto",
-        description="File format; `auto`: by the file extension. `mdf` and `tdms` need the installation `strainsight[daq]`.",
+        description="File format; `auto`: by the file extension. `mdf` and `tdms` need extra packages: `pip install "
+        "strainsight[daq]`.",
     )
     text: TextForm = expert(default_factory=TextForm, description="Format of a CSV file.")
     time: ClockSection = with_defaults(ClockSection, "Time of the samples.")
@@ -372,8 +375,8 @@ class Estimate(RecordedFile, EstimateOptions):
     records: tuple[RecordOfTest, ...] = Field(
         (),
         description="Several records of one test for one estimate, instead of `file`, with entries such as {name: low, file: "
-        "low.csv}. Parameters and gauge errors are common to all records; loads, motion and zero offsets differ "
-        "(docs/estimation.md).",
+        "low.csv}. Common to all records: parameters, and installation and gain errors of gauges. Separate: loads, motion "
+        "and offsets of the readings (docs/estimation.md).",
     )
     date: Text | None = expert(None, description="Date of the test, printed on the results page.")
     time_step: TimeStep | None = expert(

@@ -114,7 +114,7 @@ with solder tabs, 0.3 mm for the grid alone.
 
 
 class Typed(Protocol):
-    """The section `gauges`, as far as it defines the type."""
+    """Keys of the section `gauges` that define the gauge type."""
 
     @property
     def type(self) -> str | None: ...
@@ -151,10 +151,12 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
         yield Problem("gauges.type", f"unknown gauge type '{gauges.type}'", remedy)
     elif (grids := known[gauges.type].grids) != rosette:
         what = (
-            f"gauge type {gauges.type} has {grids} grid{'s' * (grids > 1)}, but the gauges of the config have {rosette}"
+            f"gauge type {gauges.type} has {grids} grid{'s' * (grids > 1)}, but each gauge of the config has {rosette}"
         )
         fitting = [name for name, kind in known.items() if kind.grids == rosette]
-        remedy = f"set gauges.type to {' or '.join(fitting)}" if fitting else "define the rosette under gauges.types"
+        remedy = (
+            f"set gauges.type to {' or '.join(fitting)}" if fitting else f"define one with {rosette} in gauges.types"
+        )
         yield Problem("gauges.type", what, remedy + "; for a rosette, set gauges.rosette: true" * (rosette == 1))
 
 
@@ -215,8 +217,8 @@ class Angled(Section):
     angles: Angles = Field(
         (0.0,),
         description="Angles from the measuring direction, counter-clockwise about the outward normal [deg]; the direction is "
-        "first projected onto the surface. Each angle of a candidate is a separate gauge, or with gauges.rosette a grid of "
-        "the rosette. Each angle of a bonded gauge is a grid.",
+        "first projected onto the surface. For a candidate, each angle is a separate gauge, or with gauges.rosette a grid of "
+        "the rosette. For a bonded gauge, each angle is a measuring grid of this gauge.",
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -233,7 +235,8 @@ class AxisDirection(Angled):
 
 
 class PrincipalDirection(Angled):
-    """Measuring directions along the principal strain direction in the training run, for each facet, and rotated by angles."""
+    """Measuring directions along the principal strain direction of each facet in the training run (stage `train`),
+    rotated by angles."""
 
     type: Literal["principal"] = Field(description="Kind of measuring direction.")
 
@@ -245,8 +248,8 @@ class RelativeNoise(Section):
     """Noise relative to the largest RMS reading of the candidates."""
 
     relative_to_strongest: Annotated[Positive, Plausible(1e-9, 1.0)] = Field(
-        description="Noise standard deviation of one sample, divided by the largest RMS reading of the candidates in the "
-        "training run [-]."
+        description="Noise standard deviation of one sample, divided by the largest RMS reading of all candidates in the "
+        "training run (stage `train`) [-]."
     )
 
 
@@ -265,7 +268,7 @@ NoiseStd = Annotated[
 
 
 class GaugeRows(Section):
-    """Candidates defined by rows of the strain operator from another program; they need mesh.matrices."""
+    """Candidates defined by rows of the strain operator from another program. Requires mesh.matrices."""
 
     rows: Text = Field(
         description="Matrix file (.mtx, .npz, .op4) with one row for each gauge: strain of the gauge per unit motion of each "
@@ -424,7 +427,7 @@ class Gauges(GaugeSites, Noisy):
         "with the columns gauge, position_x, …, direction_x, … in metres.",
     )
     direction: Direction | None = Field(
-        None, description="Measuring directions of the candidates; required unless `given` is set."
+        None, description="Measuring directions of the candidates; required unless `strain_operator` is set."
     )
     rosette: bool = expert(
         False,
@@ -451,13 +454,13 @@ class Gauges(GaugeSites, Noisy):
     )
     strain_operator: GaugeRows | None = Field(
         None,
-        description="Candidates defined by rows of the strain operator, instead of locations on a surface; they need "
-        "mesh.matrices.",
+        description="Candidates defined by rows of the strain operator (strain per unit motion of each degree of freedom), "
+        "instead of locations on a surface. Requires mesh.matrices.",
     )
     range: Annotated[Positive | None, STRAIN_RANGE] = expert(
         None,
-        description="Largest strain that a gauge or a bridge arm can measure [strain]; candidates with a larger strain in the "
-        "training run are removed. Default with `type`: range of the type.",
+        description="Largest strain that a gauge or a bridge arm can measure [strain]; candidates with a larger strain in "
+        "the training run (stage `train`) are removed. Default with `type`: range of the type.",
     )
 
 
@@ -477,6 +480,6 @@ class MotionSensors(SensorSites, Noisy):
     )
     range: Annotated[Positive | None, Plausible(1e-9, 1e6, "m/s² or m")] = expert(
         None,
-        description="Largest reading of the sensor [m/s² or m]; candidates with a larger reading in the training run are "
-        "removed.",
+        description="Largest reading of the sensor [m/s² or m]; candidates with a larger reading in the training run (stage "
+        "`train`) are removed.",
     )

@@ -312,7 +312,7 @@ def parsed(override: str) -> Override:
         return Override(key, parse(text).data, f"--set {key}")
     except YamlProblem as problem:
         raise ConfigError(
-            problem.what, where=f"--set {key}", remedy=problem.remedy or "quote special characters of the shell"
+            problem.what, where=f"--set {key}", remedy=problem.remedy or "use single quotes, --set 'KEY=VALUE'"
         ) from None
 
 
@@ -370,9 +370,10 @@ def explain_suite_key(problem: Problem, overrides: Sequence[Override]) -> Proble
         return problem
     matches = [o for o in overrides if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
     if not matches:
-        return replace(problem, remedy=f"write keys of the runs as set: {{{problem.key}.KEY: …}}")
+        return replace(problem, remedy=f"to set keys in every run of the suite, write set: {{{problem.key}.KEY: …}}")
     value = matches[-1].value
     return replace(
         problem,
-        remedy=f"for a key of the runs, write set.{matches[-1].key}={value if isinstance(value, str) else json.dumps(value)}",
+        remedy="to set the key in every run of the suite, write "
+        f"set.{matches[-1].key}={value if isinstance(value, str) else json.dumps(value)}",
     )

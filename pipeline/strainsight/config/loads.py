@@ -105,13 +105,12 @@ class TypicalMotion(Section):
     frequency: Frequency | None = Field(
         None,
         description="Typical frequency f of the load [Hz]; the process noise uses ω = 2πf. For `model: matern`: bandwidth of "
-        "the load. Null: frequency of the signal; in a load case, `process_noise.frequency` of the load if set.",
+        "the load. Null: frequency of the signal; in a load case, loads.NAME.process_noise.frequency if set.",
     )
     amplitude: Amplitude | None = expert(
         None,
         description="Typical amplitude of the load [unit of the load]. The relative σ of the load and `initial_std` are "
-        "relative to this amplitude. Null: amplitude of the signal; in a load case, `process_noise.amplitude` of the load "
-        "if set.",
+        "relative to this amplitude. Null: amplitude of the signal; in a load case, loads.NAME.process_noise.amplitude if set.",
     )
 
 
@@ -120,9 +119,9 @@ class InputNoise(TypicalMotion):
 
     model: Literal["random_walk", "integrated_random_walk", "matern", "oscillator"] = Field(
         "random_walk",
-        description="Model of the load in time. With `random_walk`: for arbitrary loads; the estimate is noisy (thesis). With "
-        "`integrated_random_walk`: for smooth loads. With `matern`: for stationary loads with a limited bandwidth. With "
-        "`oscillator`: for loads close to a known frequency.",
+        description="Model of the load in time. With `random_walk`: for arbitrary loads, as in the thesis; the estimated "
+        "load is noisy. With `integrated_random_walk`: for smooth loads. With `matern`: for stationary loads with a limited "
+        "bandwidth. With `oscillator`: for loads close to a known frequency.",
     )
     kappa: Annotated[Positive | None, Plausible(1e-6, 1e4)] = expert(
         None,
@@ -164,8 +163,8 @@ class LoadSection(Section):
     )
     factor: Literal[True] | None = Field(
         None,
-        description="`true`: the signal is a factor [-] on the load of the deck (`deck_load`), not the resultant. Use it for "
-        "loads with zero resultant, for moments, or to keep the load values of the deck.",
+        description="`true`: the signal is a factor [-] on the load of the deck (`deck_load`), not the resultant. Use "
+        "`factor` for loads with zero resultant, for moments, or to keep the load values of the deck.",
     )
     direction: DirectionVector | None = Field(
         None,
@@ -191,20 +190,20 @@ class LoadSection(Section):
     )
     gravity: DirectionVector | None = Field(
         None,
-        description="Direction of an acceleration of all mass [-], for gravity, or for base excitation with opposite sign. It "
-        "replaces `node`, `set`, `deck_load` and `direction`. The unit of the load is m/s². The forces are proportional to "
-        "the density, also to an estimated density.",
+        description="Direction of an acceleration of all mass [-], for gravity, or for base excitation with opposite sign. "
+        "`gravity` replaces `node`, `set`, `deck_load` and `direction`. The unit of the load is m/s². The forces are "
+        "proportional to the density, also to an estimated density.",
     )
     rotation: Rotation | None = Field(
         None,
-        description="Centrifugal forces of a rotation on all mass. They replace `node`, `set`, `deck_load` and `direction`. The "
-        "load is Ω² [rad²/s²]. The forces are proportional to the density, also to an estimated density.",
+        description="Centrifugal forces of a rotation on all mass. `rotation` replaces `node`, `set`, `deck_load` and "
+        "`direction`. The load is Ω² [rad²/s²]. The forces are proportional to the density, also to an estimated density.",
     )
     known: bool = Field(
         description="`true`: the load is measured by a load cell. `false`: the load is an unknown, which the "
         "filter estimates."
     )
-    signal: LoadSignal = Field(description="Time history of the load in training and validation.")
+    signal: LoadSignal = Field(description="Time history of the load in the stages `train` and `validate`.")
     process_noise: InputNoise = with_defaults(InputNoise, "Model of an unknown load in the filter.")
 
     def problems(self) -> Iterator[Problem]:
@@ -286,21 +285,21 @@ CaseEntry = Annotated[
 
 
 class TrainingCase(Section):
-    """One load case for which the layout is placed. Omitted keys are as in `loads` and `train`."""
+    """One load case for which the layout is placed. Omitted keys are as in the sections `loads` and `train`."""
 
     weight: Annotated[Positive, Plausible(1e-6, 1e6)] = Field(
         1.0,
         description="Weight of this load case in the criterion [-], a factor on the variances of the unknowns in this case. "
-        "With a weight of 4, σ counts twice.",
+        "A weight of 4 has the same effect as twice the σ of the unknowns.",
     )
     loads: dict[Name, CaseEntry] = Field(
         {},
-        description="Loads whose signal differs from `loads`, by name; `none` for a load that does not act in this case. All "
-        "other loads are as in `loads`. An unknown load with `none` remains an unknown of the filter, but the criterion of "
-        "this case excludes the load.",
+        description="Loads with another signal than in the section `loads`, by name; `none` for a load that does not act in "
+        "this case. All other loads are as in the section `loads`. An unknown load with `none` remains an unknown of the "
+        "filter, but the criterion of this case excludes the load.",
     )
     duration: Duration | None = Field(
-        None, description="Duration of the training run of this case [s]; null: train.duration."
+        None, description="Duration of the simulation of this case [s]; null: train.duration."
     )
     time_step: TimeStep | None = expert(
         None,
@@ -308,7 +307,8 @@ class TrainingCase(Section):
         "case; it is converted to this time step with the same noise intensity.",
     )
     settle: Annotated[Settle | None, DURATION] = expert(
-        None, description="Start of the motion in this case, with the values of train.settle; null: train.settle."
+        None,
+        description="Start of the motion in this case; the values are explained under train.settle. Null: train.settle.",
     )
 
 

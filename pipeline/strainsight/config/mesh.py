@@ -89,14 +89,13 @@ class MaterialSection(RegionProperty):
         }
         if any(three.values()) and not all(three.values()):
             anisotropic, lacking = (
-                " and ".join(names) + (" is" if len(names) == 1 else " are")
-                for names in ([name for name, is_set in three.items() if is_set == which] for which in (True, False))
+                " and ".join(name for name, is_set in three.items() if is_set == which) for which in (True, False)
             )
             remedy = (
                 "set youngs_modulus: [E1, E2, E3], poisson_ratio: [ν12, ν13, ν23] and shear_modulus: [G12, G13, G23]; or set "
                 "one youngs_modulus and one poisson_ratio without shear_modulus"
             )
-            yield Problem("", f"{anisotropic} orthotropic, but {lacking} not", remedy, at_key=True)
+            yield Problem("", f"orthotropic values in {anisotropic}, but not in {lacking}", remedy, at_key=True)
         elif self.axes is not None and not all(three.values()):
             yield Problem("axes", "an isotropic material does not need axes", "remove `axes`", at_key=True)
 
@@ -152,7 +151,7 @@ class ElementSection(RegionProperty):
             )
         elif self.second_moments is None:
             for name in (name for name in ("direction", "size") if name in of_beams):
-                what = "applies to beams only; without second_moments this is a rod"
+                what = "applies to beams only, but this section has no second_moments and is a rod"
                 yield Problem(name, what, f"set `second_moments`, or remove `{name}`", at_key=True)
         else:
             yy, zz, yz = (*self.second_moments, 0.0)[:3]
@@ -237,7 +236,7 @@ class Tie(Section):
         "lies, with the shape functions of the facet. Use `surface` to tie a fine mesh to a coarse mesh."
     )
     reference: NodeId | None = Field(
-        None, description="Id of the reference node; a new id if `at` is set. Not used with `surface`."
+        None, description="Id of the reference node; a new id if `at` is set. Not used with `type: surface`."
     )
     at: Point | None = Field(None, description="Position of a new reference node [m].")
     set: Text = Field(
@@ -270,7 +269,8 @@ class Tie(Section):
 
 
 class MatrixTerm(Section):
-    """One term of the stiffness or mass matrix, from a file: X(θ) = Σ X_i, or X_i θ/at if it is proportional to a parameter."""
+    """One term of the stiffness or mass matrix, from a file: X(θ) = Σ X_i. A term that is proportional
+    to a parameter θ contributes X_i θ/at."""
 
     file: Text = Field(
         description="Matrix file in the units of the deck: OP4 (.op4), Matrix Market (.mtx), NumPy/SciPy (.npz) or CalculiX "
@@ -348,13 +348,13 @@ class SecondResults(ResultsFile):
         description="Name of the parameter: a youngs_modulus, stiffness_factor or density of some regions."
     )
     at: ParameterValue = Field(
-        description="Parameter value of this second set [Pa, kg/m³ or 1]. The parameter value of the first set is in "
+        description="Parameter value of the second set of results [Pa, kg/m³ or 1]. The value of the first set is in "
         "mesh.results.at, or in the mesh."
     )
     loads: dict[Name, ResponseOfLoad] | None = expert(
         None,
-        description="Static responses of the second set, with the keys of mesh.results.loads. Null: the steps and load "
-        "magnitudes of mesh.results.loads, in the file of the second set.",
+        description="Static responses of the second set of results, with the keys of mesh.results.loads. Null: the steps and "
+        "load magnitudes of mesh.results.loads, read from mesh.results.second.file.",
     )
 
 

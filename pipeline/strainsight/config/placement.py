@@ -115,8 +115,8 @@ class MaterialParameter(Section):
     process_noise_scale: Annotated[Positive, Plausible(1e-6, 10.0, "1/√s")] = Field(
         0.05,
         description="Drift rate δ of the parameter, relative to the guess [1/√s; 1/s if process_noise.rule is `thesis` or "
-        "`as_printed`]. The drift rate applies to the steady-state filter for placement, and to filters with filter.drift. "
-        "In other filters, the parameter is constant.",
+        "`as_printed`]. The drift rate applies to the steady-state filter for placement, and to filters with `filter.drift: "
+        "true`. In other filters, the parameter is constant.",
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -149,7 +149,7 @@ class RayleighDamping(Section):
 
 
 class Damped(Section):
-    """Base of sections with structural damping."""
+    """Section with structural damping."""
 
     damping: Annotated[ModalDamping | RayleighDamping, Field(discriminator="type")] = Field(
         description="Structural damping of the model."
@@ -171,43 +171,44 @@ class ReducedModelSection(Section):
         1e-4,
         gt=0,
         lt=1,
-        description="Truncation tolerance of the basis [-], for modes and static responses (snapshots) of the samples away from "
-        "the guess. Basis vectors with a smaller singular value are omitted; snapshots have unit energy. The tolerance is "
-        "approximately the relative strain error at parameters away from the guess. The run time of `place` is proportional "
-        "to the cube of the basis size.",
+        description="Truncation tolerance of the basis [-], for modes and static responses (snapshots) of the samples away "
+        "from the guess. Basis vectors with a smaller singular value are omitted; each snapshot is scaled to unit energy. "
+        "The tolerance is approximately the relative strain error at parameters away from the guess. The run time of `place` "
+        "is proportional to the cube of the basis size.",
     )
 
 
 class Train(TimeSpan):
-    """Training run."""
+    """Training run: simulation of the response to `loads`, from which candidates are screened and placed."""
 
     model: Literal["dynamic", "static"] = Field(
         "dynamic",
-        description="Model of the motion in training run, placement and filter. With `dynamic`: with inertia. With `static`: "
-        "quasi-static response without inertia, for loads far below the first natural frequency. The simulated test of "
-        "`validate` always includes inertia. The stage `train` prints the error of `static`.",
+        description="Model of the motion in the stages `train` and `place` and in the filter. With `dynamic`: with inertia. "
+        "With `static`: quasi-static response without inertia, for loads far below the first natural frequency. The "
+        "simulated test of `validate` always includes inertia. The stage `train` prints the error of `static`.",
     )
     settle: Annotated[Settle, DURATION] = expert(
         "auto",
-        description="Start of the motion in training and validation. With `auto`: periodic motion if every load is a sine or a "
-        "multisine, otherwise from rest at t = 0. With `none`: from rest at t = 0. With a number: from rest, this number of "
-        "seconds before t = 0, under the same loads.",
+        description="Start of the motion in the stages `train` and `validate`. With `auto`: periodic motion if every load is "
+        "a sine or a multisine, otherwise from rest at t = 0. With `none`: from rest at t = 0. With a number: from rest, "
+        "this number of seconds before t = 0, under the same loads.",
     )
 
 
 class Screen(Section):
-    """Selection of the candidates for the elimination."""
+    """Selection of the candidates for the elimination in the stage `place`."""
 
     keep: Annotated[Annotated[int, Field(ge=1)] | KeepAll, Plausible(1, 1e6)] = Field(
         "all",
-        description="Number of candidates of each sensor kind that are selected for the elimination [-], or 'all'.",
+        description="Number of candidates of each sensor kind that are selected for the elimination in the stage `place` "
+        "[-], or 'all'.",
     )
     by: Literal["unknowns", "strength"] = Field(
         "unknowns",
-        description="Ranking of the candidates. With `unknowns`: every unknown of `place.estimate` in every load case selects a "
-        "candidate in turn, by the effect of the unknown on the reading relative to noise (and to installation errors with "
-        "`place.installation: avoid`). With `strength`: by the reading in the training run relative to noise, as in section "
-        "5.2 of the thesis.",
+        description="Ranking of the candidates. With `unknowns`: in every load case, the unknowns of `place.estimate` select "
+        "candidates in turn. Each unknown selects the candidate whose reading it changes most, relative to noise (and to "
+        "installation errors with `place.installation: avoid`). With `strength`: by the RMS reading in the stage `train` "
+        "relative to noise, as in section 5.2 of the thesis.",
     )
     minimum_spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
@@ -229,9 +230,9 @@ class ProcessNoise(Section):
         None,
         ge=0,
         le=1e6,
-        description="Process noise of the velocities, relative to the RMS acceleration in the training run [-]. Null: 0.01, "
-        "since without this noise the filter is overconfident if the damping is uncertain. Null with the grid filter and a "
-        "damping tolerance: 0 in the filter, since this noise would bias the parameters.",
+        description="Process noise of the velocities, relative to the RMS acceleration in the training run (stage `train`) "
+        "[-]. Null: 0.01, since without this noise the filter is overconfident if the damping is uncertain. Exception: with "
+        "the grid filter and a damping tolerance, null is 0 in the filter, since this noise would bias the parameters.",
     )
 
 
@@ -251,8 +252,8 @@ class PlaceSection(LayoutSettings):
     instants: Count = Field(
         20,
         ge=1,
-        description="Number of instants of a training run for which the model is linearised and the criterion is "
-        "evaluated [-].",
+        description="Number of instants, in the training run of each load case, at which the model is linearised and the "
+        "criterion is evaluated [-].",
     )
     parameter_samples: Count = expert(
         1,
@@ -273,13 +274,13 @@ class PlaceSection(LayoutSettings):
     damping_slope: bool = Field(
         True,
         description="`true`: the placement includes the change of damping with a parameter. With `false`: the placement uses "
-        "(5.30) and (5.32) as printed in the thesis, without this change. The filter always includes this change.",
+        "equations (5.30) and (5.32) as printed in the thesis, without this change. The filter always includes this change.",
     )
     installation: Literal["avoid", "ignore"] = Field(
         "avoid",
         description="Treatment of installation errors from `tolerances`. With `avoid`: two layouts are computed, one for exact "
         "gauges and one with the errors as additional noise; the layout with the smaller expected σ is used. With `ignore`: "
-        "the layout for exact gauges is used (thesis).",
+        "the layout for exact gauges is used, as in the thesis.",
     )
     symmetry: Symmetry | None = expert(
         None, description="Symmetry plane for gauges in mirrored pairs; candidates without a mirror image are removed."
@@ -292,13 +293,13 @@ class Cases(Section):
 
     frequencies: tuple[Frequency, ...] = Field(
         (),
-        description="Frequencies of additional excitations [Hz]. The study is repeated with every load as a sine of each "
-        "frequency, for comparison with the training run.",
+        description="Frequencies of additional excitations [Hz]. For each frequency, the study is repeated with every "
+        "load as a sine of this frequency, for comparison with the signals of `loads`.",
     )
 
 
 class Filter(Section):
-    """Filter of validation and estimation; place predicts its σ."""
+    """Filter of validation and estimation; the stage `place` predicts σ of this filter."""
 
     method: Literal["grid", "extended", "sigma-point"] = Field(
         "grid",
@@ -385,12 +386,14 @@ class PlacementConfig(NamedRun, Damped):
     loads: Annotated[dict[Name, LoadSection], Field(min_length=1)] = Field(description="Loads, by name.")
     solver: Literal["direct", "slepc"] = expert(
         "direct",
-        description="Solver of the stiffness matrix, for modes and static responses. With `direct`: PARDISO in this process. "
-        "With `slepc`: SLEPc and MUMPS in MPI processes, for models larger than the memory of one machine. The environment "
-        "variables STRAINSIGHT_MPI and STRAINSIGHT_MPI_PYTHON set the launcher and the number of processes.",
+        description="Linear solver for the stiffness matrix, for modes and static responses. With `direct`: PARDISO in this "
+        "process. With `slepc`: SLEPc and MUMPS in MPI processes, for models larger than the memory of one machine. The "
+        "environment variables STRAINSIGHT_MPI and STRAINSIGHT_MPI_PYTHON set the launcher and the number of processes.",
     )
     rom: ReducedModelSection = with_defaults(ReducedModelSection, "Reduced model that depends on the parameters.")
-    train: Train = Field(description="Training run.")
+    train: Train = Field(
+        description="Training run: simulation of the response to `loads`, from which candidates are screened and placed."
+    )
     gauges: Gauges = Field(description="Candidate gauges, bonded gauges and their noise.")
     tolerances: StatedTolerances = with_defaults(
         Tolerances, "Tolerances of installation, loads and model; `none` for exact gauges, loads and model."
@@ -398,7 +401,7 @@ class PlacementConfig(NamedRun, Damped):
     motion_sensors: dict[Name, MotionSensors] = Field(
         {}, description="Accelerometers and displacement sensors, by name."
     )
-    screen: Screen = with_defaults(Screen, "Selection of the candidates for the elimination.")
+    screen: Screen = with_defaults(Screen, "Selection of the candidates for the elimination in the stage `place`.")
     process_noise: ProcessNoise = with_defaults(ProcessNoise, "Process noise of the filter.")
     observe: Cases = with_defaults(Cases, "Observability study of the unknowns.")
     place: PlaceSection = Field(description="Gauge placement by elimination.")

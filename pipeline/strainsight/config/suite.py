@@ -63,8 +63,8 @@ class WithReason(Section):
 
     why: str = Field(
         "",
-        description="Explanation of the result, or of a missing result, printed on the page. The page marks unconfirmed claims "
-        "without explanation.",
+        description="Explanation of the result, or of a missing result, printed on the page. A claim that is not confirmed "
+        "and has no explanation is marked on the page.",
     )
 
 
@@ -84,7 +84,7 @@ class ComparisonSection(WithReason):
     """A comparison of a published result with runs with the settings of the publication, and with runs with other settings."""
 
     source: Text = Field(description="Location in the publication, such as figure 2.4.")
-    statement: Text = Field(description="Statement of the publication.")
+    statement: Text = Field(description="Finding of the publication that is compared with the runs, in words.")
     published: str = Field("", description="Reference value exactly as printed in the publication, as text.")
     published_settings: Measure | None = Field(
         None, description="Results of runs with the settings of the publication."
@@ -158,8 +158,8 @@ class Overriding(Section):
     overrides: dict[str, JsonValue] = Field(
         {},
         alias="set",
-        description="Overrides of config keys of this run, or in the suite of every run: dotted key and value, such as "
-        "place.keep: 6, as with --set.",
+        description="Overrides of config keys, as with --set: dotted key and value, such as place.keep: 6. In an entry of "
+        "`runs`, they apply to this run; in the suite itself, to every run.",
     )
 
 
@@ -193,7 +193,7 @@ class SuiteConfig(Overriding):
         description="The runs, in order: placements and benches."
     )
     studies: tuple[StudySection, ...] = Field(
-        (), description="Notes, axes and results of the studies named in runs[].study."
+        (), description="Notes, horizontal axes and plotted results of the studies named in runs[].study."
     )
     claims: tuple[ClaimSection, ...] = Field(
         (), description="Claims that the page reports as confirmed or not confirmed."
@@ -233,7 +233,7 @@ def _lines(texts: Mapping[str, str]) -> Iterator[Problem]:
     for key, text in texts.items():
         if bad := next((c for c in text if unicodedata.category(c) in ("Cc", "Zl", "Zp")), None):
             what = "a line break" if bad in "\n\r\u2028\u2029" else f"the control character U+{ord(bad):04X}"
-            yield Problem(key, f"contains {what}", "write plain text on one line; use >- for a folded block")
+            yield Problem(key, f"contains {what}", "write plain text on one line; in YAML, >- joins several lines")
 
 
 def _overrides(section: str, overrides: dict[str, JsonValue]) -> Iterator[Problem]:

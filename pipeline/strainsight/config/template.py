@@ -102,7 +102,7 @@ MATERIAL = """\
     {name}: {{regions: {regions}, youngs_modulus: {E}, poisson_ratio: {nu}, density: {rho}}}
 """
 CONE = """\
-  exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
+  exclude:                        # zones without gauges; other zones: box, cylinder, near_edges, near_set [m]
     - normal_cone: {{axis: {axis}, angle: 10}}           # on facets normal to the axis, the direction is undefined
 """
 TRUTH = "    parameters: {{{name}: {truth}}}      # ← {unit}assumed true value, which the filter has to estimate\n"
@@ -112,11 +112,11 @@ OPEN_TYPE = "  # type: 3/350                 # ← grid [mm] / resistance [Ω]; 
 SPACING = "  # minimum_spacing: 0.011        # [m] between gauges; default: the longer side of the carrier\n"
 OWN_SPACING = "  minimum_spacing: {spacing:<14} # ← [m] between gauges: the length of the carrier\n"
 EXCLUDE = """\
-  # exclude:                      # zones without gauges; others: box, cylinder, near_edges, normal_cone [m]
+  # exclude:                      # zones without gauges; other zones: box, cylinder, near_edges, normal_cone [m]
   #   - NAME                       # a contact face of mesh.faces, or a set; the clearance is added
 """
 ON_SEATS = """\
-  exclude: [                      # zones without gauges; others: box, cylinder, near_edges, normal_cone [m]
+  exclude: [                      # zones without gauges; other zones: box, cylinder, near_edges, normal_cone [m]
 {lines}  ]
 """
 LISTED, FACES = 12, 24
@@ -213,7 +213,7 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
     lines = [f"  # {suggestion.odd}: add mesh.materials, or correct the deck"] if suggestion.odd else []
     if suggestion.unsupported:
         lines.append("  # Unsupported entities that affect the model. Add those that can be neglected to `ignore`:")
-        lines += [f"  #   {printable(f'{n:<32} # {k}, the first at {at}')}" for n, k, at in suggestion.unsupported]
+        lines += [f"  #   {printable(f'{n:<32} # number: {k}, first: {at}')}" for n, k, at in suggestion.unsupported]
         lines.append("  ignore: []            # ← names of entities from above that can be neglected")
     if suggestion.contact:
         pairs = f"{', '.join(suggestion.pairs[:3])}{', …' * (len(suggestion.pairs) > 3)}"
@@ -299,7 +299,7 @@ def _load(suggestion: Suggestion, answers: Answers) -> str:
         lines += [f"    #   {spot.kind}: {_value(spot):<20} # {spot.what}" for spot in likely[:LISTED]]
         lines.append("    #   set: NAME                 # a name of mesh.faces: the force is distributed over the face")
         for spot in [spot for spot in suggestion.places if spot.of_mass]:
-            lines.append(f"    #   deck_load: {_value(spot):<14} # {spot.what}; with `factor: true`, without direction")
+            lines.append(f"    #   deck_load: {_value(spot):<14} # {spot.what}; set `factor: true`, omit `direction`")
         lines.append("    set:")
     elif place.kind == "face":
         lines.append(f"    set: {suggestion.free('loaded'):<24} # the face above; the force is distributed over it")
@@ -369,7 +369,7 @@ def config_schema() -> dict[str, Any]:
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "strainsight config",
-        "description": "One of the kinds of config, distinguished by `kind`.",
+        "description": "A config; the key `kind` selects the kind of config.",
         **schema,
     }
 

@@ -131,9 +131,9 @@ class Tolerances(GaugeTolerances):
     )
     treat: Literal["consider", "estimate"] = expert(
         "consider",
-        description="Treatment of the toleranced errors in the estimation of motion and loads. With `consider`: the errors "
-        "increase σ and reduce the filter gains, but are not estimated (Schmidt-Kalman filter). With `estimate`: the errors "
-        "are estimated from the samples; these estimates may include other model errors. The estimation of parameters "
+        description="Treatment of the errors from `tolerances` in the estimation of motion and loads. With `consider`: the "
+        "errors increase σ and reduce the filter gains, but are not estimated (Schmidt-Kalman filter). With `estimate`: the "
+        "errors are estimated from the samples; these estimates may include other model errors. The estimation of parameters "
         "always integrates over all errors.",
     )
 
@@ -187,10 +187,10 @@ class TruthSection(Section):
 
 
 class Sweeps(Section):
-    """Studies with one changed setting of the filter at a time, with the measurements of the layout."""
+    """Studies with one changed setting of the filter at a time, with the simulated measurements of the placed layout."""
 
     time_steps: tuple[TimeStep, ...] = expert(
-        (), description="Other values of the time step of filter and samples [s]."
+        (), description="Further time steps of filter and samples [s], each in a separate run."
     )
     process_noise: Annotated[tuple[Positive, ...], Plausible(1e-9, 1e9)] = expert(
         (), description="Factors on the whole process noise of the filter [-]."
@@ -215,8 +215,8 @@ class Validate(TimeSpan):
     random_sets: Annotated[int, Plausible(0, 1000)] = Field(
         10,
         ge=0,
-        description="Number of random layouts for comparison [-]: one group from all candidates, and one group from "
-        "the candidates selected by `screen`.",
+        description="Number of random layouts for comparison [-], in each of two groups: from all candidates, and from the "
+        "candidates selected by `screen`.",
     )
     noise_factors: Annotated[tuple[Positive, ...], Plausible(1e-6, 1e6)] = Field(
         (0.1, 5.0), description="Factors on noise_std for additional runs with other noise levels [-]."

@@ -43,7 +43,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Document:
-    """JSON data, and the mark of every dotted path in it ("" is the whole file)."""
+    """JSON data, and the position of every dotted key in the file ("" is the whole file)."""
 
     data: Any
     marks: Mapping[str, Mark]
@@ -72,7 +72,7 @@ def parse(text: str) -> Document:
     except YAMLError as error:
         raise YamlProblem(f"not valid YAML: {' '.join(str(error).split())}", 1, 1) from error
     except RecursionError as error:
-        raise YamlProblem("the mappings and lists are nested too deeply", 1, 1) from error
+        raise YamlProblem("the mappings and lists are nested too deeply", 1, 1, remedy="close every bracket") from error
     if root is None:
         return Document(None, {"": Mark((1, 1), (1, 1))})
     marks: dict[str, Mark] = {"": Mark(_at(root), _at(root))}
@@ -102,7 +102,7 @@ def _json(node: Any, path: str, marks: dict[str, Mark]) -> Any:
         case ScalarNode():
             return _scalar(node, kind, path)
     raise YamlProblem(
-        f"the tag {node.tag} is not supported", *_at(node), path, "use plain text, numbers, lists or mappings"
+        f"the YAML tag {node.tag} is not supported", *_at(node), path, "use plain text, numbers, lists or mappings"
     )
 
 
@@ -132,7 +132,7 @@ def _text(node: Any, path: str) -> str:
         return str(node.value).encode("utf-16", "surrogatepass").decode("utf-16")
     except UnicodeDecodeError:
         raise YamlProblem(
-            "the text contains half of a surrogate pair", *_at(node), path, "write the character itself"
+            "the text contains half of a surrogate pair", *_at(node), path, "write the character, not an escape"
         ) from None
 
 
@@ -150,7 +150,7 @@ def _scalar(node: Any, kind: str, path: str) -> Any:
         case "str" | "timestamp":
             return text
     raise YamlProblem(
-        f"the tag {node.tag} is not supported", *_at(node), path, "use plain text, numbers, lists or mappings"
+        f"the YAML tag {node.tag} is not supported", *_at(node), path, "use plain text, numbers, lists or mappings"
     )
 
 
