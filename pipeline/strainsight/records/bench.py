@@ -444,14 +444,18 @@ PLACED = "place"
 
 @record
 class BenchCandidates:
-    position: np.ndarray = dataset("m", "candidate × 3", "position of every candidate")
-    direction: np.ndarray = dataset("1", "candidate × 3", "measuring direction of every candidate")
+    position: np.ndarray = dataset(
+        "m", "candidate × 3", "position of every candidate: gauge in body axes, bench sensor in global axes"
+    )
+    direction: np.ndarray = dataset(
+        "1", "candidate × 3", "measuring direction of every candidate: gauge in body axes, bench sensor in global axes"
+    )
     element: np.ndarray = dataset("1", "candidate", "element id of every candidate in the deck")
     facet: np.ndarray = dataset("1", "candidate", "facet number of every candidate in its element, from 1")
     response: np.ndarray = dataset(
         "(strain or m or m/s^2)/SI",
         "candidate × /inputs",
-        "static reading of every candidate per unit of each unknown load or parameter",
+        "static reading of every candidate per unit of each unknown load or parameter, at the first instant in `place.poses`",
     )
 
 
@@ -461,8 +465,12 @@ class BenchLayout:
 
     candidate: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
     sensor: tuple[str, ...] = dataset("1", "gauge", "SENSOR.AXIS for a component of a bench sensor; empty for a gauge")
-    position: np.ndarray = dataset("m", "gauge × 3", "position of every gauge")
-    direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction of every gauge")
+    position: np.ndarray = dataset(
+        "m", "gauge × 3", "position of every gauge in body axes, or of a bench sensor in global axes"
+    )
+    direction: np.ndarray = dataset(
+        "1", "gauge × 3", "measuring direction of every gauge in body axes, or of a bench sensor in global axes"
+    )
     length: np.ndarray = dataset(
         "m", "gauge", "length of the measuring grid of every gauge; 0: strain at the grid centre"
     )

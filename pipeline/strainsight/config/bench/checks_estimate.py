@@ -358,7 +358,7 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
                 yield Problem(
                     f"{key}.{i}.bridge.arrangement",
                     what,
-                    "set the arrangement of the bridge at one location, for example quarter",
+                    "set an arrangement with all arms at one location, for example quarter",
                 )
         if not any(channels):
             yield Problem(
