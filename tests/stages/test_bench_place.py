@@ -217,7 +217,7 @@ GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
     ("change", "key", "says"),
     [
         ({"body: beam\n  keep": "body: bean\n  keep"}, "place.body", "you mean beam?"),
-        ({"keep: 3": "keep: 30"}, "place.pool", "place.keep (30) exceeds the size of the pool (8)"),
+        ({"keep: 3": "keep: 30"}, "place.pool", "place.keep (30) exceeds place.pool (8)"),
         ({"random: 3": "random: 3\n  poses: [0, 9]"}, "place.poses", "9 s is after the end of the simulation at 0.05 s"),
         ({"random: 3": "random: 0"}, "sensors.others.layout", "no random layout is computed"),
         ({"body: beam, layout: place": f"body: beam, layout: place, {GLUED}"}, "sensors.gauges", "both"),

@@ -15,7 +15,7 @@ from strainsight.records.reduced import AffineTerms
 from strainsight.rom.inertia import InertiaInvariants
 
 FIVE = "[x, y, z, about y, about z]"
-FOUR = "of every ball at the contacts inner left, inner right, outer left, outer right"
+FOUR = "of every ball at the contacts inner left, inner right, outer left, outer right (left: towards negative x)"
 
 
 @record
@@ -35,12 +35,14 @@ class RingMotion:
     displacement: np.ndarray = dataset(
         "m or rad",
         "/time × 5",
-        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring, in its axes",
+        "displacements along x, y, z and tilts about y, z of the inner ring relative to the outer ring, in the axes of the "
+        "outer ring",
     )
     load: np.ndarray = dataset(
         "N or N m",
         "/time × 5",
-        "forces along x, y, z and moments about y, z on the inner ring, in the axes of the outer ring",
+        "forces along x, y, z and moments about y, z through the bearing centre, on the inner ring, in the axes of the outer "
+        "ring",
     )
     pressure: np.ndarray = dataset("Pa", "/time", "highest contact pressure of the bearing at every instant")
     worst: WorstInstant = group()
@@ -96,6 +98,7 @@ class SurfaceHistory:
 
 
 SQUARE = "coordinate × coordinate"
+IN_UNITS = "for the reduced coordinates in m, rad or m √kg"
 
 
 @record
@@ -108,22 +111,19 @@ class ReducedBody:
     reach: dict[str, np.ndarray] = dataset(
         "Pa", "2", "range of modulus <name> in which static errors of the reduced body are below 1 %"
     )
-    mass: np.ndarray = dataset("kg per unit^2", SQUARE, "reduced mass matrix, per unit of the reduced coordinates")
-    stiffness: AffineOperator = group(
-        AffineTerms, "N/m per unit^2", "reduced stiffness matrix, per unit of the reduced coordinates"
-    )
-    damping: AffineOperator = group(
-        AffineTerms, "N s/m per unit^2", "reduced damping matrix, per unit of the reduced coordinates"
-    )
+    mass: np.ndarray = dataset("kg per unit^2", SQUARE, f"reduced mass matrix {IN_UNITS}")
+    stiffness: AffineOperator = group(AffineTerms, "N/m per unit^2", f"reduced stiffness matrix {IN_UNITS}")
+    damping: AffineOperator = group(AffineTerms, "N s/m per unit^2", f"reduced damping matrix {IN_UNITS}")
     basis: np.ndarray = dataset(
         "m per unit",
         "3 nodes × coordinate",
-        "displacement of the nodes per unit of each reduced coordinate; row = 3 × node index + component",
+        "displacement of the nodes in body axes, per unit of each reduced coordinate; row = 3 × node index + component "
+        "(x: 0, y: 1, z: 2)",
     )
     interface: dict[str, np.ndarray] = dataset(
         "m or rad per unit",
         "6 × coordinate",
-        "translations and rotations of node <name> per unit of each reduced coordinate",
+        "translations and rotations of node <name> in body axes, per unit of each reduced coordinate",
     )
     inertia: InertiaInvariants = group()
 
@@ -139,8 +139,8 @@ class ReducedBodies:
 class FrameAtRest:
     """Pose of a frame."""
 
-    position: np.ndarray = dataset("m", "3", "origin of the frame in global axes")
-    axes: np.ndarray = dataset("1", "3 × 3", "axes of the frame in global axes, as columns")
+    position: np.ndarray = dataset("m", "3", "position of the frame origin in equilibrium, in global axes")
+    axes: np.ndarray = dataset("1", "3 × 3", "directions of the frame axes in equilibrium, in global axes, as columns")
 
 
 @record
@@ -150,10 +150,14 @@ class RingAtRest:
     displacement: np.ndarray = dataset(
         "m or rad",
         "5",
-        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring, in its axes",
+        "displacements along x, y, z and tilts about y, z of the inner ring relative to the outer ring, in the axes of the "
+        "outer ring",
     )
     load: np.ndarray = dataset(
-        "N or N m", "5", "forces along x, y, z and moments about y, z on the inner ring, in the axes of the outer ring"
+        "N or N m",
+        "5",
+        "forces along x, y, z and moments about y, z through the bearing centre, on the inner ring, in the axes of the outer "
+        "ring",
     )
     pressure: float = dataset("Pa", "", "highest contact pressure of the bearing")
 
@@ -193,7 +197,9 @@ class FrameInModes:
 class StateSpace:
     """Linearised model ẋ = A x + B Δu, Δy = C x + D Δu about the equilibrium; x: modal coordinates and their rates."""
 
-    A: np.ndarray = dataset("1/s", "state × state", "state matrix A of ẋ = A x + B Δu, x: modal coordinates and rates")
+    A: np.ndarray = dataset(
+        "1/s", "state × state", "state matrix A of ẋ = A x + B Δu, x: modal coordinates and their rates"
+    )
     B: np.ndarray = dataset("SI per unit of the load", "state × input", "input matrix B of ẋ = A x + B Δu")
     C: np.ndarray = dataset("SI per unit of x", "output × state", "output matrix C of Δy = C x + D Δu, y: readings")
     D: np.ndarray = dataset("SI per unit of the load", "output × input", "feedthrough matrix D of Δy = C x + D Δu")
@@ -229,9 +235,13 @@ class Coupled:
 class BearingCase:
     """A bearing in equilibrium under a load on its inner ring."""
 
-    load: np.ndarray = dataset("N or N m", "5", f"load on the inner ring {FIVE}")
-    displacement: np.ndarray = dataset("m or rad", "5", f"displacement of the inner ring {FIVE}")
-    stiffness: np.ndarray = dataset("N/m to N m/rad", "5 × 5", "stiffness matrix of the bearing, ∂load/∂displacement")
+    load: np.ndarray = dataset("N or N m", "5", f"forces and moments on the inner ring {FIVE}")
+    displacement: np.ndarray = dataset(
+        "m or rad", "5", f"displacements and tilts of the inner ring {FIVE}, relative to the outer ring"
+    )
+    stiffness: np.ndarray = dataset(
+        "(N or N m)/(m or rad)", "5 × 5", "stiffness matrix of the bearing, ∂load/∂displacement"
+    )
     station: np.ndarray = dataset(
         "rad", "/station", "angular position of every ball about the bearing axis x, from the y axis towards the z axis"
     )
@@ -249,7 +259,7 @@ class BearingCurve:
         "/displacement",
         "varied displacement or tilt of the inner ring; the other displacements and tilts are zero",
     )
-    load: np.ndarray = dataset("N or N m", "/displacement × 5", f"load on the inner ring {FIVE}")
+    load: np.ndarray = dataset("N or N m", "/displacement × 5", f"forces and moments on the inner ring {FIVE}")
 
 
 @dataclass(frozen=True)
@@ -374,7 +384,8 @@ class RingEstimate:
     displacement: np.ndarray = dataset(
         "m or rad",
         "/time × 5",
-        "displacements along x, y, z and tilts about y, z of the inner ring, relative to the outer ring, in its axes",
+        "displacements along x, y, z and tilts about y, z of the inner ring relative to the outer ring, in the axes of the "
+        "outer ring",
     )
     std: np.ndarray = dataset(
         "m or rad", "/time × 5", "standard deviation of every displacement and tilt of the inner ring"
@@ -433,14 +444,18 @@ PLACED = "place"
 
 @record
 class BenchCandidates:
-    position: np.ndarray = dataset("m", "candidate × 3", "position of every candidate")
-    direction: np.ndarray = dataset("1", "candidate × 3", "measuring direction of every candidate")
+    position: np.ndarray = dataset(
+        "m", "candidate × 3", "position of every candidate: gauge in body axes, bench sensor in global axes"
+    )
+    direction: np.ndarray = dataset(
+        "1", "candidate × 3", "measuring direction of every candidate: gauge in body axes, bench sensor in global axes"
+    )
     element: np.ndarray = dataset("1", "candidate", "element id of every candidate in the deck")
     facet: np.ndarray = dataset("1", "candidate", "facet number of every candidate in its element, from 1")
     response: np.ndarray = dataset(
         "(strain or m or m/s^2)/SI",
         "candidate × /inputs",
-        "static reading of every candidate per unit of each unknown load or parameter",
+        "static reading of every candidate per unit of each unknown load or parameter, at the first instant in `place.poses`",
     )
 
 
@@ -450,8 +465,12 @@ class BenchLayout:
 
     candidate: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
     sensor: tuple[str, ...] = dataset("1", "gauge", "SENSOR.AXIS for a component of a bench sensor; empty for a gauge")
-    position: np.ndarray = dataset("m", "gauge × 3", "position of every gauge")
-    direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction of every gauge")
+    position: np.ndarray = dataset(
+        "m", "gauge × 3", "position of every gauge in body axes, or of a bench sensor in global axes"
+    )
+    direction: np.ndarray = dataset(
+        "1", "gauge × 3", "measuring direction of every gauge in body axes, or of a bench sensor in global axes"
+    )
     length: np.ndarray = dataset(
         "m", "gauge", "length of the measuring grid of every gauge; 0: strain at the grid centre"
     )

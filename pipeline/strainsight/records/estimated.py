@@ -168,8 +168,8 @@ class Compared:
     ratio: dict[str, np.ndarray] = dataset(
         "1",
         "/filter",
-        "RMS deviation of the estimate of every filter from the posterior of the grid filter, divided by the σ "
-        "of this estimate",
+        "RMS error of the final estimate of <name> by every filter, if <name> is distributed as in the posterior of the "
+        "grid filter; divided by the σ of this estimate",
     )
 
 
@@ -180,7 +180,9 @@ class SurfaceMoment:
     time: float = dataset("s", "", "time of the largest reading, on the time axis of the test file")
     label: str = dataset("1", "", "channel with the largest reading")
     displacement: np.ndarray = dataset(
-        "m", "node × 3", "smoothed displacement at the nodes of import.h5 at the time of the largest reading"
+        "m",
+        "node × 3",
+        "smoothed displacement of the nodes of import.h5 at the time of the largest reading, in global axes",
     )
     strain: np.ndarray = dataset(
         "strain",

@@ -74,7 +74,7 @@ class Ignored:
     ]
 
 
-SECTION, SET = Key("region", int, "region id of every section"), Key("name", str, "name of every set of <what>")
+SECTION, SET = Key("region", int, "region id of every shell section"), Key("name", str, "name of every set of <what>")
 LAMINATE = Key("region", int, "region id of every laminate")
 BEAM_END = Key("region", int, "region id of every beam section; two rows if the ends A and B differ", several=True)
 REGION, NAMED_FACE = (
@@ -124,7 +124,7 @@ class MeshColumns:
     fixed: np.ndarray = dataset(
         "1",
         "held component × 2",
-        "fixed components, as [node index, component]; component 0-2: translations, 3-5: rotations",
+        "fixed degrees of freedom, as [node index, component]; component 0-2: translations, 3-5: rotations",
         path="/constraints/fixed",
     )
     rigid: tuple[RigidElement, ...] = group(table(RigidElement, "rigid element"), path="/constraints/rigid")

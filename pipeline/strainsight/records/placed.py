@@ -34,12 +34,12 @@ class Augmented:
     )
     Q: np.ndarray = dataset("1/s", "scenario × /state × /state", "process noise intensity Q of the augmented state")
     R: np.ndarray = dataset("(unit of the channel)^2 s", "scenario × channel", "noise intensity R of every channel")
-    weight: np.ndarray = dataset("1", "scenario × /state", "diagonal of the weight matrix W of the criterion")
+    weight: np.ndarray = dataset("1", "scenario × /state", "diagonal of the weight matrix W of the placement criterion")
     scale: np.ndarray = dataset(
         "x*",
         "scenario × /state",
         "scale of every entry of x*: x* = scale · scaled state. With all candidates at the start of the "
-        "elimination (the pool), the covariance P of the scaled state has the diagonal 1",
+        "elimination (the pool), the steady-state covariance P of the scaled state has the diagonal 1",
     )
 
 
@@ -50,8 +50,8 @@ class PoolTable:
     candidate: np.ndarray = dataset(
         "1",
         "pool row",
-        "candidate number of the first channel of every pool row: a gauge or mirrored pair at the start of the "
-        "elimination",
+        "candidate number of the first channel of every pool row; a pool row is a gauge or mirrored pair at the start of "
+        "the elimination",
     )
     channel: np.ndarray = dataset("1", "channel", "candidate number of every channel in /augmented/H")
     row: np.ndarray = dataset("1", "channel", "row in /pool/gauges of the gauge of every channel in /augmented/H")
@@ -80,7 +80,7 @@ class Removals:
         "1", "removal + 1", "<what> of the whole pool and after every removal; only for other criteria", default=None
     )
     rise: np.ndarray = dataset("1", "removal", "increase of <what> with every removal, in full precision")
-    unknowns: tuple[str, ...] = dataset("1", "/unknowns", "unknowns in the criterion: loads, then parameters")
+    unknowns: tuple[str, ...] = dataset("1", "/unknowns", "unknowns in the placement criterion: loads, then parameters")
     blocks: np.ndarray = dataset(
         "1", "removal + 1 × /unknowns", "weighted variance of every unknown; the sum of a row is tr(W P)"
     )
@@ -196,7 +196,9 @@ class Observed:
     """observe.h5."""
 
     excitation: tuple[str, ...] = dataset(
-        "1", "/excitation", "name of every excitation: load case, 'training run', or frequency"
+        "1",
+        "/excitation",
+        "name of every excitation: load case, 'training run' (the simulation of the stage `train`), or frequency",
     )
     case: tuple[str, ...] = dataset("1", "/case", "group of unknowns: input, E (all moduli), rho (all densities)")
     unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns of every group in `case`")
@@ -302,7 +304,7 @@ class ByCase:
     """Load cases of the placement."""
 
     name: tuple[str, ...] = dataset("1", "/name", "name of every load case")
-    weight: np.ndarray = dataset("1", "/name", "weight of every load case")
+    weight: np.ndarray = dataset("1", "/name", "weight of every load case in the placement criterion")
     scenario: np.ndarray = dataset("1", "scenario", "load case number of every scenario in /augmented")
     metric: np.ndarray = dataset(
         "1", "/name", "<what> of the final set in every load case, without the weight of the case"
@@ -310,7 +312,7 @@ class ByCase:
     std: dict[str, np.ndarray] = dataset(
         "1",
         "/name",
-        "predicted σ of <name> along the training run, relative to the amplitude (load) or guess (parameter)",
+        "predicted σ of <name> in the simulation of the stage `train`, relative to the amplitude (load) or guess (parameter)",
     )
     acts: dict[str, np.ndarray] = dataset(
         "1", "/name", "1 if <name> acts in the load case; 0: not part of the criterion of this case"
@@ -326,7 +328,9 @@ class Placed(PlacedLayout):
     """place.h5."""
 
     expected_std: dict[str, float] = dataset(
-        "SI", "", "predicted σ of <name> along the training run, with tolerances, in the load case with the largest σ"
+        "SI",
+        "",
+        "predicted σ of <name> in the simulation of the stage `train`, with tolerances, in the load case with the largest σ",
     )
     without: dict[str, np.ndarray] = dataset(
         "1",

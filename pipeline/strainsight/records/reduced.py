@@ -165,12 +165,14 @@ class ReductionErrors:
 class ReadyBasis:
     """Data of a model with imported matrices."""
 
-    basis: np.ndarray = dataset("kg^-1/2", "row × coordinate", "reduction basis Ψ in the rows of the imported matrices")
+    basis: np.ndarray = dataset(
+        "kg^-1/2", "row × coordinate", "reduction basis Ψ; row: degree of freedom of the imported matrices"
+    )
     missed: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "row × input × misalignment",
         "change of the static response per unit misalignment of a load: only the part outside the span of the reduction basis "
-        "Ψ, in the rows of the imported matrices",
+        "Ψ; row: degree of freedom of the imported matrices",
     )
     notes: tuple[str, ...] = dataset("1", "note", "assumptions made in reading the matrices")
 
@@ -214,7 +216,10 @@ class Reduced:
         "Hz", "/frequency", "natural frequencies of the full model at reference parameter values"
     )
     basis: np.ndarray = dataset(
-        "kg^-1/2", "3 nodes × coordinate", "reduction basis Ψ at the nodes; row = 3 × node index + component"
+        "kg^-1/2",
+        "3 nodes × coordinate",
+        "reduction basis Ψ: displacement of the nodes in global axes, per unit of each reduced coordinate; row = 3 × node "
+        "index + component (x: 0, y: 1, z: 2)",
     )
     static: np.ndarray = dataset(
         "m/N",

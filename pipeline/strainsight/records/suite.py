@@ -110,7 +110,8 @@ class NumberRows:
     value: np.ndarray = dataset(
         "SI",
         "number",
-        "value of the number, multiplied by `times` and divided by the value in the reference run (`against`)",
+        "value of the number, multiplied by `times` of the claim and divided by the value in its reference run "
+        "(`against`)",
     )
 
 
@@ -132,8 +133,8 @@ class ComparisonRows:
     verdict: tuple[str, ...] = dataset(
         "1",
         "/source",
-        "result of the comparison: holds, holds only with the published or other settings, contradicted, no "
-        "number, or not measured",
+        "result of the comparison: holds, holds with the published settings only, holds with other settings only, "
+        "contradicted, no number (filter diverged), or not measured (no run)",
     )
     why: tuple[str, ...] = dataset("1", "/source", "explanation of the result of the comparison")
 

@@ -80,10 +80,14 @@ class StrainOperatorRows:
     """Imported strain operator (channel × matrix row), as the three arrays of a CSR matrix."""
 
     value: np.ndarray = dataset(
-        "1/m or 1/rad", "value", "imported strain per unit displacement or rotation of a row of the imported matrices"
+        "1/m or 1/rad",
+        "value",
+        "strain of a channel per unit translation or rotation of one degree of freedom (row of the imported matrices)",
     )
     size: int = dataset("1", "", "number of rows of the imported matrices")
-    column: np.ndarray = dataset("1", "value", "row number in the imported matrices for every value")
+    column: np.ndarray = dataset(
+        "1", "value", "degree of freedom of every entry of `value`, as row number of the imported matrices"
+    )
     offset: np.ndarray = dataset(
         "1", "channel + 1", "start of every channel in `value`; channel i has the values offset[i] to offset[i + 1] − 1"
     )
@@ -283,7 +287,7 @@ class Screened:
         "unit of the channel", "channel", "measuring range of every channel; inf: not specified"
     )
     family: tuple[str, ...] = dataset(
-        "1", "kind", "name of every kind of sensor; index of the kind: /gauges/array of train.h5"
+        "1", "kind", "config section of every kind of sensor; /gauges/array of train.h5 is the index into this list"
     )
 
 

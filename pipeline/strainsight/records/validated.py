@@ -90,9 +90,12 @@ class SweepTable:
     key: tuple[str, ...] = dataset(
         "1",
         "/key",
-        "quantity changed in every run: time_step, process_noise, or the name of a parameter with a wrong value",
+        "quantity changed in this run: time_step, process_noise, or the name of the parameter that is deliberately set to "
+        "a wrong value",
     )
-    value: np.ndarray = dataset("1", "/key", "time step [s], or factor on the process noise or on the parameter")
+    value: np.ndarray = dataset(
+        "1", "/key", "changed time step [s], or factor on the process noise or on the parameter"
+    )
     error: dict[str, np.ndarray] = dataset("1", "/key", "error of <name> (of a parameter at the end, of a load RMS)")
     std: dict[str, np.ndarray] = dataset("1", "/key", "estimated standard deviation of <name>")
 

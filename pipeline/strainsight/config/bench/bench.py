@@ -39,8 +39,8 @@ class CandidateSensor(Priced):
     """A candidate sensor of the bench; each of its three components is one candidate."""
 
     noise: Annotated[Positive | tuple[Positive, Positive, Positive], NOISE] = expert(
-        description="Noise standard deviation of one sample [m or m/s²]: one value for all three components, or a list with "
-        "one value for each component."
+        description="Noise standard deviation of one sample of the sensor [m or m/s²]: one value for all three components, or "
+        "a list with one value for each component."
     )
 
 
@@ -75,15 +75,15 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
     )
     pool: Annotated[int, Field(ge=1), Plausible(1, 1e5)] = expert(
         300,
-        description="Number of candidate gauges with which the backward elimination starts (the pool), without bonded gauges "
-        "[-]. The pool is filled in rounds: for each unknown, a round adds the remaining candidate with the "
-        "largest static reading.",
+        description="Number of candidate gauges with which the backward elimination starts (the pool) [-]; bonded gauges are "
+        "not counted. The pool is filled in rounds. For each unknown load or parameter and each instant in `poses`, a round "
+        "adds the remaining candidate with the largest static strain due to this unknown.",
     )
     search: Literal["all", "pool"] = expert(
         "all",
-        description="Candidates for the optimised layout. With `all`: the lower bound of the criterion is valid for all "
-        "candidates, and candidates that could improve the layout are added to the pool (`place.pool`). With "
-        "`pool`: the layout and the lower bound consider the candidates in the pool only.",
+        description="Candidates for the optimised layout. With `all`: the lower bound of the placement criterion is valid for "
+        "layouts of all candidates, and candidates that could improve the layout are added to the pool (`place.pool`). With "
+        "`pool`: the layout and the lower bound consider only the candidates in the pool.",
     )
     spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
@@ -99,7 +99,7 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
         4,
         ge=0,
         le=1000,
-        description="Number of random layouts of all candidates, for comparison with the optimised layout [-].",
+        description="Number of layouts sampled at random from all candidates, for comparison with the optimised layout [-].",
     )
 
     @property
@@ -198,10 +198,10 @@ class Simulate(TimeSpan):
     )
     tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = expert(
         None,
-        description="Largest integration error of the motion of each body over the whole run, relative to the largest "
-        "coordinates of this body [-]; of rotations: in rad. Each step is halved until another halving changes "
-        "the motion by less than this value divided by the number of steps. The loads are evaluated at all "
-        "intermediate instants. Null: fixed steps.",
+        description="Largest permitted integration error of the motion of each body over the whole run [-], relative to the "
+        "largest norm of the coordinates of this body. For a rotation, the value is the error in rad. Each step is halved until "
+        "another halving changes the motion by less than this value divided by the number of steps. The loads are "
+        "evaluated at all intermediate instants. Null: fixed steps.",
     )
     start: Literal["equilibrium", "as_given"] = expert(
         "equilibrium",
@@ -214,9 +214,9 @@ class Simulate(TimeSpan):
     )
     snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = expert(
         0.005,
-        description="Largest displacement of a body by the projection of its initial pose onto the joint constraints [m]. A "
-        "larger displacement is an error. The changes of rotation (0.02 rad) and of initial velocity (1 %) have "
-        "fixed limits.",
+        description="Largest permitted displacement of a body by the projection of its initial pose onto the joint constraints "
+        "[m]. A larger displacement is an error. The permitted change of rotation is 0.02 rad, and that of the "
+        "initial velocity 1 %.",
     )
 
 

@@ -56,12 +56,13 @@ class PoseSection(Section):
     )
     x_axis: DirectionVector = expert(
         (1.0, 0.0, 0.0),
-        description="Direction of the x axis, in the axes of `origin` [-]; the length of the vector is not used.",
+        description="Direction of the x axis, in global axes; of a frame on a body, in the axes of the body [-]. The length of "
+        "the vector is not used.",
     )
     y_axis: DirectionVector = expert(
         (0.0, 1.0, 0.0),
-        description="Direction of the y axis, in the axes of `origin` [-]; the component of the vector along the x axis is "
-        "ignored.",
+        description="Direction of the y axis, in global axes; of a frame on a body, in the axes of the body [-]. The component "
+        "of the vector along the x axis is ignored.",
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -223,16 +224,16 @@ class BearingSection(Section):
         gt=0, lt=90, description="Free contact angle [deg]."
     )
     radius_inner_left: GrooveRadius = Field(
-        description="Groove radius of the left inner raceway [m]; larger than half of `ball_diameter`."
+        description="Groove radius of the left inner raceway (towards negative x) [m]; larger than half of `ball_diameter`."
     )
     radius_inner_right: GrooveRadius = Field(
-        description="Groove radius of the right inner raceway [m]; larger than half of `ball_diameter`."
+        description="Groove radius of the right inner raceway (towards positive x) [m]; larger than half of `ball_diameter`."
     )
     radius_outer_left: GrooveRadius = Field(
-        description="Groove radius of the left outer raceway [m]; larger than half of `ball_diameter`."
+        description="Groove radius of the left outer raceway (towards negative x) [m]; larger than half of `ball_diameter`."
     )
     radius_outer_right: GrooveRadius = Field(
-        description="Groove radius of the right outer raceway [m]; larger than half of `ball_diameter`."
+        description="Groove radius of the right outer raceway (towards positive x) [m]; larger than half of `ball_diameter`."
     )
     preload: Annotated[float, Plausible(0.0, 1e-3, "m")] = Field(
         0.0,

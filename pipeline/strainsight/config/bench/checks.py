@@ -42,7 +42,7 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
             remedy = "list the unknown loads under estimate.inputs"
             yield Problem("place", "the config has no unknown load to estimate", remedy, at_key=True)
         if place.pool + place.bonded < place.keep:
-            what = f"place.keep ({place.keep}) exceeds the size of the pool ({place.pool}) plus bonded gauges ({place.bonded})"
+            what = f"place.keep ({place.keep}) exceeds place.pool ({place.pool}) plus bonded gauges ({place.bonded})"
             yield Problem("place.pool", what, "increase place.pool, or reduce place.keep")
         if list(place.poses) != sorted(set(place.poses)):
             yield Problem(

@@ -71,7 +71,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         return
     loads = [name for name, force in config.forces.items() if isinstance(force, Load)]
     for name in estimate.inputs:
-        yield from known(f"estimate.inputs.{name}", name, loads, "force or moment")
+        yield from known(f"estimate.inputs.{name}", name, loads, "force or moment in the section forces with the name")
     yield from _load_models(config, estimate)
     if estimate.method.step_error == "estimated" and config.driven:
         what = "the discretisation error of a step cannot be estimated with driven joints"
@@ -128,7 +128,9 @@ def disturbed(
 ) -> Iterator[Problem]:
     """Yield a problem for an accelerometer together with a white acceleration."""
     if isinstance(sensor, AccelerationSensor) and estimate is not None and estimate.disturbance > 0:
-        what = f"accelerometer '{name}' cannot measure the disturbance: white noise has no value at an instant"
+        what = (
+            f"not possible with accelerometer '{name}': the disturbance is white noise, without a value at an instant"
+        )
         yield Problem("estimate.disturbance", what, f"set estimate.disturbance to 0, {remedy}")
 
 
@@ -143,7 +145,10 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
             what = f"the filter does not support sensors of type {sensor.type}"
             yield Problem(key, what, "remove the sensor from estimate.sensors; the sensor is for the simulation only")
         yield from disturbed(
-            estimate, sensor, name, f"and set {key}.noise to √(noise² + e²), e = σ of the model error in m/s²"
+            estimate,
+            sensor,
+            name,
+            f"and set {key}.noise to √(noise² + e²), e = σ of the acceleration due to model errors in m/s²",
         )
         count = channels_of(config, name)
         for field in ("noise", "bias", "drift"):
@@ -300,18 +305,20 @@ def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[
     for name in estimate.sensors:
         sensor = config.sensors.get(name)
         if sensor is not None and sensor.type == "strain" and sensor.zeroed:
-            what = "the measurements of the bench in measured.from were zeroed under unknown loads"
+            what = "the gauges of the bench in estimate.measured.from were zeroed under unknown loads"
             yield Problem(
                 f"sensors.{name}.zeroed",
                 what,
-                "set zeroed: false in both benches, or remove the sensor from estimate.sensors",
+                "set zeroed: false for the sensor in the configs of both benches, or remove the sensor from estimate.sensors",
             )
         if isinstance(sensor, AccelerationSensor) and sensor.gravity and measured.scale != 1:
-            what = f"the reading of gravity does not scale with measured.scale ({measured.scale:g})"
+            what = (
+                f"the reading includes gravity, which does not scale with estimate.measured.scale ({measured.scale:g})"
+            )
             yield Problem(
                 f"sensors.{name}.gravity",
                 what,
-                "set gravity: false for the sensor in both benches, or set estimate.measured.scale: 1",
+                "set gravity: false for the sensor in the configs of both benches, or set estimate.measured.scale: 1",
             )
     for name in measured.sensors:
         yield from known(
@@ -351,13 +358,15 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
                 yield Problem(
                     f"{key}.{i}.bridge.arrangement",
                     what,
-                    "set the arrangement of the bridge at one location, for example quarter",
+                    "set an arrangement with all arms at one location, for example quarter",
                 )
         if not any(channels):
             yield Problem(
-                key, "no component of the sensor has a channel", "remove the sensor here and from estimate.sensors"
+                key,
+                "no component of the sensor has a channel",
+                "list a channel for at least one component, or remove the sensor here and from estimate.sensors",
             )
     for name in estimate.sensors:
         if name not in measured.channels:
             remedy = f"add estimate.measured.channels.{name}, or remove '{name}' from estimate.sensors"
-            yield Problem("estimate.measured.channels", f"sensor '{name}' has no channels in the file", remedy)
+            yield Problem("estimate.measured.channels", f"no channels are listed for sensor '{name}'", remedy)

@@ -322,8 +322,8 @@ class RegularisedFriction(Section):
     speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s or m/s")] = Field(
         1e-3,
         description="Regularisation speed ω₀ [rad/s; for sliding, m/s]. At speeds above 3 ω₀, Coulomb friction is accurate "
-        "to 0.5 %. At lower speeds, the parts slide slowly instead of sticking. Set at least a tenth of the "
-        "speed change in one time step; with a smaller value, the time step has no solution.",
+        "to 0.5 %. At lower speeds, the parts slide slowly instead of sticking. The value must be at least a tenth of "
+        "the speed change in one time step. Otherwise, the time step has no solution.",
     )
 
 

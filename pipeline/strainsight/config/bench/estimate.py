@@ -176,25 +176,27 @@ class BenchTruth(Section):
 
 
 class FromRun(Section):
-    """Measurements from the simulation of another bench (thesis of Cottone 2022, chapter 4)."""
+    """Measurements from the simulation of another bench, as in chapter 4 of the thesis (Cottone 2022)."""
 
     run: Text = Field(
         alias="from",
-        description="Name of the run of the other bench (results/NAME/simulate.h5), or path of a file simulate.h5, relative "
-        "to the folder of the config.",
+        description="Name of the run whose simulated readings are the measurements (results/NAME/simulate.h5), or path of a "
+        "file simulate.h5, relative to the folder of the config.",
     )
     sensors: dict[Name, Text] = expert(
         {},
-        description="Sensor of this bench → sensor of the other bench. For a sensor that is not listed, both names are equal.",
+        description="Sensor of this bench → sensor of the bench in `measured.from`. For a sensor that is not listed, both names "
+        "are equal.",
     )
     inputs: dict[Name, Text] = expert(
         {},
-        description="Unknown load of this bench → load of the other bench, for comparison with the estimate. For a load that "
-        "is not listed, both names are equal.",
+        description="Unknown load of this bench → load of the bench in `measured.from`, for comparison with the estimate. For "
+        "a load that is not listed, both names are equal.",
     )
     scale: Annotated[Positive, Plausible(1e-3, 1e3)] = Field(
         1.0,
-        description="Scale factor on lengths [-]: readings of the other bench in m, m/s and m/s² are multiplied by this factor.",
+        description="Scale factor on lengths [-]: readings in m, m/s and m/s² of the bench in `measured.from` are multiplied by "
+        "this factor.",
     )
 
 
@@ -219,17 +221,18 @@ class Method(Section):
     update: Literal["iterated", "one_shot", "undamped", "as_printed"] = Field(
         "iterated",
         description="Measurement update of the filter. With `iterated`: damped Gauss-Newton iterations for the most probable "
-        "state. With `one_shot`: extended Kalman filter, projected onto the constraints. With `undamped`: "
-        "Gauss-Newton iterations without damping. With `as_printed`: one update at the predicted state, "
-        "equations (1.58) to (1.60) of the thesis (Cottone 2022); the updated state violates the constraints "
-        "until the next step.",
+        "state. With `one_shot`: one update at the predicted state (extended Kalman filter), then projection of the "
+        "state onto the joint constraints. With `undamped`: Gauss-Newton iterations without damping. With `as_printed`: one "
+        "update at the predicted state, equations (1.58) to (1.60) of the thesis (Cottone 2022); the updated state violates "
+        "the joint constraints until the next step.",
     )
     noise: Literal["before_step", "as_printed"] = Field(
         "before_step",
         description="Process noise of the filter. With `before_step`: added to loads, parameters and disturbance at the "
-        "start of a step; the constraints remain satisfied. With `as_printed`: Q* of the thesis (Cottone 2022), "
-        "equations (1.45) and (1.57). Diagonal blocks are added after the step, with `disturbance` on every "
-        "velocity, independent of the joints. The σ of a load is then at least its increment.",
+        "start of a step; the joint constraints remain satisfied. With `as_printed`: block-diagonal "
+        "matrix Q* of the thesis (Cottone 2022), equations (1.45) and (1.57), added after the step. `disturbance` then acts "
+        "on every velocity, and the velocities can violate the joint constraints. The σ of a load is then at least its "
+        "increment.",
     )
     iterations: int = expert(
         10, ge=1, le=100, description="Largest number of iterations of the measurement update in each step [-]."
@@ -242,10 +245,10 @@ class Method(Section):
     )
     step_error: Literal["estimated", "ignored"] | None = expert(
         None,
-        description="Discretisation error of a time step. With `estimated`: included as noise of the motion, estimated from "
-        "the linearised bench and the load history in the step. With `ignored`: each step is assumed exact, with linear "
-        "loads. Null: `ignored` for `simulate.method: thesis`, `noise: as_printed`, simulated measurements with "
-        "`truth.model: filter_step`, or driven joints; otherwise `estimated`.",
+        description="Discretisation error of a time step. With `estimated`: estimated from the linearised bench and the load "
+        "history in the step, and included in the process noise of the motion. With `ignored`: each step is assumed exact, "
+        "with loads that vary linearly. Null: `ignored` for `simulate.method: thesis`, `noise: as_printed`, simulated "
+        "measurements with `truth.model: filter_step`, or driven joints; otherwise `estimated`.",
     )
 
 
@@ -257,7 +260,8 @@ class BenchEstimateSection(EstimateOptions):
     )
     duration: Duration | None = Field(None, description="Duration of the estimate [s]; null: `simulate.duration`.")
     sensors: Annotated[dict[Name, MeasuredSensor], Field(min_length=1)] = Field(
-        description="Sensors that the filter uses; all other sensors are compared with the estimate."
+        description="Sensors that the filter uses. For every other sensor, the estimated reading is compared with the simulated "
+        "reading."
     )
     inputs: dict[Name, UnknownInput] = Field(
         {}, description="Unknown forces and moments, by their names under `forces`."
@@ -293,5 +297,5 @@ class BenchEstimateSection(EstimateOptions):
     allow_unresolved_steps: bool = Field(
         False,
         description="`true`: continue even if the time step is too long to resolve the load histories; σ does not include "
-        "this error.",
+        "the resulting error.",
     )
