@@ -32,8 +32,8 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
             if node not in rotation_rows:
                 raise DeckError(
                     f"{spring} acts on rotations of node {mesh.node_ids[node]}, which has no rotations",
-                    remedy="Make the node the reference node of a tie (RBE2, mesh.ties), clamp its rotations, or make the "
-                    "ends of the spring coincide.",
+                    remedy="Make the node the reference node of a tie (RBE2, mesh.ties), clamp its rotations, or move the "
+                    "two nodes of the spring to the same position.",
                     entity=("node", int(mesh.node_ids[node])),
                 )
             at[i] = rotation_rows[node] + spring.component[i] - 3
