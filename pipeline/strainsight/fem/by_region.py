@@ -278,7 +278,7 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
             if number not in present:
                 raise UserError(
                     f"parameter {p.name} refers to region {number}, which has no elements",
-                    remedy=f"Assign the parameter to one of the regions {', '.join(map(str, present))}.",
+                    remedy=f"Set `region` of this parameter to one of the regions {', '.join(map(str, present))}.",
                 )
             if shapes(mesh, number, p.property):
                 continue

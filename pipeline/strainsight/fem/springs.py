@@ -83,7 +83,7 @@ def spring_owners(mesh: Mesh, springs: Mapping[str, Sequence[str]]) -> dict[str,
         if names and not any(spring.stiffness.any() for spring in mesh.springs if spring.name in names):
             raise UserError(
                 f"the springs of parameter {parameter} have no stiffness",
-                remedy="Specify a positive stiffness for these springs, or name other springs in the parameter.",
+                remedy="Specify a positive stiffness for these springs, or name other springs in `springs` of the parameter.",
             )
         for name in names:
             if (other := owner.setdefault(name, parameter)) != parameter:
