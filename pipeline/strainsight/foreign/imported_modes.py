@@ -191,7 +191,7 @@ def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None)
     if file_mass is None:
         assert mesh_mass is not None
         return mesh_mass, [
-            f"modes are normalised with the densities of the mesh. Before this, ΦᵀMΦ of the first mode is {mesh_mass[0]:.4g} kg"
+            f"modes are normalised with the densities of the mesh; ΦᵀMΦ of the first mode of the file was {mesh_mass[0]:.4g} kg"
         ]
     if mesh_mass is None:
         return file_mass, []

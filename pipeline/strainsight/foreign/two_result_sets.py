@@ -263,8 +263,8 @@ def _change_of_stiffness(
     if off <= NOTED:
         return D, []
     return D, [
-        f"{off:.1%} of the effect of {parameter.name} does not fit the element formulation: for values between both sets, the "
-        f"relative error of the frequencies is about {off / 100:.0e}"
+        f"{off:.1%} of the effect of {parameter.name} does not fit the element formulation: for parameter values "
+        f"between both sets, the relative error of the frequencies is about {off / 100:.0e}"
     ]
 
 
