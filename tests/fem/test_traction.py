@@ -319,7 +319,7 @@ def test_error_of_free_body_suggests_soft_springs():
     with pytest.raises(UserError, match="can move freely") as caught:
         build_model(mesh)
     k, first = (
-        float(word) for word in re.findall(r"stiffness: (\S+)`.*first elastic mode, (\S+) Hz", caught.value.remedy)[0]
+        float(word) for word in re.findall(r"stiffness: (\S+)`.*first elastic mode \((\S+) Hz", caught.value.remedy)[0]
     )
     free = build_model(mesh, supported=False)
     elastic = modes(free.stiffness.constant, free.mass.constant, 7, shift=-1e6)[0][6]

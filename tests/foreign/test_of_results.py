@@ -161,7 +161,7 @@ def test_responses_satisfy_reciprocity(bar):
     motion = own.motion.copy()
     motion[-1] *= 1.03
     with pytest.raises(
-        UserError, match=r"the static response to load middle moves load end by 4\.9048e-10 m/N, but the response to load end"
+        UserError, match=r"the static displacement at load end due to load middle is 4\.9048e-10 m/N, but the one at load middle"
     ):
         built(bar, replace(own, motion=motion), LOADS)
     same = (LOADS[0], replace(LOADS[0], name="again"))

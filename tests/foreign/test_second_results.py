@@ -192,7 +192,10 @@ def test_a_second_set_with_other_supports_is_refused(bar):
     motion, own = set_of(bar, modulus=1.4 * E)
     held = motion.copy()
     held[:, bar.position[:, 0] == L] = 0.0
-    fault = r"node 1601, translation x is fixed in the second result set, but not in the first set \(affected motions: 4\)"
+    fault = (
+        r"node 1601, translation x is fixed in the second result set, but not in the first set "
+        r"\(affected degrees of freedom: 4\)"
+    )
     with pytest.raises(UserError, match=fault) as caught:
         built(bar, set_of(bar), (held, own), Change(LEFT, E, 1.4 * E))
     assert "same supports" in caught.value.remedy

@@ -128,7 +128,7 @@ def test_merge_keeps_coincident_nodes_with_a_tie(way):
     assert connectivity_warnings(mesh) == ()
     kept = merged(mesh, 1e-6)
     assert len(kept.position) == len(mesh.position)
-    assert "without a connection (connected:" in kept.notes[-1]
+    assert "without a connection (nodes already connected:" in kept.notes[-1]
 
 
 def test_average_over_both_sides_does_not_connect_them():

@@ -57,7 +57,7 @@ def test_a_structure_of_steel_has_no_warnings():
         (1.0, 2.1e9, 78500.0, ("m", "kg"), None),
         (1.0, 3.0e7, 0.283, ("m", "kg"), "3e+07 appears to be in psi and the density 0.283 in lb/in³ (steel)"),
         (1.0, 2e6, 90000.0, ("m", "kg"), "speed of sound √(E/ρ) is 4.71 m/s"),
-        (1000.0, 2.1e11, 7850.0, ("m", "kg"), "extent is 1e+03 m"),
+        (1000.0, 2.1e11, 7850.0, ("m", "kg"), "dimension of the structure is 1e+03 m"),
         (1.0, 2.1e11, 0.0, ("m", "kg"), "material 1 has no density"),
     ],
 )
@@ -120,7 +120,7 @@ MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning n
     "g, mm, ms and N": (2.1e5, 7.85e-3, ("mm", "g"), "2.1e+05 appears to be in MPa with time in ms"),
     "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 appears to be in g/mm³ (steel). In mm, t and s the value is 7.85e-09"),
     "t, mm and kN": (210.0, 7.85e-9, MM_T, "210 appears to be in GPa"),
-    "pounds without 386": (3e7, 0.283, IN_LB, "Otherwise set mesh.mass_unit lbf*s2/in with the density 0.000733"),
+    "pounds without 386": (3e7, 0.283, IN_LB, "Or instead set mesh.mass_unit lbf*s2/in and the density 0.000733"),
     "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "be in lb/in³ (steel). In in, lbf*s2/in and s the value is 0.000733"),
     "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "In in, lbf*s2/in and s the value is 3e+07"),
     "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "in N/cm² (steel, 2.1e+11 Pa). In cm, kg and s the value is 2.1e+09"),

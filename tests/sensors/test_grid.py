@@ -82,7 +82,7 @@ def test_a_grid_fits_where_its_ends_are_on_the_plate(kind):
     assert 0 < np.count_nonzero(on) < len(on)
     np.testing.assert_array_equal(fits(position, gauges, facets), on)
     with pytest.raises(
-        InfeasibleError, match=rf"{np.count_nonzero(~on)} of {len(on)} channels have a grid that crosses a sharp edge"
+        InfeasibleError, match=rf"{np.count_nonzero(~on)} of {len(on)} channels have a measuring grid that crosses a sharp edge"
     ) as e:
         channel_rows(position, gauges, np.zeros((3 * len(position), 1)), facets=facets)
     assert "near_edges: 0.85" in e.value.remedy
@@ -253,7 +253,7 @@ GOOD = BondedEntry((0.45, 0.12, 0.2), (1, 0, 0))
         (replace(GOOD, position=(0.45, np.nan, 0.2)), "bonded gauge 2 has the position"),
         (
             replace(GOOD, position=(0.45, 0.297, 0.2), direction=(0, 1, 0), length=0.01),
-            "bonded gauge 2 has a grid of 0.01 m",
+            "bonded gauge 2 has a measuring grid of 0.01 m",
         ),
         (
             replace(GOOD, position=(0.45, 0.12, 0.201), direction=(-2, 0, 0)),

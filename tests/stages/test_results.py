@@ -168,7 +168,7 @@ def test_what_the_results_lack_or_disagree_with(folder, overrides, key, said):
     ("other", "said"),
     [
         (lambda mesh: replace(mesh, node_ids=mesh.node_ids[::-1].copy()), "do not have the same position in mesh and results"),
-        (lambda mesh: replace(mesh, position=1e3 * mesh.position), "mesh.length_unit is that of both files"),
+        (lambda mesh: replace(mesh, position=1e3 * mesh.position), "mesh.length_unit applies to both files"),
     ],
     ids=["numbered otherwise", "in millimetres"],
 )

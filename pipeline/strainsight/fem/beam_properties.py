@@ -54,8 +54,8 @@ def check_properties(properties: BeamProperties, ids: np.ndarray) -> None:
     I1, I2, I12 = properties.second[..., 0, 0], properties.second[..., 1, 1], properties.second[..., 0, 1]
     require_area(properties.area, ids)
     for name, value, unit in (
-        ("moment of area I1", I1, "m⁴"),
-        ("moment of area I2", I2, "m⁴"),
+        ("second moment of area I1", I1, "m⁴"),
+        ("second moment of area I2", I2, "m⁴"),
         ("torsion constant J", properties.torsion, "m⁴"),
         ("shear factor", properties.shear, ""),
     ):

@@ -278,13 +278,13 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
             if number not in present:
                 raise UserError(
                     f"parameter {p.name} refers to region {number}, which has no elements",
-                    remedy=f"Assign the parameter to one of the regions {', '.join(map(str, present))}.",
+                    remedy=f"Set `region` of this parameter to one of the regions {', '.join(map(str, present))}.",
                 )
             if shapes(mesh, number, p.property):
                 continue
             if p.property == "youngs_modulus" and (why := without_modulus(mesh, number)):
                 raise UserError(
-                    f"parameter {p.name} is the `youngs_modulus` of region {number} ({why}), which has several moduli",
+                    f"parameter {p.name} is a `youngs_modulus`, but region {number} ({why}) has no single Young's modulus",
                     remedy="Estimate a factor of the stiffness instead: `property: stiffness_factor`, `guess: 1.0`.",
                 )
             if (

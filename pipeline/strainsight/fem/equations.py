@@ -327,7 +327,7 @@ def _mean_motion(
     nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
     if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
         raise DeckError(
-            f"{e} has no averaged nodes, averages its own reference node, or has invalid weights",
+            f"{e} has no averaged nodes, averages its own reference node, or has weights that are negative or all zero",
             remedy="Specify averaged nodes other than the reference node, and weights ≥ 0 that are not all zero.",
             entity=("tie", e.id),
         )

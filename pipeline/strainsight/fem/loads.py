@@ -267,7 +267,7 @@ def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
     forces = mesh.loads[load.deck_load]
     if forces.body:
         raise UserError(
-            f"load {load.name}: {load.deck_load} is a body force, but the mass distribution of the deck is unknown",
+            f"load {load.name}: {load.deck_load} is a body force (gravity or rotation), but the mass of the mesh is unknown",
             remedy="Replace the body force by nodal forces in the deck.",
         )
     total = 1.0 if load.factor else np.linalg.norm(forces.force.sum(axis=0))

@@ -62,7 +62,7 @@ def check(point: PointMass) -> None:
     if not np.abs(M - M.T).max() <= 1e-9 * np.abs(M).max():
         raise DeckError(
             f"the 6 × 6 mass matrix of point mass {point.id} is not symmetric",
-            remedy="Specify only one triangle of the matrix.",
+            remedy="Specify equal terms above and below the diagonal: M_ij = M_ji.",
         )
 
 

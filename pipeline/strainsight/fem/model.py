@@ -132,8 +132,8 @@ def soft_springs(mesh: Mesh) -> str:
     return (
         " For a free structure with strain gauges only, set mesh.free: true."
         " Otherwise support the structure on soft springs, on a face or on nodes that do not lie on a line. "
-        f"With `stiffness: {k:g}` [N/m] in mesh.supports, the rigid-body modes are at a tenth of the first elastic mode, "
-        f"{first:.3g} Hz."
+        f"With `stiffness: {k:g}` [N/m] in mesh.supports, the frequencies of the rigid-body modes are about a tenth "
+        f"of that of the first elastic mode ({first:.3g} Hz)."
     )
 
 

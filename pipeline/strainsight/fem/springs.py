@@ -32,8 +32,8 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
             if node not in rotation_rows:
                 raise DeckError(
                     f"{spring} acts on rotations of node {mesh.node_ids[node]}, which has no rotations",
-                    remedy="Make the node the reference node of a tie (RBE2, mesh.ties), clamp its rotations, or make the "
-                    "ends of the spring coincide.",
+                    remedy="Make the node the reference node of a tie (RBE2, mesh.ties), clamp its rotations, or move the "
+                    "two nodes of the spring to the same position.",
                     entity=("node", int(mesh.node_ids[node])),
                 )
             at[i] = rotation_rows[node] + spring.component[i] - 3
@@ -83,7 +83,7 @@ def spring_owners(mesh: Mesh, springs: Mapping[str, Sequence[str]]) -> dict[str,
         if names and not any(spring.stiffness.any() for spring in mesh.springs if spring.name in names):
             raise UserError(
                 f"the springs of parameter {parameter} have no stiffness",
-                remedy="Specify a positive stiffness for these springs, or name other springs in the parameter.",
+                remedy="Specify a positive stiffness for these springs, or name other springs in `springs` of the parameter.",
             )
         for name in names:
             if (other := owner.setdefault(name, parameter)) != parameter:

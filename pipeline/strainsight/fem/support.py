@@ -117,7 +117,8 @@ def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
         first = _node_of(mesh, bodies, 0)
         raise UserError(
             f"the {bodies.count} parts of the structure move relative to each other: {separate.vectors.shape[1]} free motions "
-            f"instead of {together.vectors.shape[1]}. Relative to the part with node {first}: {_listed(separate.words)}",
+            f"as rigid bodies instead of {together.vectors.shape[1]}. Relative to the part with node {first}: "
+            f"{_listed(separate.words)}",
             key="mesh.free",
             remedy="Tie the parts (mesh.ties) or merge coincident nodes (mesh.merge): a free structure must be one piece.",
         )
@@ -148,7 +149,7 @@ def _bodies(mesh: Mesh) -> Pieces:
         pieces = parts(mesh)
     if pieces.count > MOST:
         raise UserError(
-            f"the mesh consists of {pieces.count} parts that share no node, more than {MOST}",
+            f"the mesh consists of {pieces.count} parts that share no node (limit {MOST})",
             remedy="Merge coincident nodes (mesh.merge).",
         )
     return pieces

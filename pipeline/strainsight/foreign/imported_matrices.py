@@ -108,7 +108,7 @@ def build_imported_model(mesh: Mesh, ready: ImportedMatrices) -> FullModel:
     if constraint.transform.shape[1] == 0:
         raise UserError(
             "no degree of freedom is free: each row of the matrices is fixed by a support or has no stiffness",
-            remedy="remove supports from the mesh file or from mesh.supports",
+            remedy="remove supports from the mesh file or from mesh.supports, or check that the stiffness matrix is not empty",
         )
     B = sparse.csr_array(P @ constraint.transform)
     model = FiniteElementModel(mesh, constraint, restricted(ready.stiffness, B), restricted(ready.mass, B))
@@ -185,7 +185,7 @@ def check_diagonal(model: FiniteElementModel) -> None:
         name = describe_row(model.mesh, model.constraint, int(model.constraint.free_rows[free]))
         raise DeckError(
             f"{name}: the diagonal entry of the stiffness matrix is {diagonal[free]:g}, not positive "
-            f"(affected motions: {np.count_nonzero(~(diagonal > 0))})",
+            f"(affected degrees of freedom: {np.count_nonzero(~(diagonal > 0))})",
             remedy="check the stiffness matrix and the file of mesh.matrices.numbering: all diagonal entries must be positive",
         )
 
@@ -203,8 +203,8 @@ def unmoved_solids(mesh: Mesh, constraint: Constraint, rows: int) -> list[str]:
     named = mesh.node_ids[still.any(axis=1)]
     listed = ", ".join(map(str, named[:5])) + (", …" if len(named) > 5 else "")
     return [
-        f"translations of solids without stiffness in the matrices ({rows} rows) are set to zero, so strains are too small there "
-        f"(translations: {np.count_nonzero(still)}; nodes: {len(named)}, ids {listed})"
+        f"translations of solid nodes without stiffness in the matrices ({rows} rows) are set to zero. Strains near these nodes "
+        f"are too small (translations: {np.count_nonzero(still)}; nodes: {len(named)}, ids {listed})"
     ]
 
 

@@ -108,8 +108,8 @@ FOLLOWS, FACTOR = 0.9, 1.5
 """A response with cos² above FOLLOWS to the modal response of its load must have the same size within FACTOR."""
 
 AS_LOADED = (
-    "check that nodes and direction of this load are those of the step in the other program, and that `applied` is the "
-    "load magnitude there [N, N m, Pa]. Check the units of the mesh, and that modes and step have the same supports"
+    "check that nodes and direction of this load are those of the load step in the results, and that `applied` is the load "
+    "magnitude in that step [N, N m, Pa]. Check mesh.length_unit, and that the modes and this step have the same supports"
 )
 
 
@@ -121,7 +121,7 @@ def check_modes(frequency: np.ndarray, where: tuple[str, ...]) -> None:
             f"the structure is free or unstable: a mode is at {frequency[rigid[0]]:.4g} Hz, below {RIGID:g} times the highest "
             f"frequency {frequency.max():.4g} Hz (modes below this limit: {rigid.size})",
             where=where[int(rigid[0])],
-            remedy="add the supports of the test, or soft springs, in the other program, and export modes and responses again",
+            remedy="add the supports of the test, or soft springs, to the analysis, and export modes and responses again",
         )
 
 
@@ -165,7 +165,7 @@ def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding
             f"{mesh.node_ids[rows[worst]]} is at ({at}) m in the mesh, but at ({results_position}) m in the "
             "results",
             where=where,
-            remedy="use the mesh of the results, with the same position and node numbers; mesh.length_unit is that of both files",
+            remedy="use the mesh of the results, with the same position and node numbers; mesh.length_unit applies to both files",
         )
 
 
@@ -191,7 +191,7 @@ def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None)
     if file_mass is None:
         assert mesh_mass is not None
         return mesh_mass, [
-            f"modes are normalised with the densities of the mesh; in the file, ΦᵀMΦ of the first mode is {mesh_mass[0]:.4g} kg"
+            f"modes are normalised with the densities of the mesh; ΦᵀMΦ of the first mode of the file was {mesh_mass[0]:.4g} kg"
         ]
     if mesh_mass is None:
         return file_mass, []
@@ -240,19 +240,18 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         for j in range(i):
             off = abs(G[i, j] - G[j, i]) / np.sqrt(energy[i] * energy[j])
             message = (
-                f"the static response to load {names[i]} moves load {names[j]} by {G[i, j]:.5g} m/N, but the response to load "
-                f"{names[j]} moves load {names[i]}"
+                f"the static displacement at load {names[j]} due to load {names[i]} is {G[i, j]:.5g} m/N, but the one at load "
+                f"{names[i]} due to load {names[j]} is {G[j, i]:.5g} m/N"
             )
             if off > SYMMETRIC:
                 raise UserError(
-                    f"{message} by {G[j, i]:.5g} m/N. Both values must be equal (reciprocity), so these loads do not belong to "
-                    "the results",
+                    f"{message}. Both values must be equal (reciprocity), so these loads do not belong to the results",
                     key=f"mesh.results.loads.{names[i]}",
                     where=where[i],
                     remedy=AS_LOADED,
                 )
             if off > max(1e-6, 10 * results.rounding):
-                notes.append(f"{message} by {G[j, i]:.5g} m/N (relative difference {off:.1e}); the mean is used")
+                notes.append(f"{message} (relative difference {off:.1e}); the mean is used")
     for j in range(s):
         share = P[:, j] / lam
         if modes.weighed is not None:
@@ -269,8 +268,8 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         if wrong:
             i = int(np.argmax(lam * np.maximum(share**2, projected**2)))
             raise UserError(
-                f"the static response contains mode {i + 1} with the amplitude {projected[i]:.5g}, but this load gives the "
-                f"amplitude {share[i]:.5g}: the relative difference is {off:.2g}",
+                f"the static response contains mode {i + 1} with the amplitude {projected[i]:.5g}, but this load excites "
+                f"this mode with the amplitude {share[i]:.5g} (relative difference {off:.2g})",
                 key=f"mesh.results.loads.{names[j]}",
                 where=where[j],
                 remedy=AS_LOADED,
@@ -432,8 +431,8 @@ def describe_responses(
         )
     if quasi_static and len(results.load) > dropped:
         notes.append(
-            "the mesh does not define the mass of the static residuals (static responses minus their modal part). They follow "
-            f"the loads quasi-statically, with a frequency of {above:.4g} Hz ({ABOVE:g} times the highest natural frequency)"
+            "the mesh does not define the mass of the static residuals (static responses minus their modal part). They "
+            f"follow the loads quasi-statically: their frequency is {above:.4g} Hz, {ABOVE:g} times the highest natural frequency"
         )
     return notes
 

@@ -93,7 +93,7 @@ def check_supports(mesh: Mesh, imported: tuple[ImportedMotion, ImportedMotion]) 
         which, free = ("first", "second") if fixed_rows[0][other[0]] else ("second", "first")
         raise UserError(
             f"{describe_row(mesh, imported[0].constraint, int(other[0]))} is fixed in the {which} result set, but not in the "
-            f"{free} set (affected motions: {other.size})",
+            f"{free} set (affected degrees of freedom: {other.size})",
             key=KEY,
             remedy="compute both sets with the same supports",
         )
@@ -110,7 +110,7 @@ def observe(
     modes and responses that `results_model` does not accept."""
     if not has_mass(mesh) or unresolved_rows(mesh, imported, mesh.nodes_of_elements).size:
         raise UserError(
-            "two result sets require the mass of the mesh, but a region has no density or a node has no motion",
+            "two result sets require the mass of the mesh, but a region has no density, or the results lack the motion of a node",
             key=key,
             remedy="specify densities in mesh.materials, and write results of all nodes",
         )
@@ -155,7 +155,7 @@ def check_frequencies(change: Change, first: Observed, second: Observed, stiff: 
         raise UserError(
             f"both result sets have the same frequencies: the change of {values} affects none of {count} modes",
             key=KEY,
-            remedy=f"specify the file that was computed with {name} = {change.second:g}",
+            remedy=f"specify the result file that was computed with {name} = {change.second:g} as mesh.results.second.file",
         )
 
 
@@ -232,7 +232,7 @@ def build_two_set_model(
     if rounding >= FEW_DIGITS:
         notes.append(
             f"the result files have a relative precision of {rounding:.0e}. The effect of {parameter.name} is the difference "
-            "of both sets, so the relative error of σ can reach 1e-3. Binary files are more precise"
+            f"of both sets, so the relative error of σ({parameter.name}) can reach 1e-3. Binary files are more precise"
         )
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)
@@ -263,8 +263,8 @@ def _change_of_stiffness(
     if off <= NOTED:
         return D, []
     return D, [
-        f"{off:.1%} of the effect of {parameter.name} does not fit the element formulation: between the values of both sets, the "
-        f"relative error of the frequencies is about {off / 100:.0e}"
+        f"{off:.1%} of the effect of {parameter.name} does not fit the element formulation: for parameter values "
+        f"between both sets, the relative error of the frequencies is about {off / 100:.0e}"
     ]
 
 
@@ -339,8 +339,8 @@ def _check_reproduced(
         worst = int(np.argmax(off))
         if not off[worst] < REPRODUCED:
             raise UserError(
-                f"mode {worst + 1} of the {number} set is at {frequency[worst]:.6g} Hz in the model from both "
-                f"sets, but at {observed_set.frequency[worst]:.6g} Hz in the file",
+                f"mode {worst + 1} of the {number} set is at {frequency[worst]:.6g} Hz in the model interpolated "
+                f"from both sets, but at {observed_set.frequency[worst]:.6g} Hz in the file",
                 key=KEY,
                 remedy="use the mesh, densities and loads of the original analysis for both sets, and all modes from "
                 "the lowest on",

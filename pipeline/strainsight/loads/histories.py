@@ -118,7 +118,7 @@ def _lines(signal: Signal) -> list[tuple[float, complex]]:
             frequency, phase = multisine(signal)
             amplitude = -1j * signal.amplitude / np.sqrt(signal.count) * np.exp(1j * phase)
             return list(zip(frequency.tolist(), amplitude.tolist(), strict=True))
-    raise TypeError(f"not a sum of tones: {signal!r}")
+    raise TypeError(f"the signal is not a sum of tones (constant, sine, multisine): {signal!r}")
 
 
 def multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:
@@ -279,8 +279,8 @@ def motion(signal: Signal, of: Literal["position", "rate"], start: float = 0.0) 
         return lambda t: np.stack([_derivative(signal, np.asarray(t, float), order) for order in range(3)])
     if isinstance(signal, Sweep):
         raise InfeasibleError(
-            "a signal of type sweep cannot define a rate",
-            remedy="Specify a sweep of the position, or a recorded signal of the rate.",
+            "a signal of type sweep cannot define the rate of a motion",
+            remedy="Specify the position as a sweep, or the rate as a recorded signal.",
         )
     first = _integral(signal, np.zeros(1))[0]
 

@@ -191,8 +191,8 @@ def process_intensity(
     Returns Q (n*, n*). Raises ConfigError if a frequency, a drift or the step is missing, and for the rules of the thesis
     with an input that is not a random walk."""
     if rule != "intensity" and not (h and h > 0):
-        what = f"process noise rule {rule} requires a positive time step, but the time step is {h}"
-        raise ConfigError(what, remedy="Specify the time step.")
+        what = f"process noise rule {rule} requires a positive time step, but the time step h is {h}"
+        raise ConfigError(what, remedy="Specify the time step h [s].")
     step = h if h is not None else 0.0
     delta = np.array([positive_of(drift, p, "process noise scale") for p in unknowns.parameters])
     factor = {"intensity": 1.0, "thesis": step, "as_printed": step * step}[rule]
@@ -205,7 +205,7 @@ def process_intensity(
         elif rule != "intensity":
             raise ConfigError(
                 f"process noise rule {rule} requires the load model random_walk, but load {name} has another model",
-                remedy="Use the rule intensity (in a config: process_noise.rule: continuous).",
+                remedy="Set process_noise.rule: continuous (in Python: rule='intensity'), or use random_walk for this load.",
             )
         blocks.append(input_intensity(model, walk))
     return np.asarray(block_diag(*blocks, np.diag(factor * delta**2)))

@@ -36,14 +36,16 @@ MOST_LINES = 200
 class Observability:
     """Observability of the unknowns; null_direction: description of the unobservable direction, empty without any."""
 
-    condition: Annotated[float, Column("1", "", "condition number of the scaled PBH matrix at λ = 0")]
-    sigma_min: Annotated[float, Column("1", "", "smallest singular value of the scaled PBH matrix at λ = 0")]
+    condition: Annotated[float, Column("1", "", "condition number of the scaled PBH matrix [F* − λI; H*] at λ = 0")]
+    sigma_min: Annotated[
+        float, Column("1", "", "smallest singular value of the scaled PBH matrix [F* − λI; H*] at λ = 0")
+    ]
     condition_raw: Annotated[
         float,
         Column(
             "1",
             "",
-            "condition number of the unscaled PBH matrix at λ = 0, as in the thesis; depends on units",
+            "condition number of the unscaled PBH matrix at λ = 0, as defined in the thesis (Cottone 2022); depends on the units",
         ),
     ]
     null_direction: str = ""

@@ -44,7 +44,8 @@ class Orientation:
 
     system: CoordinateSystem
     turn: Annotated[
-        FloatArray, Column("1", "3 × 3", "material axes 1, 2, 3 in the axes of the coordinate system, as columns")
+        FloatArray,
+        Column("1", "3 × 3", "directions of the material axes 1, 2, 3 in this coordinate system, as columns"),
     ]
 
     @property

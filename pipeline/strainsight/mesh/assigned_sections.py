@@ -185,7 +185,8 @@ def regions_with_sections(
             number, spare = spare, spare + 1
         if tag is not None and number != tag:
             notes.append(
-                f"region {tag} of {ELEMENT_NAMES[dimension]} is imported as region {number} ({name}): {regions[tag]} exists"
+                f"region {tag} of {ELEMENT_NAMES[dimension]} is imported as region {number} ({name}), "
+                f"because {regions[tag]} already exists"
             )
         regions[number] = Region(number, name, 0)
         chosen[dimension, tag] = (regions[number], assignments[key])

@@ -102,7 +102,7 @@ def merged(mesh: Mesh, distance: float) -> Mesh:
     into = _lowest(mesh, pairs)
     is_merged = into != np.arange(len(into))
     if not is_merged.any():
-        more = f" without a connection (connected: {np.count_nonzero(connected)} nodes)" * bool(connected.any())
+        more = f" without a connection (nodes already connected: {np.count_nonzero(connected)})" * bool(connected.any())
         return replace(
             mesh, notes=(*mesh.notes, f"mesh.merge: no two nodes are within {distance:g} m of each other{more}")
         )

@@ -268,7 +268,7 @@ class Copies:
         for row in set(replaced) - {relation.follower[0] for relation in relations}:
             raise UserError(
                 f"{replaced[row]}: node {self.mesh.node_ids[replaced[row].node[0]]} coincides with a node of the opposite cut "
-                "face, but that node has no such equation",
+                "face after rotation by one sector, but no such equation exists for that node",
                 remedy="Put the motion of another node first in the equation, or define the equation on the opposite face too.",
             )
         return tuple(relations), np.array(number, dtype=np.int64)

@@ -44,7 +44,7 @@ class AveragingElement:
     nodes: Annotated[IntArray, Column("1", "averaged node", "indices of the averaged nodes of every averaging element")]
     weight: Annotated[FloatArray, Column("1", "averaged node", "weights of the averaged nodes")]
     components: Annotated[
-        tuple[int, ...], Column("1", "", "components 1-6 of the reference node of every averaging element")
+        tuple[int, ...], Column("1", "", "components 1-6 of the reference node that follow the average")
     ]
     directions: Annotated[
         NDArray[np.bool_] | None,
@@ -55,7 +55,7 @@ class AveragingElement:
         Column(
             "1",
             "component × 2",
-            "dependent motions as [node index, component] (UM); none: the components of the reference node",
+            "dependent motions as [node index, component] (UM); without UM, those of the reference node",
         ),
     ] = None
     name: Annotated[str, Column("1", "", "name of the averaging element in the mesh file or config")] = ""
@@ -153,15 +153,20 @@ class PointMass:
     id: Annotated[int, Column("1", "", "id of every point mass")]
     node: Annotated[int, Column("1", "", "node index of every point mass")]
     mass: Annotated[float, Column("kg", "", "mass of every point mass")]
-    offset: Annotated[FloatArray, Column("m", "3", "centre of mass relative to the node")] = field(
-        default_factory=lambda: np.zeros(3)
+    offset: Annotated[FloatArray, Column("m", "3", "offset of the centre of mass from the node, in global axes")] = (
+        field(default_factory=lambda: np.zeros(3))
     )
     inertia: Annotated[
-        FloatArray, Column("kg m^2", "3 × 3", "inertia tensor of every point mass about its centre of mass")
+        FloatArray,
+        Column("kg m^2", "3 × 3", "inertia tensor of every point mass about its centre of mass, in global axes"),
     ] = field(default_factory=lambda: np.zeros((3, 3)))
     matrix: Annotated[
         FloatArray | None,
-        Column("SI", "6 × 6", "mass matrix of a point mass that differs between axes (CONM1, CMASS), otherwise 0"),
+        Column(
+            "SI",
+            "6 × 6",
+            "mass matrix about the node in global axes, for a mass that differs between axes (CONM1, CMASS); otherwise 0",
+        ),
     ] = None
 
     @property
@@ -229,8 +234,8 @@ class BodyForce:
     acceleration g (3,) [m/s²], rotation ω (3,) [rad/s] about the point centre c (3,) [m]; elements: ids of the solids and point
     masses that it acts on, None for all."""
 
-    acceleration: Annotated[FloatArray, Column("m/s^2", "3", "acceleration g of the body force")] = field(
-        default_factory=lambda: np.zeros(3)
+    acceleration: Annotated[FloatArray, Column("m/s^2", "3", "acceleration g of the body force, in global axes")] = (
+        field(default_factory=lambda: np.zeros(3))
     )
     rotation: FloatArray = field(default_factory=lambda: np.zeros(3))
     centre: Annotated[FloatArray, Column("m", "3", "a point of the rotation axis of the body force")] = field(
@@ -246,10 +251,15 @@ class NodalForces:
     mass contributes to the forces, which are proportional to their density."""
 
     nodes: Annotated[IntArray, Column("1", "loaded node", "indices of the loaded nodes")]
-    force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces on the loaded nodes")]
+    force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces on the loaded nodes, in global axes")]
     moment: Annotated[
         FloatArray | None,
-        Column("N m", "loaded node × 3", "moments on the loaded nodes, 0 without moment", offset="force_offset"),
+        Column(
+            "N m",
+            "loaded node × 3",
+            "moments on the loaded nodes, in global axes; 0 without moment",
+            offset="force_offset",
+        ),
     ] = None
     body: tuple[BodyForce, ...] = ()
     regions: Annotated[

@@ -268,7 +268,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     warnings += _stiff_cores(mesh)
     warnings += section_warnings(mesh)
     extent = float(np.max(np.ptp(mesh.position, axis=0)))
-    warnings += _outside("the structure's extent", extent, EXTENT, "m", "Check mesh.length_unit.")
+    warnings += _outside("the largest dimension of the structure", extent, EXTENT, "m", "Check mesh.length_unit.")
     warnings += _far_references(mesh)
     if (unused := unused_nodes(mesh)).size:
         shown = ", ".join(str(mesh.node_ids[i]) for i in unused[:5]) + (", …" if unused.size > 5 else "")
@@ -317,7 +317,7 @@ def lost(card: str) -> str:
     if card.endswith("COUPMASS"):
         return (
             "the deck requests lumped mass, but models with shells and beams always use consistent mass, as with "
-            "PARAM,COUPMASS,1. This changed frequencies of two coarse meshes of tet10 by 9 and 23 %."
+            "PARAM,COUPMASS,1. In two coarse tet10 meshes, consistent mass changed frequencies by 9 and 23 %."
         )
     return "the stiffness, mass or tie of the card is missing from the model"
 

@@ -175,7 +175,7 @@ class ShellBlock:
         Column(
             "1",
             "shell with faces × 2 × node",
-            "indices of the nodes on the upper and lower face of the shell, see /arms",
+            "indices of the added nodes on the upper and lower face of the shell, which follow its own nodes (see /arms)",
         ),
     ] = field(default_factory=lambda: np.zeros((0, 2, 0), dtype=np.int64))
 
@@ -200,7 +200,9 @@ class BeamBlock:
     axes: Annotated[
         FloatArray, Column("1", "beam × 3 × 3", "axes x, y, z of every beam, as columns; x from end A to B")
     ]
-    offset: Annotated[FloatArray, Column("m", "beam × node × 3", "offset of the beam axis from its nodes")]
+    offset: Annotated[
+        FloatArray, Column("m", "beam × node × 3", "offset of the beam axis from its nodes, in global axes")
+    ]
     released: Annotated[
         NDArray[np.bool_],
         Column(
@@ -212,7 +214,7 @@ class BeamBlock:
         Column(
             "1",
             "beam with sides × side × side node",
-            "indices of the nodes on the four sides of the beam, −1: none, see /arms",
+            "indices of the added nodes on the four sides of the beam, which follow its own nodes (see /arms); −1: none",
         ),
     ] = field(default_factory=lambda: np.zeros((0, 4, 4), dtype=np.int64))
 

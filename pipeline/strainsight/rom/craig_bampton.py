@@ -96,7 +96,7 @@ def craig_bampton(
     if missing := [name for name in model.stiffness.parameters if name not in (reference or {})]:
         raise UserError(
             f"parameter {missing[0]} has no reference value",
-            remedy="Specify the parameter value at which the body is reduced.",
+            remedy="Specify in `reference` the parameter value at which the body is reduced.",
         )
     K, M = sparse.csr_array(model.stiffness.at(reference or {})), model.mass.constant
     K_i = sparse.csr_array(K[i])

@@ -23,30 +23,45 @@ class InertiaInvariants:
     floating frame: p = x + Φη."""
 
     mass: Annotated[float, Column("kg", "", "mass of the body ∫ρ dV")]
-    first: Annotated[np.ndarray, Column("kg m", "3", "first moment of mass ∫ρ x dV")]
-    first_modal: Annotated[np.ndarray, Column("kg per unit", "3 × coordinate", "first moment of the shapes Φ, ∫ρ Φ dV")]
-    second: Annotated[np.ndarray, Column("kg m^2", "3 × 3", "second moment of mass ∫ρ x xᵀ dV")]
+    first: Annotated[np.ndarray, Column("kg m", "3", "first moment of mass ∫ρ x dV about the frame origin")]
+    first_modal: Annotated[
+        np.ndarray,
+        Column("kg per unit", "3 × coordinate", "first moment ∫ρ Φ dV of the shape Φ of each reduced coordinate"),
+    ]
+    second: Annotated[np.ndarray, Column("kg m^2", "3 × 3", "second moment of mass ∫ρ x xᵀ dV about the frame origin")]
     second_modal: Annotated[
         np.ndarray,
-        Column("kg m per unit", "coordinate × 3 × 3", "second moment of position and shape φ, ∫ρ (x φᵀ + φ xᵀ) dV"),
+        Column(
+            "kg m per unit", "coordinate × 3 × 3", "second moment ∫ρ (x φᵀ + φ xᵀ) dV, φ: shape of a reduced coordinate"
+        ),
     ]
     second_modal2: Annotated[
         np.ndarray,
-        Column("kg per unit^2", "coordinate × coordinate × 3 × 3", "second moment of two shapes, ∫ρ φ_k φ_lᵀ dV"),
+        Column(
+            "kg per unit^2",
+            "coordinate × coordinate × 3 × 3",
+            "second moment ∫ρ φ_k φ_lᵀ dV, φ: shapes of two reduced coordinates",
+        ),
     ]
     coupling: Annotated[
-        np.ndarray, Column("kg m per unit", "3 × 3 × coordinate", "coupling of rotation and shapes Φ, ∫ρ x_j Φ dV")
+        np.ndarray,
+        Column(
+            "kg m per unit",
+            "3 × 3 × coordinate",
+            "coupling ∫ρ x_j Φ dV of rotation and the shapes Φ of the reduced coordinates",
+        ),
     ]
     coupling_modal: Annotated[
         np.ndarray,
         Column(
             "kg per unit^2",
             "coordinate × 3 × 3 × coordinate",
-            "coupling of shape φ_k and shapes Φ, ∫ρ φ_kj Φ dV",
+            "coupling ∫ρ φ_kj Φ dV of the shapes φ_k and Φ of the reduced coordinates",
         ),
     ]
     modal: Annotated[
-        np.ndarray, Column("kg per unit^2", "coordinate × coordinate", "mass matrix of the shapes ∫ρ ΦᵀΦ dV")
+        np.ndarray,
+        Column("kg per unit^2", "coordinate × coordinate", "mass matrix ∫ρ ΦᵀΦ dV of the reduced coordinates"),
     ]
 
 

@@ -30,7 +30,9 @@ class Damping:
     alpha: Annotated[float, Column("1/s", "", "Rayleigh coefficient α of the mass matrix")] = 0.0
     beta: Annotated[float, Column("s", "", "Rayleigh coefficient β of the stiffness matrix")] = 0.0
     factors: tuple[float, ...] = ()
-    parameter: Annotated[str, Column("1", "", "name of the damping factor (a parameter); empty: none")] = ""
+    parameter: Annotated[
+        str, Column("1", "", "name of the parameter that multiplies the damping; empty: no such parameter")
+    ] = ""
     value: float | np.ndarray = 1.0
 
     def at(self, theta: Mapping[str, Any]) -> Damping:

@@ -214,7 +214,8 @@ def reduce_model(
     Source: thesis 5.1; Capalbo et al., parametric model order reduction by SVD of modes and static responses."""
     if samples < 1:
         raise InfeasibleError(
-            f"the number of parameter samples is {samples}", remedy="Specify at least 1 sample (the reference values)."
+            f"the number of parameter samples is {samples}",
+            remedy="Specify at least 1 sample: the reduction basis is computed at the reference values and at further samples.",
         )
     points = parameter_samples(reference, ranges, 1 if only_scales(full) else samples)
     n_u, slopes = S.shape[1], slopes or {}

@@ -102,7 +102,7 @@ def _grids(
         i = int(pool.gauge[np.argmin(complete)])
         raise refuse(
             i,
-            f"has a grid of {entries[i].length:.3g} m that crosses a sharp edge",
+            f"has a measuring grid of {entries[i].length:.3g} m that crosses a sharp edge",
             "Correct the position, direction or length of the gauge.",
         )
     return pool, located.distance

@@ -76,7 +76,7 @@ def screen(
     if wanted < max(1, bonded_ones):
         raise InfeasibleError(
             f"screen.keep selects only {wanted} of {count} candidate gauges"
-            + (f", but the number of bonded gauges is {bonded_ones}" if bonded_ones else ""),
+            + (f", but the number of bonded gauges is {bonded_ones} (always selected)" if bonded_ones else ""),
             remedy=f"Set screen.keep to at least {max(1, bonded_ones)}.",
         )
     owner = np.arange(count)
@@ -131,7 +131,7 @@ def _check(rms: np.ndarray, std: np.ndarray) -> None:
     if bad.any():
         raise InfeasibleError(
             f"the standard deviation of the gauge noise is {std[bad][0]:g}",
-            remedy="Specify a positive noise standard deviation.",
+            remedy="Specify a positive `gauges.noise_std`.",
         )
     if not np.isfinite(rms).all():
         raise InfeasibleError(

@@ -258,10 +258,10 @@ def points_within(position: np.ndarray, candidates: Candidates, facets: Facets |
         if not complete.all():
             first = int(which[np.argmin(complete)])
             raise InfeasibleError(
-                f"{np.count_nonzero(~complete)} of {len(grids)} channels have a grid that crosses a sharp edge "
+                f"{np.count_nonzero(~complete)} of {len(grids)} channels have a measuring grid that crosses a sharp edge "
                 f"(first: element {grids.element[first]}, facet {grids.facet[first]}, "
                 f"grid {grids.length[first]:.3g} m long)",
-                remedy="Use a shorter grid, or exclude positions near edges: "
+                remedy="Use a shorter measuring grid, or exclude positions near edges: "
                 f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}].",
             )
         points = ChannelPoints.joined([points, along])

@@ -338,8 +338,8 @@ def _size(archive: ZipFile, info: ZipInfo, path: Path) -> int:
         if version not in HEADERS:
             raise error_at(
                 path,
-                f"{info.filename} has the unsupported .npy version {version}",
-                "save a numeric array without named fields",
+                f"{info.filename} has the .npy version {version}, not 1.0 or 2.0",
+                "save a plain numeric array (without field names) with numpy.savez",
             )
         shape, _, dtype = HEADERS[version](stream)
         header_size = stream.tell() + math.prod(shape) * dtype.itemsize

@@ -333,7 +333,7 @@ def _table(file: TextIO, path: Path, entries: int, width: int, line: int) -> np.
         count = len(table) if len(table) < entries else f"more than {entries}"
         message = f"the number of entries is {count}, but the file declares {entries}"
         if table.shape[1:] != (width,):
-            message = f"the number of values per line is {table.shape[1]}, but an entry has {width}"
+            message = f"the number of values per line is {table.shape[1]}, not {width}"
         raise damage_error(message, f"{path}:{line}")
     return table
 

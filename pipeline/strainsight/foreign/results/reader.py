@@ -331,7 +331,7 @@ def _frequency(mode: re.Match[str], number: int, field_data: dict[str, Any], whe
         raise error_at(
             where,
             f"mode {number} has no frequency",
-            f'name the data "mode_{number} 12.5 Hz", or write all frequencies [Hz] as field data "frequencies"',
+            f'name the data array "mode_{number} 12.5 Hz", or write all frequencies [Hz] as field data "frequencies"',
         )
     return float(known[0][number - 1])
 

@@ -58,7 +58,7 @@ class Response:
                 f"the motion of node {self.node_ids[row]} is not finite: "
                 f"{', '.join(f'{value:g}' for value in self.motion[row])}",
                 where=self.where,
-                remedy="check the output of the other program for errors, and export the file again",
+                remedy="check the analysis that wrote this file for errors, and export the file again",
             )
         if not math.isfinite(self.frequency):
             raise damage_error(f"the frequency of the mode is not finite: {self.frequency:g}", self.where)
