@@ -129,7 +129,7 @@ REFUSED = {
         "coil: the torsion spring is rotated by",
         {"bodies": moving(-60, 60), "forces": WEAK, "simulate": GIVEN},
     ),
-    "a spring without length": (2, "forces.s: at the start the distance of the end points", {"forces": forces(SHORT)}),
+    "a spring without length": (2, "forces.s: at the start the distance between the end points", {"forces": forces(SHORT)}),
     "a spring of 1e300 N/m": (1, "simulate.start", {"forces": forces(STIFF)}),
     "a load of 1e30 N": (2, "simulate.start: the equilibrium is unstable", {"forces": forces(load(signal=constant("1.0e+30")))}),
     "a gravity of 1e300 m/s²": (1, "simulate", {"forces": HEAVY}),

@@ -196,7 +196,9 @@ def start_covariance(
     std_u, std_xi = np.atleast_1d(np.asarray(std_u, dtype=float)), np.asarray(std_xi, dtype=float)
     if std_u.shape != inputs.shape or std_xi.shape[:1] != (coordinates.size,):
         raise InfeasibleError(
-            f"{inputs.size} inputs have {std_u.size} initial σ, {coordinates.size} parameters {len(np.atleast_1d(std_xi))} σ"
+            f"{std_u.size} initial standard deviations for {inputs.size} unknown inputs, and "
+            f"{len(np.atleast_1d(std_xi))} for {coordinates.size} estimated parameters",
+            remedy="specify one standard deviation for each input and each parameter",
         )
     by_u, by_theta = static_response(system, q, u, theta)
     response = np.concatenate([by_u[:, inputs], by_theta @ coordinates.theta(coordinates.xi(theta))[1]], axis=1)

@@ -237,7 +237,10 @@ def _file(report: Findings) -> str:
         ("format", escape(source.format)),
         ("date", escape(source.date) or "not configured (key estimate.date)"),
         ("sample rate", quantity(file.rate, "Hz")),
-        ("record", f"{number(file.duration)} s from {number(file.start)} s, {number(file.samples, 12)} samples"),
+        (
+            "record",
+            f"{number(file.duration)} s, starting at t = {number(file.start)} s, {number(file.samples, 12)} samples",
+        ),
     ]
     columns = zip(source.channel, source.measures, source.unit, strict=True)
     rows = [[*map(escape, words), escape(_calibration_text(source, i))] for i, words in enumerate(columns)]
