@@ -223,7 +223,7 @@ def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndar
     *_, K = tangent.matrices
     if len(K) and not np.linalg.cond(K) < 1 / FREE:
         raise InfeasibleError(
-            "a motion of a body is unrestrained at the start", remedy="restrain it with a joint or a spring"
+            "a motion of a body is unrestrained in the initial state", remedy="restrain it with a joint or a spring"
         )
     response = tangent.T @ np.linalg.solve(K, tangent.pushes(slopes))
     return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]
