@@ -152,7 +152,7 @@ def test_slopes_of_all_sensors_are_their_differences(everything):
     both = readings(e.system, sensors)
     y, by_q, by_v = both.read(e.q, e.v)
     assert len(both.channels) == len(y) == 21
-    assert both.channels[:3] == ("gauge 1", "gauge 2", "tip: position of tip")
+    assert both.channels[:3] == ("gauge 1", "gauge 2", "tip: global position of tip")
     np.testing.assert_allclose(y[:2], strain.rows @ e.q[:4])
     n, size = len(e.q), 0.05
     for k, unit in enumerate(np.eye(n)):

@@ -131,7 +131,7 @@ REFUSED = {
     ),
     "a spring without length": (
         2,
-        "forces.s: at the start of the simulation, the distance of the end points",
+        "forces.s: at the start of the simulation, the distance between the end points",
         {"forces": forces(SHORT)},
     ),
     "a spring of 1e300 N/m": (1, "simulate.start", {"forces": forces(STIFF)}),

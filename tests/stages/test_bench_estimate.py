@@ -83,7 +83,7 @@ def test_the_page_of_a_bench_shows_its_estimate_and_its_balls(estimate):
     words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
     assert f"{found.summary['channels']} channels estimate Fx" in words
     assert "stimated force on each of the 112 balls of " in words
-    assert "with a band of ±2 claimed standard deviations, and smoothed estimate (green)" in words
+    assert "with a band of ±2σ (σ claimed by the filter), and smoothed estimate (green)" in words
     assert page.count("<figure") == output.summary["figures"] > 10
 
 

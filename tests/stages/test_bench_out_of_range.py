@@ -83,4 +83,4 @@ def test_console_and_page_begin_with_it(done):
     assert "E: outside the range of the reduced model" in page
     assert "but the stage `reduce` built the reduced model for" in page
     assert "✕ σ is withheld" in page
-    assert "claimed standard deviations" not in page
+    assert "σ claimed by the filter" not in page

@@ -70,7 +70,10 @@ def balance(
         rho, G, _ = relation_rows(system.products, q, v)
         for element in system.elements:
             element_load(element, rho[element.rows], G[element.rows] @ v, theta, u)
-        raise NumericalError("a force has no value at these positions of the bodies")
+        raise NumericalError(
+            "a force law of the bench has no finite value at these positions of the bodies",
+            remedy="correct the poses of the bodies, or use a smaller time step",
+        )
     load, stiffness, mass = t.r2 + t.g[:m].T @ lam, t.K, system.mass
     for moment in system.moments:
         T = moment.directions @ u[moment.inputs]

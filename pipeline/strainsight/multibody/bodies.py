@@ -145,10 +145,13 @@ class FlexibleBody:
         for what, X in (("stiffness", self.stiffness), ("damping", self.damping)):
             matrices = [X.constant, *X.terms.values()] if isinstance(X, AffineOperator) else [X]
             if any(np.shape(part) != (n, n) for part in matrices):
-                raise InfeasibleError(f"body {self.name}: the {what} matrix is not {n}×{n}, as the mass matrix is")
+                raise InfeasibleError(
+                    f"body {self.name}: the {what} matrix does not have the shape {n}×{n} of the mass matrix"
+                )
         if np.shape(self.invariants.first_modal) != (3, n):
             raise InfeasibleError(
-                f"body {self.name}: the inertia has {np.shape(self.invariants.first_modal)[1]} modes, the mass matrix {n}"
+                f"body {self.name}: the inertia invariants have {np.shape(self.invariants.first_modal)[1]} modes, but "
+                f"the mass matrix has {n}"
             )
         if not self.invariants.mass > 0:
             raise InfeasibleError(f"body {self.name} has a mass of {self.invariants.mass:g} kg, not a positive mass")
@@ -158,7 +161,7 @@ class FlexibleBody:
             raise InfeasibleError(
                 f"body {self.name}: the reduced mass matrix is not positive definite (smallest eigenvalue {least:.3g}, with the "
                 "diagonal scaled to 1)",
-                remedy="remove the mode shapes without mass",
+                remedy="remove mode shapes that are linearly dependent or move no mass",
             )
 
     @property

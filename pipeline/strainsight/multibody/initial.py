@@ -71,7 +71,9 @@ def constraints_at(
     if not system.drives.names:
         return rho[:m], G[:m], np.zeros(m)
     if u is None:
-        raise ValueError("constraints of a system with driven joints depend on time: pass the loads u")
+        raise ValueError(
+            "constraints of a system with driven joints depend on time: pass u, which also contains the driven motion"
+        )
     driven = drive(system.drives, m, u, rho, G)
     assert driven is not None
     return rho[:m], G[:m], driven.rate
@@ -112,10 +114,10 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
     violation = np.abs(phi) * unit_rows(B, 1 / d)[1] / np.linalg.norm(d * q)
     if np.max(violation) > 1e-9:
         worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
-        listed = "; ".join(f"{system.constraints[i]} has a residual of {phi[i]:.3g}" for i in worst)
+        listed = "; ".join(f"residual {phi[i]:.3g} in {system.constraints[i]}" for i in worst)
         raise InfeasibleError(
             f"the joints cannot all be satisfied near these positions of the bodies: {listed}",
-            remedy="check the positions of the frames of the joints, or start with body positions closer to the assembled bench",
+            remedy="correct the positions of the frames of the joints, or set poses of the bodies closer to the assembled bench",
         )
     check_regular(system, q, u)
     return q
@@ -169,7 +171,7 @@ def nearest_state(
     project_position(system, q, u)
     raise InfeasibleError(
         "the joints cannot be satisfied near these positions of the bodies",
-        remedy="use a smaller time step, or an iterated update of the filter",
+        remedy="use a smaller time step; in a filter run, set estimate.method.update: iterated",
     )
 
 
@@ -189,10 +191,12 @@ def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray
         share = np.abs(off) * s / max(float(np.linalg.norm(whole)), TINY)
         worst = np.argsort(-share)[:3]
         if share[worst[0]] > CONSISTENT:
-            listed = "; ".join(f"{what}{system.constraints[i]} is {off[i]:.3g}" for i in worst if share[i] > CONSISTENT)
+            listed = "; ".join(
+                f"residual {off[i]:.3g} in {what}{system.constraints[i]}" for i in worst if share[i] > CONSISTENT
+            )
             raise InfeasibleError(
                 f"the state does not satisfy the joints: {listed}",
-                remedy="start from `project_position` and `project_velocity`",
+                remedy="compute the initial state with `project_position` and `project_velocity`",
             )
 
 
@@ -213,8 +217,8 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         # a body's rigidity always changes with its coordinates: only its weight in the metric can hide that
         body = [b.name for b in system.bodies if b.moves][heavy[0] // 6]
         raise InfeasibleError(
-            f"the inertia of body {body} is too large compared with the rest of the system: the ratio of the scaled "
-            f"inertias is {norms.max() / norms[heavy[0]]:.1e}",
+            f"the inertia of body {body} is too large compared with the rest of the system (square root of the ratio to the "
+            f"smallest inertia: {norms.max() / norms[heavy[0]]:.1e})",
             remedy="check the masses [kg] and moments of inertia [kg m²] of the bodies",
         )
     if unconstrained:
@@ -324,8 +328,9 @@ def static_equilibrium(
         shift *= 0.2 if size < before or size < ROUNDING * whole else 2.0
         before = size
     raise NumericalError(
-        f"no static equilibrium was found in {ITERATIONS} iterations (last change {before:.2g} of the scaled coordinates)",
-        remedy="start closer to the equilibrium, or constrain the remaining motion with a joint or a spring",
+        f"no static equilibrium was found in {ITERATIONS} iterations (last change of the mass-weighted coordinates: "
+        f"{before:.2g})",
+        remedy="set poses of the bodies closer to the equilibrium, or restrain the free motion with a joint or a spring",
     )
 
 

@@ -77,7 +77,7 @@ def spring(
 def _no_direction(rho: np.ndarray, first: str, second: str) -> NumericalError:
     distance = np.sqrt(max(float(rho[0]), 0.0))
     return NumericalError(
-        f"the distance of the end points '{first}' and '{second}' is {distance:.2g} m, below {SHORTEST:g} m: the "
+        f"the distance between the end points '{first}' and '{second}' is {distance:.2g} m, below {SHORTEST:g} m: the "
         "force has no direction",
         remedy="choose two frames whose origins do not meet during the motion",
     )

@@ -25,12 +25,14 @@ class Relation:
 
 def coincidence(i: Frame, j: Frame, k: int, value: float = 0.0) -> Relation:
     """e_k·(p_j − p_i) = value [m], component k in global axes."""
-    return Relation(f"{'xyz'[k]} of {j.name} on {i.name}", (constant(np.eye(3)[k]),), (j.point, -i.point), value)
+    return Relation(
+        f"global {'xyz'[k]} of {j.name} relative to {i.name}", (constant(np.eye(3)[k]),), (j.point, -i.point), value
+    )
 
 
 def dot(i: Frame, a: int, j: Frame, b: int) -> Relation:
     """a_{i,a}·a_{j,b} [-]."""
-    return Relation(f"{'xyz'[a]} of {i.name} · {'xyz'[b]} of {j.name}", (i.axis(a),), (j.axis(b),))
+    return Relation(f"{'xyz'[a]} axis of {i.name} · {'xyz'[b]} axis of {j.name}", (i.axis(a),), (j.axis(b),))
 
 
 def cosine(i: Frame, a: int, j: Frame, b: int) -> Relation:
@@ -40,32 +42,32 @@ def cosine(i: Frame, a: int, j: Frame, b: int) -> Relation:
 
 def offset(i: Frame, a: int, j: Frame) -> Relation:
     """a_{i,a}·(p_j − p_i) [m]: position of j along an axis of i."""
-    return Relation(f"{j.name} along {'xyz'[a]} of {i.name}", (i.axis(a),), (j.point, -i.point))
+    return Relation(f"position of {j.name} along the {'xyz'[a]} axis of {i.name}", (i.axis(a),), (j.point, -i.point))
 
 
 def distance_squared(i: Frame, j: Frame, value: float = 0.0) -> Relation:
     """|p_j − p_i|² = value [m²]."""
     difference = (j.point, -i.point)
-    return Relation(f"distance of {i.name} and {j.name}", difference, difference, value)
+    return Relation(f"distance between {i.name} and {j.name}", difference, difference, value)
 
 
 def place(j: Frame, direction: np.ndarray, value: float = 0.0) -> Relation:
     """direction·p_j = value [m]."""
-    return Relation(f"position of {j.name}", (constant(direction),), (j.point,), value)
+    return Relation(f"global position of {j.name}", (constant(direction),), (j.point,), value)
 
 
 def bearing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
     """The five displacements of ring j in ring i, x the axis: [axial x, radial y, radial z, tilt about y, about z]. d_k =
     a_{i,k}·(p_j − p_i),     tilt_y = −a_{j,x}·a_{i,z},     tilt_z = a_{j,x}·a_{i,y}     [m, m, m, rad, rad]"""
-    tilt_y = Relation(f"tilt of {j.name} about y of {i.name}", (-i.axis(2),), (j.axis(0),))
-    tilt_z = Relation(f"tilt of {j.name} about z of {i.name}", (i.axis(1),), (j.axis(0),))
+    tilt_y = Relation(f"tilt of {j.name} about the y axis of {i.name}", (-i.axis(2),), (j.axis(0),))
+    tilt_z = Relation(f"tilt of {j.name} about the z axis of {i.name}", (i.axis(1),), (j.axis(0),))
     return offset(i, 0, j), offset(i, 1, j), offset(i, 2, j), tilt_y, tilt_z
 
 
 def bushing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
     """Those of a bearing and the turn about x, a_{j,y}·a_{i,z}: along x, y, z of i [m], then about them [rad]."""
     along_x, along_y, along_z, about_y, about_z = bearing_displacements(i, j)
-    about_x = Relation(f"rotation of {j.name} about x of {i.name}", (i.axis(2),), (j.axis(1),))
+    about_x = Relation(f"rotation of {j.name} about the x axis of {i.name}", (i.axis(2),), (j.axis(1),))
     return along_x, along_y, along_z, about_x, about_y, about_z
 
 

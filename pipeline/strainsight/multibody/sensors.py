@@ -39,7 +39,7 @@ def position_sensor(name: str, frame: Frame, rate: bool = False) -> RelationSens
 
 def axis_sensor(name: str, frame: Frame, k: int) -> RelationSensor:
     """Axis k of a frame in global axes [-]."""
-    along = (Relation(f"axis {k} of {frame.name}", (constant(e),), (frame.axis(k),)) for e in np.eye(3))
+    along = (Relation(f"{'xyz'[k]} axis of {frame.name}", (constant(e),), (frame.axis(k),)) for e in np.eye(3))
     return RelationSensor(name, tuple(along))
 
 

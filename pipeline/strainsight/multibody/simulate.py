@@ -160,7 +160,7 @@ def simulate_controlled(
             if steps * off <= tolerance:
                 break
             if 2 * n >= FINEST:
-                raise _refusal(k * h, h, 2 * n, off, unsolved)
+                raise _refusal(k * h, h, 2 * n, off, tolerance / steps, unsolved)
             coarse, n = fine, 2 * n
         assert fine is not None
         largest, last, parts[k] = whole, fine, 2 * n
@@ -189,14 +189,17 @@ def _sizes(system: System, q: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.add.reduceat((system.metric * q) ** 2, system.starts)))
 
 
-def _refusal(time: float, h: float, parts: int, off: float, unsolved: NumericalError | None) -> NumericalError:
+def _refusal(
+    time: float, h: float, parts: int, off: float, limit: float, unsolved: NumericalError | None
+) -> NumericalError:
     if unsolved is not None:
         return NumericalError(
             f"at t = {time:g} s, with the step of {h:g} s divided into {parts} substeps: {unsolved.what}",
             remedy=unsolved.remedy,
         )
     return NumericalError(
-        f"at t = {time:g} s the step of {h:g} s, divided into {parts} substeps, has a relative error of {off:.2g}",
+        f"at t = {time:g} s the step of {h:g} s, divided into {parts} substeps, has a relative error of {off:.2g}; "
+        f"the limit is {limit:.2g} (simulate.tolerance / number of time steps)",
         remedy="reduce simulate.time_step, or increase simulate.tolerance",
     )
 

@@ -178,7 +178,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
             for total, terms, X in ((K, K_terms, body.stiffness), (C, C_terms, body.damping)):
                 X = X if isinstance(X, AffineOperator) else AffineOperator(X, {})
                 total[eta, eta] = X.constant
-                assert not X.coefficients, "a body of a bench must be linear in its parameters"
+                assert not X.coefficients, "stiffness and damping of a body of a bench must be linear in the parameters"
                 for name, term in X.terms.items():
                     terms[parameters.index(name), eta, eta] = term
     moving = [
@@ -199,7 +199,11 @@ def _rigidity(bodies: Sequence[Body]) -> tuple[list[Relation], list[str]]:
         if body.moves:
             R = [Carried(body.name, 0.0, e, np.zeros((3, 0))) for e in np.eye(3)]
             relations += [Relation("", (R[a],), (R[b],), float(a == b)) for a in range(3) for b in range(a, 3)]
-            names += [f"body {body.name}: R{AXES[a]}·R{AXES[b]} of its frame" for a in range(3) for b in range(a, 3)]
+            names += [
+                f"body {body.name}: {AXES[a]} axis · {AXES[b]} axis of the body frame"
+                for a in range(3)
+                for b in range(a, 3)
+            ]
     return relations, names
 
 
@@ -220,7 +224,8 @@ def _directions(force: FrameLoad) -> np.ndarray:
     _refuse_twins(f"inputs of {force.name}", list(force.inputs))
     if D.shape != (3, len(force.inputs)):
         raise InfeasibleError(
-            f"{force.name}: the directions have shape {D.shape}, but {len(force.inputs)} inputs require (3, {len(force.inputs)})"
+            f"{force.name}: the array of load directions has shape {D.shape}, but {len(force.inputs)} inputs require "
+            f"(3, {len(force.inputs)})"
         )
     return D.T
 
@@ -246,7 +251,8 @@ def _check_carried(relations: Sequence[Relation], bodies: Sequence[Body]) -> Non
             shapes = b.C.shape[1]
             if shapes and shapes != known.get(str(b.body), 0):
                 raise InfeasibleError(
-                    f"{relation.name}: {shapes} mode shapes, but body {b.body} has {known.get(str(b.body), 0)} modes"
+                    f"{relation.name}: the frame has {shapes} mode shapes, "
+                    f"but body {b.body} has {known.get(str(b.body), 0)} modes"
                 )
 
 

@@ -213,7 +213,7 @@ def test_a_ball_that_outgrows_its_grooves_is_refused():
         ({"preload": float("nan")}, "preload is nan"),
         ({"poisson_ratio": 0.5}, "ratio 0.5"),
         ({"groove_centres": "float"}, "groove centres 'float'"),
-        ({"nominal": (0.06, 0.03)}, "nominal values"),
+        ({"nominal": (0.06, 0.03)}, "nominal dimensions"),
         ({"nominal": (0.06, 0.03, 0.03, 0.03, 0.03)}, "nominal inner left groove"),
     ],
 )

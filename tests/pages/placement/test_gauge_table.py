@@ -102,4 +102,4 @@ def test_cases_are_rows_and_excitations_are_columns(full):
         ["E, rho", 91.0, 182.0, ""],
         ["tip, E, rho", 9e11, 1.8e12, "tip, E and rho scaled by one factor"],
     ]
-    assert "at the same excitation" in text
+    assert "the same excitation" in text

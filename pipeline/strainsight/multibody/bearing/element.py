@@ -120,8 +120,9 @@ def _five(what: str, values: np.ndarray, last: str = "two moments about y and z"
 def _unsettled(ball: int, excess: float, q: np.ndarray) -> NumericalError:
     return NumericalError(
         f"ball {ball} of the bearing has no equilibrium: the unbalanced force on the ball is {excess:.1e} times the tolerance"
-        f" at the displacement of the inner ring ({', '.join(f'{value:.4g}' for value in q)})",
-        remedy="check whether this displacement is realistic; use a smaller time step, or start closer to the equilibrium",
+        f" at the displacement of the inner ring ({', '.join(f'{value:.4g}' for value in q)}) [m, m, m, rad, rad]",
+        remedy="if this displacement is not realistic, use a smaller time step, or an initial displacement of the ring closer to "
+        "the equilibrium",
     )
 
 
@@ -173,7 +174,7 @@ def _largest_force(bearing: Bearing) -> float:
 
 def _none(kind: type[StrainsightError], F: np.ndarray, why: str) -> StrainsightError:
     return kind(
-        f"the bearing has no equilibrium under the load ({', '.join(f'{x:.4g}' for x in F)}): {why}",
+        f"the bearing has no equilibrium under the load ({', '.join(f'{x:.4g}' for x in F)}) [N, N, N, N m, N m]: {why}",
         remedy="reduce the load or the preload, and check whether the contact pressures exceed the capacity of the bearing",
     )
 

@@ -249,7 +249,7 @@ def _check(bearing: Bearing) -> None:
         )
     if not -1 < bearing.poisson_ratio < 0.5 or bearing.density < 0:
         raise UserError(
-            f"Poisson's ratio {bearing.poisson_ratio:.4g}, density {bearing.density:.4g} kg/m³",
+            f"the bearing has Poisson's ratio {bearing.poisson_ratio:.4g} and a density of {bearing.density:.4g} kg/m³",
             remedy="specify a Poisson's ratio between -1 and 0.5, and a density of at least 0",
         )
     if bearing.groove_centres not in ("follow", "fixed"):
@@ -265,7 +265,8 @@ def _check(bearing: Bearing) -> None:
     _check_grooves(bearing.ball_diameter, bearing.radii.tolist(), max(bearing.preload, 0.0), "")
     if len(bearing.nominal) != 5 or not all(math.isfinite(value) for value in bearing.nominal):
         raise UserError(
-            f"invalid nominal values {bearing.nominal}", remedy="specify the ball diameter and four groove radii"
+            f"invalid nominal dimensions {bearing.nominal} of the bearing",
+            remedy="specify five finite numbers [m]: the ball diameter and four groove radii",
         )
     _check_grooves(bearing.nominal[0], list(bearing.nominal[1:]), 0.0, "nominal ")
 

@@ -196,7 +196,9 @@ def start_covariance(
     std_u, std_xi = np.atleast_1d(np.asarray(std_u, dtype=float)), np.asarray(std_xi, dtype=float)
     if std_u.shape != inputs.shape or std_xi.shape[:1] != (coordinates.size,):
         raise InfeasibleError(
-            f"{inputs.size} inputs have {std_u.size} initial σ, {coordinates.size} parameters {len(np.atleast_1d(std_xi))} σ"
+            f"{std_u.size} initial standard deviations for {inputs.size} unknown inputs, and "
+            f"{len(np.atleast_1d(std_xi))} for {coordinates.size} estimated parameters",
+            remedy="specify one standard deviation for each input and each parameter",
         )
     by_u, by_theta = static_response(system, q, u, theta)
     response = np.concatenate([by_u[:, inputs], by_theta @ coordinates.theta(coordinates.xi(theta))[1]], axis=1)
@@ -221,7 +223,7 @@ def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndar
     *_, K = tangent.matrices
     if len(K) and not np.linalg.cond(K) < 1 / FREE:
         raise InfeasibleError(
-            "a motion of a body is unrestrained at the start", remedy="restrain it with a joint or a spring"
+            "a motion of a body is unrestrained in the initial state", remedy="restrain it with a joint or a spring"
         )
     response = tangent.T @ np.linalg.solve(K, tangent.pushes(slopes))
     return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]

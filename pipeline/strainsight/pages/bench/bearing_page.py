@@ -27,7 +27,10 @@ ROUNDING = 1e-9
 LOAD_UNITS = ("N", "N", "N", "N m", "N m")
 INNER = 2
 """Contacts of the inner ring; those of the outer ring have the same forces except for inertia."""
-BELIEF = "The band is ±2σ. It contains the uncertainty of estimated bearing parameters; other bearing data are assumed exact."
+BELIEF = (
+    "Band and ±: 2σ of the estimate. σ includes the uncertainty of the estimated bearing parameters; "
+    "all other bearing data are assumed exact."
+)
 CASE_HEAD = ("", "load", "displacement", *(f"∂/∂{name}" for name in DISPLACEMENTS))
 """Heading of the table of a load case, on the page and in the terminal."""
 
@@ -134,8 +137,9 @@ def curve_figure(curve: BearingDisplaced) -> Drawing:
     largest = float(np.abs(curve.curve.load[:, a]).max())
     name = DISPLACEMENTS[a]
     caption = (
-        f"Load on the inner ring of {curve.bearing} over the displacement {name} of the ring; the other displacements are zero. "
-        f"Load component along the displacement: at most {number(largest, 4)} {LOAD_UNITS[a]}."
+        f"Load on the inner ring of {curve.bearing} over the displacement {name} of this ring; its other "
+        f"displacements are zero. x is the bearing axis. Load component in the direction of the displacement: at most "
+        f"{number(largest, 4)} {LOAD_UNITS[a]}."
     )
     alt = f"Line chart of three forces and two moments over the displacement {name}."
     return Drawing(

@@ -82,10 +82,10 @@ def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown
     time_axis((axes, *more)[-1])
     legend_of_lines(axes, labels)
     caption = f"{name}, {'load' if load else 'parameter'}: estimate" + " and true value (dashed)" * bool(known)
-    caption += ", with a band of ±2 claimed standard deviations" * claimed
+    caption += ", with a band of ±2σ (σ claimed by the filter)" * claimed
     caption += ", and smoothed estimate (green)" * (smoothed is not None)
     caption += "; below, absolute error of the estimate relative to the largest true value" * bool(known)
-    caption += ", with the claimed σ (dotted)" * (bool(known) and claimed)
+    caption += ", with the σ claimed by the filter (dotted)" * (bool(known) and claimed)
     text = "; ".join(f"{label or name}: {_ending(history)}" for label, history in lines)
     return Drawing(key, title, f"{caption}.", f"Line chart of the estimates of {name}. {text}.", svg(canvas))
 
@@ -112,12 +112,13 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
     plain_axis(axes)
     plain_axis(below)
-    below.set_ylabel("ratio to the load on\nthe measured bench [–]")
+    below.set_ylabel("ratio to the load on the bench\nof the measurements [–]")
     time_axis(below)
     legend_of_lines(axes, labels)
     caption = (
-        f"{name} on this bench. Below, {name} on this bench divided by the load on the measured bench, while the load on the "
-        f"measured bench exceeds {number(LARGE)} of its maximum: {'; '.join(text) or 'never'}."
+        f"{name} on this bench. Below, ratio of {name} on this bench to the load on the bench of the measurements "
+        f"(estimate.measured.from). Range of the ratio while the load on the bench of the measurements "
+        f"exceeds {number(LARGE)} of its maximum: {'; '.join(text) or 'not available'}."
     )
     return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", svg(canvas))
 
@@ -140,10 +141,12 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     axes.set_ylabel("relative error [–]")
     legend_above(axes)
     finite = errors[np.isfinite(errors)]
-    text = f"RMS {number(rms(errors), 2)}, largest {number(float(finite.max()), 2)}" if len(finite) else "none"
+    text = f"RMS {number(rms(errors), 2)}, largest {number(float(finite.max()), 2)}" if len(finite) else "not available"
     text += f"; {len(errors) - len(finite)} diverged" * (len(finite) < len(errors))
     what = "at the end of the run" if unknown.kind == "parameter" else "as RMS over the second half of the run"
-    caption = f"Error of {unknown.name} {what}, relative to the largest true value, in {len(errors)} runs: {text}."
+    caption = (
+        f"Error of {unknown.name} {what}, relative to the largest true value, in {len(errors)} filter runs: {text}."
+    )
     return Drawing(
         f"runs-{unknown.name}",
         f"{unknown.name}: runs with other seeds and initial values",
@@ -225,7 +228,10 @@ def _ending(history: History) -> str:
     if history.truth is None:
         return f"ends at {number(float(history.mean[-1]), 4)} {history.unit}"
     scale = largest(history.truth) or 1.0
-    return f"error {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the largest true value at the end"
+    return (
+        f"error {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the largest true value "
+        "at the end of the run"
+    )
 
 
 PANELS = 8
@@ -333,7 +339,7 @@ def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Draw
     words = "" if expected is None else f", expected {number(expected, 3)}"
     caption = (
         f"Above, normalised innovation squared divided by the number of channels: mean {number(mean, 3)}{words}. Below, "
-        f"violation of the constraints after every correction by the filter: at most {worst}."
+        f"violation of the joint constraints after every measurement update, relative to the coordinates: at most {worst}."
     )
     return Drawing("consistency", "Consistency of the innovations", caption, caption, svg(canvas))
 

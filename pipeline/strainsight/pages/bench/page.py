@@ -123,17 +123,15 @@ def random_figure(placed: BenchPlaced) -> Drawing:
         axes.plot(
             others, np.full(len(others), y), "|", color=MUTED, ms=10, mew=1.4, label=None if y else "random layouts"
         )
-        axes.plot(1.0, y, "o", color=BLUE, ms=7, label=None if y else "placed")
+        axes.plot(1.0, y, "o", color=BLUE, ms=7, label=None if y else "chosen layout")
     axes.set_xscale("log")
     plain_ticks(axes, "x")
     axes.set_yticks(range(len(names)), [short(name, 16) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("expected σ relative to the placed layout [–]")
+    axes.set_xlabel("expected σ relative to the chosen layout [–]")
     legend_above(axes)
-    caption = (
-        "Expected standard deviation of every load with random layouts of the same size, relative to the placed layout."
-    )
+    caption = "Expected σ of every load with random layouts of the same size, divided by the expected σ with the chosen layout."
     return Drawing("random", "Comparison with random layouts", caption, caption, svg(canvas))
 
 
@@ -164,7 +162,8 @@ def _stacked(
 STYLE = "bench/bench.css"
 FOOTER = (
     "σ is one standard deviation. Errors and claimed σ of a load are relative to the largest true value of the load, errors and "
-    "claimed σ of a parameter to its true value. The contacts in bearings are quasi-static and Hertzian; the rings are rigid."
+    "claimed σ of a parameter to its true value. Claimed σ: computed by the filter. The contacts in bearings "
+    "are quasi-static and Hertzian; the rings are rigid."
 )
 
 
@@ -177,7 +176,9 @@ def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
         shown["unknowns"] = (
             *(unknown_figure(f"unknown-{i}", f"{one.name}, {kinds[one.kind]}", [("", one)]) for i, one in every),
             *(
-                ratio_figure(f"ratio-{i}", f"{one.name}: ratio to the load on the measured bench", [("", one)])
+                ratio_figure(
+                    f"ratio-{i}", f"{one.name}: ratio to the load on the bench of the measurements", [("", one)]
+                )
                 for i, one in every
                 if one.unscaled is not None
             ),
@@ -271,11 +272,11 @@ def _picture(caption: str, png: bytes) -> str:
 
 
 NAMES = {
-    "coordinates": ("number of coordinates", ""),
+    "coordinates": ("number of generalised coordinates", ""),
     "constraints": ("number of constraints", ""),
     "steps": ("number of time steps", ""),
-    "violation": ("largest constraint violation", ""),
-    "violation_rate": ("largest violation of the time derivative of a constraint", ""),
+    "violation": ("largest violation of a constraint (SI units)", ""),
+    "violation_rate": ("largest violation rate of a constraint (SI units)", ""),
     "first_frequency": ("first natural frequency of the bench", "Hz"),
     "band": ("highest load frequency resolved by the time step", "Hz"),
     "turn": ("largest rotation of a body in a time step", "rad"),
@@ -286,7 +287,7 @@ OF_ESTIMATE = {
     "truth": "simulated test",
     "channels": "number of channels",
     "unknowns": "number of unknowns",
-    "violation": "largest constraint violation after correction by the filter",
+    "violation": "largest violation of a joint constraint after a measurement update, relative to the coordinates",
 }
 
 

@@ -88,12 +88,12 @@ COLUMNS: tuple[tuple[str, Cell], ...] = (
 MEANINGS = {
     "error": "Errors and claimed σ of loads are RMS over the second half of the run, relative to the largest true load. Errors "
     "and claimed σ of parameters are final values, relative to the true value.",
-    "slope": "Slope and offset: fit estimate = slope · true value + offset.",
-    "load ratio": "Load ratio: load on this bench divided by the load on the measured bench. Slope and offset: fit load = slope "
-    "· load on the measured bench + offset. Mean and range: over the instants at which the load on the measured bench exceeds "
-    "0.3 of its maximum.",
-    "mismatch": "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading. It is the "
-    "largest value of all components of the sensors used by the filter, or of the unused sensors.",
+    "slope": "Slope and offset: linear fit estimate = slope · true value + offset.",
+    "load ratio": "Load ratio: load on this bench divided by the load on the bench of the measurements (estimate.measured.from). "
+    "Slope and offset: linear fit load on this bench = slope · load on the bench of the measurements + offset. "
+    "Mean and range: over the instants at which the load on the bench of the measurements exceeds 0.3 of its maximum.",
+    "mismatch": "Mismatch: RMS of the residual (measured − estimated) divided by RMS of the measured reading. The table "
+    "shows the largest value of all components, separately for the sensors used by the filter and the unused sensors.",
     "NIS": "NIS: normalised innovation squared divided by the number of channels.",
 }
 """Beginning of a column heading → its meaning."""
@@ -184,7 +184,7 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
         known = random[~np.isnan(random)]
         ends = [measure(float(end), unit, 3) for end in (known.min(), known.max())] if len(known) else ["–", "–"]
         rows.append([escape(name), measure(std, unit, 3), *ends])
-    head = ("load", "expected σ", "best random layout", "worst random layout")
+    head = ("load", "expected σ", "expected σ, best random layout", "expected σ, worst random layout")
     loads = table("loads", head, rows, numeric=(1, 2, 3)) if rows else ""
     places, symbol, gauges = decimals(best.position), escape(placement.trend.metric.symbol), []
     for i, label in enumerate(placement.labels):
@@ -238,7 +238,7 @@ def run_answer(run: BenchPageRun) -> str:
     if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in run.sensors if sensor.used}
         listed = [f"{escape(name)} {ratio(value)}" for name, value in off.items() if value is not None]
-        text = f"These loads reproduce the readings of the measured bench (mismatch: {', '.join(listed)}): {', '.join(parts)}."
+        text = f"Loads that reproduce the measured readings (RMS residual/RMS reading: {', '.join(listed)}): {', '.join(parts)}."
     return _problems(run) + text
 
 

@@ -238,7 +238,7 @@ def _history_alt(history: History) -> str:
     end = quantity(float(history.mean[-1]), history.unit)
     truth = "" if history.truth is None else f", true value {quantity(float(history.truth[-1]), history.unit)}"
     sigma = f" ± {quantity(float(history.std[-1]), history.unit, 2)}" if np.isfinite(history.std[-1]) else ""
-    return f"Line chart of {history.name}: estimate at the end {end}{sigma}{truth}."
+    return f"Line chart of {history.name}: estimate at the end of the run {end}{sigma}{truth}."
 
 
 @styled()

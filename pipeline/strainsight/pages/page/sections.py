@@ -72,15 +72,22 @@ OTHER, REST = "other sources", "muted"
 """The smallest sources, without a colour, are one part of a bar."""
 BUDGET = (
     "Shares of the variance of the filtered estimate, for a parameter at the end of the run, for a load over the second half. "
-    "Noise: gauge noise. Process noise: modelled changes of loads, and model errors. Start: initial uncertainty of the filter."
+    "Noise: gauge noise. Process noise: random changes of the loads and model errors, as assumed by the filter. Start: initial "
+    "uncertainty of the filter."
 )
-LEAD = "All filters use the same samples and the same model, without the configured tolerances. Only their approximations differ."
+LEAD = (
+    "All filters use the same measured samples and the same model; the tolerances of the config are not applied. "
+    "Only the approximations of the filters differ."
+)
 FILTERS = (
     "The parameter grid filter applies Bayes' rule by quadrature. The sigma-point and extended filters assume normal "
-    "distributions, and the extended filter neglects the product of parameter and state errors. Ratio: RMS error of the "
-    "estimate, computed with the grid filter, divided by the claimed σ. Above 2 σ is overconfident, below 0.5 too cautious."
+    "distributions, and the extended filter neglects the product of parameter and state errors. Ratio: RMS deviation "
+    "of the estimate from the posterior of the grid filter, divided by the claimed σ of the estimate. With a ratio above 2 the "
+    "claimed σ is overconfident, with a ratio below 0.5 too cautious."
 )
-DAMAGE = "Damage at hot spots of the surface (at a minimum distance from each other) and at virtual gauges."
+DAMAGE = (
+    "Fatigue damage at virtual gauges and at hot spots of the surface, which have a minimum distance from each other."
+)
 
 
 def section(heading: str, content: str, name: str = "", kind: str = "card", lead: str = "", more: str = "") -> str:

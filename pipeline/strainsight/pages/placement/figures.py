@@ -111,7 +111,7 @@ def trend_figure(trend: Trend) -> Drawing:
         f"With {keep} of {every} candidates the metric is {number(ratio, 3)} times the value with all candidates."
     )
     if trend.lower_bound is not None:
-        caption += " The dashed line is a certified lower bound of the metric for layouts of this size."
+        caption += f" The dashed line is a certified lower bound of the metric for layouts of {keep} gauges."
     if bend is not None:
         caption += f" Beyond the elbow at {bend} gauges, further gauges mostly average noise."
     ends = f"{number(trend.value[0])} with {every} candidates to {number(trend.final)} with {keep}"
@@ -144,8 +144,8 @@ def signal_figure(signal: Reading) -> Drawing:
     time_axis(below)
     legend_above(axes)
     caption = (
-        f"{what.capitalize()} at gauge {signal.label}, last oscillation periods. Below: residual "
-        f"(RMS {number(residual, 3)} {unit} over the run) and ±2σ band of the estimate."
+        f"{what.capitalize()} at gauge {signal.label} in the last oscillation periods. Below: measured − "
+        f"estimated (RMS {number(residual, 3)} {unit} over the run) and ±2σ band of the estimate."
     )
     alt = f"Line chart of measured and estimated {what} at gauge {signal.label}, peak {peak} {unit}."
     return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, svg(canvas))
@@ -180,17 +180,15 @@ def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
     axes.annotate(f"chosen layout {percent(chosen)}", (100 * chosen, -0.62), (off, 0), **words)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(f"relative error of {short(name)} [%]")
-    caption, medians = f"Error of {name} with random layouts of the same size; the bar is the median.", []
+    caption, medians = f"Dots: error of {name} with random layouts of the same size; black bar: median.", []
     for entry in sets:
         better, lost = int(np.sum(entry.finite < chosen)), len(entry.error) - len(entry.finite)
-        pool = "all candidates" if entry.pool_label == "all candidates" else "the screened pool"
+        pool = "all candidates" if entry.pool_label == "all candidates" else "the candidates after screening"
         caption += f" More accurate than the chosen layout: {better} of {len(entry.error)} random layouts from {pool}"
         caption += f"; diverged and not shown: {lost}." if lost else "."
         if len(entry.finite):
-            medians.append(
-                f"median of random layouts from {entry.pool_label} {percent(float(np.median(entry.finite)))}"
-            )
-    caption += " With one noise sample a random layout can be more accurate by chance."
+            medians.append(f"median of random layouts from {pool} {percent(float(np.median(entry.finite)))}")
+    caption += " Each layout is tested with one noise sample, so a random layout can be more accurate by chance."
     alt = f"Dot plot of errors of {name}: chosen layout {percent(chosen)}; {'; '.join(medians)}"
     return Drawing(f"random-errors-{name}", f"{name}: errors of random layouts", caption, alt, svg(canvas))
 
@@ -219,7 +217,7 @@ def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) 
     axes.set_ylabel(f"{short(chosen.name)} [{unit}]")
     legend_above(axes)
     caption = (
-        f"Estimates of {chosen.name} with random layouts (one colour for each pool of candidates) and with the chosen layout. "
+        f"Estimates of {chosen.name} with random layouts (from all or from screened candidates) and with the chosen layout. "
         "The axis is scaled to the estimates after the first quarter of the run."
     )
     alt = f"Line chart of estimates of {chosen.name} with {count} random layouts and the chosen layout."
@@ -274,7 +272,10 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set(xlabel="runs in order of increasing error [–]", ylabel=f"relative error of {short(name)} [%]")
     legend_above(axes)
-    caption = f"{len(error)} runs with other noise and initial values, and the same true values. "
+    caption = (
+        f"Relative error and claimed σ of {name} in {len(error)} repeated filter runs with other noise and initial values; the "
+        "true values are the same. "
+    )
     caption += f"{name} is {LOST}: the measurements hardly reduce the initial uncertainty." * (result == LOST)
     if claim is not None:
         result = f"{claim.result}, {result}"
@@ -283,4 +284,6 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
             f" RMS of error / claimed σ: {number(claim.ratio, 3)} ({low} to {high} if σ is calibrated): {claim.result}."
         )
     alt = f"Chart of {len(error)} repeated runs for {name}, {result}."
-    return Drawing(f"repeats-{name}", f"{name}: other seeds and initial values", caption, alt, svg(canvas))
+    return Drawing(
+        f"repeats-{name}", f"{name}: repeated runs with other seeds and initial values", caption, alt, svg(canvas)
+    )

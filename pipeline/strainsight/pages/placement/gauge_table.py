@@ -23,12 +23,13 @@ EDGES = (
     "counter-clockwise as seen from outside. Second line: the same for the nearest edge transverse to the first one."
 )
 BONDED = (
-    "Installation: values outside the limits. They are the relative change of strain over one σ of the gauge position and over "
-    "the grid length, and the free height above the gauge."
+    "Installation: values that violate a limit. Possible values: relative change of strain over one σ of the gauge position, "
+    "relative change of strain over the measuring grid, and free height above the gauge."
 )
 REFINED = (
-    "Refined mesh: change of the strain at the gauge if the elements around the gauge are halved twice, relative to the RMS "
-    "strain of the training run. A large change indicates a hot spot: a corner, the end of a support or a concentrated force."
+    "Refined mesh: change of the strain at the gauge if the elements around it are halved twice. The change is relative to the "
+    "RMS strain of the training run (simulation of the stage train). A large change indicates a "
+    "hot spot: a corner, the end of a support or a concentrated force."
 )
 UNOBSERVABLE = "∞: without this gauge the unknown is not observable."
 
@@ -82,7 +83,7 @@ def _worth(report: PlacementReport) -> str:
         for index, gauge in enumerate(gauges)
     ]
     head = ["gauge", "number" if imported(gauges) else "element", "facet", "angle"]
-    head += ["training peak"] * read + ["change with refined mesh"] * tested
+    head += ["training peak"] * read + ["change of strain with refined mesh"] * tested
     foot = ["all gauges", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
     head += [f"expected σ({escape(name)}) without gauge" for name in names]
     caption = _caption_of_worth(gauges)
@@ -203,7 +204,10 @@ def _whole(text: str) -> str:
     return f'<span class="whole">{text}</span>'
 
 
-STEADY = "steady σ of a filter with the model linearised at one instant; for ranking layouts only, not σ of the filter in a run"
+STEADY = (
+    "steady-state σ of a filter with the model linearised at one instant. Use it only to rank layouts; the σ of the filter in a "
+    "run differs"
+)
 
 
 def criteria_table(
@@ -229,9 +233,18 @@ def criteria_table(
         rows.append(row("certified lower bound", trend.lower_bound, None))
     rules = sorted(criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
-    head = ["layout", escape(trend.metric.symbol), "relative to chosen layout", *(escape(m.symbol) for m in others)]
+    head = [
+        "layout",
+        escape(trend.metric.symbol),
+        f"{escape(trend.metric.symbol)} relative to chosen layout",
+        *(escape(m.symbol) for m in others),
+    ]
     head += [f"steady-state σ({escape(name)})" for name in names]
-    caption = "Layouts with the same size and pool" + ", evaluated with the same covariance" * bool(criteria) + "."
+    caption = (
+        "All layouts have the same number of gauges, from the same candidates"
+        + ", and are evaluated with the same covariance" * bool(criteria)
+        + "."
+    )
     if rules:
         caption += f" {LIMITS}"
     if any(math.isinf(value) for entry in criteria for value in (*entry.values, *entry.std.values())):
@@ -239,7 +252,7 @@ def criteria_table(
     return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
-LIMITS = "Layouts by other rules can violate limits of the placement, such as budget, spacing and zones."
+LIMITS = "Layouts by other rules can violate the limits of this placement, such as budget, spacing and zones."
 
 
 def criteria_meaning(metrics: Sequence[MetricWords]) -> str:
@@ -265,8 +278,9 @@ def load_cases_table(report: PlacementReport) -> str:
     expected = [f"expected σ({escape(name)})" for name in names]
     head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
     caption = (
-        "The layout is placed for the weighted sum of all load cases. Expected σ: along the training run of the load case, "
-        "relative to the amplitude in the load case. Metric: of this load case alone."
+        "The placement minimises the mean or the maximum of the weighted metrics of all load cases. Metric: value for the load "
+        "case alone. Expected σ: computed with the simulated load history (training run) of the load case. Expected σ of a load "
+        "is relative to the amplitude of the load in this case."
     )
     return table("load cases", head, rows, caption=caption, numeric=range(1, len(head)))
 
@@ -284,7 +298,8 @@ def cases_table(cases: Sequence[ObservabilityCase]) -> str:
     head = ["unknowns", *map(escape, excitations), "not observable"]
     caption = (
         "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0; a larger number means weaker observability. "
-        "States are scaled by their size in the training run, so numbers are comparable at the same excitation (column)."
+        "States are scaled by their size in the simulated training run, so only numbers in one column (the same excitation) are "
+        "comparable."
     )
     return table("sets of unknowns", head, rows, caption=caption, numeric=range(1, len(head) - 1))
 

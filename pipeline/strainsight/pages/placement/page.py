@@ -87,7 +87,7 @@ def _worst_cases(report: PlacementReport) -> str:
     worst = [unknown for unknown in report.unknowns if unknown.worst_case]
     parts = listed([f"{escape(one.name)} ±{share(one.expected_std)} in {escape(one.worst_case)}" for one in worst])
     many = len(report.load_cases.name)
-    return f" Largest expected σ over {count(many)} load case{'s' * (many > 1)}, relative to the amplitude: {parts}."
+    return f" Largest expected σ over {count(many)} load case{'s' * (many > 1)} (of a load: relative to its amplitude): {parts}."
 
 
 def placement_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
@@ -122,9 +122,9 @@ def _tile(unknown: Unknown) -> str:
         ("estimated RMS", measure(unknown.estimate if load else None, unknown.unit)),
         ("error in validation", share(unknown.error)),
         ("error after smoothing", share(unknown.smoothed_error if load else None)),
-        ("amplitude", measure(unknown.guess if unknown.zero else None, unknown.unit)),
+        ("amplitude of the load", measure(unknown.guess if unknown.zero else None, unknown.unit)),
         ("expected σ", share(None if unknown.std is None else unknown.expected_std)),
-        ("worst load case", escape(unknown.worst_case) or "–"),
+        ("load case with the largest expected σ", escape(unknown.worst_case) or "–"),
     ]
     return tile(f"{escape(unknown.name)}, {'load' if load else 'parameter'}", value, rows, _mark(unknown))
 
@@ -252,7 +252,7 @@ def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
     for kind, many in Counter(gauge.kind for gauge in layout.gauges).items():
         yield "var(--muted)", shape(kind), f"{count(many)} {escape(kind)}{'s' * (many > 1)}"
     if bonded := sum(gauge.bonded for gauge in layout.gauges):
-        yield "var(--muted)", "hollow", f"{count(bonded)} already bonded"
+        yield "var(--muted)", "hollow", f"{count(bonded)} gauge{'s' * (bonded > 1)} already bonded"
     yield POOL, "dot", f"{count(len(layout.pool))} candidate positions"
     if layout.loads:
         loads = [f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads]
@@ -269,7 +269,9 @@ FOOTER = (
     "of the smoother. Expected σ: predicted by the placement for the filter. Steady-state σ: for ranking layouts only."
 )
 
-RANDOM = markup.titled("Comparison with random layouts", "Errors with random layouts of the same size.")
+RANDOM = markup.titled(
+    "Comparison with random layouts", "Errors of the estimates with random layouts of the same number of gauges."
+)
 TEST_PAGE = "test.html"
 """Page of the test in the same folder."""
 
@@ -366,7 +368,10 @@ def _observability(report: PlacementReport) -> str:
             ]
             for check in report.consistency
         ]
-        caption = "Squared error / claimed variance, per dimension; 1 is ideal. Band: range for a calibrated σ."
+        caption = (
+            "Number: squared error divided by the claimed variance, per dimension; 1 is ideal. "
+            "Band: range of the number if σ is calibrated."
+        )
         head = ("check", "number", "band", "result")
         cards.append(table("consistency", head, rows, caption=caption, numeric=(1, 2)))
     if report.frequencies:

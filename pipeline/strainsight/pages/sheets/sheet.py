@@ -92,10 +92,10 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
             turn = f", at {views.degrees(angle)}" if np.isfinite(angle) else ""
             yield name, f"{views.size(distance, sheet)} {frame.unit}{turn}"
     if sheet.strain:
-        yield "grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length unknown"
+        yield "measuring grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length unknown"
         if len(sheet.directions) == 1:
             yield (
-                "carrier as shown",
+                "carrier (size drawn)",
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"

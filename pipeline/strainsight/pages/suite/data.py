@@ -255,7 +255,7 @@ def comparisons_table(suite: Suite) -> str:
         f"<td>{_mark(row.result)}{reason(row.result, row.why)}</td></tr>"
         for i, row in enumerate(suite.comparisons, start=1)
     ]
-    return _table("comparisons", "claims comparisons", COMPARISON_HEAD, rows, "Comparisons with the source")
+    return _table("comparisons", "claims comparisons", COMPARISON_HEAD, rows, "Comparisons with published results")
 
 
 def _table(name: str, kind: str, heads: Sequence[str], rows: Sequence[str], title: str) -> str:

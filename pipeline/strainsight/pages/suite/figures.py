@@ -73,7 +73,11 @@ def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
         lines = [(run.label, unknown) for run in runs for unknown in run.unknowns if unknown.name == name]
         drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", lines))
         if elsewhere := [(label, unknown) for label, unknown in lines if unknown.unscaled is not None]:
-            drawings.append(ratio_figure(f"{key}-ratio-{i}", f"{name}: ratio of the loads{behind}", elsewhere))
+            drawings.append(
+                ratio_figure(
+                    f"{key}-ratio-{i}", f"{name}: ratio to the load on the bench of the measurements{behind}", elsewhere
+                )
+            )
     sensors = [(run.label, sensor) for run in runs for sensor in run.sensors]
     for i, name in enumerate(dict.fromkeys(sensor.name for _, sensor in sensors)):
         if shown := [entry for entry in sensors if entry[1].name == name and entry[1].expected is not None]:
@@ -124,7 +128,7 @@ def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Seque
     panels[-1].set_xlabel(short(study.over or "", 48))
     if any(groups):
         legend_above(panels[0], 2)
-    caption = f"Summary numbers over the config key {study.over}, one line per group of runs."
+    caption = f"Summary numbers of the runs over the config key {study.over}: one panel per number, one line per group of runs."
     if what:
         caption = f"Errors of the {what} over the config key {study.over}; dotted: claimed standard deviation."
     title = f"{study.name}: {f'errors of {what}' if what else 'numbers'} over {study.over}"
@@ -175,7 +179,7 @@ def _scale(axes: Axes, values: FloatArray) -> None:
 
 
 COLOURS = (*SERIES, MUTED)
-WRONG = "unknown with a problem"
+WRONG = "estimate with a problem"
 
 
 def suite_figures(report: Suite) -> tuple[Drawing, ...]:
@@ -270,9 +274,9 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     axes.set(xlabel="relative error [%]", ylabel="run and unknown")
     legend_above(axes, columns=2)
     caption = (
-        "Bars: errors consistent with the claimed σ. Errors of loads are those of the smoothed estimate. Short lines: repeated "
-        "filter runs with other noise and initial values. Crosses: σ is overconfident or withheld, or the unknown is not "
-        "identified, or a run diverged."
+        "Bars: range of errors consistent with the claimed σ. Errors of loads are those of the smoothed estimate. "
+        "Short lines: repeated filter runs with other noise and initial values. Crosses: σ is overconfident or withheld, or "
+        "the unknown is not identified, or a run diverged."
     )
     text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, result in rows)
     return Drawing("errors", "Errors of all runs", caption, f"Chart of errors and claimed σ: {text}.", svg(canvas))
@@ -309,7 +313,8 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
     legend_above(axes, columns=1)
     caption = (
         f"{metric_words(metrics)}, relative to its value with all candidates, during elimination of gauges (from right to left). "
-        "Dots: selected layouts after exchange. A flat line means that a few gauges are as informative as all candidates."
+        "Dots: chosen layouts, after exchange of single gauges. A flat line means that a few gauges are as "
+        "informative as all candidates."
     )
     ends = "; ".join(
         f"{numbered(tuple(numbers))}: {number(trend.final / trend.value[0], 3)} with {int(trend.count[-1])} gauges"
@@ -329,7 +334,7 @@ def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
         drawing,
         key=f"estimate-{index}-{history.name}",
         title=f"{history.name}, {kind if kind == 'parameter' else 'load'}",
-        caption=f"Run {index}: estimate of {history.name} {span}; bands are ±2 claimed standard deviations.",
+        caption=f"Run {index}: estimate of {history.name} {span}; bands are ±2σ (σ claimed by the filter).",
         alt=f"Run {index}. {drawing.alt}",
     )
 

@@ -90,7 +90,7 @@ def observability_section(report: Suite, cards: Mapping[str, str]) -> str:
     if not series:
         return ""
     motions = [[escape(entry.heading), escape(entry.label)] for entry in series]
-    listed = table("excitations", ("excitation of", "label of the first run"), motions)
+    listed = table("excitations", ("excitation of", "label of the first of these runs"), motions)
     missing, rows = [], []
     for group in groups_of(series):
         cases = [entry.cases.get(group) for entry in series]
@@ -193,7 +193,7 @@ def _status(run: SuiteRun) -> tuple[str, ...]:
 METRIC = "metric"
 COLUMNS = (
     "run", "unknown", "gauges", METRIC, "gap to the optimal layout", "error", "claimed σ", "error / σ",
-    "repeats: RMS error", "largest error", "consistency",
+    "repeats: RMS error", "repeats: largest error", "consistency",
 )  # fmt: skip
 NUMERIC = frozenset(COLUMNS) - {"run", "unknown", "consistency"}
 MEASURED = COLUMNS[5:]
@@ -249,7 +249,7 @@ def run_answer(run: PlacementRun) -> str:
         return f"<strong>Not estimated</strong>: {what}; the run ends after stage {escape(run.reached)}."
     gauges, results = "The gauges estimate", results_of(run)
     if run.gauges is not None:
-        gauges = f"{run.gauges} of {run.pool} candidates estimate{'s' * (run.gauges == 1)}"
+        gauges = f"{run.gauges} of {run.pool} candidate gauges estimate{'s' * (run.gauges == 1)}"
     parts = [
         f"<strong>{escape(result.unknown.name)}</strong> with an error of {share(result.error)}"
         + (f" (claimed σ {share(result.std)})" if result.std is not None else "")

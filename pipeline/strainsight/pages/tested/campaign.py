@@ -111,7 +111,9 @@ def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
         rows.append([escape(unknown.name), *together, *alone])
     head = ["parameter", "all records", "± claimed σ"]
     head += [f"{escape(record.record)} alone" for record in report.records]
-    caption = "Most likely value from all records that are consistent with the model, and from each record alone."
+    caption = (
+        "Most likely value of each parameter, from the records consistent with the model, and from each record alone."
+    )
     text = table("parameters", head, rows, caption=caption, numeric=range(1, len(head)))
     doubts = bullets(doubt for unknown in report.parameters for doubt in unknown.doubts)
     warned = f'<div class="card warnings">{doubts}</div>' if doubts else ""

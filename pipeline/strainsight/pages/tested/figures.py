@@ -251,7 +251,7 @@ def load_figure(kind: str, history: History, colour: str) -> Drawing:
     legend_above(panels[0])
     value, when = peak_of(history.time, history.mean).largest
     title = words.format(history.name)
-    caption = capital(title) + " with a band of ±2 claimed standard deviations" * banded
+    caption = capital(title) + " with a band of ±2σ (σ claimed by the filter)" * banded
     caption += "; below, detail around the largest value." if close else "."
     caption += " σ is withheld." * (kind == "load" and not banded)
     alt = f"Line chart of the {title}, largest {quantity(value, history.unit)} at {number(when)} s."

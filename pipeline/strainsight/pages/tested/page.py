@@ -185,8 +185,9 @@ READINGS = "Measured and reconstructed readings of each channel; below, the resi
 NOT_TESTED = "No gauge was held out: predictions at positions without gauges were not tested."
 
 CHECKED = (
-    "RMS of each channel and of the prediction of the channel. Residual / σ is 1 for consistent channels. The most likely fault "
-    "is also listed if the record is consistent with the model; in this case it has little significance."
+    "RMS predicted: RMS of the prediction of the channel from the other channels. Residual / σ is about 1 for channels that are "
+    "consistent with the other channels. The most likely fault is also listed if the record is "
+    "consistent with the model; in this case it has little significance."
 )
 
 
@@ -237,7 +238,10 @@ def _file(report: Findings) -> str:
         ("format", escape(source.format)),
         ("date", escape(source.date) or "not configured (key estimate.date)"),
         ("sample rate", quantity(file.rate, "Hz")),
-        ("record", f"{number(file.duration)} s from {number(file.start)} s, {number(file.samples, 12)} samples"),
+        (
+            "record",
+            f"{number(file.duration)} s, starting at t = {number(file.start)} s, {number(file.samples, 12)} samples",
+        ),
     ]
     columns = zip(source.channel, source.measures, source.unit, strict=True)
     rows = [[*map(escape, words), escape(_calibration_text(source, i))] for i, words in enumerate(columns)]
