@@ -70,10 +70,10 @@ BENCHES = [
     ("place.noise", "one increment of side", {"estimate.inputs.side.increment": 1e30}),
     (
         "estimate.sensors.gauges.noise",
-        "1e-30 is below the smallest accepted noise of 1e-12",
+        "the noise of 1e-30 is below the smallest accepted noise of 1e-12",
         {"estimate.sensors.gauges.noise": 1e-30},
     ),
-    ("estimate.sensors.gauges.noise", "effect of one initial σ of an unknown", {"estimate.inputs.side.std": 1e30}),
+    ("estimate.sensors.gauges.noise", "reading due to one initial σ of an unknown", {"estimate.inputs.side.std": 1e30}),
     ("estimate.inputs.down", "no sensor measures this unknown", {"estimate.sensors.gauges.noise": 1e6}),
     ("forces.side.signal", "exceeds the limit of 1e+50", {"forces.side.signal.amplitude": 1e200}),
     ("bodies.beam", "the requested number of modes is 500, but the body has only", {"bodies.beam.modes": 500}),

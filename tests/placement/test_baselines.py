@@ -37,7 +37,7 @@ def test_efi_passes_over_modes_that_show_nothing_new():
     rows = np.random.default_rng(0).normal(size=(12, 3))
     more = np.column_stack([rows[:, 0], 2 * rows[:, 0], np.zeros(12), rows[:, 1]])
     assert effective_independence(more, 4).tolist() == effective_independence(rows[:, [0, 1]], 4).tolist()
-    with pytest.raises(ConfigError, match="no gauge of the pool responds"):
+    with pytest.raises(ConfigError, match="no candidate gauge responds"):
         effective_independence(np.zeros((5, 2)), 3)
 
 
@@ -149,7 +149,7 @@ RULES = {
 @pytest.mark.parametrize("rule", RULES)
 def test_an_impossible_count_is_refused_and_the_whole_pool_is_none(rule):
     for keep in (0, 6):
-        with pytest.raises(ConfigError, match="of the 5 gauges in the pool"):
+        with pytest.raises(ConfigError, match="of the 5 candidate gauges"):
             RULES[rule](keep)
     assert RULES[rule](5).tolist() == list(range(5))
     assert len(RULES[rule](1)) == 1

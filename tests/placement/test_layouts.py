@@ -178,17 +178,17 @@ REFUSED = {
     "no room in two zones": (
         {"keep": 4, "zones": [("place.at_most.0", ALL < 4, 1), ("place.at_most.1", ALL > 3, 2)]},
         "place.at_most.1",
-        "place.at_most.1 together with place.at_most.0 allows only 3 of the 8 gauges in the pool",
+        "place.at_most.1 together with place.at_most.0 allows only 3 of the 8 candidate gauges",
     ),
     "no room in the second by itself": (
         {"keep": 4, "zones": [("place.at_most.0", ALL < 4, 3), ("place.at_most.1", ALL >= 0, 2)]},
         "place.at_most.1",
-        "requested, but place.at_most.1 allows only 2 of the 8 gauges in the pool",
+        "requested, but place.at_most.1 allows only 2 of the 8 candidate gauges",
     ),
     "no room at all": (
         {"keep": 1, "zones": [("place.at_most.0", ALL >= 0, 0)]},
         "place.at_most.0",
-        "place.at_most.0 allows only 0 of the 8 gauges in the pool",
+        "place.at_most.0 allows only 0 of the 8 candidate gauges",
     ),
     "a zone hides a walk": (
         {"keep": 4, "zones": [("place.at_most.0", np.isin(ALL, [2, 4]), 0)]},

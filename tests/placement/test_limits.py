@@ -181,7 +181,7 @@ def test_spacing_that_leaves_room_for_exactly_as_many(every_cost):
     rules = Rules(6, near=near)
     assert eliminate(scenarios, rules.limits).selected.tolist() == [0, 2, 4, 6, 8, 10]
     with pytest.raises(
-        InfeasibleError, match=r"7 gauges requested, but place.minimum_spacing allows only 6 of the 11 gauges in the pool"
+        InfeasibleError, match=r"7 gauges requested, but place.minimum_spacing allows only 6 of the 11 candidate gauges"
     ) as refused:
         eliminate(scenarios, Rules(7, near=near).limits)
     assert refused.value.key == "place.minimum_spacing"

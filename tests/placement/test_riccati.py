@@ -292,7 +292,7 @@ def test_accuracy_that_is_not_reached_is_reported_with_its_size_and_is_no_advice
     assert "keep" not in refused.value.remedy
     monkeypatch.undo()
     assert steady_factor(A, H, N) is not None
-    with pytest.raises(NumericalError, match="not solved: its filter is unstable"):
+    with pytest.raises(NumericalError, match="not finite: the filter is unstable"):
         steady_factor(*system(3, 0.02, 1e-18))
 
 

@@ -123,7 +123,7 @@ def test_a_load_in_a_clamped_direction_is_refused_by_name():
     Q = process_intensity(model.size, unknowns, {"Fz": 20.0, "Fy": 40.0}, {})
     H = augment_rows(beam.rows, unknowns)
     scenario = Scenario(F, Q, H, gauge_intensity(np.full(20, 1e-6), 5e-4), np.ones(len(F)))
-    with pytest.raises(InfeasibleError, match=r"no gauge of the pool can observe Fy\n"):
+    with pytest.raises(InfeasibleError, match=r"all candidate gauges together cannot observe Fy\n"):
         eliminate([scenario], 4, names=unknowns.names)
 
 
@@ -146,11 +146,11 @@ def test_loads_modulus_and_density_together_are_never_placed(modes):
 @pytest.mark.parametrize(
     ("field", "at", "value", "words"),
     [
-        ("H", (3, 2), np.nan, "operator of gauge 3 of the pool is not finite"),
-        ("H", (5, 0), np.inf, "operator of gauge 5 of the pool is not finite"),
-        ("r", 7, 0.0, "noise of gauge 7 of the pool is 0"),
-        ("r", 2, -1e-12, "noise of gauge 2 of the pool is -1e-12"),
-        ("r", 4, np.nan, "noise of gauge 4 of the pool is nan"),
+        ("H", (3, 2), np.nan, "operator of candidate gauge 3 is not finite"),
+        ("H", (5, 0), np.inf, "operator of candidate gauge 5 is not finite"),
+        ("r", 7, 0.0, "noise of candidate gauge 7 is 0"),
+        ("r", 2, -1e-12, "noise of candidate gauge 2 is -1e-12"),
+        ("r", 4, np.nan, "noise of candidate gauge 4 is nan"),
         ("F", (0, 0), np.nan, "F of the linearised system is not finite"),
         ("Q", (1, 1), np.inf, "Q of the linearised system is not finite"),
     ],

@@ -62,7 +62,7 @@ def test_fewer_blocks_than_unknowns_are_enough_where_their_channels_are():
         eliminate([pairs], 1, names=("Fz", "Fy", "E"))
     with pytest.raises(InfeasibleError, match="2 gauges for 3 unknowns: if any gauge fails"):
         robust_set([solve_pool(pairs)], 2)
-    with pytest.raises(ConfigError, match="cannot keep 7 of the 6 gauges in the pool"):
+    with pytest.raises(ConfigError, match="cannot keep 7 of the 6 candidate gauges"):
         eliminate([pairs], 7)
 
 
@@ -269,17 +269,17 @@ REFUSED = {
     "fixed too near to its own mirror image": (
         {"keep": 5, "fixed": (3, 4), "near": [(3, 4), (4, 4), (6, 6)]},
         "place.minimum_spacing",
-        "closer to gauge 4 of the pool",
+        "closer to candidate gauge 4",
     ),
     "too near to their own mirror images": (
         {"keep": 4, "near": [(g, g) for g in range(8)]},
         "place.minimum_spacing",
-        "place.minimum_spacing allows only 3 of the 11 gauges in the pool",
+        "place.minimum_spacing allows only 3 of the 11 candidate gauges",
     ),
     "spacing of what is fixed": (
         {"keep": 3, "fixed": (0,), "near": [(0, i) for i in range(1, 10)]},
         "place.minimum_spacing",
-        "place.minimum_spacing allows only 2 of the 11 gauges in the pool",
+        "place.minimum_spacing allows only 2 of the 11 candidate gauges",
     ),
     "budget of nothing": (
         {"keep": 4, "price": PRICE, "budget": 0.0},
@@ -326,9 +326,9 @@ def test_a_zone_around_all_that_see_an_unknown_is_named_with_it():
 
 
 def test_impossible_counts_keep_their_words():
-    with pytest.raises(ConfigError, match="cannot keep 12 of the 11 gauges in the pool, of which 0 are bonded"):
+    with pytest.raises(ConfigError, match="cannot keep 12 of the 11 candidate gauges, of which 0 are bonded"):
         limits_of(11, 12)
-    with pytest.raises(ConfigError, match="cannot keep 1 of the 11 gauges in the pool, of which 2 are bonded"):
+    with pytest.raises(ConfigError, match="cannot keep 1 of the 11 candidate gauges, of which 2 are bonded"):
         limits_of(11, 1, fixed=(3, 4))
-    with pytest.raises(ConfigError, match="cannot keep 18 of the 17 gauges in the pool, of which 4 are bonded"):
+    with pytest.raises(ConfigError, match="cannot keep 18 of the 17 candidate gauges, of which 4 are bonded"):
         limits_of(11, 18, size=PAIRS, fixed=(0, 1))

@@ -57,7 +57,7 @@ def test_result_is_independent_of_time(monkeypatch):
     solver = layouts.milp
     monkeypatch.setattr(layouts, "milp", spy)
     eliminate([scenario], limits_of(250, 38, near=near))
-    with pytest.raises(InfeasibleError, match="allows only 38 of the 250 gauges in the pool"):
+    with pytest.raises(InfeasibleError, match="allows only 38 of the 250 candidate gauges"):
         eliminate([scenario], limits_of(250, 60, near=near))
     assert asked
     assert all(options == {"node_limit", "mip_rel_gap"} for options in asked)

@@ -68,7 +68,7 @@ def test_a_pendulum_on_its_head_is_refused_until_it_is_allowed(stage):
     text = ARM.replace("POSE", UP)
     done = ended(stage, text)
     assert done.code == 2
-    assert "the equilibrium is unstable: a deviation of 'arm' grows by a factor of 2.7" in done.output
+    assert "the equilibrium is unstable: a deviation of 'arm' from the equilibrium grows by a factor of 2.7" in done.output
     assert "simulate.allow_unstable: true" in done.output
     done = ended(stage, text, "simulate.allow_unstable=true")
     assert done.code == 0, done.output

@@ -81,8 +81,8 @@ def test_a_place_of_next_to_no_stress_has_no_interval(blind):
     assert "damage.low.V1" not in found.summary
     assert found.summary["life.V1"] == pytest.approx(found["/damage/hours"][()] / found.summary["damage.of_mean.V1"])
     said = " ".join(said.split())
-    assert "Where the equivalent range is below 0.1 of the largest one, the interval is not validated" in said
-    assert "only the damage of the smoothed history" in said
+    assert "Where the damage-equivalent stress range is below 0.1 of the largest one, the interval is not validated" in said
+    assert "only the damage of the smoothed strain history" in said
 
 
 @pytest.mark.slow

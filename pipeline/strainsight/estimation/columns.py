@@ -239,7 +239,7 @@ def build_columns(
                 break
             if len(parts) > MOST_COLUMNS:
                 raise NumericalError(
-                    f"the posterior distribution of the parameters needs more than {MOST_COLUMNS} columns of grid points",
+                    f"the posterior of the parameters needs more than {MOST_COLUMNS} lines of points in the parameter grid",
                     remedy="the measurements hardly distinguish the parameters: estimate fewer parameters, or reduce their "
                     "initial standard deviation (estimate.initial_std, validate.initial_std)",
                 )
@@ -269,8 +269,8 @@ def _summit(problem: GridProblem, mean: np.ndarray, covariance: np.ndarray, step
         refuse_lost(problem, mean)
     raise NumericalError(
         f"the search for the most likely parameter values did not converge in {MOST_TURNS} steps",
-        remedy="increase noise_std of the gauges, or reduce the initial standard deviation of the parameters "
-        "(estimate.initial_std, validate.initial_std)",
+        remedy="increase the noise of the gauges (gauges.noise_std, estimate.channels.*.noise_std), or reduce the initial "
+        "standard deviation of the parameters (estimate.initial_std, validate.initial_std)",
     )
 
 

@@ -92,7 +92,8 @@ def check_innovations(whitened: np.ndarray) -> InnovationCheck:
         advice = f"lower {NOISE if positive else PROCESS if negative else f'{NOISE} or {PROCESS}'}"
     if positive:
         finding += (
-            f" and correlated in time ({correlation:.2f}): the filter follows too slowly, or the model is incomplete"
+            f" and correlated in time ({correlation:.2f}): the estimates follow the measurements too slowly, or the "
+            "finite-element model is incomplete"
         )
     elif negative:
         finding += f" and alternate in sign (correlation {correlation:.2f}): the filter gain is too large"

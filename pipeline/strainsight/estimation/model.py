@@ -60,12 +60,13 @@ class FilterModel:
             if name in self.known_inputs:
                 raise ConfigError(
                     f"input {name} is both known and estimated",
-                    remedy="remove the input from the known inputs, or from the unknowns",
+                    remedy="remove the input from `known_inputs` or from `unknowns.inputs`",
                 )
         for name in self.model.parameters:
             if name not in self.fixed and name not in self.unknowns.parameters:
                 raise ConfigError(
-                    f"parameter {name} has no value", remedy="estimate the parameter, or set its value in `fixed`"
+                    f"parameter {name} has no value",
+                    remedy="add the parameter to `unknowns.parameters`, or set its value in `fixed`",
                 )
 
     @property

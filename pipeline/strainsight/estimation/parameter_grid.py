@@ -294,7 +294,8 @@ def build_next_grid(construction: GridConstruction[S], now: S) -> S:
             return _refine_grid(construction, now, other)
     raise NumericalError(
         f"the parameter grid does not resolve the posterior distribution of the parameters after {MOST_LAID} refinements",
-        remedy="increase the noise of the sensors, or reduce the initial standard deviation of the parameters",
+        remedy="increase the noise of the sensors (gauges.noise_std, estimate.sensors.*.noise), or reduce the initial "
+        "standard deviation of the parameters",
     )
 
 

@@ -269,7 +269,7 @@ def smoother_errors(
     Source: Durbin and Koopman, Biometrika 89 (2002)."""
     adjusted, covariance = _require_kept(run.adjusted), _require_kept(run.covariance)
     if adjusted.shape[1] != 1:
-        raise ValueError(f"smoother errors can be sampled for one run only, not for {adjusted.shape[1]}")
+        raise ValueError(f"smoother errors can be sampled for one run only, not for {adjusted.shape[1]} runs together")
     steps, _, m = adjusted.shape
     n = covariance.shape[-1]
     measured = np.isfinite(adjusted[:, 0])

@@ -190,9 +190,9 @@ def _lower(X: np.ndarray) -> np.ndarray:
 
 def _indefinite(instant: float) -> NumericalError:
     return NumericalError(
-        f"the innovation covariance is not positive definite at {instant:g} s",
-        remedy="remove gauges that measure the same, or increase the noise above 1e-8 of the largest reading that the "
-        "unknowns can cause",
+        f"the innovation covariance is not positive definite at t = {instant:g} s",
+        remedy="remove gauges that measure the same, or increase the noise of each gauge above 1e-8 times the largest "
+        "reading that the unknowns can cause",
     )
 
 

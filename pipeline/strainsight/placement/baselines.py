@@ -152,7 +152,7 @@ def _independent(rows: np.ndarray) -> np.ndarray:
             selected.append(column / np.linalg.norm(column))
     if not selected:
         raise ConfigError(
-            "no gauge of the pool responds to any mode", remedy="choose another measuring direction of the gauges"
+            "no candidate gauge responds to any mode", remedy="choose another measuring direction of the gauges"
         )
     return np.array(selected).T
 
@@ -160,6 +160,6 @@ def _independent(rows: np.ndarray) -> np.ndarray:
 def _check(pool: int, keep: int) -> None:
     if not 1 <= keep <= pool:
         raise ConfigError(
-            f"cannot keep {keep} of the {pool} gauges in the pool",
+            f"cannot keep {keep} of the {pool} candidate gauges",
             remedy=f"keep between 1 and {pool} gauges (place.keep)",
         )

@@ -269,7 +269,8 @@ def branch_and_bound(
             heapify(heap)
     if search.best is None and not heap and search.unsolved == np.inf:
         raise InfeasibleError(
-            f"no {limits.keep} gauges of the pool{'' if limits.plain else ' within the limits'} make every unknown observable",
+            f"no layout of {limits.keep} candidate gauges{'' if limits.plain else ' within the limits'} makes every unknown "
+            "observable",
             remedy=f"keep more gauges (place.keep){'' if limits.plain else ', widen the limits'}, or estimate fewer unknowns",
         )
     gauges = np.zeros(0, dtype=int) if search.best is None else search.best

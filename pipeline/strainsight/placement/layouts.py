@@ -165,7 +165,7 @@ def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> Infea
     fewest = detection.layout(limits, -size, names=families)
     least = None if fewest.gauges is None else int(limits.size[fewest.gauges].sum())
     if least is not None and least > limits.keep:
-        known = "" if fewest.settled else f" (search limit {NODES} nodes)"
+        known = "" if fewest.settled else f" (not proven: search limit {NODES} nodes of the integer program)"
         return InfeasibleError(
             f"{limits.keep} gauges requested, but the smallest set that makes every unknown observable{_within(families)}"
             f"{known} has {least}",
@@ -183,7 +183,7 @@ def _conflict(limits: Limits, at: int) -> InfeasibleError:
     name, row = limits.names[at], limits.rows[[at]].toarray().ravel()
     bonded = [g for g in sorted(limits.fixed) if row[g] > 0]
     if name == SPACING:
-        what = f"bonded gauges ({limits.key}) are closer to gauge {bonded[0]} of the pool than {name} allows"
+        what = f"bonded gauges ({limits.key}) are closer to candidate gauge {bonded[0]} than {name} allows"
     else:
         unit = "" if name == BUDGET else " gauges"
         used = f"{row[bonded].sum():g}{unit} of the {limits.most[at]:g}"
@@ -196,9 +196,9 @@ def _no_room(limits: Limits, families: Sequence[str], room: int, layout: Found) 
     alone = best_layout(limits, limits.size.astype(float), names=[name, KEEP]) if before else layout
     enough = alone.gauges is not None and int(limits.size[alone.gauges].sum()) >= limits.least
     together = f" together with {' and '.join(before)}" if enough else ""
-    surely = "" if layout.settled else f" (search limit {NODES} nodes)"
+    surely = "" if layout.settled else f" (not proven: search limit {NODES} nodes of the integer program)"
     return InfeasibleError(
-        f"{limits.keep} gauges requested, but {name}{together} allows only {room} of the {limits.size.sum()} gauges in the pool"
+        f"{limits.keep} gauges requested, but {name}{together} allows only {room} of the {limits.size.sum()} candidate gauges"
         f"{surely}",
         key=name,
         remedy=f"set {KEEP}: {room}, or relax the limit {name}" if room else f"relax the limit {name}",

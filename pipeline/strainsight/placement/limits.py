@@ -120,7 +120,7 @@ def limits_of(
     bonded, total = int(sizes[list(fixed_rows)].sum()), int(sizes.sum())
     if not max(1, bonded) <= keep <= total:
         raise ConfigError(
-            f"cannot keep {keep} of the {total} gauges in the pool, of which {bonded} are bonded",
+            f"cannot keep {keep} of the {total} candidate gauges, of which {bonded} are bonded",
             remedy=f"keep between {max(1, bonded)} and {total} gauges (place.keep)",
         )
     entries: list[tuple[str, np.ndarray, float]] = [(KEEP, sizes, keep), *zones]
@@ -172,7 +172,7 @@ def as_limits(pool: int, keep: int | Limits) -> Limits:
     """Limits of a plain count, or the given limits."""
     if isinstance(keep, Limits):
         if len(keep.size) != pool:
-            raise ValueError(f"the limits are for a pool of {len(keep.size)} gauges, but the pool has {pool}")
+            raise ValueError(f"the limits are for {len(keep.size)} candidate gauges, but the problem has {pool}")
         return keep
     return limits_of(pool, keep)
 

@@ -144,7 +144,9 @@ def solve_care(F: np.ndarray, Q: np.ndarray, G: Information) -> np.ndarray:
     if not G.G.any():
         return _newton(F, Q, G, np.zeros((n, n)))
     if not Q.any():
-        raise NumericalError("the process noise is zero", remedy="specify a process noise for each unknown")
+        raise NumericalError(
+            "the process noise is zero", remedy="set a process noise (process_noise, increment) for each unknown"
+        )
     s = np.sqrt(np.linalg.norm(G.G) / np.linalg.norm(Q))
     try:
         _, Z, stable = schur(np.block([[F.T, -G.G / s], [-s * Q, -F]]), sort="lhp")
@@ -288,7 +290,7 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     # what doubling has rounded, a step of the filter itself forgets as fast as it forgets all else
     P = updated(_triangle(np.hstack([A @ before, N]).T).T, H)
     if not (error := _error(A, H, before, P)) <= ACCEPTED_IN_STEPS:
-        solved = f"solved with an error of {error:.1e}" if np.isfinite(error) else "not solved: its filter is unstable"
+        solved = f"solved with an error of {error:.1e}" if np.isfinite(error) else "not finite: the filter is unstable"
         raise NumericalError(
             f"the steady-state covariance of a set of gauges is {solved}; the tolerance is {ACCEPTED_IN_STEPS:.0e}",
             remedy="check the units of the noise of gauges and inputs: their magnitudes differ too much for double precision",

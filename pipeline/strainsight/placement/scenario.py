@@ -112,8 +112,9 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
         if units is not None:
             lost[size - len(units) :] /= units[:, None]
         raise InfeasibleError(
-            f"no gauge of the pool can observe {undetectable_in_words(lost, names)}",
-            remedy="add candidates to the pool, or estimate fewer unknowns: set a load, a density or a modulus as known",
+            f"all candidate gauges together cannot observe {undetectable_in_words(lost, names)}",
+            remedy="add candidates (screen.keep; place.pool of a bench), or estimate fewer unknowns: set a load, "
+            "a density or a modulus as known",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
     # rows of Q at unit variance, so that no unit of a state hides the noise of another: the null space is the same
@@ -127,7 +128,7 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
     residual = relative_residual(balanced.F, balanced.Q, information(balanced.rows.reshape(-1, size)), P)
     if not residual <= ACCEPTED:
         raise NumericalError(
-            f"the Riccati equation of the pool is solved with an error of {residual:.1e}; the tolerance is {ACCEPTED:.0e}",
+            f"the Riccati equation of all candidates is solved with an error of {residual:.1e}; the tolerance is {ACCEPTED:.0e}",
             remedy="check whether an unknown is nearly unobservable, and whether noise levels differ by many orders of magnitude",
         )
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
@@ -163,7 +164,7 @@ def _check(scenario: Scenario) -> None:
     blind = np.flatnonzero(~np.isfinite(scenario.H).reshape(len(scenario.H), -1).all(axis=1))
     if len(blind):
         raise ConfigError(
-            f"the strain operator of gauge {blind[0]} of the pool is not finite (gauges with this problem: {len(blind)})",
+            f"the strain operator of candidate gauge {blind[0]} is not finite (gauges with this problem: {len(blind)})",
             remedy="check the facets of these gauges",
         )
     r = scenario.r.reshape(len(scenario.r), -1)
@@ -172,9 +173,9 @@ def _check(scenario: Scenario) -> None:
     if len(noiseless):
         first = int(noiseless[0])
         raise ConfigError(
-            f"the noise of gauge {first} of the pool is {r[first][refused[first]][0]:g} "
+            f"the noise of candidate gauge {first} is {r[first][refused[first]][0]:g} "
             f"(gauges without a positive noise: {len(noiseless)})",
-            remedy="set a positive noise for each gauge",
+            remedy="set a noise greater than zero for each gauge (gauges.noise_std; place.noise of a bench)",
         )
 
 

@@ -223,7 +223,7 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
             q, _ = static_equilibrium(bench.system, q, u, bench.theta)
         except (InfeasibleError, NumericalError) as error:
-            remedy = f"{(error.remedy or 'Change the poses').rstrip('.')}; or set simulate.start: as_given"
+            remedy = f"{(error.remedy or 'Change bodies.*.pose').rstrip('.')}; or set simulate.start: as_given"
             raise type(error)(error.what, key="simulate.start", remedy=remedy) from error
         if not settings.allow_unstable:
             modes = coupled_modes(bench.system, q, np.zeros_like(q), u, bench.theta)
@@ -248,14 +248,18 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 f"the joints of the body '{name}' prevent {100 * change / max(whole, change):.3g} % of its configured velocity "
                 "and spin",
                 key=f"bodies.{name}.velocity",
-                remedy="Set a velocity and spin that the joints allow. If the body rotates about a pivot, its origin moves, too.",
+                remedy="Set a velocity and spin that the joints allow. For a rotation about a pivot, set velocity = spin × "
+                "(origin of the body − pivot).",
             )
     return q, v
 
 
 def unstable_in_words(rate: float, body: str) -> str:
     """Describe an unstable equilibrium with a growth rate [1/s]."""
-    return f"the equilibrium is unstable: a deviation of '{body}' grows by a factor of {math.e:.1f} in {1 / rate:.3g} s"
+    return (
+        f"the equilibrium is unstable: a deviation of '{body}' from the equilibrium grows by a factor of {math.e:.1f} in "
+        f"{1 / rate:.3g} s"
+    )
 
 
 def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
@@ -321,7 +325,7 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
             return ConfigError(
                 f"at t = {k * h:g} s the joints {why}; the driven motion is {driven} [m or rad]",
                 key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
-                remedy="Reduce the driven motion in drive.signal, or move the frames of the joint.",
+                remedy="Reduce the driven motion (joints.*.drive.signal), or move the frames of the joint.",
             )
     return None
 
@@ -341,6 +345,6 @@ def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
     return NumericalError(
         error.what,
         key=f"forces.{name}",
-        remedy=f"The friction law may be too steep for the time step: increase forces.{name}.speed ({sharp[name]:g}), or reduce "
-        "simulate.time_step.",
+        remedy=f"The friction law may be too steep for the time step: increase forces.{name}.speed (now {sharp[name]:g}), or "
+        "reduce simulate.time_step.",
     )

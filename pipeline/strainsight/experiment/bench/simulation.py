@@ -159,7 +159,8 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
         "parts": most,
         **{f"pressure.{name}": highest for name, highest in pressure.items()},
     }
-    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints with errors up to {worst:.1e}"
+    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints "
+    text += f"with position errors up to {worst:.1e} m or rad"
     if settings.tolerance is not None:
         text += f", each divided into up to {most} substeps with a relative tolerance of {settings.tolerance:g}"
     doubts = []
@@ -167,7 +168,7 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
         summary["first_frequency"] = float(record.frequency[0])
         if settings.tolerance is None:
             band = summary["band"] = resolved_frequency(record.frequency, h, settings.method)
-            text += f"; resolves loads up to {band:.3g} Hz with an error of at most {100 * SHARE:g} %"
+            text += f"; resolves loads up to {band:.3g} Hz with a displacement error of at most {100 * SHARE:g} %"
             for name, load in record.inputs.items():
                 share = float(load_error(load[:, None], record.frequency, h, settings.method)[0])
                 summary[f"missed.{name}"] = share

@@ -55,7 +55,7 @@ def least_expected(layouts: Sequence[Expectation], over: Collection[str]) -> int
 REMEDY = {
     "noise": "reduce the noise of the channels, or add channels",
     "process noise": "reduce the process noise, if it exceeds the real changes of loads and parameters and the model errors",
-    "start": "use a longer run",
+    "start": "use a longer run, because the initial σ still has an effect",
     "position": "position the gauges more accurately, or move the gauges to places with smaller strain gradients",
     "angle": "align the gauges more accurately",
     "gain": "calibrate the channels more accurately",

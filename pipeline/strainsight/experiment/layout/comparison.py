@@ -106,7 +106,7 @@ def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarr
     columns = (
         "rule",
         criteria[0].symbol,
-        "ratio to this layout",
+        f"{criteria[0].symbol} relative to this layout",
         *(c.symbol for c in criteria[1:]),
         *(f"steady-state σ({n})" for n in names),
     )

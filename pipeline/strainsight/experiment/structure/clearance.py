@@ -389,12 +389,12 @@ def hot_spot_advice(test: HotSpots | None, labels: Sequence[str], bonded: Sequen
         remedy = (
             "Refine the mesh there, and model the real fillet or contact"
             if bonded[i]
-            else "Move {it} by gauges.clearance or gauges.exclude, or refine the mesh there"
+            else "Exclude this place (gauges.exclude, or a larger gauges.clearance), or refine the mesh there"
         )
         groups.setdefault((" and ".join(how), remedy), []).append(labels[i])
     for (how_much, remedy), those in groups.items():
-        sit, its, it = ("is at a hot spot", "its", "it") if len(those) == 1 else ("are at hot spots", "their", "them")
-        yield f"{', '.join(those)} {sit}: {its} strain changes {how_much}. {remedy.format(it=it)}."
+        sit, its = ("is at a hot spot", "its") if len(those) == 1 else ("are at hot spots", "their")
+        yield f"{', '.join(those)} {sit}: {its} strain changes {how_much}. {remedy}."
     unknown = [label for label, value in zip(labels, test.refined, strict=True) if np.isnan(value)]
     if unknown:
         yield f"Not tested for hot spots: {', '.join(unknown)}."

@@ -190,7 +190,7 @@ def _worst_in_words(check: RecordCheck, test: Measured) -> str:
     sample, channel, size = check.worst
     if not size > 0:
         return ""
-    return f", the largest is {size:.3g} σ at {_time_of(test, sample):.6g} s ({test.labels[channel]})"
+    return f", the largest innovation is {size:.3g} σ at {_time_of(test, sample):.6g} s ({test.labels[channel]})"
 
 
 def _time_of(test: Measured, sample: int) -> float:
@@ -410,7 +410,7 @@ def together_of(filters: Sequence[RecordFilter], check_records: Sequence[CheckRe
             f"{name} {', '.join(f'{value:.4g} ({of})' for value, of in zip(row[:-1], names, strict=True))}"
             for name, row in values.items()
         ]
-        differing = "; ".join(each) or "different gauge errors"
+        differing = "; ".join(each) or "gauge errors that differ between the records"
         words = f"the records are inconsistent with each other. Separate estimates: {differing}"
     alone, shared = (
         {name: row[:-1] for name, row in values.items()},

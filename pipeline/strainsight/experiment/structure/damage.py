@@ -94,10 +94,11 @@ def damage_places(skin: Skin, virtual: Virtual | None) -> dict[str, Places]:
     below = np.array([number[place] for place in zip(pool.element.tolist(), pool.facet.tolist(), strict=True)])
     if skin.model.laws is not None and (on := np.isin(below, skin.model.laws.facet)).any():
         raise UserError(
-            f"on a laminate or anisotropic solid, stress is not proportional to the strain of one grid; virtual gauges there: "
+            f"on a laminate or anisotropic solid, stress is not proportional to the strain of one measuring grid; "
+            f"virtual gauges on such elements: "
             f"{int(on.sum())} (the first on element {pool.element[int(np.argmax(on))]})",
             key="estimate.virtual",
-            remedy="Remove these virtual gauges from estimate.virtual; the damage of the surface covers these places.",
+            remedy="Remove these virtual gauges from estimate.virtual; the damage on the surface includes these places.",
         )
     strain = replace(virtual.change.of_terms(lambda X: X[:, None]), constant=virtual.rows[:, None])
     gauges = Places(pool.position, pool.element, strain, surface.take(below).modulus)
@@ -241,8 +242,8 @@ def damage_notes(settings: DamageSettings, withheld: str, shown: float, by: str)
     """Notes on damage; by: random-walk models of the samples, empty if as configured."""
     if withheld:
         return (
-            "σ is withheld, so damage has no interval. The damage of the smoothed history is shown, which may be lower than the "
-            "true damage",
+            "σ is withheld, so damage has no interval. The damage of the smoothed strain history is shown; the true damage may "
+            "be higher",
         )
     few = ""
     if settings.points is not None:
@@ -250,8 +251,9 @@ def damage_notes(settings: DamageSettings, withheld: str, shown: float, by: str)
     why = "not validated" if shown == SHOWN_DECIDED else "unreliable"
     return (
         *((by,) if by else ()),
-        f"damage is the median of {settings.draws} samples with its 95 % interval{few}. Where the equivalent range is "
-        f"below {shown:g} of the largest one, the interval is {why}, so only the damage of the smoothed history is reported",
+        f"damage is the median of {settings.draws} samples with its 95 % interval{few}. Where the damage-equivalent stress range "
+        f"is below {shown:g} of the largest one, the interval is {why}, so only the damage of the smoothed strain "
+        "history is reported",
     )
 
 

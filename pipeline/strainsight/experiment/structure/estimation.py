@@ -133,7 +133,7 @@ def _notes(
     if withheld and config.filter.compare:
         others = "σ is withheld, so filters are not compared (filter.compare)"
     elif not withheld and record.long and config.filter.compare is None and comparable:
-        others = f"filters are not compared above {LONGEST_COMPARED} steps; set filter.compare: true to compare them"
+        others = f"filters are not compared, because the record has more than {LONGEST_COMPARED} steps (set filter.compare: true)"
     as_stated = config.estimate is not None and config.estimate.loads_follow_model
     notes = (
         *record.test.notes,

@@ -45,8 +45,8 @@ def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> 
         raise NumericalError(
             "the predicted σ along the training run is not finite",
             key="train.time_step",
-            remedy="Check that the noise levels do not differ too widely and that the load models are not faster than the time "
-            "step.",
+            remedy="Check that the noise levels do not differ by many orders of magnitude, and that the time step resolves the "
+            "load models (process_noise).",
         )
     names = problem.unknowns.names
     variance, budget = variances(problem, claim)
@@ -200,7 +200,8 @@ def unresolved_gauges(listed: GaugeList) -> Iterator[str]:
         return
     those = ", ".join(f"{listed.labels[i]} ({_size(float(listed.peak[i]))})" for i in weak)
     others = "" if len(weak) == len(listed.labels) else ", or move these gauges (gauges.include, gauges.exclude)"
-    yield f"Readings in training below the amplifier resolution of {_size(RESOLVED)}: {those}. {LOUDER.capitalize()}{others}."
+    remedy = f"{LOUDER.capitalize()}{others}"
+    yield f"Readings in the training run below the amplifier resolution of {_size(RESOLVED)}: {those}. {remedy}."
 
 
 def _size(strain: float) -> str:

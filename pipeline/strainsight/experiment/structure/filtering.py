@@ -126,7 +126,7 @@ def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str
             words.append(f"{name} is not identified: its σ is still {100 * one.left:.0f} % of the initial σ")
         if len(one.peak) > 1:
             places = ", ".join(
-                f"{peak:.4g} {units[name]} ({100 * share:.0f} %)"
+                f"{peak:.4g} {units[name]} (probability {100 * share:.0f} %)"
                 for peak, share in zip(one.peak, one.share, strict=True)
             )
             words.append(
@@ -205,5 +205,5 @@ def excluded(estimate: Values, other: Values) -> str:
 
 def excluded_in_words(words: str, settled: bool, key: str) -> str:
     """Reason to withhold σ, from `excluded`; settled: whether the estimate starts settled (`key`)."""
-    by = f"with settled and unknown initial motion; check {key}" if settled else "by two searches; report this as a bug"
+    by = f"with settled, then unknown initial motion; check {key}" if settled else "from two searches; report a bug"
     return f"two estimates exclude each other: {words} ({by})" if words else ""

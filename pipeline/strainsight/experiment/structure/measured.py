@@ -249,7 +249,7 @@ def _check_bridges(key: str, entries: Sequence[GaugeChannel], bridged: np.ndarra
     for i, (entry, several) in enumerate(zip(entries, bridged, strict=True)):
         if entry.bridge is None or (entry.bridge.arrangement == SUM) == several:
             continue
-        what, remedy = "a single gauge", "Set quarter, or the arrangement of the completed bridge."
+        what, remedy = "a single gauge", "Set quarter, or the arrangement of the half or full bridge of this gauge."
         if several:
             what = "a bridge that reads the sum of its arms"
             remedy = f"Set {SUM}; other arrangements return the strain of one arm."
@@ -315,15 +315,15 @@ def _check_strain(key: str, entry: Channel, time: np.ndarray, values: np.ndarray
         raise ConfigError(
             what,
             key=f"{key}.unit",
-            remedy=f"Check the unit ({entry.unit}), which may be um/m, or subtract the reading without load by `zero` or "
-            "`offset`.",
+            remedy=f"Check the unit ({entry.unit}), which may be um/m, or subtract the reading without load by {key}.zero or "
+            f"{key}.offset.",
         )
     if 0 < largest < LEAST_STRAIN and not entry.override:
         raise ConfigError(
             f"the largest strain of {entry.channel} is {largest:.3g} m/m, below the amplifier resolution of "
             f"{1e6 * LEAST_STRAIN:g} um/m",
             key=f"{key}.unit",
-            remedy=f"Check the unit ({entry.unit}), which may be m/m (strain), or set `override: true`.",
+            remedy=f"Check the unit ({entry.unit}), which may be m/m (strain), or set {key}.override: true.",
         )
 
 
@@ -407,6 +407,6 @@ def _spacing(signals: Signals, name: str, values: np.ndarray, key: str) -> int:
         raise ConfigError(
             f"the known load '{name}' has missing samples: {np.isnan(values).sum()} in total, {where}",
             key=key,
-            remedy=f"Remove this part of the record, or set loads.{name}.known: false to estimate the load.",
+            remedy=f"Use a part of the record without missing samples, or set loads.{name}.known: false to estimate the load.",
         )
     return int(spacing.max())

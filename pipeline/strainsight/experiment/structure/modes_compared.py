@@ -84,7 +84,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
     for key in ("matrices", "results"):
         if getattr(config.mesh, key) is not None:
             raise ConfigError(
-                "modes can be compared only with the model of a deck, and this model is imported from another program",
+                "only the modes of a deck can be compared, but the model of this config is imported from another program",
                 key=f"mesh.{key}",
                 remedy="Use a config that reads the deck (mesh.file).",
             )

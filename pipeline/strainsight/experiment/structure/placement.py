@@ -326,7 +326,7 @@ def pool_of(
             pairs.append((int(gauge), other))
     if not pairs:
         raise InfeasibleError(
-            f"none of the {len(selected)} gauges of the pool has a mirror image in the pool",
+            f"none of the {len(selected)} candidates selected by the stage `screen` has a mirror image among these candidates",
             key="place.symmetry",
             remedy="Check the symmetry plane, keep more candidates (screen.keep: all), or use a mirrored mesh.",
         )

@@ -101,7 +101,7 @@ def _whole_mass(model: FiniteElementModel) -> None:
         raise UserError(
             "the density of only a part of a free structure is estimated, so its rigid-body modes would change",
             key=f"parameters.{name}",
-            remedy="Estimate the density of all regions without point masses, or support the structure by soft springs "
+            remedy="Estimate one density of all regions and remove point masses, or support the structure by soft springs "
             "(mesh.supports).",
         )
 

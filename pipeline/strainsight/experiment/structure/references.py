@@ -157,7 +157,7 @@ def _check_against_terms(name: str, value: float, matrices: Matrices) -> None:
     for key, term in terms:
         if term.at is not None and not 0.1 <= value / term.at <= 10:
             raise ConfigError(
-                f"the guess of {name} is {value:.4g}, but the matrix was computed at {term.at:.4g} (SI units)",
+                f"the guess of {name} is {value:.4g}, but the matrix {key} was computed with {term.at:.4g} (SI units)",
                 key=f"{key}.at",
                 remedy="Check that both values are in SI units.",
             )

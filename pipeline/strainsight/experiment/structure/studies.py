@@ -279,4 +279,4 @@ def sweep_table(swept: SweepTable) -> Table:
         for i, (key, value) in enumerate(zip(swept.key, swept.value, strict=True))
     )
     columns = ("change", *(f"error of {name}" for name in swept.error))
-    return Table("sensitivity to one change of the filter", columns, rows)
+    return Table("estimation error after one change of the filter settings", columns, rows)

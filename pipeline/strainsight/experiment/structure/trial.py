@@ -160,7 +160,7 @@ def without_truth(trial: Trial) -> Trial:
 
 
 def _removed(_argument: object) -> NoReturn:
-    raise AssertionError("the truth is available only in the process that simulated it")
+    raise AssertionError("the simulated test is available only in the process that simulated the test")
 
 
 def trial_of(

@@ -361,7 +361,9 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
     trial, problem = validation.trial, validation.trial.problem
     words = [*filter(None, (withheld, load_dependence_text(problem), damping_dependence_text(problem)))]
     words += [
-        f"{name} is {every[0].words(number)}" for name, every in claims.items() if every and every[0].overconfident
+        f"the estimate of {name} is {every[0].words(number)}"
+        for name, every in claims.items()
+        if every and every[0].overconfident
     ]
     words += posterior_doubts(validation.validated.posterior, trial.units)
     words += [
@@ -384,7 +386,7 @@ def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], wi
     return "; ".join(words)
 
 
-MEDIANS = ("random layouts, screened (median)", "random layouts, all (median)")
+MEDIANS = ("random layouts (screened candidates, median)", "random layouts (all candidates, median)")
 
 
 def _table(validation: Validation, withheld: bool) -> Table:

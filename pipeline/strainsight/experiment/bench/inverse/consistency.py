@@ -138,7 +138,7 @@ class Evidence:
         """Warnings about overconfident, unobservable or inconsistent estimates."""
         estimate, lost = self.estimate, self.estimation.filtered.lost
         if (diverged := lost[lost >= 0]).size:
-            yield f"{len(diverged)} of {len(lost)} runs diverged, the first at step {diverged.min()}"
+            yield f"{len(diverged)} of {len(lost)} filter runs diverged, the first at step {diverged.min()}"
         if not self.outside_range:
             yield from self.overconfident()
             yield from (
@@ -160,12 +160,13 @@ class Evidence:
             tolerances = ". Gauge errors (estimate.tolerances) are included in σ, but not in this check"
             yield (
                 f"the RMS innovation is {np.sqrt(nis):.3g} times the predicted value: the model of the filter differs from the "
-                f"bench, or increment, disturbance or noise in `estimate` is too {noises}{tolerances * bool(estimate.tolerances)}"
+                f"bench of the measurements, or `increment`, `disturbance` or `noise` in `estimate` is too "
+                f"{noises}{tolerances * bool(estimate.tolerances)}"
             )
         for name in estimate.sensors if estimate.measured is not None else ():
             if (mismatch := self._number(f"mismatch.{name}")) > MATCHES:
                 where = "in the test" if self.in_test else f"in the run {getattr(estimate.measured, 'run', '')}"
-                yield f"under the estimated loads, the reading of {name} differs by {100 * mismatch:.3g} % from that {where}"
+                yield f"the reading of {name} {where} differs by {100 * mismatch:.3g} % from that under the estimated loads"
 
     def message(self, numbers: Mapping[str, Scalar], units: Mapping[str, str], decision: Decision) -> str:
         """Message of one line: problems, then the accuracy of every unknown (loads relative to the largest true value), with σ
@@ -179,7 +180,7 @@ class Evidence:
             elif f"ratio_slope.{name}" in of:
                 slope, offset = of[f"ratio_slope.{name}"], of[f"ratio_offset.{name}"]
                 estimates.append(
-                    f"{name} = {slope:.3g} × load on the measured bench {'+-'[offset < 0]} {abs(offset):.3g} {units[name]}"
+                    f"{name} = {slope:.3g} × load of the measured run {'+-'[offset < 0]} {abs(offset):.3g} {units[name]}"
                 )
             elif f"rms_std.{name}" in of or not with_sigma:
                 kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
@@ -281,7 +282,7 @@ METHODS = {
     "iterated": "iterated measurement update with damping",
     "one_shot": "single measurement update, projected onto the constraints",
     "undamped": "iterated measurement update without damping",
-    "as_printed": "single measurement update as printed in the thesis, without projection",
+    "as_printed": "single measurement update as printed in the source thesis, without projection",
 }
 TRUTHS = {
     "fine": "measurements simulated with the time step of the filter divided by {substeps}",
@@ -335,7 +336,7 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
         "expected_nis": (m - nu) / m if estimate.truth.model != "sampled" else 1.0,
         "violation": float(np.nanmax(result.record.violation)),
         "method": METHODS[estimate.method.update]
-        + (", process noise Q* as printed in the thesis" if estimate.method.noise == "as_printed" else "")
+        + (", process noise Q* as printed in the source thesis" if estimate.method.noise == "as_printed" else "")
         + ("" if filtered.compared is None else ", parameter grid filter"),
         "truth": _truth(estimate),
         **result.numbers,

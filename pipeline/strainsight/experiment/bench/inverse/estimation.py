@@ -80,7 +80,7 @@ class FilteredBench:
         others = self.available.copy()
         others[part] = False
         if not others.any():
-            return (), "no other channel is available for the prediction"
+            return (), "no other channel is available to predict this channel"
         try:
             trial = self.trial_with(others)
             list(undistinguished(trial, self.mean))
@@ -94,7 +94,7 @@ class FilteredBench:
                 else f"without this channel: {error.what}",
             )
         if lost.any():
-            return (), f"without this channel, {lost.sum()} of {len(lost)} runs diverge"
+            return (), f"without this channel, {lost.sum()} of {len(lost)} filter runs diverge"
         return ((mean, std),), ""
 
 

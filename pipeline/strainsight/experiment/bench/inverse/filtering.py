@@ -197,7 +197,8 @@ def by_grid(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRun
     if without := sum(grid_run.without for grid_run in grid_runs):
         tried = sum(len(grid_run.weight) for grid_run in grid_runs)
         notes = (
-            f"parameter grid points without weight: {without} of {tried}. Their filters diverged, or have no initial state",
+            f"points of the parameter grid with zero posterior weight: {without} of {tried}. Their filters diverged, or found "
+            "no equilibrium at the start",
         )
     return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, grid_runs[0]), notes=notes)
 

@@ -216,17 +216,20 @@ def _noise(
 def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:
     """Error for a noise far below the rounding error of the readings or of the effect of unknowns."""
     what, remedy = (
-        f"{noise:g} is below the smallest accepted noise of {NOTHING:g}",
-        "Increase the loads and this noise.",
+        f"the noise of {noise:g} is below the smallest accepted noise of {NOTHING:g}",
+        "Increase this noise and the loads: all readings are nearly zero, too.",
     )
     if max(SPAN * moved, FLOOR * largest) >= NOTHING:
         by_unknown = SPAN * moved >= FLOOR * largest
-        what, reach = ("effect of one initial σ of an unknown", moved) if by_unknown else ("largest reading", largest)
+        what, reach = (
+            ("reading due to one initial σ of an unknown", moved) if by_unknown else ("largest reading", largest)
+        )
         ratio = f"{what}: {reach:.3g}, {reach / noise:.1e} times the noise"
         what = f"the noise of {noise:g} is below rounding errors of the readings ({ratio})"
-        remedy = (
-            f"Reduce {'guess, std and increment in `estimate`' if by_unknown else 'the loads'}, or check their units."
+        reduced = (
+            "`guess`, `std` and `increment` in estimate.inputs and estimate.parameters" if by_unknown else "the loads"
         )
+        remedy = f"Reduce {reduced}, or check their units."
     return ConfigError(what, key=key, remedy=remedy)
 
 
