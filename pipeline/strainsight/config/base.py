@@ -189,7 +189,7 @@ Marker = Plausible | PlausibleBy | Unbounded
 
 PRICE = Unbounded("a price in any currency")
 READING = Unbounded("a reading in the unit of the measurement file")
-COMPARED = Unbounded("a result of any stage, in any unit")
+COMPARED = Unbounded("a limit or factor of a result, whose unit is not fixed")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)

@@ -204,8 +204,8 @@ class Channel(Section):
     )
     zero: Annotated[tuple[float, float] | None, INSTANT] = Field(
         None,
-        description="Time interval [from, to] of the zero readings, in the time of the file [s]; the mean of these "
-        "readings is subtracted from the readings.",
+        description="Time interval [from, to] of the zero readings, such as before loading, in the time of the file "
+        "[s]; the mean of these readings is subtracted from all readings.",
     )
     missing: Annotated[tuple[tuple[float, float], ...], INSTANT] = Field(
         (),

@@ -197,7 +197,8 @@ class LoadSection(Section):
     rotation: Rotation | None = Field(
         None,
         description="Centrifugal forces of a rotation on all mass. `rotation` replaces `node`, `set`, `deck_load` and "
-        "`direction`. The load is Ω² [rad²/s²]. The forces are proportional to the density, also to an estimated density.",
+        "`direction`. The load is the square of the angular velocity, Ω² [rad²/s²]. The forces are proportional to "
+        "the density, also to an estimated density.",
     )
     known: bool = Field(
         description="`true`: the load is measured by a load cell. `false`: the load is an unknown, which the "
