@@ -156,7 +156,7 @@ def one_more(line):
             one_more("{name: more, file: more.csv, channels: [{channel: G1, gauge: G1, unit: m/m}]}"),
             (),
             "estimate.records[3].channels",
-            "the same gauges and grids as in estimate.channels, in the same order",
+            "the same gauges and measuring grids as in estimate.channels, in the same order",
         ),
         (RECORDS, [("validate:\n", "filter: {method: extended}\nvalidate:\n")], "estimate.records", "filter.method: grid"),
         (RECORDS + "  tune: {parts: [noise]}\n", (), "estimate.tune.parts", "estimate.file"),

@@ -21,7 +21,7 @@ def mark_of(field: FieldInfo, kind: Any) -> Any:
 
 @dataclass(frozen=True)
 class Marked:
-    """A text or number of a config whose field has a marker: section, dotted keys of field and value, value, marker."""
+    """A text or number of a config, and a marker (such as `Plausible`) in the annotation of its field."""
 
     section: BaseModel
     field: str
@@ -189,7 +189,7 @@ Marker = Plausible | PlausibleBy | Unbounded
 
 PRICE = Unbounded("a price in any currency")
 READING = Unbounded("a reading in the unit of the measurement file")
-COMPARED = Unbounded("a result of any stage, in any unit")
+COMPARED = Unbounded("a limit or factor of a result, whose unit is not fixed")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
@@ -209,7 +209,7 @@ STIFFNESS = Plausible(1e-6, 1e15, "N/m or N m/rad")
 VISCOUS = Plausible(1e-9, 1e12, "N s/m or N m s/rad")
 FORCE = Plausible(0.0, 1e9, "N")
 MOMENT = Plausible(0.0, 1e10, "N m")
-DRIVEN = Plausible(0.0, 1e10, "N, N m or the unit of the drive")
+DRIVEN = Plausible(0.0, 1e10, "N or N m; for a drive: rad, m, rad/s or m/s")
 STRAIN = Plausible(1e-9, 1e-2, "strain")
 STRAIN_RANGE = Plausible(1e-5, 0.5, "strain")
 NOISE = Plausible(1e-12, 1e3, "strain, m, m/s² or rad")
@@ -334,10 +334,13 @@ class AxesSection(Section):
 
     origin: Point = Field(
         (0.0, 0.0, 0.0),
-        description="Origin of the coordinate system [m; for `report.datum`: in the length unit of the deck].",
+        description="Origin of the system, in coordinates of the mesh [m; for `report.datum`: length unit of the deck].",
     )
-    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of the x axis [-].")
-    y: DirectionVector = Field((0.0, 1.0, 0.0), description="Vector in the x-y plane with a positive y component [-].")
+    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of the x axis, in coordinates of the mesh [-].")
+    y: DirectionVector = Field(
+        (0.0, 1.0, 0.0),
+        description="Vector in the x-y plane towards positive y, in coordinates of the mesh [-]; not parallel to `x`.",
+    )
 
     def problems(self) -> Iterator[Problem]:
         """Check that the two directions span a plane."""

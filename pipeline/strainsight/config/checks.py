@@ -64,7 +64,7 @@ def _time(section: str, duration: float, step: float, signals: Mapping[str, Load
 
 def _settle(section: str, settle: Settle, step: float) -> Iterator[Problem]:
     if isinstance(settle, float) and settle / step > MOST_STEPS:
-        what = f"a start {settle:g} s before t = 0 needs {settle / step:.3g} steps of {step:g} s, more than {MOST_STEPS:.0e}"
+        what = f"the {settle:g} s before t = 0 need {settle / step:.3g} time steps of {step:g} s, more than {MOST_STEPS:.0e}"
         yield Problem(f"{section}.settle", what, f"use at most {at_most(MOST_STEPS * step)} s, or auto")
 
 
@@ -250,7 +250,7 @@ def record_problems(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
 def _other_channels(
     key: str, shared: tuple[GaugeChannel, ...], channels: tuple[GaugeChannel, ...]
 ) -> Iterator[Problem]:
-    remedy = "list the same gauges and grids as in estimate.channels, in the same order and with the same `bias`"
+    remedy = "list the same gauges and measuring grids as in estimate.channels, in the same order, with the same `bias`"
     if len(channels) != len(shared):
         yield Problem(key, f"the number of channels is {len(channels)}, but {len(shared)} in estimate.channels", remedy)
         return
@@ -272,7 +272,10 @@ def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
         yield Problem("filter.compare", what, f"remove filter.compare, {ONE}")
     if settings.tune.parts:
         what = "noise levels can be tuned with one record only"
-        remedy = "tune noise levels in a run with estimate.file, and scale the variances here by the printed factors"
+        remedy = (
+            "remove estimate.tune, or tune in a run with estimate.file and use the printed factors f here: multiply "
+            "noise_std, process_noise.model_error and process_noise_scale by √f, and kappa by f"
+        )
         yield Problem("estimate.tune.parts", what, remedy)
     if settings.field is not None:
         what = "strain of the surface over time is available for one record only"

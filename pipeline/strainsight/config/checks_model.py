@@ -11,7 +11,7 @@ from strainsight.config.placement import GuessFrom, PlacementConfig, RayleighDam
 from strainsight.config.tolerances import tolerances_of
 
 DAMPING = "damping_factor"
-OF_STEP = "set the load magnitude in the results step of this response [unit of the load], such as 500 for 500 N"
+OF_STEP = "set `magnitude` to the load that caused this response in the results file, such as 500 for 500 N"
 
 
 def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -64,7 +64,7 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
         "gauges.strain_operator": config.gauges.strain_operator is not None,
     }
     for key in (key for key, is_set in others.items() if is_set):
-        what = "cannot be combined with mesh.results, the results of a supported structure at the nodes of the mesh"
+        what = "cannot be combined with mesh.results: the imported modes already contain stiffness, mass and supports"
         yield Problem(key, what, f"remove {key} or mesh.results", at_key=True)
     for i, support in enumerate(config.mesh.supports):
         if support.stiffness is not None:
@@ -83,7 +83,7 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
     for kind, properties in (("stiffness", ("youngs_modulus", "stiffness_factor")), ("mass", ("density",))):
         own_names = [name for name, entry in config.parameters.items() if entry.property in properties]
         for name in own_names[1:]:
-            what = f"the {kind} of mesh.results already depends on the parameter {own_names[0]}"
+            what = f"only one parameter may scale the {kind} of mesh.results, and {own_names[0]} already does"
             yield Problem(f"parameters.{name}", what, f"remove the parameter {name} or {own_names[0]}", at_key=True)
     for name, own_parameter in config.parameters.items():
         if own_parameter.property not in ("youngs_modulus", "stiffness_factor", "density", DAMPING):
@@ -112,8 +112,8 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
     if second.loads is None:
         for name, load in results.loads.items():
             if load.file is not None:
-                what = f"the response to load {name} is in a separate file (mesh.results.loads.{name}.file)"
-                remedy = "set `file` for every load under mesh.results.second.loads"
+                what = f"missing, but mesh.results.loads.{name}.file is a separate file for the response to load {name}"
+                remedy = "list every load under mesh.results.second.loads, with the `file` of its second response"
                 yield Problem(f"{key}.loads", what, remedy, at_key=True)
         return
     for name, load in second.loads.items():

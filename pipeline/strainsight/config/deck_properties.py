@@ -15,10 +15,10 @@ class CandidateLocation:
 
     kind, name   load or set of the deck, id of a node, or point of a face, "[x, y, z]" in m
     what         description in words
-    supported    whether the location is already supported
+    supported    whether the location already has a support
     force        [N] of a load
     of_mass      the load acts on all mass; force is its factor
-    lies_on      object that probably supports a face
+    lies_on      reason why a face is probably in contact with another part
     picked       criterion for `mesh.faces`, "near: [x, y, z]"
     instead_of   point of an equally likely location: the other side of the same bores
     """
@@ -48,10 +48,10 @@ class MissingMaterial:
 class Suggestion:
     """Properties of a deck that determine its config.
 
-    length_unit, mass_unit   units with plausible materials; empty without any, with the reason in `odd`
+    length_unit, mass_unit   units that give plausible material data; empty if no units do, with the reason in `odd`
     region           id of the largest region; several_moduli: it is a laminate or anisotropic; youngs_modulus [Pa] or None
     lacking          missing material data
-    supports, solids whether the deck has any
+    supports, solids whether the deck has supports, and solid elements
     support_sets     ids of support sets, or numbers of steps (support_key), if the deck does not select one
     unsupported      entities that change the model: name for `mesh.ignore`, number, file:line of the first
     places           possible locations of loads and supports, the most likely first; set_names: names of sets of the deck

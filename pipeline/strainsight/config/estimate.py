@@ -182,7 +182,7 @@ class Channel(Section):
     override: bool = expert(
         False,
         description="`true`: accept this channel although the unit differs from the unit in the file, readings are implausibly "
-        "small, or values repeat as in a slower channel.",
+        "small, or repeated values indicate that the channel was sampled at a lower rate.",
     )
     bridge: BridgeSection | None = Field(
         None,
@@ -204,8 +204,8 @@ class Channel(Section):
     )
     zero: Annotated[tuple[float, float] | None, INSTANT] = Field(
         None,
-        description="Time interval [from, to] of the zero readings, in the time of the file [s]; the mean of these "
-        "readings is subtracted from the readings.",
+        description="Time interval [from, to] of the zero readings, such as before loading, in the time of the file "
+        "[s]; the mean of these readings is subtracted from all readings.",
     )
     missing: Annotated[tuple[tuple[float, float], ...], INSTANT] = Field(
         (),
@@ -327,7 +327,7 @@ class RecordedFile(Section):
 
 
 class RecordOfTest(Section):
-    """One record of a campaign: file of the record, and keys that differ from the section `estimate`."""
+    """One of several records of a test: its file, and keys that differ from the section `estimate`."""
 
     name: RunName = Field(description="Name of the record in tables, pages and file names: letters, digits, - and _.")
     file: Text = Field(description="Measurement file of this record, in a format of estimate.file.")
@@ -337,8 +337,8 @@ class RecordOfTest(Section):
     time: ClockSection | None = Field(None, description="Time of the samples; null: estimate.time.")
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] | None = expert(
         None,
-        description="Channels of this record, with the gauges, grids and biases of estimate.channels in the same order; "
-        "null: estimate.channels.",
+        description="Channels of this record, with the gauges, measuring grids and biases of estimate.channels in the same "
+        "order; null: estimate.channels.",
     )
     inputs: dict[Name, Channel] | None = Field(None, description="Channels of the known loads; null: estimate.inputs.")
 
@@ -349,8 +349,8 @@ class EstimateOptions(Section):
     hold_out: Literal["each"] | None = expert(
         None,
         description="`each`: omit every gauge in turn (in a bench also every component of other sensors), and compare the "
-        "readings of this gauge with the readings predicted from the other sensors. This needs one more filter run for "
-        "every gauge, and for a structure one more smoother run. Null: no comparison.",
+        "readings of this gauge with the readings predicted from the other sensors. Every omitted gauge needs one more "
+        "filter run, and for a structure also one more smoother run. Null: no comparison.",
     )
     accept_inconsistent: bool = expert(
         False,
@@ -421,7 +421,7 @@ class Estimate(RecordedFile, EstimateOptions):
     tune: Tune = expert(default_factory=Tune, description="Tuning of noise levels from the measurements.")
     loads_follow_model: bool = expert(
         False,
-        description="With `true`: every unknown load follows the model in `process_noise` exactly. With `false`: unknown loads "
-        "are arbitrary. Then parameters are estimated only from strains that no unknown load can cause, and σ of the "
-        "parameters is omitted if no load is known. The stages `place` and `validate` always assume arbitrary loads.",
+        description="With `true`: every unknown load follows its model in loads.NAME.process_noise exactly. With `false`: "
+        "unknown loads are arbitrary. Then parameters are estimated only from strains that no unknown load can cause, and "
+        "σ of the parameters is omitted if no load is known. The stages `place` and `validate` always assume arbitrary loads.",
     )

@@ -155,7 +155,7 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
         )
         fitting = [name for name, kind in known.items() if kind.grids == rosette]
         remedy = (
-            f"set gauges.type to {' or '.join(fitting)}" if fitting else f"define one with {rosette} in gauges.types"
+            f"set gauges.type to {' or '.join(fitting)}" if fitting else f"define a type with {rosette} in gauges.types"
         )
         yield Problem("gauges.type", what, remedy + "; for a rosette, set gauges.rosette: true" * (rosette == 1))
 
@@ -271,8 +271,8 @@ class GaugeRows(Section):
     """Candidates defined by rows of the strain operator from another program. Requires mesh.matrices."""
 
     rows: Text = Field(
-        description="Matrix file (.mtx, .npz, .op4) with one row for each gauge: strain of the gauge per unit motion of each "
-        "degree of freedom."
+        description="Matrix file (.mtx, .npz, .op4) with one row for each gauge: strain of the gauge per unit displacement or "
+        "rotation of each degree of freedom."
     )
     table: Text = Field(
         description="CSV file with one line for each gauge and the header gauge,x,y,z,dx,dy,dz: number, position in the length "
@@ -287,7 +287,7 @@ class BondedGrid(Section):
         description="Position of the grid centre [m]; the grid centre is moved to the nearest point of the surface."
     )
     direction: DirectionVector = Field(
-        description="Measuring direction [-]; the direction is projected onto the surface."
+        description="Measuring direction, in coordinates of the mesh [-]; the direction is projected onto the surface."
     )
     length: Annotated[NotNegative | None, GRID] = Field(
         None,
@@ -454,8 +454,8 @@ class Gauges(GaugeSites, Noisy):
     )
     strain_operator: GaugeRows | None = Field(
         None,
-        description="Candidates defined by rows of the strain operator (strain per unit motion of each degree of freedom), "
-        "instead of locations on a surface. Requires mesh.matrices.",
+        description="Candidates defined by rows of the strain operator (strain per unit displacement or rotation of each degree "
+        "of freedom), instead of locations on a surface. Requires mesh.matrices.",
     )
     range: Annotated[Positive | None, STRAIN_RANGE] = expert(
         None,

@@ -126,7 +126,7 @@ class OnElementsZone(Section):
     """The surface of elements of one kind."""
 
     on_elements: Literal["solids", "shells", "beams"] = Field(
-        description="Kind of element: the faces of solids or shells, or the sides of beams."
+        description="Element kind whose surface is the zone: faces of all solids, faces of all shells, or sides of all beams."
     )
 
 

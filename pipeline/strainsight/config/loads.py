@@ -125,9 +125,9 @@ class InputNoise(TypicalMotion):
     )
     kappa: Annotated[Positive | None, Plausible(1e-6, 1e4)] = expert(
         None,
-        description="Factor κ of the noise intensity κω of `random_walk` and `integrated_random_walk` [-]. Null: 1/(2π). Then "
-        "the σ of the change of the load in one period is one amplitude (`integrated_random_walk`: the σ of the change of "
-        "the load rate is ω times one amplitude).",
+        description="Factor κ of the noise intensity [-], with the typical amplitude a and ω = 2πf. With `random_walk`: "
+        "κωa² on the load. With `integrated_random_walk`: κω(ωa)² on the rate of the load. Null: 1/(2π); then the σ of the "
+        "change in one period is a for the load, or ωa for its rate.",
     )
     smoothness: Literal["1/2", "3/2", "5/2"] = expert(
         "3/2", description="Smoothness ν of the Matérn model [-]: the load has ν − ½ continuous derivatives."
@@ -197,7 +197,8 @@ class LoadSection(Section):
     rotation: Rotation | None = Field(
         None,
         description="Centrifugal forces of a rotation on all mass. `rotation` replaces `node`, `set`, `deck_load` and "
-        "`direction`. The load is Ω² [rad²/s²]. The forces are proportional to the density, also to an estimated density.",
+        "`direction`. The load is the square of the angular velocity, Ω² [rad²/s²]. The forces are proportional to "
+        "the density, also to an estimated density.",
     )
     known: bool = Field(
         description="`true`: the load is measured by a load cell. `false`: the load is an unknown, which the "

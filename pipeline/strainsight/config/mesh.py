@@ -57,7 +57,7 @@ class RegionProperty(Section):
 
     regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
         description="Ids or names of the regions with this material or section (PSOLID, PSHELL, element set, physical group). "
-        "'all': every region; for a section, every region with elements of this kind."
+        "With 'all': every region; for a section, every region with shells (`thickness`) or lines (`area`)."
     )
 
 
@@ -172,14 +172,15 @@ class Support(Section):
     node: NodeId | None = Field(None, description="Id of the supported node.")
     set: Text | None = Field(None, description="Name of the supported node set or face, instead of `node`.")
     components: Components = Field(
-        (1, 2, 3), description="Supported components: 1-3 are translations, 4-6 are rotations of a reference node."
+        (1, 2, 3),
+        description="Supported components in x, y, z of the mesh: 1-3 translations, 4-6 rotations of a reference node.",
     )
     stiffness: Annotated[NotNegative | Vector | None, STIFFNESS] = Field(
         None,
         description="Stiffness of springs to the ground, instead of a fixed support [N/m, for rotations N m/rad]. Either one "
-        "value for every component, or three values along x, y and z. The value is the stiffness of the whole support: the "
-        "nodes of a set have equal shares, and a face has a constant stiffness per area. An estimated modulus does not "
-        "change this stiffness.",
+        "value for every component, or three values along x, y and z of the mesh. The value is the stiffness of the whole "
+        "support: the nodes of a set have equal shares, and a face has a constant stiffness per area. An estimated modulus "
+        "does not change this stiffness.",
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -353,8 +354,8 @@ class SecondResults(ResultsFile):
     )
     loads: dict[Name, ResponseOfLoad] | None = expert(
         None,
-        description="Static responses of the second set of results, with the keys of mesh.results.loads. Null: the steps and "
-        "load magnitudes of mesh.results.loads, read from mesh.results.second.file.",
+        description="Static responses of the second set of results, with the keys of mesh.results.loads. Null: steps and load "
+        "magnitudes as in mesh.results.loads; the responses are read from mesh.results.second.file.",
     )
 
 

@@ -208,7 +208,7 @@ class Screen(Section):
         description="Ranking of the candidates. With `unknowns`: in every load case, the unknowns of `place.estimate` select "
         "candidates in turn. Each unknown selects the candidate whose reading it changes most, relative to noise (and to "
         "installation errors with `place.installation: avoid`). With `strength`: by the RMS reading in the stage `train` "
-        "relative to noise, as in section 5.2 of the thesis.",
+        "relative to noise, as in section 5.2 of the thesis of Cottone (2022).",
     )
     minimum_spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
@@ -232,7 +232,7 @@ class ProcessNoise(Section):
         le=1e6,
         description="Process noise of the velocities, relative to the RMS acceleration in the training run (stage `train`) "
         "[-]. Null: 0.01, since without this noise the filter is overconfident if the damping is uncertain. Exception: with "
-        "the grid filter and a damping tolerance, null is 0 in the filter, since this noise would bias the parameters.",
+        "the grid filter and tolerances.damping above 1, null is 0 in the filter, since this noise would bias the parameters.",
     )
 
 
@@ -274,7 +274,8 @@ class PlaceSection(LayoutSettings):
     damping_slope: bool = Field(
         True,
         description="`true`: the placement includes the change of damping with a parameter. With `false`: the placement uses "
-        "equations (5.30) and (5.32) as printed in the thesis, without this change. The filter always includes this change.",
+        "equations (5.30) and (5.32) as printed in the thesis of Cottone (2022), without this change. The filter always "
+        "includes this change.",
     )
     installation: Literal["avoid", "ignore"] = Field(
         "avoid",
@@ -288,8 +289,8 @@ class PlaceSection(LayoutSettings):
 
 
 class Cases(Section):
-    """Observability study of every combination of unknowns (tables 6.1 and 6.2 of the thesis). The unknowns are the unknown loads
-    (all loads if all loads are known), the moduli and the densities."""
+    """Observability study of every combination of unknowns, as in tables 6.1 and 6.2 of the thesis of Cottone (2022). The
+    unknowns are the unknown loads (all loads if all loads are known), the moduli and the densities."""
 
     frequencies: tuple[Frequency, ...] = Field(
         (),

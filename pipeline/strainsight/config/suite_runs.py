@@ -153,9 +153,9 @@ def _renamed_sources(run: PlannedRun, names: Sequence[str], suffix: str) -> Iter
             if suffix:
                 yield Override(key, source + suffix, where)
         elif source in names:
-            what = "the guess" if ".guess." in key else "the input"
+            what = "the guess" if ".guess." in key else "this key"
             raise ConfigError(
-                f"{what} comes from run '{source}', but the suite runs '{source}' later",
+                f"{what} uses the result of run '{source}', but the suite runs '{source}' later",
                 key=key,
                 where=where,
                 remedy=f"move run '{source}' before this run",

@@ -102,7 +102,7 @@ MATERIAL = """\
     {name}: {{regions: {regions}, youngs_modulus: {E}, poisson_ratio: {nu}, density: {rho}}}
 """
 CONE = """\
-  exclude:                        # zones without gauges; other zones: box, cylinder, near_edges, near_set [m]
+  exclude:                        # zones without gauges; other zone types: box, cylinder, near_edges, near_set [m]
     - normal_cone: {{axis: {axis}, angle: 10}}           # on facets normal to the axis, the direction is undefined
 """
 TRUTH = "    parameters: {{{name}: {truth}}}      # ← {unit}assumed true value, which the filter has to estimate\n"
@@ -112,11 +112,11 @@ OPEN_TYPE = "  # type: 3/350                 # ← grid [mm] / resistance [Ω]; 
 SPACING = "  # minimum_spacing: 0.011        # [m] between gauges; default: the longer side of the carrier\n"
 OWN_SPACING = "  minimum_spacing: {spacing:<14} # ← [m] between gauges: the length of the carrier\n"
 EXCLUDE = """\
-  # exclude:                      # zones without gauges; other zones: box, cylinder, near_edges, normal_cone [m]
+  # exclude:                      # zones without gauges; other zone types: box, cylinder, near_edges, normal_cone [m]
   #   - NAME                       # a contact face of mesh.faces, or a set; the clearance is added
 """
 ON_SEATS = """\
-  exclude: [                      # zones without gauges; other zones: box, cylinder, near_edges, normal_cone [m]
+  exclude: [                      # zones without gauges; other zone types: box, cylinder, near_edges, normal_cone [m]
 {lines}  ]
 """
 LISTED, FACES = 12, 24
@@ -183,7 +183,7 @@ def _exclude(suggestion: Suggestion, answers: Answers) -> str:
                 f"    # {entry:<27} # other side of the same bores: uncomment this line if this is the contact face\n"
             )
         else:
-            lines += f"    {entry:<29} # ← {place.lies_on}: probable contact face; otherwise remove the line\n"
+            lines += f"    {entry:<29} # ← {place.lies_on}: probable contact face; if not, remove this line\n"
     if not lines:
         return cone or EXCLUDE
     return f"{cone}{lines}" if cone else ON_SEATS.format(lines=lines)
@@ -214,7 +214,7 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
     if suggestion.unsupported:
         lines.append("  # Unsupported entities that affect the model. Add those that can be neglected to `ignore`:")
         lines += [f"  #   {printable(f'{n:<32} # number: {k}, first: {at}')}" for n, k, at in suggestion.unsupported]
-        lines.append("  ignore: []            # ← names of entities from above that can be neglected")
+        lines.append("  ignore: []            # ← names of the entities listed above that can be neglected")
     if suggestion.contact:
         pairs = f"{', '.join(suggestion.pairs[:3])}{', …' * (len(suggestion.pairs) > 3)}"
         lines.append(f"  # Contact of {printable(pairs)}. open: not connected, as in a *FREQUENCY step of CalculiX;")

@@ -58,7 +58,8 @@ class Tolerances(GaugeTolerances):
     model error samples the errors from these standard deviations."""
 
     offset: Annotated[NotNegative, STRAIN] = expert(
-        0.0, description="Standard deviation of a constant offset in the readings of every strain channel [strain]."
+        0.0,
+        description="Standard deviation of the constant offset of each strain channel, independent of others [strain].",
     )
     drift: Annotated[NotNegative, STRAIN] = Field(
         0.0,
@@ -78,7 +79,7 @@ class Tolerances(GaugeTolerances):
     )
     thermal_spread: Annotated[NotNegative, Plausible(1e-9, 1e-4, "strain/K")] = expert(
         1.4e-7,
-        description="Standard deviation of the thermal output of single strain gauges of one batch [strain/K].",
+        description="Standard deviation of the thermal output among the strain gauges of one batch [strain/K].",
     )
     load_angle: Annotated[float, MISALIGNED] = Field(
         1.0,
@@ -176,13 +177,13 @@ class TruthSection(Section):
     )
     gauge_offset: Annotated[NotNegative | None, MISPLACED] = expert(
         None,
-        description="With `model: perturbed`: location error, equal for every gauge, in a random direction [m]; null: sampled "
-        "from `tolerances`.",
+        description="With `model: perturbed`: size of the location error of every gauge that is not yet bonded [m]. The "
+        "direction of the error is random for each gauge. Null: sampled from `tolerances`.",
     )
     gauge_rotation: Annotated[NotNegative | None, Plausible(0.01, 45.0, "deg")] = expert(
         None,
-        description="With `model: perturbed`: direction error, equal for every gauge, with a random sign [deg]; null: sampled "
-        "from `tolerances`.",
+        description="With `model: perturbed`: size of the direction error of every gauge that is not yet bonded [deg]. The "
+        "sign of the error is random for each gauge. Null: sampled from `tolerances`.",
     )
 
 
@@ -190,10 +191,10 @@ class Sweeps(Section):
     """Studies with one changed setting of the filter at a time, with the simulated measurements of the placed layout."""
 
     time_steps: tuple[TimeStep, ...] = expert(
-        (), description="Further time steps of filter and samples [s], each in a separate run."
+        (), description="Further time steps of filter and samples [s], each in a separate filter run."
     )
     process_noise: Annotated[tuple[Positive, ...], Plausible(1e-9, 1e9)] = expert(
-        (), description="Factors on the whole process noise of the filter [-]."
+        (), description="Factors on the whole covariance of the process noise, each in a separate filter run [-]."
     )
     wrong_parameters: Annotated[
         dict[Name, Annotated[tuple[Positive, ...], Field(min_length=1)]], Plausible(0.1, 10.0)
@@ -219,10 +220,10 @@ class Validate(TimeSpan):
         "candidates selected by `screen`.",
     )
     noise_factors: Annotated[tuple[Positive, ...], Plausible(1e-6, 1e6)] = Field(
-        (0.1, 5.0), description="Factors on noise_std for additional runs with other noise levels [-]."
+        (0.1, 5.0), description="Factors on the noise σ of all sensors, each in an additional filter run [-]."
     )
     repeats: Count = Field(
-        20, ge=1, description="Number of repeated runs with other noise samples and initial values [-]."
+        20, ge=1, description="Number of repeated filter runs with other noise samples and initial values [-]."
     )
     sweeps: Sweeps = expert(
         default_factory=Sweeps, description="Studies with one changed setting of the filter at a time."
