@@ -234,7 +234,7 @@ def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
             version = metadata.version(requirement.name)
         except metadata.PackageNotFoundError:
             result, need = (WARNING, "recommended") if requirement.name in CAN_DO_WITHOUT else (FAILS, "required")
-            findings.append(DoctorFinding(requirement.name, result, f"not installed; {need}: {wanted}", remedy))
+            findings.append(DoctorFinding(requirement.name, result, f"not installed; {need} version: {wanted}", remedy))
             continue
         within = requirement.specifier.contains(version, prereleases=True)
         findings.append(_version_finding(requirement.name, version, wanted, within, remedy))

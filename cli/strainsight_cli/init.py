@@ -123,7 +123,7 @@ def init(
         except ConfigError:
             first = "fill in the blank lines and check the other lines marked ←"
         if not hints.solids:
-            nothing = "the deck has no solids, shells or beam sides for gauges"
+            nothing = "the deck has no solids, no shells and no beams with a cross-section to bond gauges on"
             first = f"{nothing}; set `mesh.matrices` and `gauges.strain_operator`. Then {first}"
         say(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 

@@ -74,8 +74,8 @@ def sum_of(statuses: Sequence[Status]) -> str:
 
 
 GIB = 2.0**30
-FACTOR = "processor time and memory accurate to a factor of two (docs/scaling.md)"
-WITH_PLACE = "processor time and memory accurate to a factor of two (stage place: three; docs/scaling.md)"
+FACTOR = "processor time and memory are accurate to a factor of two (docs/scaling.md)"
+WITH_PLACE = "processor time and memory are accurate to a factor of two (stage place: three; docs/scaling.md)"
 
 
 def forecast(work: Work, pending: Collection[str], imported: Artefact | None) -> str:
@@ -100,7 +100,7 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
     short = (
         "" if peak <= available else f"; only {available:.2g} GiB are available: use a coarser mesh or a larger machine"
     )
-    return f"forecast: {stages} for {model.unknowns} unknowns, {peak:.2g} GiB, {factor}{short}"
+    return f"forecast: {stages} for {model.unknowns} unknowns, {peak:.2g} GiB; {factor}{short}"
 
 
 def costs_of(

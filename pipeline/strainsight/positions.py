@@ -43,7 +43,7 @@ class PositionAxes:
         if self.is_deck_system:
             return "the coordinates of the mesh file"
         origin, x, y = (" ".join(f"{round(v, 6) + 0.0:g}" for v in row) for row in (self.origin, *self.axes[:2]))
-        return f"coordinates of the datum at ({origin}) {self.unit} in deck coordinates, x axis ({x}), y axis ({y})"
+        return f"datum coordinates: origin ({origin}) {self.unit}, x axis ({x}), y axis ({y}) in deck coordinates"
 
 
 METRES = PositionAxes("m", 1.0, np.zeros(3), np.eye(3))

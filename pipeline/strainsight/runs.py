@@ -52,7 +52,7 @@ class Written:
         artefact = self.artefact(stage)
         if "/VTKHDF" not in artefact:
             raise UserError(
-                f"the results file of the stage '{stage}' contains no grid (VTKHDF)",
+                f"the results file of the stage '{stage}' contains no mesh (group /VTKHDF)",
                 where=str(artefact.path),
                 remedy=self.GRIDS,
             )

@@ -106,7 +106,7 @@ def test_impossible_readings_are_refused():
         calibrated(ones, ChannelSettings("um/m", zero=(2, 3)))
     reading = ones.copy()
     reading[41] = 600.0
-    with pytest.raises(UserError, match="has the value 600 mV/V, outside the range of a quarter bridge") as caught:
+    with pytest.raises(UserError, match="has the value 600 mV/V, which a quarter bridge cannot") as caught:
         calibrated(reading, ChannelSettings("mV/V", bridge=Bridge("quarter", 2.0)))
     assert caught.value.where == "test.csv:43"
     reading[41] = -9.97e36

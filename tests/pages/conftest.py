@@ -179,7 +179,7 @@ def report(**changes):
         metrics=METRICS,
         criteria=(
             Criteria("elimination, exchange", (2.62, 0.047, 1.7), {"tip": 1.15e3, "E": 1.65e8}),
-            Criteria("random layout (median of 10)", (np.inf,) * 3, {"tip": 2.1e3, "E": np.inf}),
+            Criteria("random layout (median of 10 layouts)", (np.inf,) * 3, {"tip": 2.1e3, "E": np.inf}),
             Criteria("effective independence", (3.5, 0.074, 2.9), {"tip": 1.3e3, "E": 1.9e8}),
             Criteria("log-determinant", (2.71, 0.043, 1.9), {"tip": 1.2e3, "E": 1.6e8}),
         ),

@@ -169,7 +169,7 @@ def test_all_that_a_bench_has_written_is_read(bench):
     np.testing.assert_array_equal(run.reduced["hub"].frequency, bench["reduce"]["/bodies/hub/frequency"])
     np.testing.assert_array_equal(run.meshes["hub"].position, bench["import"]["/bodies/hub/nodes/position"])
     assert len(list(everything(run.bearings))) > 2
-    with pytest.raises(UserError, match="contains no grid"):
+    with pytest.raises(UserError, match="contains no mesh"):
         run.to_pyvista("simulate")
     with pytest.raises(ArtefactError):
         _ = run.surface
@@ -191,7 +191,7 @@ def test_what_a_config_of_a_bench_has_not_is_refused():
     case = api.bench(project(RIG))
     with pytest.raises(ConfigError, match="no section 'place'"):
         case.place({}, {})
-    with pytest.raises(ConfigError, match="config has `kind: placement`"):
+    with pytest.raises(ConfigError, match="config has the kind placement"):
         api.bench(ROOT / "configs" / "cantilever-youngs-modulus.yaml")
 
 
@@ -200,14 +200,14 @@ def test_grids_go_to_pyvista(run_there):
     assert run_there.to_pyvista("import").volume == pytest.approx(api.to_pyvista(run_there.mesh).volume)
     assert run_there.to_pyvista("import").n_points == len(run_there.mesh.position)
     assert "rank" in run_there.to_pyvista("place").point_data
-    with pytest.raises(UserError, match="contains no grid"):
+    with pytest.raises(UserError, match="contains no mesh"):
         run_there.to_pyvista("screen")
 
 
 def test_what_is_not_there_is_reported(tmp_path):
     with pytest.raises(UserError, match="no results of a run"):
         api.open_run(tmp_path)
-    with pytest.raises(ConfigError, match="the config has `kind: bench`"):
+    with pytest.raises(ConfigError, match="the config has the kind bench"):
         api.load(LOADS)
     (tmp_path / "import.h5").write_bytes(b"")
     with pytest.raises(ArtefactError):
@@ -250,7 +250,7 @@ def test_zones_take_rows_and_table_equally(files):
     ("table", "said", "line"),
     [
         (HEAD + "1,2,3\n", "is 3, not 7", 2),
-        (HEAD + "1,0,0,0,,,\nG2,0,0,0,,,\n", "contains an invalid number", 3),
+        (HEAD + "1,0,0,0,,,\nG2,0,0,0,,,\n", "has a cell that is not a number", 3),
         (HEAD + "1,0,0,0,,,\n2,0,0,0,,,\n1,0,0,0,,,\n", "gauge number 1 is used twice", 4),
         (HEAD, "no gauge", None),
     ],

@@ -93,7 +93,8 @@ def _require_scheduler(address: str) -> None:
         raise UserError(
             f"no Dask scheduler at {address}: {why or type(error).__name__}",
             key="--dask",
-            remedy=f"start a scheduler (`dask scheduler`) and pass the address that it prints; the timeout is {PATIENCE:g} s",
+            remedy="start a scheduler (`dask scheduler`) and pass the address that it prints; "
+            f"it must answer within {PATIENCE:g} s",
         ) from None
     if kind != "Scheduler":
         raise UserError(

@@ -254,8 +254,8 @@ def _strain(recording: Recording, name: str, bridge: Bridge, r: np.ndarray) -> n
     if impossible.size:
         sample = int(impossible[0])
         raise UserError(
-            f"channel {name!r} has the value {1e3 * r[sample]:g} mV/V, outside the range of a {bridge.arrangement} "
-            f"bridge with gauge factor {bridge.gauge_factor:g}",
+            f"channel {name!r} has the value {1e3 * r[sample]:g} mV/V, which a {bridge.arrangement} bridge "
+            "cannot produce at any strain",
             where=recording.place(sample),
             remedy="correct `unit`, or leave the cell empty if the gauge failed or was overloaded",
         )

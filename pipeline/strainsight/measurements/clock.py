@@ -78,7 +78,8 @@ def uniform_clock(recording: Recording) -> Clock:
         worst = int(np.argmax(whole))
         raise UserError(
             f"filling the gaps would extend the record from {t.size} to {count:.4g} samples "
-            f"(limit: {MOST_FILLED} times as many); the longest gap is {between[worst]:.6g} s after {t[worst]:.9g} s",
+            f"(limit: {MOST_FILLED} times as many); the longest gap begins at {t[worst]:.9g} s and "
+            f"lasts {between[worst]:.6g} s",
             where=recording.place(worst + 1),
             remedy="cut the record at the gap, or correct the time stamp after the gap",
         )

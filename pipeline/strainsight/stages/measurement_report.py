@@ -165,7 +165,7 @@ def _damage(damaged: Damaged | None, config: PlacementConfig) -> Table | None:
 def _hidden(summary: Mapping[str, object]) -> str:
     """Note on unknowns that the channels cannot distinguish, or an empty text."""
     hidden = summary.get("unobservable")
-    return f"the channels cannot distinguish {hidden}" if hidden else ""
+    return f"the channels cannot determine {hidden}" if hidden else ""
 
 
 def _warnings(

@@ -163,7 +163,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         "/noise/level": Dataset(
             noise.level,
             "1",
-            "ratio of the noise standard deviation of a gauge to the RMS strain of the strongest candidate",
+            "noise standard deviation of a gauge over the largest RMS strain of a candidate in the training run",
         ),
     }
     for key, by_name in (("error", noise.error), ("std", noise.std)):

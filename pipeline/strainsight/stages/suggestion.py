@@ -185,7 +185,7 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
         if force > 1e-9 * np.abs(load.force).sum():
             loaded = load.nodes[load.force.any(axis=1)]
             yield CandidateLocation(
-                "deck_load", name, f"a load of the deck, {force:.4g} N", bool(is_supported[loaded].all()), force
+                "deck_load", name, f"load of the deck, resultant {force:.4g} N", bool(is_supported[loaded].all()), force
             )
         elif load.body:
             yield CandidateLocation("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
@@ -196,7 +196,7 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
     ]
     for reference in dict.fromkeys(tie.reference for tie in ties):
         led = [tie for tie in ties if tie.reference == reference]
-        what = f"reference node of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
+        what = f"reference node of {', '.join(map(str, led))}, connected to {sum(len(tie.nodes) for tie in led)} nodes"
         yield CandidateLocation("node", str(mesh.node_ids[reference]), what, bool(is_supported[reference]))
     for name, ids in mesh.node_sets.items():
         nodes = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))

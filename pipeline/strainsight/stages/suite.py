@@ -217,7 +217,7 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
 OF_A_LOAD = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")
 """Numbers of a bench's unknown that the file keeps."""
 SAID = ("source", "published", "published_settings", "other_settings", "verdict")
-OF_PLACEMENTS = ("error", "smoothed error", "claimed σ", "expected σ", "error of repeats", "consistency")
+OF_PLACEMENTS = ("error", "smoothed error", "claimed σ", "expected σ", "error of repeated filter runs", "consistency")
 OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "consistency")
 
 
@@ -366,7 +366,7 @@ def run(context: Context[SimpleNamespace]) -> Output:
     )
     message += f"; {confirmed} of {len(results)} claims confirmed" if results else ""
     agreeing = sum(row.result == HOLDS for row in suite.comparisons)
-    message += f"; {agreeing} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""
+    message += f"; {agreeing} of {len(suite.comparisons)} published results confirmed" if suite.comparisons else ""
     message += f"; report.html, {len(page) / 1024:.0f} KiB"
     return Output(
         datasets=written(numbers_of(suite)),

@@ -81,7 +81,7 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
             (len(surface.moved), f"bonded gauges moved to the surface by up to {1e3 * moved:.2g} mm"),
             (
                 surface.left_out,
-                f"locations omitted because the gauge grid would cross a sharp edge: {surface.left_out}",
+                f"locations omitted because the measuring grid would cross a sharp edge: {surface.left_out}",
             ),
             (
                 surface.alone,
@@ -260,7 +260,8 @@ def run_observe(context: Context[PlacementConfig]) -> Output:
     return Output(
         datasets=written(observed),
         summary={f"condition.{case}": float(value) for case, value in zip(observed.case, condition, strict=True)},
-        message=f"{cases}, largest condition number {condition[worst]:.2g} for {_unknowns(observed, worst)}{where}",
+        message=f"{cases}, largest condition number of the PBH matrix {condition[worst]:.2g} "
+        f"for {_unknowns(observed, worst)}{where}",
         tables=(_table(observed),),
     )
 

@@ -55,7 +55,7 @@ def test_places_and_distances_to_edges_are_in_the_unit_and_axes_of_the_datum(ful
     assert [row["angle to edges"] for row in found] == ["−30°|60°", "0°", "–", "–"]
     assert (found[0]["x [mm]"], found[0]["y [mm]"], found[0]["z [mm]"]) == ("900.0", "−20.0", "120.0")
     assert found[0]["direction"] == "−1 0 0"
-    assert "coordinates of the datum at (1000 0 0) mm in deck coordinates, x axis (-1 0 0), y axis (0 -1 0)" in text
+    assert "datum coordinates: origin (1000 0 0) mm, x axis (-1 0 0), y axis (0 -1 0) in deck coordinates" in text
     assert "nearest edges" not in gauge_table(report)
 
 
@@ -81,7 +81,7 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
     rows = cells(text)
     assert [row[0] for row in rows] == [
         "|chosen layout| (elimination, exchange)", "certified lower bound", "log-determinant", "effective independence",
-        "random layout (median of 10)",
+        "random layout (median of 10 layouts)",
     ]  # fmt: skip
     chosen = report.criteria[0]
     assert rows[0][1:] == [chosen.values[0], 1.0, *chosen.values[1:], 1.15e3, 1.65e8]

@@ -106,7 +106,8 @@ def test_what_does_not_hold_leads_the_page_and_its_headline(full):
     said = words(text.split('id="in-short">')[1].split("</p>")[0]).replace("\u00a0", " ")
     assert said.startswith(
         "E: overconfident (RMS error of the repeated runs 6.6 times the claimed σ; at most 1.49 for a calibrated σ), "
-        "not identified (the measurements hardly reduce the initial uncertainty); its error is 0.052 % . 4 gauges chosen"
+        "not identified (the measurements hardly reduce the initial uncertainty); error of the estimate: 0.052 % . "
+        "4 gauges chosen"
     )
     assert "E to within" not in said
     assert said.index("overconfident") < said.index("estimate tip to within")

@@ -80,7 +80,7 @@ def programs(environment: Mapping[str, str] = os.environ) -> Programs:
     raise UserError(
         f"no Python with petsc4py and slepc4py found: {'; '.join(tried)}",
         key="solver",
-        remedy=f"{WHERE}; another interpreter: export {PYTHON}=/path/to/python; or set solver: direct",
+        remedy=f"{WHERE}; or select another interpreter: export {PYTHON}=/path/to/python; or set solver: direct",
     )
 
 
@@ -122,11 +122,11 @@ def _lacking(programs: Programs) -> str:
             timeout=LIMIT,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return f"all packages: it does not run ({error})"
+        return f"all packages, because it does not run ({error})"
     return (
         " and ".join(process.stdout.split())
         if process.returncode == 0
-        else f"all packages: it does not run (exit code {process.returncode})"
+        else f"all packages, because it does not run (exit code {process.returncode})"
     )
 
 
@@ -184,7 +184,7 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
     ) -> tuple[np.ndarray, np.ndarray]:
         if not mass or mass[0] is not M:
             if mass:
-                raise ValueError("this factorisation was used with another mass matrix; factorise the stiffness again")
+                raise ValueError("this factorisation belongs to another mass matrix; factorise the stiffness again")
             session.matrix("M", scaled_upper(M, scale))
             mass.append(M)
         first, into = session.array((start / scale)[:, None]), session.room(count, len(start))
@@ -234,7 +234,7 @@ class _Session:
             )
         if remedy:
             raise UserError(
-                what, key="solver", remedy=f"{remedy}; another interpreter: export {PYTHON}=/path/to/python"
+                what, key="solver", remedy=f"{remedy}; or select another interpreter: export {PYTHON}=/path/to/python"
             )
         self.started = True
         return hello
@@ -321,7 +321,7 @@ class _Session:
             return NumericalError(NOT_DEFINITE, remedy=MECHANISM)
         if kind == "converged":
             return NumericalError(
-                f"the Krylov-Schur iterations did not converge: {answer['found']} modes after {answer['iterations']} restarts",
+                f"only {answer['found']} modes converged in {answer['iterations']} Krylov-Schur restarts",
                 remedy="check the model for nearly unconstrained parts, or reduce the number of modes in the config",
             )
         if kind == "memory":

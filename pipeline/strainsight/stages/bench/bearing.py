@@ -83,7 +83,7 @@ def _tables(cases: list[LoadedBearing]) -> tuple[Table, ...]:
         tables.append(
             Table(
                 title,
-                ("contact", "largest force", "largest pressure", "contact angle at largest force"),
+                ("contact", "largest ball force", "largest contact pressure", "contact angle at largest ball force"),
                 tuple(rows_of_balls),
             )
         )

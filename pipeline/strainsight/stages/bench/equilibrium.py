@@ -46,14 +46,14 @@ def statics(context: Context[BenchConfig]) -> Output:
     drives = [(name, _digits(force, 6, carried)) for name, force in record.drives.items()]
     rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
     tables = (
-        Table("frame positions in equilibrium, global axes [m]", ("frame", "x", "y", "z"), tuple(where)),
+        Table("positions of the frame origins in equilibrium, global axes [m]", ("frame", "x", "y", "z"), tuple(where)),
         Table(
             "joint loads on the second frame of each joint, in the axes of the first frame",
             ("joint", "x", "y", "z", "unit"),
             tuple(loads),
         ),
         Table("drives [N or N m]", ("drive", "force"), tuple(drives)),
-        Table("bearings", ("bearing", "highest pressure"), tuple(rings)),
+        Table("bearings", ("bearing", "highest contact pressure"), tuple(rings)),
         *warnings_table([*overloaded(config, pressed), *unstable]),
     )
     state = f"unstable, growth rate {rest.growth:.3g} 1/s" if unstable else "stable"

@@ -250,7 +250,7 @@ def criteria_of(names: list[str], place: Artefact) -> tuple[data.Criteria, ...]:
     random = sorted((i for i, rule in enumerate(rules.rule) if rule not in RULES), key=lambda i: rules.value[i, 0])
     shown = {i: RULES[rule] for i, rule in enumerate(rules.rule) if rule in RULES}
     if random:
-        shown[random[(len(random) - 1) // 2]] = f"random layout (median of {len(random)})"
+        shown[random[(len(random) - 1) // 2]] = f"random layout (median of {len(random)} layouts)"
     return tuple(
         data.Criteria(words, tuple(rules.value[i].tolist()), {name: float(rules.std[name][i]) for name in names})
         for i, words in shown.items()

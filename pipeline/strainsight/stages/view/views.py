@@ -90,7 +90,7 @@ def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
     step[removed] = np.arange(1, len(removed) + 1)
     outside = replace(layout, pool=np.delete(position, pool, axis=0))
     title = f"{title}, {len(position)} candidates, {len(pool)} after screening"
-    return _dotted(title, outside, position[pool], step, "step in which the candidate was removed", "–")
+    return _dotted(title, outside, position[pool], step, "removal step of the candidate (highest: selected)", "–")
 
 
 def _dotted(
@@ -252,9 +252,9 @@ def offers_of(
     placed = ("place",) * (placed_here or any(sensor.layout for sensor in strains))
     stages["modes"] = ("import", "reduce")
     absent = {
-        "candidates": f"add a section `place` for body '{body}'",
-        "layout": f"add a strain sensor or a section `place` for body '{body}'",
-        "field": (no_field := f"add a section `field` for body '{body}'"),
+        "candidates": f"add a section `place` with `body: {body}`",
+        "layout": f"add a strain sensor or a section `place` with `body: {body}`",
+        "field": (no_field := f"add a section `field` with `body: {body}`"),
         "strain": no_field,
     }
     if placed_here:
