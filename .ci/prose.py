@@ -213,9 +213,9 @@ def user_sentences():
             name = path.relative_to(ROOT).as_posix()
             for line, text in entries(tree):
                 yield name, line, text
-            if "/config/" in name:  # printed in the schema and in the reference of the config
+            if "/config/" in name:  # sections are printed in the schema and in the reference of the config, dataclasses are not
                 for node in ast.walk(tree):
-                    if isinstance(node, ast.ClassDef) and (text := ast.get_docstring(node)):
+                    if isinstance(node, ast.ClassDef) and not node.decorator_list and (text := ast.get_docstring(node)):
                         yield name, node.lineno, " ".join(text.split())
 
 

@@ -158,7 +158,7 @@ def test_long_record_is_filtered_without_smoothing():
     assert keep_for(b.model(0.02, 2), 1000) == ("first", ())
     keep, notes = keep_for(b.model(0.02, 2), 100_000)
     assert keep == "mean"
-    assert "smoothing 100000 steps of" in notes[0]
+    assert "Smoothing of 100000 steps" in notes[0]
     assert keep_for(b.model(0.02, 2, known=np.zeros((2, 3))), 100_000) == ("mean", ())
 
 
