@@ -216,7 +216,7 @@ def test_element_without_region_is_noted_and_massless(tmp_path):
     assert mesh.notes[-1].endswith("node 50")
     assert weight == pytest.approx(7850 / 6 + 3)
     mesh, _ = import_checked(tmp_path, LOOSE + "CONM2,92,51,,4.\n")
-    assert mesh.notes[-1].startswith("2 point masses of 6.5 kg omitted")
+    assert mesh.notes[-1].startswith("2 point masses with a total of 6.5 kg omitted")
 
 
 @pytest.mark.parametrize("card", ["RBE2,20,50,123,4", "CELAS2,20,1.+6,50,1,4,1", "MPC,1,50,1,1.,4,1,-1."])

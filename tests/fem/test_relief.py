@@ -139,7 +139,7 @@ def test_rigid_motions_left_by_a_roller(box):
 def test_loose_parts_and_supported_structures_are_refused(box):
     apart = two_boxes(box, 0.5)
     with pytest.raises(
-        UserError, match="the 2 parts of the structure move relative to each other: 12 free motions"
+        UserError, match="the 2 parts of the structure move relative to each other: 12 rigid-body motions"
     ) as caught:
         rigid_motions(apart, constraint_transform(apart))
     assert caught.value.key == "mesh.free"
@@ -282,7 +282,7 @@ def test_as_many_motions_are_found_as_the_stiffness_has_zero_eigenvalues(box, se
         return
     with pytest.raises(UserError, match="move relative to each other") as caught:
         rigid_motions(mesh, constraint)
-    assert int(re.search(r"(\d+) free motions", str(caught.value))[1]) == zeros
+    assert int(re.search(r"(\d+) rigid-body motions", str(caught.value))[1]) == zeros
 
 
 def stand(box, **more):

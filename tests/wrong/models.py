@@ -78,7 +78,7 @@ UNITS = {
     "a reference node in mm": (
         bar("GRID,99,,500.,0.,0.", "RBE2,98,99,123456,5,10,15,20"),
         {},
-        "node 99 of RBE2 98 is 500 m away from the other nodes",
+        "node 99 of RBE2 98 is 500 m away from the other nodes of this tie",
     ),
     "a point of the config in mm": (
         bar(),

@@ -193,7 +193,8 @@ def _unit(name: str, vector: tuple[float, float, float] | None) -> np.ndarray:
     length = np.linalg.norm(direction)
     if direction.shape != (3,) or not (length > 0 and np.isfinite(length)):
         raise UserError(
-            f"load {name} has the direction or axis {vector}", remedy="Specify a vector of three numbers, not all zero."
+            f"`direction` or `axis` of load {name} is {vector or 'missing'}",
+            remedy="Specify a vector of three numbers, not all zero.",
         )
     return np.asarray(direction / length)
 
@@ -254,10 +255,12 @@ def _check_moments(model: FiniteElementModel, load: PointLoad, forces: NodalForc
 def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
     """f / |Σ f|, or f with `factor`: one force per node, with the moments."""
     if load.deck_load is None or load.deck_load not in mesh.loads:
-        known = ", ".join(sorted(mesh.loads)) or "the deck has no loads"
+        known = ", ".join(sorted(mesh.loads))
         raise UserError(
             f"load {load.name} refers to load {load.deck_load!r} of the deck, which does not exist",
-            remedy=f"Set `deck_load` to one of the loads of the deck ({known}).",
+            remedy=f"Set `deck_load` to one of the loads of the deck: {known}."
+            if known
+            else "The deck has no loads. Specify `node` or `set` instead of `deck_load`.",
         )
     if load.direction is not None:
         raise UserError(
@@ -289,10 +292,12 @@ def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
     elif load.node_set is not None and load.node_set in mesh.node_sets:
         ids = [int(i) for i in np.unique(mesh.node_sets[load.node_set])]
     else:
-        known = ", ".join(sorted(mesh.node_sets)) or "the mesh has no node sets"
+        known = ", ".join(sorted(mesh.node_sets))
         raise UserError(
             f"load {load.name} refers to node set {load.node_set!r}, which does not exist",
-            remedy=f"Set `set` to one of the node sets ({known}).",
+            remedy=f"Set `set` to one of the node sets: {known}."
+            if known
+            else "The mesh has no node sets. Specify `node`, or define a face in mesh.faces.",
         )
     index = {int(node): i for i, node in enumerate(mesh.node_ids[: mesh.own_nodes])}
     missing = [node for node in ids if node not in index]

@@ -131,7 +131,7 @@ def soft_springs(mesh: Mesh) -> str:
     k = float(f"{mass * (2 * np.pi * first / 10) ** 2:.2g}")
     return (
         " For a free structure with strain gauges only, set mesh.free: true."
-        " Otherwise support the structure on soft springs, on a face or on nodes that do not lie on a line. "
+        " Otherwise add soft springs on a face, or on nodes that do not lie on one line. "
         f"With `stiffness: {k:g}` [N/m] in mesh.supports, the frequencies of the rigid-body modes are about a tenth "
         f"of that of the first elastic mode ({first:.3g} Hz)."
     )

@@ -306,7 +306,10 @@ def surface_state(
     those by θ. Where σ_v is zero it has no derivative; there √tr(VP_σ), the root mean square of σ_v = √(σᵀVσ), is used."""
     r = model.strain.shape[2]
     if covariance is not None and np.shape(covariance) != (r + len(free),) * 2:
-        raise ValueError(f"covariance of shape {np.shape(covariance)} for {r} coordinates and {len(free)} parameters")
+        raise ValueError(
+            f"the covariance has the shape {np.shape(covariance)}; required is a square matrix of {r} reduced coordinates and "
+            f"{len(free)} parameters"
+        )
     B = np.asarray(model.strain + model.change.at(theta))
     strain = (B.reshape(-1, r) @ q).reshape(-1, 6)
     E = np.asarray(model.modulus.at(theta))

@@ -116,8 +116,8 @@ def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
     if separate.vectors.shape[1] > together.vectors.shape[1]:
         first = _node_of(mesh, bodies, 0)
         raise UserError(
-            f"the {bodies.count} parts of the structure move relative to each other: {separate.vectors.shape[1]} free motions "
-            f"as rigid bodies instead of {together.vectors.shape[1]}. Relative to the part with node {first}: "
+            f"the {bodies.count} parts of the structure move relative to each other: {separate.vectors.shape[1]} rigid-body "
+            f"motions instead of {together.vectors.shape[1]} of one piece. Motions relative to the part with node {first}: "
             f"{_listed(separate.words)}",
             key="mesh.free",
             remedy="Tie the parts (mesh.ties) or merge coincident nodes (mesh.merge): a free structure must be one piece.",

@@ -386,7 +386,8 @@ def _response(
             break
     else:
         raise NumericalError(
-            f"the steady state at {omega / (2 * np.pi):.6g} Hz does not reach a relative residual of {LEAST_RESIDUAL:g}",
+            f"the steady state at {omega / (2 * np.pi):.6g} Hz has the relative residual "
+            f"{np.abs(residual).max() / np.abs(force).max():.2g} (limit {LEAST_RESIDUAL:g})",
             key="train.settle",
             remedy="Specify a settling time in seconds, or increase the damping.",
         )

@@ -203,8 +203,9 @@ def unmoved_solids(mesh: Mesh, constraint: Constraint, rows: int) -> list[str]:
     named = mesh.node_ids[still.any(axis=1)]
     listed = ", ".join(map(str, named[:5])) + (", …" if len(named) > 5 else "")
     return [
-        f"translations of solid nodes without stiffness in the matrices ({rows} rows) are set to zero. Strains near these nodes "
-        f"are too small (translations: {np.count_nonzero(still)}; nodes: {len(named)}, ids {listed})"
+        f"the matrices ({rows} rows) have no stiffness for some translations of solid nodes. These translations are set to "
+        f"zero, so strains near these nodes are too small (translations: {np.count_nonzero(still)}; nodes: {len(named)}, "
+        f"ids {listed})"
     ]
 
 

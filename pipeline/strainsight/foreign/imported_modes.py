@@ -185,8 +185,8 @@ def normalising_mass(file_mass: np.ndarray | None, mesh_mass: np.ndarray | None)
         raise UserError(
             "the normalisation of the modes is unknown: the file does not define it, and the mesh has no density",
             key="mesh.results.modal_mass",
-            remedy="set `modal_mass: unit` if ΦᵀMΦ = 1 in the units of the file (MASS in Nastran, always in CalculiX). "
-            "Otherwise specify densities in mesh.materials, and write results of all nodes",
+            remedy="set `modal_mass: unit` if ΦᵀMΦ = 1 in units of the file (always in CalculiX, with NORM = MASS on EIGRL in "
+            "Nastran). Otherwise specify densities in mesh.materials, and write results of all nodes",
         )
     if file_mass is None:
         assert mesh_mass is not None
@@ -230,8 +230,8 @@ def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, n
         modal = float(np.sum(P[:, j] ** 2 / lam))
         if not energy[j] > 0 or modal > (1 + SHARES) * energy[j]:
             raise UserError(
-                f"the work of this load on its static response is {energy[j]:.5g} J, less than its work on the modes alone, "
-                f"{modal:.5g} J",
+                f"the work of this load on its static response is {energy[j]:.5g} J. It cannot be less than the part of this "
+                f"work that belongs to the modes, {modal:.5g} J",
                 key=f"mesh.results.loads.{names[j]}",
                 where=where[j],
                 remedy=AS_LOADED,

@@ -36,16 +36,26 @@ MOST_LINES = 200
 class Observability:
     """Observability of the unknowns; null_direction: description of the unobservable direction, empty without any."""
 
-    condition: Annotated[float, Column("1", "", "condition number of the scaled PBH matrix [F* − λI; H*] at λ = 0")]
+    condition: Annotated[
+        float,
+        Column(
+            "1",
+            "",
+            "condition number of the observability matrix [F − λI; H] at λ = 0 (PBH test); its states are motion, "
+            "unknown loads and parameters, scaled with their amplitudes",
+        ),
+    ]
     sigma_min: Annotated[
-        float, Column("1", "", "smallest singular value of the scaled PBH matrix [F* − λI; H*] at λ = 0")
+        float,
+        Column("1", "", "smallest singular value of the scaled observability matrix [F − λI; H] at λ = 0 (PBH test)"),
     ]
     condition_raw: Annotated[
         float,
         Column(
             "1",
             "",
-            "condition number of the unscaled PBH matrix at λ = 0, as defined in the thesis (Cottone 2022); depends on the units",
+            "condition number of the observability matrix [F − λI; H] at λ = 0 in the scaling of the thesis (Cottone "
+            "2022), which depends on the units",
         ),
     ]
     null_direction: str = ""

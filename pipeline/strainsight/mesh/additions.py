@@ -250,7 +250,7 @@ def _next_tie(mesh: Mesh) -> int:
 
 def _suggestion(word: str, known: list[str]) -> str:
     return did_you_mean(
-        word, known, f"Use one of {', '.join(sorted(set(known)))}." if known else "Define it in the mesh file."
+        word, known, f"Use one of {', '.join(sorted(set(known)))}." if known else "Define the set in the mesh file."
     )
 
 

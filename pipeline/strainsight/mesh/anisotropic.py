@@ -45,7 +45,11 @@ class Orientation:
     system: CoordinateSystem
     turn: Annotated[
         FloatArray,
-        Column("1", "3 × 3", "directions of the material axes 1, 2, 3 in this coordinate system, as columns"),
+        Column(
+            "1",
+            "3 × 3",
+            "directions of the material axes 1, 2, 3, as columns, in the coordinate system of the material",
+        ),
     ]
 
     @property
@@ -151,7 +155,7 @@ class Layer:
     material: Annotated[
         int, Column("1", "", "material id of every layer, from ξ = −1 to ξ = 1 along the stacking direction")
     ]
-    thickness: Annotated[float, Column("1", "", "thickness of every layer, relative to the other layers")]
+    thickness: Annotated[float, Column("1", "", "thickness of every layer in any unit: only ratios of layers count")]
     orientation: Orientation
 
 

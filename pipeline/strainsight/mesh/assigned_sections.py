@@ -40,7 +40,10 @@ class GivenSection:
 
     regions: tuple[int | str, ...] | None
     section: ShellSection | BeamSection
-    offset: Annotated[float, Column("m", "", "offset of the shell mid-surface from the nodes")] = 0.0
+    offset: Annotated[
+        float,
+        Column("m", "", "offset of the shell mid-surface from the nodes, along the normal defined by the node order"),
+    ] = 0.0
     direction: tuple[float, float, float] | None = None
 
     @property

@@ -408,7 +408,7 @@ def _match_faces(
     if mean > spacing.mean():
         raise UserError(
             f"the cut faces of the sector do not match after a rotation by 360°/{count}: the mean distance of opposite nodes is "
-            f"{mean:.3g} m",
+            f"{mean:.3g} m (limit: mean node spacing {spacing.mean():.3g} m)",
             remedy="Check the number of sectors, the axis and the meshes of the two cut faces.",
         )
     near = off <= CLOSE * spacing.min()

@@ -185,7 +185,13 @@ class Springs:
     name: Annotated[str, Column("1", "", "name of the spring element or support in the file or config")]
     stiffness: Annotated[FloatArray, Column("SI", "spring", "spring stiffness: N/m, for torsion springs N m/rad")]
     spring: Annotated[
-        IntArray, Column("1", "part", "index of the spring that the node motion elongates", offset="part_offset")
+        IntArray,
+        Column(
+            "1",
+            "part",
+            "index of the spring; a spring has one part for each node motion that elongates it",
+            offset="part_offset",
+        ),
     ]
     node: Annotated[
         IntArray, Column("1", "part", "index of the node whose motion elongates the spring", offset="part_offset")
@@ -250,7 +256,7 @@ class NodalForces:
     """A load of the file (one load set), along the basic axes; body: body forces not yet included in force. regions: those whose
     mass contributes to the forces, which are proportional to their density."""
 
-    nodes: Annotated[IntArray, Column("1", "loaded node", "indices of the loaded nodes")]
+    nodes: Annotated[IntArray, Column("1", "loaded node", "node index of every node on which this deck load acts")]
     force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces on the loaded nodes, in global axes")]
     moment: Annotated[
         FloatArray | None,

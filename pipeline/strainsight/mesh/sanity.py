@@ -210,7 +210,7 @@ def without_loose_masses(mesh: Mesh) -> Mesh:
     if not loose:
         return mesh
     shown = ", ".join(str(mesh.node_ids[point.node]) for point in loose[:5]) + (", …" if len(loose) > 5 else "")
-    some = f"{len(loose)} point masses" if len(loose) > 1 else "a point mass"
+    some = f"{len(loose)} point masses with a total" if len(loose) > 1 else "a point mass"
     note = (
         f"{some} of {sum(point.mass for point in loose):.4g} kg omitted, because no element, tie, spring or support is connected "
         f"to node {shown}"
@@ -378,8 +378,8 @@ def _far_references(mesh: Mesh) -> list[str]:
         distance = float(np.linalg.norm(mesh.position[tie.nodes] - mesh.position[tie.reference], axis=1).min())
         if distance > 3 * size:
             warnings.append(
-                f"node {mesh.node_ids[tie.reference]} of {tie} is {distance:.3g} m away from the other nodes, but the {of} are "
-                f"only {size:.3g} m long. Positions in the config are in m, whatever the unit of the file."
+                f"node {mesh.node_ids[tie.reference]} of {tie} is {distance:.3g} m away from the other nodes of this tie, but "
+                f"the {of} are only {size:.3g} m long. Positions in the config are in m, whatever the unit of the file."
             )
     return warnings
 

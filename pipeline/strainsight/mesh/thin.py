@@ -132,9 +132,9 @@ class BeamSection:
     shear: Annotated[
         Pair, Column("1", "2", "shear areas for forces along y and z, relative to the area; 0: rigid in shear")
     ] = ZERO
-    points: Annotated[FloatArray, Column("m", "point × 2", "y and z of the stress recovery points of the section")] = (
-        field(default_factory=lambda: np.zeros((0, 2)))
-    )
+    points: Annotated[
+        FloatArray, Column("m", "point × 2", "y and z of the stress recovery points, relative to the shear centre")
+    ] = field(default_factory=lambda: np.zeros((0, 2)))
     nonstructural: Annotated[float, Column("kg/m", "", "nonstructural mass")] = 0.0
     at_b: BeamSection | None = None
     sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
@@ -175,7 +175,7 @@ class ShellBlock:
         Column(
             "1",
             "shell with faces × 2 × node",
-            "indices of the added nodes on the upper and lower face of the shell, which follow its own nodes (see /arms)",
+            "indices of the added nodes on the upper and lower face of the shell; they move with its nodes (see /arms)",
         ),
     ] = field(default_factory=lambda: np.zeros((0, 2, 0), dtype=np.int64))
 
@@ -214,7 +214,7 @@ class BeamBlock:
         Column(
             "1",
             "beam with sides × side × side node",
-            "indices of the added nodes on the four sides of the beam, which follow its own nodes (see /arms); −1: none",
+            "indices of the added nodes on the four sides of the beam; they move with its nodes (see /arms); −1: none",
         ),
     ] = field(default_factory=lambda: np.zeros((0, 4, 4), dtype=np.int64))
 

@@ -16,6 +16,8 @@ from strainsight.fem.model import FiniteElementModel
 from strainsight.mesh.joins import PointMass
 from strainsight.mesh.model import Mesh
 
+PER_UNIT = "per unit of the reduced coordinates (m, rad or m √kg)"
+
 
 @dataclass(frozen=True)
 class InertiaInvariants:
@@ -23,24 +25,24 @@ class InertiaInvariants:
     floating frame: p = x + Φη."""
 
     mass: Annotated[float, Column("kg", "", "mass of the body ∫ρ dV")]
-    first: Annotated[np.ndarray, Column("kg m", "3", "first moment of mass ∫ρ x dV about the frame origin")]
+    first: Annotated[np.ndarray, Column("kg m", "3", "first moment of mass ∫ρ x dV about the origin of the body frame")]
     first_modal: Annotated[
         np.ndarray,
-        Column("kg per unit", "3 × coordinate", "first moment ∫ρ Φ dV of the shape Φ of each reduced coordinate"),
+        Column("kg per unit", "3 × coordinate", f"∫ρ Φ dV, Φ: shapes {PER_UNIT}"),
     ]
-    second: Annotated[np.ndarray, Column("kg m^2", "3 × 3", "second moment of mass ∫ρ x xᵀ dV about the frame origin")]
+    second: Annotated[
+        np.ndarray, Column("kg m^2", "3 × 3", "second moment of mass ∫ρ x xᵀ dV about the origin of the body frame")
+    ]
     second_modal: Annotated[
         np.ndarray,
-        Column(
-            "kg m per unit", "coordinate × 3 × 3", "second moment ∫ρ (x φᵀ + φ xᵀ) dV, φ: shape of a reduced coordinate"
-        ),
+        Column("kg m per unit", "coordinate × 3 × 3", f"∫ρ (x φᵀ + φ xᵀ) dV, φ: shape {PER_UNIT}"),
     ]
     second_modal2: Annotated[
         np.ndarray,
         Column(
             "kg per unit^2",
             "coordinate × coordinate × 3 × 3",
-            "second moment ∫ρ φ_k φ_lᵀ dV, φ: shapes of two reduced coordinates",
+            f"∫ρ φ_k φ_lᵀ dV, φ_k and φ_l: shapes {PER_UNIT}",
         ),
     ]
     coupling: Annotated[
@@ -48,7 +50,7 @@ class InertiaInvariants:
         Column(
             "kg m per unit",
             "3 × 3 × coordinate",
-            "coupling ∫ρ x_j Φ dV of rotation and the shapes Φ of the reduced coordinates",
+            f"inertia coupling ∫ρ x_j Φ dV of frame rotation and deformation, Φ: shapes {PER_UNIT}",
         ),
     ]
     coupling_modal: Annotated[
@@ -56,12 +58,12 @@ class InertiaInvariants:
         Column(
             "kg per unit^2",
             "coordinate × 3 × 3 × coordinate",
-            "coupling ∫ρ φ_kj Φ dV of the shapes φ_k and Φ of the reduced coordinates",
+            f"inertia coupling ∫ρ φ_kj Φ dV of the shapes φ_k and Φ {PER_UNIT}",
         ),
     ]
     modal: Annotated[
         np.ndarray,
-        Column("kg per unit^2", "coordinate × coordinate", "mass matrix ∫ρ ΦᵀΦ dV of the reduced coordinates"),
+        Column("kg per unit^2", "coordinate × coordinate", f"reduced mass matrix ∫ρ ΦᵀΦ dV, Φ: shapes {PER_UNIT}"),
     ]
 
 

@@ -147,7 +147,11 @@ def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
         return np.all(chosen[facets.nodes] | (facets.nodes < 0), axis=1)
     known = sorted({*mesh.element_sets, *mesh.node_sets})
     remedy = did_you_mean(
-        name, known, f"Use one of the sets {', '.join(known) or '(none)'}, or define a face in mesh.faces."
+        name,
+        known,
+        f"Use one of the sets {', '.join(known)}, or define a face in mesh.faces."
+        if known
+        else "Define a face in mesh.faces.",
     )
     raise UserError(f"the set {name!r} does not exist in the mesh", remedy=remedy)
 
@@ -163,7 +167,9 @@ def _nodes(mesh: Mesh, name: str) -> np.ndarray:
         in_set = mesh.above(in_set)
     if not in_set.any():
         known = sorted({*mesh.node_sets, *mesh.element_sets})
-        remedy = did_you_mean(name, known, f"Use one of the sets {', '.join(known) or '(none)'}.")
+        remedy = did_you_mean(
+            name, known, f"Use one of the sets {', '.join(known)}." if known else "Define the set in the mesh file."
+        )
         raise UserError(f"the set {name!r} does not exist in the mesh, or is empty", remedy=remedy)
     return np.flatnonzero(in_set)
 
