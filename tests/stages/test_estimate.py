@@ -270,7 +270,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
     ("settings", "key", "says"),
     [
         (["estimate.channels.0.gauge=G9"], "estimate.channels.0.gauge", "G9"),
-        (["estimate.channels.1.gauge=G1"], "estimate.channels", "the same gauge grid"),
+        (["estimate.channels.1.gauge=G1"], "estimate.channels", "the same measuring grid of a gauge"),
         (["estimate.channels.0.unit=mV/V"], "estimate.channels.0", "bridge"),
         (["estimate.inputs={}"], "estimate.inputs", "tip"),
         (["estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"], "estimate.channels", "cannot determine"),

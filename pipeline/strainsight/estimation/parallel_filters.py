@@ -346,7 +346,7 @@ def advance(
     check_shapes(filters, "x Bn, P Bnn, V Bdn, x_c cn, P_c cnn, V_c cdn", sizes)
     check_shapes(data, "known Lp, known_end Le, samples Lm, noise Lm, discrepancy m", sizes | {"e": models.F.shape[-1]})
     if len(less) and less.shape != (L, d):
-        raise ValueError(f"the array of the information on considered ν has the shape {less.shape}, expected {(L, d)}")
+        raise ValueError(f"the information on considered parameters has the shape {less.shape}, expected {(L, d)}")
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
     nu, left, fit = np.zeros((B, saved, d)), np.zeros((B, saved, d, d)), np.zeros((B, L))
     ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))

@@ -252,7 +252,7 @@ def _build_and_filter(
             raise _TooMany(
                 f"the posterior distribution of the parameters needs more than {most} grid points",
                 remedy="the measurements hardly distinguish the parameters: estimate fewer parameters, or reduce their "
-                "initial standard deviation",
+                "initial standard deviation (estimate.initial_std, validate.initial_std; estimate.parameters.*.std of a bench)",
             )
         grid = grid.grown(more.node)
         parts.append(construction.at(more, step))
@@ -294,8 +294,8 @@ def build_next_grid(construction: GridConstruction[S], now: S) -> S:
             return _refine_grid(construction, now, other)
     raise NumericalError(
         f"the parameter grid does not resolve the posterior distribution of the parameters after {MOST_LAID} refinements",
-        remedy="increase the noise of the sensors (gauges.noise_std, estimate.sensors.*.noise), or reduce the initial "
-        "standard deviation of the parameters",
+        remedy="increase the noise of the sensors (gauges.noise_std; estimate.sensors.*.noise of a bench), or reduce the initial "
+        "standard deviation of the parameters (estimate.initial_std; estimate.parameters.*.std of a bench)",
     )
 
 

@@ -182,7 +182,7 @@ def _every_step(array: np.ndarray | None, steps: int) -> np.ndarray | None:
 def all_lost(model: StepModel, lost: np.ndarray) -> NumericalError:
     """Error if all runs diverge; lost (B,): steps at which they diverged."""
     return NumericalError(
-        f"the filter diverged: {model.loss} in every run ({len(lost)} in total), first at t = {lost.min() * model.h:g} s",
+        f"the filter diverged: {model.loss}, in every run (number of runs: {len(lost)}), first at t = {lost.min() * model.h:g} s",
         remedy="choose guesses of the parameters closer to the true values, a smaller initial standard deviation or a smaller "
         "time step",
     )

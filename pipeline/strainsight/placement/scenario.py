@@ -156,7 +156,7 @@ def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> I
 
 
 def _check(scenario: Scenario) -> None:
-    for name, matrix in (("F", scenario.F), ("Q", scenario.Q), ("the weight", scenario.weight)):
+    for name, matrix in (("F", scenario.F), ("Q", scenario.Q), ("the weight of the unknowns", scenario.weight)):
         if not np.all(np.isfinite(matrix)):
             raise ConfigError(
                 f"{name} of the linearised system is not finite", remedy="check the motion of the training run"
@@ -165,7 +165,7 @@ def _check(scenario: Scenario) -> None:
     if len(blind):
         raise ConfigError(
             f"the strain operator of candidate gauge {blind[0]} is not finite (gauges with this problem: {len(blind)})",
-            remedy="check the facets of these gauges",
+            remedy="check the shape of the elements below these gauges",
         )
     r = scenario.r.reshape(len(scenario.r), -1)
     refused = ~((r > 0) & np.isfinite(r))

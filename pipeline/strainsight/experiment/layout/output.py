@@ -106,7 +106,7 @@ def layout_output(
     parts = [f"{len(task.pool.gauges)} → {len(placement.gauges)}"]
     if certificate:
         over = "" if task.whole is None else f" over all {len(task.whole.limits.size)} candidates"
-        parts.append(f"gap to the lower bound{over} {100 * max(certificate.gap, 0.0):.3f} %")
+        parts.append(f"gap of the criterion to its lower bound{over} {100 * max(certificate.gap, 0.0):.3f} %")
     if placement.layout.proven:
         parts.append("proven optimal")
     parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]

@@ -125,7 +125,7 @@ def _extend_pool(
     for _ in range(rounds):
         whole = task.whole
         assert whole is not None
-        progress("lower bound over all candidates", 0.55)
+        progress("lower bound of the criterion over all candidates", 0.55)
         bound = certify(task.under(whole.pools), whole.rows[start], cost, task.aggregate, limits=whole.limits)
         new = np.setdiff1d(np.flatnonzero(bound.including < cost * (1 - TIE)), whole.rows)
         if not len(new):

@@ -69,7 +69,7 @@ def read_bonded(path: Path) -> dict[str, BondedPlace]:
             raise DeckError(
                 f"gauge name {name} is used twice",
                 where=f"{path}:{line}",
-                remedy="Give each gauge a unique name, and write the grids of a rosette in consecutive lines.",
+                remedy="Give each gauge a unique name, and write the measuring grids of a rosette in consecutive lines.",
             )
         last = name
         rows.setdefault(name, []).append((line, cells))
@@ -100,15 +100,15 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
     sign = _signs(path, name, lines)
     if sign is None and np.ptp(vectors["position"], axis=0).any():
         raise DeckError(
-            f"the grids of gauge {name} have different positions",
+            f"the measuring grids of gauge {name} have different positions",
             where=where,
-            remedy="Enter the same position for all grids of a rosette; for a bridge, add the column `sign`.",
+            remedy="Enter the same position for all measuring grids of a rosette; for a bridge, add the column `sign`.",
         )
     has_normal = all(cells.get(column) for column in NORMAL)
     normal = np.array([_number(path, first, cells, column) for column in NORMAL]) if has_normal else np.zeros(3)
     if sign is None and len(lines) > 1 and not normal.any():
         raise DeckError(
-            f"rosette {name} has no surface normal, so the sense of its grid angles is undefined",
+            f"rosette {name} has no surface normal, so the sense of rotation from one measuring grid to the next is undefined",
             where=where,
             remedy=f"Add the columns {', '.join(NORMAL)} with the outward normal of the surface.",
         )
@@ -298,7 +298,7 @@ def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -
         raise DeckError(
             f"the matrix has {R.shape[0]} rows, but {table.name} has {len(number)} gauges",
             where=str(rows),
-            remedy="Write one row per gauge, in the order of the table.",
+            remedy="Write one row per gauge, in the order of the lines of the gauge table.",
         )
     return ImportedGauges(imported_pool(number, position * length, direction), R)
 

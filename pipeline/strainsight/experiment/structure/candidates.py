@@ -130,8 +130,8 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
                     f"no place for a {gauges.bridge} bridge: none of {strain.alone} candidate places has an opposite facet that "
                     "allows a gauge in the same direction",
                     key="gauges.bridge",
-                    remedy="Include both sides (gauges.surface, gauges.include, gauges.exclude), choose another direction, or "
-                    "remove gauges.bridge.",
+                    remedy="Include both sides of the wall (gauges.surface, gauges.include, gauges.exclude), choose another "
+                    "direction, or remove gauges.bridge.",
                 )
     if length == 0:
         return strain

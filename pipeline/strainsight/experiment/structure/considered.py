@@ -194,7 +194,7 @@ def not_held_in_words(structure: Structure) -> tuple[str, ...]:
         ]
         if rigid:
             sentences.append(
-                f"σ does not include tolerances.{key} of {', '.join(rigid)}: this error causes no motion of the reduced model"
+                f"σ does not include tolerances.{key} of {', '.join(rigid)}: this load error does not change the response"
             )
     return tuple(sentences)
 

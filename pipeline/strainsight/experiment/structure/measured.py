@@ -143,7 +143,7 @@ def measured_of(
     channels = np.array([_channel(f"{record.channels}.{i}", entry, problem, gauges) for i, entry in enumerate(entries)])
     if len(np.unique(channels)) < m:
         raise ConfigError(
-            "two channels refer to the same gauge grid",
+            "two channels refer to the same measuring grid of a gauge",
             key=record.channels,
             remedy="Check `gauge` and `grid` of each channel.",
         )
@@ -209,11 +209,11 @@ def settled_in(problem: Problem, test: Measured) -> Settled:
     duration, wrong = len(test.known) * test.h, ""
     slowest = np.zeros(0) if tones is None else tones.frequency[tones.frequency > 0]
     if problem.method != "grid":
-        wrong = f"a settled start is not available with filter.method: {problem.method}"
+        wrong = f"a periodic initial motion (settled) is not available with filter.method: {problem.method}"
     elif unknown:
-        wrong = f"a settled start is not available with an unknown load ({unknown[0]})"
+        wrong = f"a periodic initial motion (settled) is not available with an unknown load ({unknown[0]})"
     elif tones is None:
-        wrong = "a settled start requires configured loads that are sums of sines"
+        wrong = "a periodic initial motion (settled) requires configured loads that are sums of sines"
     elif len(slowest) and duration * slowest[0] < 2 * np.pi:
         wrong = f"the record ({duration:g} s) is shorter than a period of its loads ({2 * np.pi / slowest[0]:g} s)"
     else:
@@ -237,7 +237,7 @@ def _channel(key: str, entry: GaugeChannel, problem: Problem, gauges: Mapping[st
     grids = grids[grids >= 0]
     if entry.grid > len(grids):
         raise ConfigError(
-            f"the gauge has no grid {entry.grid} (number of grids: {len(grids)})",
+            f"the gauge has no measuring grid {entry.grid} (number of measuring grids: {len(grids)})",
             key=f"{key}.grid",
             remedy=f"Set a grid number of at most {len(grids)}.",
         )

@@ -170,8 +170,8 @@ def _on_both(
     over = len(common), mesh.own_nodes
     if len(common) < min(FEWEST, over[1]) or len(common) < min(ENOUGH, SHARE * over[1]):
         notes.append(
-            f"the MAC is not available: only {len(common)} of {plural(over[1], 'node')} of the mesh have a shape in every mode "
-            "of the file. Write the mode shapes at all nodes in the other program"
+            f"the MAC is not available: only {len(common)} of {plural(over[1], 'node')} of the mesh have values in every mode "
+            "shape of the file. Write the mode shapes at all nodes in the other program"
         )
         return None, notes, None
     for mode in theirs:

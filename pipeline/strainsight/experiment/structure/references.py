@@ -239,7 +239,7 @@ def _require_affine(parameter: Parameter, parameters: Sequence[Parameter]) -> No
             raise UserError(
                 f"body forces (gravity, rotation) depend on the product of {parameter.name} and {other.name}",
                 key=f"parameters.{other.name}",
-                remedy="Remove one of these parameters from place.estimate, or define the load by forces.",
+                remedy="Remove one of these parameters from place.estimate, or use nodal forces (loads.*.node).",
             )
 
 

@@ -54,17 +54,17 @@ def loading_of(settle: Settle, signals: Sequence[Signal], h: float, steps: int) 
 
 
 def _lead(settle: float, signals: Sequence[Signal], h: float) -> np.ndarray:
-    remedy = "Set train.settle to auto or none, or use a record that begins earlier."
     if any(isinstance(signal, Sweep) for signal in signals):
         raise ConfigError(
             f"a sweep begins at t = 0, so a settling time of {settle:g} s before it is not possible",
             key="train.settle",
-            remedy=remedy,
+            remedy="Set train.settle to auto or none.",
         )
     count = ceil(settle / h * (1 - 1e-9))
     try:
         return hold_coefficients(signals, -count * h, h, count)
     except UserError as error:
+        remedy = "Set train.settle to auto or none, or use a record of the load that begins earlier."
         raise ConfigError(error.what, key="train.settle", remedy=remedy) from None
 
 

@@ -160,13 +160,13 @@ class Evidence:
             tolerances = ". Gauge errors (estimate.tolerances) are included in σ, but not in this check"
             yield (
                 f"the RMS innovation is {np.sqrt(nis):.3g} times the predicted value: the model of the filter differs from the "
-                f"bench of the measurements, or `increment`, `disturbance` or `noise` in `estimate` is too "
-                f"{noises}{tolerances * bool(estimate.tolerances)}"
+                f"bench of the measurements, or estimate.inputs.*.increment, estimate.disturbance or estimate.sensors.*.noise "
+                f"is too {noises}{tolerances * bool(estimate.tolerances)}"
             )
         for name in estimate.sensors if estimate.measured is not None else ():
             if (mismatch := self._number(f"mismatch.{name}")) > MATCHES:
                 where = "in the test" if self.in_test else f"in the run {getattr(estimate.measured, 'run', '')}"
-                yield f"the reading of {name} {where} differs by {100 * mismatch:.3g} % from that under the estimated loads"
+                yield f"the reading of {name} {where} differs by {100 * mismatch:.3g} % RMS from the predicted reading"
 
     def message(self, numbers: Mapping[str, Scalar], units: Mapping[str, str], decision: Decision) -> str:
         """Message of one line: problems, then the accuracy of every unknown (loads relative to the largest true value), with σ

@@ -208,7 +208,7 @@ def _noise(
             )
             raise _too_quiet(key, low, by_unknown, read)
         notes.append(
-            f"the noise of {name} was increased from {low:.3g} to {high:.3g}, because rounding errors were larger"
+            f"the noise of {name} was increased from {low:.3g} to {high:.3g}, the rounding error of its readings"
         )
     return noise, tuple(notes)
 
