@@ -301,7 +301,9 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
         axes.set_ylabel(f"{short(sensor.components[i], 9)}\n[{short(unit)}]")
     time_axis(panels[-1])
     many = (
-        "" if len(indices) == len(sensor.components) else f" (the largest {len(indices)} of {len(sensor.components)})"
+        ""
+        if len(indices) == len(sensor.components)
+        else f" (the {len(indices)} largest of {len(sensor.components)} readings)"
     )
     caption = f"Components of {sensor.name}{many} over time"
     if sensor.expected is not None:
@@ -339,7 +341,8 @@ def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Draw
     words = "" if expected is None else f", expected {number(expected, 3)}"
     caption = (
         f"Above, normalised innovation squared divided by the number of channels: mean {number(mean, 3)}{words}. Below, "
-        f"violation of the joint constraints after every measurement update, relative to the coordinates: at most {worst}."
+        "violation of the joint constraints after every measurement update, relative to the mass-weighted norm of the "
+        f"coordinates: at most {worst}."
     )
     return Drawing("consistency", "Consistency of the innovations", caption, caption, svg(canvas))
 

@@ -287,7 +287,8 @@ OF_ESTIMATE = {
     "truth": "simulated test",
     "channels": "number of channels",
     "unknowns": "number of unknowns",
-    "violation": "largest violation of a joint constraint after a measurement update, relative to the coordinates",
+    "violation": "largest violation of a joint constraint after a measurement update, relative to the mass-weighted norm of "
+    "the coordinates",
 }
 
 

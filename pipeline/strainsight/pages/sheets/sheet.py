@@ -95,7 +95,7 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
         yield "measuring grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length unknown"
         if len(sheet.directions) == 1:
             yield (
-                "carrier (size drawn)",
+                "carrier, as drawn",
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
