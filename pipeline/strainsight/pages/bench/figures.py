@@ -137,7 +137,7 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     axes.set_yscale("log")
     log_ticks(axes)
     axes.locator_params(axis="x", integer=True)
-    axes.set_xlabel("number of the run [–]")
+    axes.set_xlabel("filter run [–]")
     axes.set_ylabel("relative error [–]")
     legend_above(axes)
     finite = errors[np.isfinite(errors)]

@@ -131,7 +131,7 @@ def random_figure(placed: BenchPlaced) -> Drawing:
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("expected σ relative to the chosen layout [–]")
     legend_above(axes)
-    caption = "Expected σ of every load with random layouts of the same size, divided by the expected σ with the chosen layout."
+    caption = "Expected σ of every load with random layouts (same number of gauges), divided by that of the chosen layout."
     return Drawing("random", "Comparison with random layouts", caption, caption, svg(canvas))
 
 

@@ -71,9 +71,9 @@ COLOURS = ("blue", "vermilion", "green", "orange", "purple", "sky", "ink")
 OTHER, REST = "other sources", "muted"
 """The smallest sources, without a colour, are one part of a bar."""
 BUDGET = (
-    "Shares of the variance of the filtered estimate, for a parameter at the end of the run, for a load over the second half. "
-    "Noise: gauge noise. Process noise: random changes of the loads and model errors, as assumed by the filter. Start: initial "
-    "uncertainty of the filter."
+    "Shares of the variance of the filtered estimate: of a parameter at the end of the run, of a load over the second half of "
+    "the run. Noise: gauge noise. Process noise: random changes of the loads and model errors, as assumed by the filter. "
+    "Start: initial uncertainty of the filter."
 )
 LEAD = (
     "All filters use the same measured samples and the same model. σ does not include the errors in the config section "

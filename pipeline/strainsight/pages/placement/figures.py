@@ -180,7 +180,7 @@ def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
     axes.annotate(f"chosen layout {percent(chosen)}", (100 * chosen, -0.62), (off, 0), **words)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(f"relative error of {short(name)} [%]")
-    caption, medians = f"Dots: error of {name} with random layouts of the same size; black bar: median.", []
+    caption, medians = f"Dots: error of {name} with random layouts (same number of gauges); black bar: median.", []
     for entry in sets:
         better, lost = int(np.sum(entry.finite < chosen)), len(entry.error) - len(entry.finite)
         pool = "all candidates" if entry.pool_label == "all candidates" else "the candidates after screening"
