@@ -329,7 +329,7 @@ def static_equilibrium(
         before = size
     raise NumericalError(
         f"no static equilibrium was found in {ITERATIONS} iterations (last change of the mass-weighted coordinates: "
-        f"{before:.2g})",
+        f"{before:.2g}; limit {CONVERGED * whole:.2g})",
         remedy="set poses of the bodies closer to the equilibrium, or restrain the free motion with a joint or a spring",
     )
 

@@ -226,11 +226,11 @@ def _bulk(axes: Axes, history: History, factor: float) -> None:
 
 def _ending(history: History) -> str:
     if history.truth is None:
-        return f"ends at {number(float(history.mean[-1]), 4)} {history.unit}"
+        return f"last value {number(float(history.mean[-1]), 4)} {history.unit}"
     scale = largest(history.truth) or 1.0
     return (
-        f"error {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the largest true value "
-        "at the end of the run"
+        f"error at the end of the run {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the "
+        "largest true value"
     )
 
 
