@@ -23,7 +23,7 @@ def rainflow(signal: np.ndarray) -> np.ndarray:
     Raises ValueError for NaN. Source: ASTM E1049-85 (2017), 5.4.4."""
     samples = np.ascontiguousarray(signal, dtype=float)
     if not np.isfinite(samples).all():
-        raise ValueError("the signal contains NaN, so cycles cannot be counted")
+        raise ValueError("the signal contains NaN or infinite values, so load cycles cannot be counted")
     cycles = np.empty((len(samples), 3))
     return cycles[: _count(samples, np.empty((2, len(samples))), cycles)]
 

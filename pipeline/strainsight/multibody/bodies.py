@@ -52,7 +52,8 @@ class Frame:
         axes = np.asarray(self.axes, dtype=float)
         if axes.shape != (3, 3) or np.abs(axes.T @ axes - np.eye(3)).max() > 1e-9 or np.linalg.det(axes) < 0:
             raise InfeasibleError(
-                f"frame {self.name}: the columns of the axes matrix are not right-handed and orthonormal"
+                f"frame {self.name}: the columns of the axes matrix are not right-handed and orthonormal",
+                remedy="specify three orthogonal unit vectors as columns, with z = x × y",
             )
 
     @property
@@ -150,7 +151,7 @@ class FlexibleBody:
                 )
         if np.shape(self.invariants.first_modal) != (3, n):
             raise InfeasibleError(
-                f"body {self.name}: the inertia invariants have {np.shape(self.invariants.first_modal)[1]} modes, but "
+                f"body {self.name}: the inertia invariants belong to {np.shape(self.invariants.first_modal)[1]} modes, but "
                 f"the mass matrix has {n}"
             )
         if not self.invariants.mass > 0:

@@ -72,7 +72,7 @@ def constraints_at(
         return rho[:m], G[:m], np.zeros(m)
     if u is None:
         raise ValueError(
-            "constraints of a system with driven joints depend on time: pass u, which also contains the driven motion"
+            "constraints of a system with driven joints depend on time: pass the inputs u (loads, driven motions and rates)"
         )
     driven = drive(system.drives, m, u, rho, G)
     assert driven is not None
@@ -329,7 +329,7 @@ def static_equilibrium(
         before = size
     raise NumericalError(
         f"no static equilibrium was found in {ITERATIONS} iterations (last change of the mass-weighted coordinates: "
-        f"{before:.2g})",
+        f"{before:.2g}; limit {CONVERGED * whole:.2g})",
         remedy="set poses of the bodies closer to the equilibrium, or restrain the free motion with a joint or a spring",
     )
 
@@ -348,6 +348,7 @@ def refuse_free(system: System, K: np.ndarray, B: np.ndarray) -> None:
     if sigma[-1] < FREE * max(sigma[0], TINY):
         share = sigma[-1] / max(sigma[0], 1e-300)
         raise InfeasibleError(
-            f"no stiffness restrains body {system.most_in(null @ V[-1])} in one motion (stiffness {share:.1e} of the largest)",
+            f"no stiffness restrains body {system.most_in(null @ V[-1])} in one motion "
+            f"(stiffness against this motion: {share:.1e} of the largest stiffness of the bench)",
             remedy="restrain this motion of the body with a joint or a spring",
         )

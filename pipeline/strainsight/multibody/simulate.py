@@ -322,7 +322,8 @@ def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
         lu, pivots = lu_factor(whole)
     except (LinAlgError, ValueError) as error:
         raise NumericalError(
-            "the matrix of a time step of the simulated test is singular", remedy="check the joints"
+            "the matrix of a time step of the simulated test is singular",
+            remedy="remove redundant joints, and specify mass and inertia of every body",
         ) from error
     return np.asarray(lu), np.asarray(pivots)
 

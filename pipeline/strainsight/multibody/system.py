@@ -178,7 +178,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
             for total, terms, X in ((K, K_terms, body.stiffness), (C, C_terms, body.damping)):
                 X = X if isinstance(X, AffineOperator) else AffineOperator(X, {})
                 total[eta, eta] = X.constant
-                assert not X.coefficients, "stiffness and damping of a body of a bench must be linear in the parameters"
+                assert not X.coefficients, f"body {body.name}: stiffness and damping must be linear in the parameters"
                 for name, term in X.terms.items():
                     terms[parameters.index(name), eta, eta] = term
     moving = [

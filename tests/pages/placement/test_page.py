@@ -127,7 +127,8 @@ def test_a_placement_without_benefit_leads_what_the_gauges_determine(full):
         return words(first_screen(page(full(unknowns=(replace(load, benefit=one), replace(modulus, benefit=other))))))
 
     both = said(none, none)
-    phrase = "No benefit of the placement: 6 of 10 (tip) and 6 of 10 (E) random layouts of the same size are at least"
+    phrase = "No benefit of the placement: 6 of 10 (tip) and 6 of 10 (E) random layouts with the same number of gauges are "
+    phrase += "at least"
     assert phrase in both
     assert both.index("No benefit") < both.index("estimate tip to within")
     assert "No benefit of the placement for E: 6 of 10 random" in said(shown, none)

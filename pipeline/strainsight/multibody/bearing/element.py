@@ -162,7 +162,9 @@ def displacement(bearing: Bearing, load: np.ndarray, start: np.ndarray | None = 
     semi_axis = float(ball_loads(bearing, unit * y).semi_axes.max())
     if semi_axis > bearing.ball_diameter / 2:
         raise _none(
-            InfeasibleError, F, f"a contact ellipse would extend {1e3 * semi_axis:.4g} mm, more than the ball radius"
+            InfeasibleError,
+            F,
+            f"a contact ellipse has a semi-axis of {1e3 * semi_axis:.4g} mm, more than the ball radius",
         )
     return unit * y
 

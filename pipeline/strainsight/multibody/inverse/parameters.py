@@ -105,7 +105,7 @@ class ParameterCoordinates:
                 bound = f"not above the radius of the ball with preload, {0.5 * ball + unknown.oversize:.6g} m"
             if not inside > 0:
                 raise InfeasibleError(
-                    f"{unknown.name} of {value:.6g} is {bound}", remedy="choose another initial value"
+                    f"{unknown.name} of {value:.6g} is {bound}", remedy="correct `guess` or `starts` of this parameter"
                 )
             xi[k] = np.log(inside)
         return xi
@@ -147,7 +147,7 @@ def parameter_coordinates(
         if bearing not in bearings:
             raise InfeasibleError(
                 f"{name} is estimated, but the dimensions of bearing {bearing} are missing",
-                remedy="specify the six dimensions of the bearing",
+                remedy=f"add the six dimensions of {bearing} to the argument `bearings`",
             )
         unknowns.append(_of_bearing(bearing, part, names, free, reference, np.asarray(bearings[bearing], dtype=float)))
     coordinates = ParameterCoordinates(tuple(free), reference, tuple(unknowns))

@@ -204,7 +204,7 @@ def _in_time(name: str, ring: RingEstimate) -> Drawing:
     canvas, axes = figure(2.4)
     axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
     band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
-    axes.set_ylabel("highest pressure [MPa]")
+    axes.set_ylabel("contact pressure [MPa]")
     plain_axis(axes)
     time_axis(axes)
     at = int(np.argmax(ring.pressure))

@@ -137,7 +137,7 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     axes.set_yscale("log")
     log_ticks(axes)
     axes.locator_params(axis="x", integer=True)
-    axes.set_xlabel("number of the run [–]")
+    axes.set_xlabel("filter run [–]")
     axes.set_ylabel("relative error [–]")
     legend_above(axes)
     finite = errors[np.isfinite(errors)]
@@ -226,11 +226,11 @@ def _bulk(axes: Axes, history: History, factor: float) -> None:
 
 def _ending(history: History) -> str:
     if history.truth is None:
-        return f"ends at {number(float(history.mean[-1]), 4)} {history.unit}"
+        return f"last value {number(float(history.mean[-1]), 4)} {history.unit}"
     scale = largest(history.truth) or 1.0
     return (
-        f"error {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the largest true value "
-        "at the end of the run"
+        f"error at the end of the run {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the "
+        "largest true value"
     )
 
 
@@ -301,7 +301,9 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
         axes.set_ylabel(f"{short(sensor.components[i], 9)}\n[{short(unit)}]")
     time_axis(panels[-1])
     many = (
-        "" if len(indices) == len(sensor.components) else f" (the largest {len(indices)} of {len(sensor.components)})"
+        ""
+        if len(indices) == len(sensor.components)
+        else f" (the {len(indices)} largest of {len(sensor.components)} readings)"
     )
     caption = f"Components of {sensor.name}{many} over time"
     if sensor.expected is not None:
@@ -339,7 +341,8 @@ def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Draw
     words = "" if expected is None else f", expected {number(expected, 3)}"
     caption = (
         f"Above, normalised innovation squared divided by the number of channels: mean {number(mean, 3)}{words}. Below, "
-        f"violation of the joint constraints after every measurement update, relative to the coordinates: at most {worst}."
+        "violation of the joint constraints after every measurement update, relative to the mass-weighted norm of the "
+        f"coordinates: at most {worst}."
     )
     return Drawing("consistency", "Consistency of the innovations", caption, caption, svg(canvas))
 

@@ -107,7 +107,9 @@ def stress_figure(stress: BenchStress) -> Drawing:
     words = stress_words(stress, quantity, percent, f", in element {stress.element}")
     words += "; no allowable stress is configured" * (stress.allowable is None)
     caption = f"Largest von Mises stress on {stress.body} at {len(stress.time)} instants: {words}."
-    return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", svg(canvas))
+    return Drawing(
+        "stress", f"{stress.body}: largest von Mises stress over time", caption, f"Line chart: {caption}", svg(canvas)
+    )
 
 
 @styled()
@@ -131,7 +133,9 @@ def random_figure(placed: BenchPlaced) -> Drawing:
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("expected σ relative to the chosen layout [–]")
     legend_above(axes)
-    caption = "Expected σ of every load with random layouts of the same size, divided by the expected σ with the chosen layout."
+    caption = (
+        "Expected σ of every load with random layouts (same number of gauges), divided by that of the chosen layout."
+    )
     return Drawing("random", "Comparison with random layouts", caption, caption, svg(canvas))
 
 
@@ -287,7 +291,8 @@ OF_ESTIMATE = {
     "truth": "simulated test",
     "channels": "number of channels",
     "unknowns": "number of unknowns",
-    "violation": "largest violation of a joint constraint after a measurement update, relative to the coordinates",
+    "violation": "largest violation of a joint constraint after a measurement update, relative to the mass-weighted norm of "
+    "the coordinates",
 }
 
 

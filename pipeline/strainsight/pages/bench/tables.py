@@ -202,7 +202,7 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
     caption, gap = f"{symbol} of the layout: {plain(placement.trend.final, 4)}.", placement.trend.gap
     if gap is not None:
         of = f" from all {every} candidates" if (every := numbers.get("bounded")) else ""
-        caption += f" No allowed layout{of} has a {symbol} lower by more than {ratio(max(gap, 0.0))}."
+        caption += f" No allowed layout{of} reduces {symbol} by more than {ratio(max(gap, 0.0))}."
     if "proven" in numbers:
         caption += (
             " Optimality is proven." if numbers["proven"] else " Optimality was not proven within the time limit."
@@ -218,7 +218,7 @@ def bench_answer(run: BenchPageRun) -> str:
     band = run.numbers.get("simulate", {}).get("band")
     if isinstance(band, int | float):
         shown = data(float(band), f"{number(float(band), 3)}\u00a0Hz", "Hz")
-        text += f" The time step resolves loads up to {shown}."
+        text += f" The time step resolves load frequencies up to {shown}."
     if (stress := run.stress) is None:
         return text
     words = f"on {escape(stress.body)}: {stress_words(stress, measure, share)}."

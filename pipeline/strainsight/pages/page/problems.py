@@ -56,15 +56,15 @@ def no_benefit(unknowns: Sequence[Unknown]) -> str:
         return ""
     of = "" if len(none) == len(unknowns) else f" for {' and '.join(none)}"
     counts = " and ".join(many + f" ({name})" * (len(none) > 1) for name, many in none.items())
-    text = f"No benefit of the placement{of}: {counts} random layouts of the same size are at least as accurate."
+    text = f"No benefit of the placement{of}: {counts} random layouts with the same number of gauges are at least as accurate."
     return f'<strong class="bad">{text}</strong> '
 
 
 def not_shown(unknowns: Sequence[Unknown]) -> list[str]:
     """Sentences, as HTML, on unknowns for which a benefit is not significant."""
     return [
-        f"A benefit of the placement for {name} is not significant: {many} random layouts of the same size are at least as "
-        "accurate."
+        f"A benefit of the placement for {name} is not significant: {many} random layouts with the same number of gauges are at "
+        "least as accurate."
         for name, many in _as_well(unknowns, "not shown").items()
     ]
 

@@ -71,13 +71,13 @@ COLOURS = ("blue", "vermilion", "green", "orange", "purple", "sky", "ink")
 OTHER, REST = "other sources", "muted"
 """The smallest sources, without a colour, are one part of a bar."""
 BUDGET = (
-    "Shares of the variance of the filtered estimate, for a parameter at the end of the run, for a load over the second half. "
-    "Noise: gauge noise. Process noise: random changes of the loads and model errors, as assumed by the filter. Start: initial "
-    "uncertainty of the filter."
+    "Shares of the variance of the filtered estimate: of a parameter at the end of the run, of a load over the second half of "
+    "the run. Noise: gauge noise. Process noise: random changes of the loads and model errors, as assumed by the filter. "
+    "Start: initial uncertainty of the filter."
 )
 LEAD = (
-    "All filters use the same measured samples and the same model; the tolerances of the config are not applied. "
-    "Only the approximations of the filters differ."
+    "All filters use the same measured samples and the same model. σ does not include the errors in the config section "
+    "`tolerances`. Only the approximations of the filters differ."
 )
 FILTERS = (
     "The parameter grid filter applies Bayes' rule by quadrature. The sigma-point and extended filters assume normal "
@@ -85,9 +85,7 @@ FILTERS = (
     "of the estimate from the posterior of the grid filter, divided by the claimed σ of the estimate. With a ratio above 2 the "
     "claimed σ is overconfident, with a ratio below 0.5 too cautious."
 )
-DAMAGE = (
-    "Fatigue damage at virtual gauges and at hot spots of the surface, which have a minimum distance from each other."
-)
+DAMAGE = "Fatigue damage at virtual gauges and at hot spots of the surface. Hot spots have a minimum distance from each other."
 
 
 def section(heading: str, content: str, name: str = "", kind: str = "card", lead: str = "", more: str = "") -> str:

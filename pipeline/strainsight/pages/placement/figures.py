@@ -113,7 +113,7 @@ def trend_figure(trend: Trend) -> Drawing:
     if trend.lower_bound is not None:
         caption += f" The dashed line is a certified lower bound of the metric for layouts of {keep} gauges."
     if bend is not None:
-        caption += f" Beyond the elbow at {bend} gauges, further gauges mostly average noise."
+        caption += f" With more than {bend} gauges (elbow), the additional gauges mainly average out noise."
     ends = f"{number(trend.value[0])} with {every} candidates to {number(trend.final)} with {keep}"
     alt = f"Line chart of the metric from {ends}."
     return Drawing("trend", "Metric over the number of gauges", caption, alt, svg(canvas))
@@ -180,7 +180,7 @@ def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
     axes.annotate(f"chosen layout {percent(chosen)}", (100 * chosen, -0.62), (off, 0), **words)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(f"relative error of {short(name)} [%]")
-    caption, medians = f"Dots: error of {name} with random layouts of the same size; black bar: median.", []
+    caption, medians = f"Dots: error of {name} with random layouts (same number of gauges); black bar: median.", []
     for entry in sets:
         better, lost = int(np.sum(entry.finite < chosen)), len(entry.error) - len(entry.finite)
         pool = "all candidates" if entry.pool_label == "all candidates" else "the candidates after screening"
@@ -241,7 +241,7 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
     if any(line.get_ydata().max(initial=0.0) > 0 for line in axes.get_lines()):
         axes.set_yscale("log")
         plain_ticks(axes, "y")
-    axes.set(xlabel="gauge noise [% of the RMS reading of the strongest candidate]", ylabel="relative error [%]")
+    axes.set(xlabel="gauge noise [% of the largest RMS reading of a candidate]", ylabel="relative error [%]")
     legend_above(axes, columns=2)
     caption = "True error (dots) and claimed σ (lines) of the estimates over the gauge noise."
     alt = "; ".join(

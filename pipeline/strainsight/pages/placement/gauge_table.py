@@ -23,12 +23,12 @@ EDGES = (
     "counter-clockwise as seen from outside. Second line: the same for the nearest edge transverse to the first one."
 )
 BONDED = (
-    "Installation: values that violate a limit. Possible values: relative change of strain over one σ of the gauge position, "
-    "relative change of strain over the measuring grid, and free height above the gauge."
+    "Installation: values that violate an installation limit. Possible values: relative change of strain over one σ of the gauge "
+    "position, relative change of strain over the measuring grid, and free height above the gauge."
 )
 REFINED = (
-    "Refined mesh: change of the strain at the gauge if the elements around it are halved twice. The change is relative to the "
-    "RMS strain of the training run (simulation of the stage train). A large change indicates a "
+    "Refined mesh: change of the strain at the gauge if the element size around it is halved twice. The change is relative to "
+    "the RMS strain of the training run (simulation in the stage `train`). A large change indicates a "
     "hot spot: a corner, the end of a support or a concentrated force."
 )
 UNOBSERVABLE = "∞: without this gauge the unknown is not observable."
@@ -252,7 +252,7 @@ def criteria_table(
     return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
-LIMITS = "Layouts by other rules can violate the limits of this placement, such as budget, spacing and zones."
+LIMITS = "Layouts by other placement rules can violate the limits of this placement, such as budget, spacing and zones."
 
 
 def criteria_meaning(metrics: Sequence[MetricWords]) -> str:
@@ -278,9 +278,9 @@ def load_cases_table(report: PlacementReport) -> str:
     expected = [f"expected σ({escape(name)})" for name in names]
     head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
     caption = (
-        "The placement minimises the mean or the maximum of the weighted metrics of all load cases. Metric: value for the load "
-        "case alone. Expected σ: computed with the simulated load history (training run) of the load case. Expected σ of a load "
-        "is relative to the amplitude of the load in this case."
+        "The placement minimises the mean or the maximum of the weighted metrics of all load cases. Metric: metric of the "
+        "layout for this load case alone. Expected σ: computed with the simulated load history (training run) of the load "
+        "case. Expected σ of a load is relative to the amplitude of the load in this case."
     )
     return table("load cases", head, rows, caption=caption, numeric=range(1, len(head)))
 
@@ -298,8 +298,8 @@ def cases_table(cases: Sequence[ObservabilityCase]) -> str:
     head = ["unknowns", *map(escape, excitations), "not observable"]
     caption = (
         "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0; a larger number means weaker observability. "
-        "States are scaled by their size in the simulated training run, so only numbers in one column (the same excitation) are "
-        "comparable."
+        "States are scaled by the motion amplitude of the training run (stage `train`), so only numbers in one column (the same "
+        "excitation) are comparable."
     )
     return table("sets of unknowns", head, rows, caption=caption, numeric=range(1, len(head) - 1))
 

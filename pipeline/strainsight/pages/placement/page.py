@@ -264,9 +264,10 @@ def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
 
 
 FOOTER = (
-    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or to the true RMS of a load (of a "
-    "zero load: to the amplitude). The first tenth of the run is omitted. Claimed σ: computed by the filter. Smoothed: estimate "
-    "of the smoother. Expected σ: predicted by the placement for the filter. Steady-state σ: for ranking layouts only."
+    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or to the true RMS of a load (if "
+    "this RMS is zero: to the configured amplitude). The first tenth of the run is omitted. Claimed σ: computed by the filter. "
+    "Smoothed: estimate of the smoother. Expected σ: predicted by the placement for the filter. Steady-state σ: only for ranking "
+    "layouts."
 )
 
 RANDOM = markup.titled(
@@ -344,7 +345,7 @@ def _noise(report: PlacementReport) -> list[str]:
     for name in report.units:
         columns |= {f"error of {escape(name)}": noise.error[name], f"claimed σ of {escape(name)}": noise.std[name]}
     rows = [list(map(share, row)) for row in np.column_stack([*columns.values()]).tolist()]
-    caption = "Gauge noise relative to the RMS reading of the strongest candidate; true error and claimed σ."
+    caption = "True error and claimed σ; gauge noise relative to the largest RMS reading of a candidate."
     numbers = table("noise", list(columns), rows, caption=caption, numeric=range(1, len(columns)))
     return [f'<div class="card">{numbers}</div>']
 
@@ -394,5 +395,5 @@ def _time(report: PlacementReport) -> str:
         for stage, time in report.seconds.items()
     ]
     foot = ("all stages", measure(total, "s", 3), "")
-    caption = "Time of the last computation of each stage. It is also listed if the result was reused from another run."
+    caption = "Computing time of each stage. For a result reused from another run, it is the time of the original computation."
     return table("time", ("stage", "time", "share"), rows, caption=caption, numeric=(1, 2), foot=foot)

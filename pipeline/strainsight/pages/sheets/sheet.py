@@ -50,7 +50,7 @@ def _views(paper: views.Paper, sheet: views.Sheet) -> str:
     top2 = top + scale * (high - low)[1] + BETWEEN
     for view, (near, far), y, caption in (
         (sheet.front, boxes[0], top, "View from outside, along the normal"),
-        (sheet.side, boxes[1], top2, "View from below, the normal upward"),
+        (sheet.side, boxes[1], top2, "Side view, surface normal upward"),
     ):
         placed = views.PlacedView(view, np.array([low[0], far[1]]), (left, y), scale)
         bottom = y + scale * float(far[1] - near[1])
@@ -75,7 +75,7 @@ def _detail(paper: views.Paper, sheet: views.Sheet) -> str:
         reach = max(reach, 1.3 * float(sheet.distance[0]))
     ratio = round_factor(WINDOW[1] / reach / _millimetres(sheet))
     centre = ((COLUMN + views.WIDTH - EDGE) / 2, EDGE + 8 + WINDOW[1])
-    paper.text((COLUMN + 3, EDGE + 4), f"The gauge from outside, {_ratio_text(ratio)}", size=3.0)
+    paper.text((COLUMN + 3, EDGE + 4), f"Gauge viewed from outside, {_ratio_text(ratio)}", size=3.0)
     views.detail(paper, sheet, centre, WINDOW, ratio * _millimetres(sheet))
     return _ratio_text(ratio)
 
@@ -95,7 +95,7 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
         yield "measuring grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length unknown"
         if len(sheet.directions) == 1:
             yield (
-                "carrier (size drawn)",
+                "carrier, as drawn",
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"

@@ -233,8 +233,9 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     axes.set_xlabel("condition number of the scaled PBH matrix at λ = 0 [–]")
     legend_above(axes, columns=1)
     caption = (
-        "A long bar means that the unknowns are difficult to distinguish from each other and from the motion. Each colour is one "
-        "excitation; only bars of one colour are comparable. “input” denotes all unknown loads. PBH: Popov-Belevitch-Hautus."
+        "A long bar means that the unknowns are difficult to distinguish from each other and from the structural motion. "
+        "Each colour is one excitation; only bars of one colour are comparable. "
+        "“input” denotes all unknown loads. PBH: Popov-Belevitch-Hautus."
     )
     if len(known) and known.max() > SINGULAR:
         caption += " Above 10¹³ the matrix is singular: no gauges can distinguish these unknowns."

@@ -232,6 +232,7 @@ def runs_table(report: Suite) -> str:
         metrics
     )
     caption += (
+        "Gap to the optimal layout: largest possible reduction of the metric by another allowed layout. "
         "Errors of parameters: filtered estimate, mean over the second half of the run, relative to the true value. Errors of "
         "loads: smoothed estimate, relative to the RMS of the load. Repeats: filter runs with other noise and initial values. σ "
         "is consistent if the RMS of error / claimed σ is in the 99.73 % interval of χ² (narrower for more samples). "

@@ -165,7 +165,7 @@ def _cross(reading: Reading) -> Drawing:
     axes.set(xlabel=f"predicted {what} [{short(curves.unit)}]", ylabel=f"measured {what} [{short(curves.unit)}]")
     legend_above(axes)
     caption = f"{label}, measured over predicted reading; both are equal on the dashed line."
-    alt = f"Scatter plot of measured over predicted {what} of {label}, error {_error(reading)} of the measured RMS."
+    alt = f"Scatter plot of measured over predicted {what} of {label}, RMS error {_error(reading)} of the measured RMS."
     return Drawing(f"hold-out-{label}", f"{label}: measured over predicted", caption, alt, svg(canvas))
 
 
@@ -179,7 +179,7 @@ def _overlay(reading: Reading) -> Drawing:
     time_axis(axes)
     legend_above(axes)
     caption = f"{label} around its largest reading: measured, and predicted from the other channels with ±2σ band."
-    alt = f"Line chart of measured and predicted {curves.what} of {label}, error {_error(reading)} of the measured RMS."
+    alt = f"Line chart of measured and predicted {curves.what} of {label}, RMS error {_error(reading)} of the measured RMS."
     return Drawing(f"hold-out-time-{label}", f"{label}: measured and predicted over time", caption, alt, svg(canvas))
 
 
