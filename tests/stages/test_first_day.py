@@ -43,7 +43,7 @@ CONFIG = {
     "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "the first key is at 4:1"),
     "a coarse step": (
         [("time_step: 1.0e-3}", "time_step: 1.0e-2}")],
-        "train.time_step: the period of load 'tip' (60 Hz) is 1.67 times the time step of 0.01 s",
+        "train.time_step: the shortest period of load 'tip' (60 Hz) is 1.67 times the time step of 0.01 s",
         "at most 0.00208 s",
     ),
     "noise in um/m": ([("value: 2.0e-6", "value: 2.0")], "a noise of 2 m/m is 200 % strain", "2 um/m is 2.0e-06"),

@@ -56,7 +56,7 @@ def _time(section: str, duration: float, step: float, signals: Mapping[str, Load
         if highest is not None and step * highest * FEWEST_STEPS_A_PERIOD > 1:
             yield Problem(
                 key,
-                f"the period of load '{name}' ({highest:g} Hz) is {1 / (step * highest):.3g} times the time step of "
+                f"the shortest period of load '{name}' ({highest:g} Hz) is {1 / (step * highest):.3g} times the time step of "
                 f"{step:g} s, less than {FEWEST_STEPS_A_PERIOD} times",
                 f"use at most {1 / (FEWEST_STEPS_A_PERIOD * highest):.3g} s",
             )
@@ -268,13 +268,13 @@ def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
         what = f"filter.method: {method} supports one record only"
         yield Problem("estimate.records", what, f"set filter.method: grid, {ONE}", at_key=True)
     if config.filter.compare:
-        what = "the comparison with the other filters supports one record only"
+        what = "the comparison with the extended and the sigma-point filter supports one record only"
         yield Problem("filter.compare", what, f"remove filter.compare, {ONE}")
     if settings.tune.parts:
         what = "noise levels can be tuned with one record only"
         remedy = (
-            "remove estimate.tune, or tune in a run with estimate.file and use the printed factors f here: multiply "
-            "noise_std, process_noise.model_error and process_noise_scale by √f, and kappa by f"
+            "remove estimate.tune; or tune in a run with estimate.file, and multiply keys of this config by the factors f "
+            "that the tuning run prints: `noise_std`, process_noise.model_error and `process_noise_scale` by √f, `kappa` by f"
         )
         yield Problem("estimate.tune.parts", what, remedy)
     if settings.field is not None:

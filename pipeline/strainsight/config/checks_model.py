@@ -26,7 +26,7 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
     for name, load in config.loads.items():
         if matrices is not None and (load.gravity or load.rotation):
             what = "gravity and rotation need the positions of the masses, but mesh.matrices contains no positions"
-            remedy = f"define the forces as a load of the deck, and set loads.{name}.deck_load to its name"
+            remedy = "define the forces as a load of the deck, and replace `gravity` or `rotation` by `deck_load: NAME`"
             yield Problem(f"loads.{name}", what, remedy, at_key=True)
     if matrices is None:
         return
@@ -43,8 +43,11 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
             yield from known(f"{key}.parameter", term.parameter, config.parameters, "parameter")
             parameter = config.parameters.get(term.parameter)
             if parameter is not None and parameter.property not in wanted:
-                what = f"parameter '{term.parameter}' has the property {parameter.property}"
-                yield Problem(f"{key}.parameter", what, f"name a parameter with the property {' or '.join(wanted)}")
+                what = (
+                    f"the {kind} matrix is not proportional to {parameter.property}, the property of '{term.parameter}'"
+                )
+                remedy = f"set `parameter` to a parameter with the property {' or '.join(wanted)}"
+                yield Problem(f"{key}.parameter", what, remedy)
     for name in config.parameters:
         if name not in named and named <= set(config.parameters) and config.parameters[name].property != DAMPING:
             what = "no term of mesh.matrices depends on this parameter"
@@ -106,14 +109,16 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
         yield from known(f"{key}.parameter", second.parameter, config.parameters, "parameter")
     elif parameter.property not in ("youngs_modulus", "stiffness_factor", "density") or parameter.region is None:
         kind = f"has the property {parameter.property}" if parameter.region is not None else "applies to all regions"
-        what = f"parameter '{second.parameter}' {kind}"
-        remedy = "name a parameter with `region` and with the property youngs_modulus, stiffness_factor or density"
+        what = f"a second set of results has no effect, since parameter '{second.parameter}' {kind}"
+        remedy = (
+            "set `parameter` to a parameter with `region` and the property youngs_modulus, stiffness_factor or density"
+        )
         yield Problem(f"{key}.parameter", what, remedy)
     if second.loads is None:
         for name, load in results.loads.items():
             if load.file is not None:
                 what = f"missing, but mesh.results.loads.{name}.file is a separate file for the response to load {name}"
-                remedy = "list every load under mesh.results.second.loads, with the `file` of its second response"
+                remedy = "list every load in mesh.results.second.loads; as `file`, set the results file with its second response"
                 yield Problem(f"{key}.loads", what, remedy, at_key=True)
         return
     for name, load in second.loads.items():
@@ -289,7 +294,7 @@ def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem("gauges.direction", "missing", remedy, at_key=True)
         return
     if config.mesh.matrices is None:
-        what = "the rows of the strain operator need mesh.matrices"
+        what = "mesh.matrices is missing, but defines the degrees of freedom of the strain operator"
         yield Problem(
             "gauges.strain_operator", what, "set mesh.matrices, or remove gauges.strain_operator", at_key=True
         )

@@ -90,8 +90,8 @@ class DamageSettings(Section):
     )
     draws: Annotated[int, Field(ge=40, le=10_000)] = Field(
         200,
-        description="Number of stress histories sampled from the posterior of the smoother, for the uncertainty interval "
-        "[-].",
+        description="Number of stress histories sampled from the posterior of the smoother, for the uncertainty interval of "
+        "the damage [-].",
     )
     points: Annotated[Annotated[int, Field(ge=1)] | None, Plausible(1, 1e6)] = Field(
         None,
@@ -137,8 +137,8 @@ class BridgeSection(Section):
     """Wheatstone bridge of a channel in mV/V or V/V."""
 
     arrangement: BridgeKind = Field(
-        description="Bridge circuit; docs/estimation.md lists the circuits. With `sum`: the signed sum of the arms of a "
-        "bridge in gauges.fixed or gauges.bridge."
+        description="Bridge circuit; docs/estimation.md lists the circuits. With `sum`: arms as defined in gauges.fixed "
+        "or gauges.bridge; the strain of the channel is the signed sum of the arm strains."
     )
     gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(description="Gauge factor of the gauges in the bridge [-].")
     poisson_ratio: float | None = expert(
@@ -147,20 +147,20 @@ class BridgeSection(Section):
 
 
 class DelayInSamples(Section):
-    """A delay in sampling intervals of the file."""
+    """Delay of a channel, as a number of sampling intervals of the file."""
 
     samples: Annotated[int, Plausible(0, 1e6)] = expert(
-        description="Delay of the channel in samples [-]: a positive value if the channel is late, a negative value if the "
-        "channel is early."
+        description="Delay of the channel relative to the other channels, in samples [-]: positive if the channel is late, "
+        "negative if the channel is early."
     )
 
 
 class DelayInSeconds(Section):
-    """A delay in seconds."""
+    """Delay of a channel in seconds."""
 
     seconds: Annotated[float, Plausible(0.0, 1e4, "s")] = expert(
-        description="Delay of the channel, a multiple of the sampling interval [s]: a positive value if the channel is late, a "
-        "negative value if the channel is early."
+        description="Delay of the channel relative to the other channels, a multiple of the sampling interval [s]: positive "
+        "if the channel is late, negative if the channel is early."
     )
 
 
@@ -170,7 +170,7 @@ Delay = Annotated[
 
 
 class Channel(Section):
-    """A channel of the file and the corrections of its readings. Unit and bridge are never guessed."""
+    """A channel of the measurement file, and the corrections of its readings. Unit and bridge are not detected: set both keys."""
 
     channel: Text = Field(
         description="Name of the channel in the file: column, dataset, channel or variable (a.b for the field b of a struct a "
@@ -219,7 +219,7 @@ class Channel(Section):
 
 
 class GaugeChannel(Channel):
-    """A channel of a gauge."""
+    """A channel with the readings of a gauge."""
 
     gauge: Text | Id = Field(
         description="Name of the gauge in gauges.fixed, number of the gauge in the table of gauges.strain_operator, or label "
@@ -245,7 +245,8 @@ RATES = {"Hz": 1.0, "kHz": 1e3}
 
 
 class ClockSection(Section):
-    """Time of the samples. UFF functions always contain the time; MDF4 and TDMS channels usually contain the time."""
+    """Time of the samples: a channel of the file, or a sampling rate. UFF functions always contain the time; MDF4 and TDMS
+    channels usually contain the time."""
 
     channel: Text | None = Field(
         None,
@@ -274,7 +275,7 @@ class ClockSection(Section):
 
 
 class TextForm(Section):
-    """Format of a text table."""
+    """Format of a CSV measurement file."""
 
     delimiter: Literal[",", ";", "\t"] | None = expert(
         None, description="Column separator; null: detected from the first line."
@@ -322,8 +323,8 @@ class RecordedFile(Section):
         description="File format; `auto`: by the file extension. `mdf` and `tdms` need extra packages: `pip install "
         "strainsight[daq]`.",
     )
-    text: TextForm = expert(default_factory=TextForm, description="Format of a CSV file.")
-    time: ClockSection = with_defaults(ClockSection, "Time of the samples.")
+    text: TextForm = expert(default_factory=TextForm, description="Format of a CSV measurement file.")
+    time: ClockSection = with_defaults(ClockSection, "Time of the samples: a channel of the file, or a sampling rate.")
 
 
 class RecordOfTest(Section):
@@ -334,7 +335,7 @@ class RecordOfTest(Section):
     date: Text | None = Field(None, description="Date of the test; null: estimate.date.")
     format: FileFormat | None = Field(None, description="File format; null: estimate.format.")
     text: TextForm | None = expert(None, description="Format of a CSV file; null: estimate.text.")
-    time: ClockSection | None = Field(None, description="Time of the samples; null: estimate.time.")
+    time: ClockSection | None = Field(None, description="Time of the samples of this record; null: estimate.time.")
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] | None = expert(
         None,
         description="Channels of this record, with the gauges, measuring grids and biases of estimate.channels in the same "
@@ -348,9 +349,9 @@ class EstimateOptions(Section):
 
     hold_out: Literal["each"] | None = expert(
         None,
-        description="`each`: omit every gauge in turn (in a bench also every component of other sensors), and compare the "
-        "readings of this gauge with the readings predicted from the other sensors. Every omitted gauge needs one more "
-        "filter run, and for a structure also one more smoother run. Null: no comparison.",
+        description="`each`: omit every gauge in turn, and compare the readings of this gauge with the readings predicted "
+        "from all remaining sensors. A bench also omits every component of every sensor that is not a gauge. Every omitted "
+        "gauge or component needs one more filter run, and for a structure also one more smoother run. Null: no comparison.",
     )
     accept_inconsistent: bool = expert(
         False,

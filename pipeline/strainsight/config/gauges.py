@@ -212,7 +212,7 @@ Angles = Annotated[tuple[float, ...], Field(min_length=1), ANGLE]
 
 
 class Angled(Section):
-    """Measuring directions at several angles."""
+    """Several measuring directions, as angles from one direction."""
 
     angles: Angles = Field(
         (0.0,),
@@ -275,8 +275,8 @@ class GaugeRows(Section):
         "rotation of each degree of freedom."
     )
     table: Text = Field(
-        description="CSV file with one line for each gauge and the header gauge,x,y,z,dx,dy,dz: number, position in the length "
-        "unit of the mesh, measuring direction."
+        description="CSV file with one line for each gauge and the header gauge,x,y,z,dx,dy,dz: number of the gauge, position in "
+        "the length unit of the mesh, and measuring direction."
     )
 
 
@@ -297,7 +297,7 @@ class BondedGrid(Section):
 
 
 class Named(Section):
-    """An entry with a name."""
+    """A gauge or bridge with a name."""
 
     name: Name | None = Field(
         None, description="Name of the gauge in tables and files; null: the next free label, such as G1."
@@ -309,7 +309,7 @@ class BondedGauge(BondedGrid, Angled):
 
 
 class NamedGauge(BondedGauge, Named):
-    """A named gauge."""
+    """A bonded gauge with a name."""
 
 
 class BridgeArm(BondedGrid):
@@ -359,7 +359,7 @@ NamedGaugeOrBridge = Annotated[
 
 
 class Priced(Section):
-    """An entry with a price."""
+    """Sensors with a price."""
 
     price: Annotated[NotNegative, PRICE] = expert(
         1.0,
@@ -368,7 +368,7 @@ class Priced(Section):
 
 
 class Snapped(Section):
-    """An entry that is moved to the surface of the mesh."""
+    """Bonded gauges, which are moved to the nearest point on the surface of the mesh."""
 
     snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=1.0)] = expert(
         0.005, description="Largest accepted distance of a bonded gauge from the surface of the mesh [m]."
@@ -376,7 +376,7 @@ class Snapped(Section):
 
 
 class Noisy(Section):
-    """A sensor with noise."""
+    """Sensors with measurement noise."""
 
     noise_std: NoiseStd = Field(description="Noise standard deviation of one sample of every channel.")
 

@@ -345,7 +345,8 @@ def _index(entries: Sequence[Any], part: str, override: Override) -> int:
         raise ConfigError(
             f"the list of length {len(entries)} has no entry '{part}'",
             where=override.where,
-            remedy=f"use an index from 0, or set the whole list, {override.key.partition('.' + part)[0]}: [a, b]",
+            remedy="use the index of an existing entry (first index: 0), or set the whole list, "
+            f"{override.key.partition('.' + part)[0]}: [a, b]",
         )
     return place
 

@@ -52,7 +52,7 @@ def key_of(*keys: str, text: bool = False) -> Any:
 
 
 class BoxZone(Section):
-    """A box."""
+    """The part of the surface in a box with edges along x, y and z."""
 
     box: tuple[Point, Point] = Field(description="Lower and upper corner of the box [[x, y, z], [x, y, z]] [m].")
 
@@ -69,13 +69,13 @@ class CylinderZone(Section):
 
 
 class InCylinder(Section):
-    """The inside of a cylinder of infinite length."""
+    """The part of the surface in a cylinder of infinite length."""
 
     cylinder: CylinderZone = expert(description="Axis and radius of the cylinder.")
 
 
 class ConeZone(Section):
-    """Facet normals close to an axis."""
+    """An axis, and the largest angle between the axis and a facet normal."""
 
     axis: DirectionVector = Field(
         description="Axis in global coordinates [-]; the length and the sign of the axis are not used."
@@ -84,7 +84,7 @@ class ConeZone(Section):
 
 
 class FacingZone(Section):
-    """Facets with a normal close to an axis."""
+    """The facets whose normal is close to an axis."""
 
     normal_cone: ConeZone = Field(
         description="Axis, and largest angle between the axis and the facet normals of the zone."
@@ -92,14 +92,14 @@ class FacingZone(Section):
 
 
 class SetZone(Section):
-    """A set, and the largest distance of the zone from the set."""
+    """A node or element set, and the largest distance of the zone from the set."""
 
     set: Text = Field(description="Name of a node or element set.")
     distance: Size = Field(description="Largest distance from the nearest node of the set [m].")
 
 
 class NearSetZone(Section):
-    """The part of the surface near a set."""
+    """The part of the surface near a node or element set."""
 
     near_set: SetZone = Field(description="Name of the set, and largest distance of the zone from the set.")
 
@@ -161,7 +161,7 @@ class ZoneLimit(Section):
 
 
 class LayoutSettings(Section):
-    """Layout: size, limits, criterion and search."""
+    """Layout of the gauges: number of gauges, limits, criterion and search."""
 
     keep: Keep
     criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = expert(

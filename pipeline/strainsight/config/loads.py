@@ -119,9 +119,9 @@ class InputNoise(TypicalMotion):
 
     model: Literal["random_walk", "integrated_random_walk", "matern", "oscillator"] = Field(
         "random_walk",
-        description="Model of the load in time. With `random_walk`: for arbitrary loads, as in the thesis; the estimated "
-        "load is noisy. With `integrated_random_walk`: for smooth loads. With `matern`: for stationary loads with a limited "
-        "bandwidth. With `oscillator`: for loads close to a known frequency.",
+        description="Model of the load in time. With `random_walk`: for arbitrary loads, as in the thesis of Cottone (2022); the "
+        "estimated load is noisy. With `integrated_random_walk`: for smooth loads. With `matern`: for stationary loads with a "
+        "limited bandwidth. With `oscillator`: for loads close to a known frequency.",
     )
     kappa: Annotated[Positive | None, Plausible(1e-6, 1e4)] = expert(
         None,

@@ -53,7 +53,7 @@ Moduli = tuple[Positive, Positive, Positive]
 
 
 class RegionProperty(Section):
-    """A property of some regions."""
+    """A material or section of some regions."""
 
     regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
         description="Ids or names of the regions with this material or section (PSOLID, PSHELL, element set, physical group). "
@@ -305,7 +305,7 @@ Step = Annotated[Id, Field(ge=0)] | Text
 
 
 class InResults(Section):
-    """Location of a result in the results of another program."""
+    """File and step of a result of another program."""
 
     file: Text | None = Field(None, description="Results file of the other program; null: mesh.results.file.")
     step: Step | None = Field(
@@ -316,11 +316,11 @@ class InResults(Section):
 
 
 class ModesOfResults(InResults):
-    """Location of the modes."""
+    """File and step of the natural frequencies and mode shapes."""
 
 
 class ResponseOfLoad(InResults):
-    """Location of the static response to one load."""
+    """File and step of the static response to one load."""
 
     magnitude: Annotated[float, Plausible(1e-9, 1e12, "in the unit of the load")] = Field(
         1.0,
@@ -330,7 +330,7 @@ class ResponseOfLoad(InResults):
 
 
 class ResultsFile(Section):
-    """A results file and the location of its modes."""
+    """A results file of another program, and the step with its modes."""
 
     file: Text = Field(
         description="Results file of this mesh, in the units of the mesh: .frd (CalculiX), .op2 or .pch (Nastran), .unv or .uff "
@@ -346,11 +346,12 @@ class SecondResults(ResultsFile):
     parameter from the rest."""
 
     parameter: Name = Field(
-        description="Name of the parameter: a youngs_modulus, stiffness_factor or density of some regions."
+        description="Name of the parameter with another value in the second set of results. The parameter needs `region`, and "
+        "the property youngs_modulus, stiffness_factor or density."
     )
     at: ParameterValue = Field(
-        description="Parameter value of the second set of results [Pa, kg/m³ or 1]. The value of the first set is in "
-        "mesh.results.at, or in the mesh."
+        description="Parameter value of the second set of results [Pa, kg/m³ or 1]. The value of the first set is "
+        "mesh.results.at; default: value of the mesh materials, or 1 for a stiffness_factor."
     )
     loads: dict[Name, ResponseOfLoad] | None = expert(
         None,
@@ -402,8 +403,8 @@ class MeshFile(Section):
     )
     region_data: Text | None = expert(
         None,
-        description="Name of the cell data array with the region ids (VTU, VTK and similar formats); null: the first of "
-        "several usual names.",
+        description="Name of the cell data array with the region ids (VTU, VTK and similar formats). Null: the first "
+        "existing array with a usual name, such as region, gmsh:physical, MaterialIds or PartId.",
     )
     ignore: tuple[Text, ...] = Field(
         (),
@@ -431,8 +432,8 @@ class MeshFile(Section):
     step: SetId | None = expert(
         None,
         description="Number, from 1, of the step of an Abaqus or CalculiX deck with the active supports (*BOUNDARY) and "
-        "elements (*MODEL CHANGE). Null: the frequency step; without a frequency step, all steps need the same supports and "
-        "elements.",
+        "elements (*MODEL CHANGE). Null: the frequency step (*FREQUENCY); without a frequency step, all steps "
+        "need the same supports and elements.",
     )
     include_dirs: tuple[Text, ...] = Field(
         (),
@@ -455,8 +456,8 @@ class MeshFile(Section):
     )
     sections: dict[Name, ElementSection] = Field(
         {},
-        description="Sections of shells, beams and rods in a gmsh, VTU or similar file, by name. Without a section, "
-        "triangles, quadrangles and lines are the surface of the solids.",
+        description="Sections of shells, beams and rods in a gmsh, VTU or similar file, by name. Triangles, "
+        "quadrangles and lines without a section have no stiffness; they describe the surface of the solids.",
     )
     supports: tuple[Support, ...] = Field((), description="Supports in addition to those of the mesh file.")
     free: bool = Field(
@@ -466,7 +467,9 @@ class MeshFile(Section):
         "possible. For accelerometers and displacement sensors, use soft springs instead of `free` (`stiffness` in "
         "mesh.supports).",
     )
-    ties: tuple[Tie, ...] = Field((), description="Rigid and averaging elements in addition to those of the mesh file.")
+    ties: tuple[Tie, ...] = Field(
+        (), description="Rigid elements, averaging elements and surface ties in addition to those of the mesh file."
+    )
     matrices: Matrices | None = Field(None, description="Stiffness and mass matrices from another program.")
     results: ResultsSection | None = Field(
         None,

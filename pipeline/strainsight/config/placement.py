@@ -42,7 +42,7 @@ KeepAll = Literal["all"]
 
 
 class GuessFrom(Section):
-    """A guess from the estimate of another run."""
+    """Guess of a parameter, taken from the estimate of another run."""
 
     source: Text = Field(
         alias="from",
@@ -149,10 +149,10 @@ class RayleighDamping(Section):
 
 
 class Damped(Section):
-    """Section with structural damping."""
+    """Damping of the structure."""
 
     damping: Annotated[ModalDamping | RayleighDamping, Field(discriminator="type")] = Field(
-        description="Structural damping of the model."
+        description="Damping of the structure: modal damping or Rayleigh damping."
     )
 
 
@@ -171,15 +171,16 @@ class ReducedModelSection(Section):
         1e-4,
         gt=0,
         lt=1,
-        description="Truncation tolerance of the basis [-], for modes and static responses (snapshots) of the samples away "
-        "from the guess. Basis vectors with a smaller singular value are omitted; each snapshot is scaled to unit energy. "
+        description="Truncation tolerance of the reduced basis [-], for modes and static responses (snapshots) of the samples "
+        "away from the guess. Basis vectors with a smaller singular value are omitted; each snapshot is scaled to unit energy. "
         "The tolerance is approximately the relative strain error at parameters away from the guess. The run time of `place` "
         "is proportional to the cube of the basis size.",
     )
 
 
 class Train(TimeSpan):
-    """Training run: simulation of the response to `loads`, from which candidates are screened and placed."""
+    """Training run: simulation of the response to `loads`. The simulated readings are used to select candidates (`screen`) and
+    to place gauges (`place`)."""
 
     model: Literal["dynamic", "static"] = Field(
         "dynamic",
@@ -281,7 +282,7 @@ class PlaceSection(LayoutSettings):
         "avoid",
         description="Treatment of installation errors from `tolerances`. With `avoid`: two layouts are computed, one for exact "
         "gauges and one with the errors as additional noise; the layout with the smaller expected σ is used. With `ignore`: "
-        "the layout for exact gauges is used, as in the thesis.",
+        "the layout for exact gauges is used, as in the thesis of Cottone (2022).",
     )
     symmetry: Symmetry | None = expert(
         None, description="Symmetry plane for gauges in mirrored pairs; candidates without a mirror image are removed."
@@ -294,8 +295,8 @@ class Cases(Section):
 
     frequencies: tuple[Frequency, ...] = Field(
         (),
-        description="Frequencies of additional excitations [Hz]. For each frequency, the study is repeated with every "
-        "load as a sine of this frequency, for comparison with the signals of `loads`.",
+        description="Frequencies of additional excitations [Hz]. For each frequency, the observability study is repeated "
+        "with every load as a sine of this frequency, for comparison with the signals of `loads`.",
     )
 
 
@@ -306,14 +307,14 @@ class Filter(Section):
         "grid",
         description="Filter for parameters. With `grid`: multiple-model grid filter. It is exact for up to three constant "
         "parameters; with more parameters, it assumes normal densities in the additional directions. With `extended`: "
-        "extended Kalman filter of the thesis, overconfident for weakly observable parameters. With `sigma-point`: "
+        "extended Kalman filter of Cottone (2022), overconfident for weakly observable parameters. With `sigma-point`: "
         "sigma-point filter. The σ of `extended` and `sigma-point` does not include `tolerances`.",
     )
     drift: bool | None = expert(
         None,
         description="`true`: in the extended or sigma-point filter, parameters drift with their process_noise_scale. Null: "
-        "`true` for the extended filter, as in the thesis, `false` for the sigma-point filter. In the grid filter, "
-        "parameters are constant.",
+        "`true` for the extended filter, as in the thesis of Cottone (2022), `false` for the sigma-point filter. In the "
+        "grid filter, parameters are constant.",
     )
     compare: bool | None = Field(
         None,
@@ -393,7 +394,7 @@ class PlacementConfig(NamedRun, Damped):
     )
     rom: ReducedModelSection = with_defaults(ReducedModelSection, "Reduced model that depends on the parameters.")
     train: Train = Field(
-        description="Training run: simulation of the response to `loads`, from which candidates are screened and placed."
+        description="Training run: simulation of the response to `loads`, for the selection of candidates and for `place`."
     )
     gauges: Gauges = Field(description="Candidate gauges, bonded gauges and their noise.")
     tolerances: StatedTolerances = with_defaults(

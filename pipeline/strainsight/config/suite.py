@@ -38,7 +38,9 @@ class Measure(Section):
     above: Annotated[float | None, COMPARED] = Field(None, description="Lower limit of the result.")
     below: Annotated[float | None, COMPARED] = Field(None, description="Upper limit of the result.")
     equals: bool | None = Field(None, description="Required value of a result that is true or false.")
-    unit: str = Field("", description="Unit or text after the number on the page, such as `N` or `of the weight`.")
+    unit: str = Field(
+        "", description="Unit or text after the result on the page of the suite, such as `N` or `of the weight`."
+    )
 
     def problems(self) -> Iterator[Problem]:
         bounds = [value for value in (self.above, self.below) if value is not None]
@@ -59,19 +61,19 @@ class Measure(Section):
 
 
 class WithReason(Section):
-    """An entry with an explanation."""
+    """A claim or comparison with an explanation."""
 
     why: str = Field(
         "",
-        description="Explanation of the result, or of a missing result, printed on the page. A claim that is not confirmed "
-        "and has no explanation is marked on the page.",
+        description="Explanation of the result, or of a missing result, printed on the page of the suite. A claim that is "
+        "not confirmed and has no explanation is marked on the page.",
     )
 
 
 class Noted(Section):
-    """An entry with a note."""
+    """A run or study with a note."""
 
-    note: str = Field("", description="Note that is printed on the page.")
+    note: str = Field("", description="Note on this entry, printed on the page of the suite.")
 
 
 class ClaimSection(Measure, WithReason):
@@ -116,7 +118,7 @@ def measures_of(claims: Sequence[ClaimSection], comparisons: Sequence[Comparison
 
 
 class StudySection(Noted):
-    """A study: runs that answer one question together. Studies without an entry are defined by runs[].study."""
+    """A study: runs with a common heading and common figures on the page. runs[].study assigns the runs to the study."""
 
     name: Text = Field(description="Name of the study, as in runs[].study; the page has a heading with this name.")
     over: Text | None = Field(
@@ -167,7 +169,7 @@ class SuiteRun(Overriding, Noted):
     """One run of a suite."""
 
     config: Text = Field(description="Config of the run, relative to the folder of the suite.")
-    label: Text = Field(description="Label of the run on the page.")
+    label: Text = Field(description="Label of the run on the page of the suite.")
     name: RunName | None = Field(None, description="Name of the run; null: the name in its config.")
     until: Text = Field("report", description="Last stage of the run to compute.")
     study: Text | None = Field(None, description="Name of the study; runs of one study share a heading and figures.")
@@ -179,7 +181,7 @@ class SuiteConfig(Overriding):
 
     kind: Literal["suite"] = Field(description="Kind of config: suite of runs.")
     name: RunName = Field(description="Name of the suite; its page and results are written to results/NAME.")
-    title: Text = Field(description="Title of the page.")
+    title: Text = Field(description="Title of the page of the suite.")
     suffix: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]*$", max_length=50)] = expert(
         "", description="Suffix that is added to the name of every run: letters, digits, - and _."
     )
@@ -190,7 +192,7 @@ class SuiteConfig(Overriding):
         description="Number of simultaneous runs [-]; 2 simultaneous runs halve the time if the memory is sufficient.",
     )
     runs: Annotated[tuple[SuiteRun, ...], Field(min_length=1)] = Field(
-        description="The runs, in order: placements and benches."
+        description="Runs of the suite (placements and benches), in the order of computation."
     )
     studies: tuple[StudySection, ...] = Field(
         (), description="Notes, horizontal axes and plotted results of the studies named in runs[].study."

@@ -222,9 +222,9 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
             "  # bonded: nodes of one surface follow the other surface (upper bound of stiffness). Compare both values."
         )
         why = (
-            "with open, a part has no support"
+            "with `open`, a part has no support"
             if suggestion.contact == "bonded"
-            else "with open, all parts have supports"
+            else "with `open`, all parts have supports"
         )
         lines.append(f"  contact: {suggestion.contact:<12} # ← bonded or open: {why}")
     if suggestion.support_sets:
@@ -240,7 +240,7 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
             support = f", {place.lies_on}: contact face?" if place.lies_on else ", supported" * place.supported
             lines.append(f"  #   near: {place.name:<32} # {place.what}{support}")
         if len(faces) > FACES:
-            lines.append(f"  #   {len(faces) - FACES} more: `strainsight import` lists them")
+            lines.append(f"  #   further faces: {len(faces) - FACES}; `strainsight import` lists all faces")
     if named or seats or blank:
         lines.append("  faces:")
         lines += [f"    {role}: {{near: {point}}}" for role, point in named.items()]

@@ -59,7 +59,8 @@ class Tolerances(GaugeTolerances):
 
     offset: Annotated[NotNegative, STRAIN] = expert(
         0.0,
-        description="Standard deviation of the constant offset of each strain channel, independent of others [strain].",
+        description="Standard deviation of the constant offset of each strain channel, independent of the other channels "
+        "[strain].",
     )
     drift: Annotated[NotNegative, STRAIN] = Field(
         0.0,
@@ -126,9 +127,9 @@ class Tolerances(GaugeTolerances):
         0.02,
         ge=0,
         le=0.5,
-        description="Standard deviation of all remaining errors of a reading at every sample, relative to the RMS reading of "
-        "the channel [-]. Examples: second-order effects of the tolerances, and truncation of the reduced model. If all "
-        "loads are known, the grid filter adds this error to the measurement noise.",
+        description="Standard deviation of the errors of a reading that the other tolerances do not cover, at every sample, "
+        "relative to the RMS reading of the channel [-]. Examples: second-order effects of the tolerances, and truncation of "
+        "the reduced model. If all loads are known, the grid filter adds this error to the measurement noise.",
     )
     treat: Literal["consider", "estimate"] = expert(
         "consider",
@@ -154,7 +155,7 @@ def tolerances_of(tolerances: Tolerances | Literal["none"]) -> Tolerances:
 
 
 class TruthSection(Section):
-    """Model of the simulated test in the validation."""
+    """Model of the simulated test in the stage `validate`."""
 
     model: Literal["full", "modes", "perturbed", "rom"] = Field(
         "perturbed",
@@ -163,7 +164,7 @@ class TruthSection(Section):
         "loads sampled from `tolerances`. With `rom`: the reduced model of the filter.",
     )
     modes: Count = Field(
-        60, ge=1, description="Number of modes of the simulated test with the model `modes` or `perturbed` [-]."
+        60, ge=1, description="With `model: modes` or `model: perturbed`: number of modes that simulate the test [-]."
     )
     parameters: dict[Name, ParameterValue] = Field(
         {},
@@ -191,7 +192,9 @@ class Sweeps(Section):
     """Studies with one changed setting of the filter at a time, with the simulated measurements of the placed layout."""
 
     time_steps: tuple[TimeStep, ...] = expert(
-        (), description="Further time steps of filter and samples [s], each in a separate filter run."
+        (),
+        description="Further time steps of the filter, equal to the sampling interval of the measurements [s]; each in a "
+        "separate filter run.",
     )
     process_noise: Annotated[tuple[Positive, ...], Plausible(1e-9, 1e9)] = expert(
         (), description="Factors on the whole covariance of the process noise, each in a separate filter run [-]."
@@ -200,8 +203,8 @@ class Sweeps(Section):
         dict[Name, Annotated[tuple[Positive, ...], Field(min_length=1)]], Plausible(0.1, 10.0)
     ] = expert(
         {},
-        description="Factors on known parameters in the filter, by parameter name [-]; with 0.9, the filter uses a "
-        "value 10 % below the true value.",
+        description="Factors for deliberately wrong values, in the filter, of parameters that are not estimated, by "
+        "parameter name [-]; 0.9: value 10 % below the value of the simulated test.",
     )
 
 
@@ -216,8 +219,8 @@ class Validate(TimeSpan):
     random_sets: Annotated[int, Plausible(0, 1000)] = Field(
         10,
         ge=0,
-        description="Number of random layouts for comparison [-], in each of two groups: from all candidates, and from the "
-        "candidates selected by `screen`.",
+        description="Number of random layouts for comparison with the placed layout [-], in each of two groups: from all "
+        "candidates, and from the candidates selected by `screen`.",
     )
     noise_factors: Annotated[tuple[Positive, ...], Plausible(1e-6, 1e6)] = Field(
         (0.1, 5.0), description="Factors on the noise σ of all sensors, each in an additional filter run [-]."

@@ -214,7 +214,7 @@ def test_init_selects_bonded_contact(tmp_path):
     path.write_text(deck(2, contact()))
     found = suggestion(path)
     assert (found.contact, found.pairs) == ("bonded", ("BOTTOM on TOP",))
-    assert "  contact: bonded       # ← bonded or open: with open, a part has no support" in template("deck.inp", found)
+    assert "  contact: bonded       # ← bonded or open: with `open`, a part has no support" in template("deck.inp", found)
     path.write_text(deck(2, contact()) + "*BOUNDARY\nUPPER1, 1, 3\n")
     assert suggestion(path).contact == "open"
     path.write_text(deck(2))
