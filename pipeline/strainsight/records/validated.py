@@ -96,7 +96,7 @@ class SweepTable:
     value: np.ndarray = dataset(
         "1", "/key", "changed time step [s], or factor on the process noise or on the parameter"
     )
-    error: dict[str, np.ndarray] = dataset("1", "/key", "error of <name> (of a parameter at the end, of a load RMS)")
+    error: dict[str, np.ndarray] = dataset("1", "/key", "relative error of <name> (parameter: final; load: RMS)")
     std: dict[str, np.ndarray] = dataset("1", "/key", "estimated standard deviation of <name>")
 
 
