@@ -347,7 +347,7 @@ class SensorMatch:
     measured: np.ndarray | None = dataset(
         "<unit>",
         "instant × component",
-        "reading of <what>: with noise if the filter uses the sensor, otherwise true",
+        "reading of <what>: with noise if the filter uses the sensor, otherwise without noise",
         default=None,
     )
     predicted: np.ndarray | None = dataset(

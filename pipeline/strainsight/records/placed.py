@@ -73,11 +73,11 @@ class Removals:
     trace: np.ndarray | None = dataset(
         "1",
         "removal + 1",
-        "<what> of the whole pool and after every removal; only for the trace criterion",
+        "<what> with the whole pool and after every removal; only for the trace criterion",
         default=None,
     )
     metric: np.ndarray | None = dataset(
-        "1", "removal + 1", "<what> of the whole pool and after every removal; only for other criteria", default=None
+        "1", "removal + 1", "<what> with the whole pool and after every removal; only for other criteria", default=None
     )
     rise: np.ndarray = dataset("1", "removal", "increase of <what> with every removal, in full precision")
     unknowns: tuple[str, ...] = dataset("1", "/unknowns", "unknowns in the placement criterion: loads, then parameters")

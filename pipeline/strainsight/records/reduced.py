@@ -42,7 +42,9 @@ class ChangeTerms:
         "value (0: none); 1 for x = ln θ, otherwise x = θ",
     )
     weights: dict[str, np.ndarray] = dataset(
-        "1", "product of <name>", "<what>: w of all products of the first roots of each parameter"
+        "1",
+        "product of <name>",
+        "<what>: weight w of each product Π (x − root)/scale over the first roots of every parameter",
     )
 
     @classmethod

@@ -267,7 +267,7 @@ class Screened:
         "1",
         "gauge",
         "largest ratio of RMS reading to noise, over all load cases and unknowns (each unknown alone). With "
-        "`rank_by: strength`: ratio of the RMS reading in the stage `train` to the noise",
+        "`screen.by: strength`: ratio of the RMS reading in the stage `train` to the noise",
     )
     reason: np.ndarray = dataset("1", "gauge", "reason why screening removed the gauge; empty: the gauge remains")
     clearance: Clearance | None = group(default=None)
@@ -281,7 +281,7 @@ class Screened:
         "case × channel",
         "mean square error of every reading due to installation errors, in every load case (sorted by name) or "
         "under the configured loads. Zero for candidates too close to edges, supports or loads. Only stored with "
-        "`installation: avoid`",
+        "`place.installation: avoid`",
         default=None,
     )
     range: np.ndarray = dataset(
