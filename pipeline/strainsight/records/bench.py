@@ -23,9 +23,9 @@ class WorstInstant:
     """Ball loads at the instant of the highest contact pressure."""
 
     time: float = dataset("s", "", "time of the highest contact pressure of the bearing")
-    force: np.ndarray = dataset("N", "ball × 4", f"contact force at `time` {FOUR}")
-    contact_angle: np.ndarray = dataset("rad", "ball × 4", f"contact angle at `time` {FOUR}")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure at `time` {FOUR}")
+    force: np.ndarray = dataset("N", "ball × 4", f"contact force {FOUR}, at `time`")
+    contact_angle: np.ndarray = dataset("rad", "ball × 4", f"contact angle {FOUR}, at `time`")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure {FOUR}, at `time`")
 
 
 @record
@@ -62,7 +62,7 @@ class DriveMotion:
 @record
 class Violation:
     position: np.ndarray = dataset("SI", "/time", "largest violation of the joint constraints at every instant")
-    velocity: np.ndarray = dataset("SI", "/time", "largest violation rate of the joint constraints at every instant")
+    velocity: np.ndarray = dataset("SI", "/time", "largest residual of the velocity constraints at every instant")
 
 
 @record
@@ -74,7 +74,9 @@ class Simulated:
     v: np.ndarray = dataset("SI", "/time × coordinate", "rates of the generalised coordinates of all bodies")
     violation: Violation = group()
     frequency: np.ndarray = dataset("Hz", "mode", "undamped natural frequencies of the bench at the start of the run")
-    coordinates: dict[str, np.ndarray] = dataset("1", "2", "coordinates of <name>: first index, and last index plus 1")
+    coordinates: dict[str, np.ndarray] = dataset(
+        "1", "2", "entries of body <name> in q: first index, last index plus 1"
+    )
     inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time", "load <name>")
     sensors: dict[str, np.ndarray] = dataset(
         "unit of sensor <name>",
@@ -98,7 +100,7 @@ class SurfaceHistory:
 
 
 SQUARE = "coordinate × coordinate"
-IN_UNITS = "for the reduced coordinates in m, rad or m √kg"
+IN_UNITS = "(unit: that of the reduced coordinate, m, rad or m √kg)"
 
 
 @record
@@ -168,7 +170,9 @@ class AtRest:
 
     q: np.ndarray = dataset("SI", "coordinate", "generalised coordinates of all bodies in equilibrium")
     growth: float = dataset("1/s", "", "growth rate of a disturbance of the equilibrium; 0: stable equilibrium")
-    coordinates: dict[str, np.ndarray] = dataset("1", "2", "coordinates of <name>: first index, and last index plus 1")
+    coordinates: dict[str, np.ndarray] = dataset(
+        "1", "2", "entries of body <name> in q: first index, last index plus 1"
+    )
     inputs: dict[str, float] = dataset("unit of input <name>", "", "load <name>")
     frames: dict[str, FrameAtRest] = group()
     sensors: dict[str, np.ndarray] = dataset("unit of sensor <name>", "component of <name>", "readings of <name>")
@@ -200,9 +204,13 @@ class StateSpace:
     A: np.ndarray = dataset(
         "1/s", "state × state", "state matrix A of ẋ = A x + B Δu, x: modal coordinates and their rates"
     )
-    B: np.ndarray = dataset("SI per unit of the load", "state × input", "input matrix B of ẋ = A x + B Δu")
+    B: np.ndarray = dataset("SI per unit of the load", "state × input", "input matrix B of ẋ = A x + B Δu, u: loads")
     C: np.ndarray = dataset("SI per unit of x", "output × state", "output matrix C of Δy = C x + D Δu, y: readings")
-    D: np.ndarray = dataset("SI per unit of the load", "output × input", "feedthrough matrix D of Δy = C x + D Δu")
+    D: np.ndarray = dataset(
+        "SI per unit of the load",
+        "output × input",
+        "feedthrough matrix D of Δy = C x + D Δu, u: loads, y: readings",
+    )
     inputs: tuple[str, ...] = dataset("1", "input", "names of the loads u")
     outputs: tuple[str, ...] = dataset(
         "1", "output", "sensor and component number of every reading y that depends on x"
@@ -225,7 +233,9 @@ class Coupled:
     )
     q: np.ndarray = dataset("SI", "coordinate", "generalised coordinates of all bodies in equilibrium")
     growth: float = dataset("1/s", "", "growth rate of a disturbance of the equilibrium; 0: stable equilibrium")
-    coordinates: dict[str, np.ndarray] = dataset("1", "2", "coordinates of <name>: first index, and last index plus 1")
+    coordinates: dict[str, np.ndarray] = dataset(
+        "1", "2", "entries of body <name> in q: first index, last index plus 1"
+    )
     frames: dict[str, FrameInModes] = group()
     eigenvalue: np.ndarray = dataset("1/s", "state × 2", "eigenvalues of the state matrix A: real and imaginary part")
     system: StateSpace = group()
@@ -337,7 +347,7 @@ class SensorMatch:
     measured: np.ndarray | None = dataset(
         "<unit>",
         "instant × component",
-        "reading of <what>: with noise if the filter uses the sensor, otherwise true",
+        "reading of <what>: with noise if the filter uses the sensor, otherwise without noise",
         default=None,
     )
     predicted: np.ndarray | None = dataset(
@@ -371,9 +381,9 @@ class BallsThen:
     station: np.ndarray = dataset(
         "rad", "ball", "angular position of every ball about the bearing axis x, from the y axis towards the z axis"
     )
-    force: np.ndarray = dataset("N", "ball × 4", f"contact force at `time` {FOUR}")
+    force: np.ndarray = dataset("N", "ball × 4", f"contact force {FOUR}, at `time`")
     force_std: np.ndarray = dataset("N", "ball × 4", "standard deviation of every contact force")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure at `time` {FOUR}")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", f"contact pressure {FOUR}, at `time`")
     pressure_std: np.ndarray = dataset("Pa", "ball × 4", "standard deviation of every contact pressure")
 
 

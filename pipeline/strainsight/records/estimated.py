@@ -39,7 +39,7 @@ class Damaged:
         "largest damage first",
         default=None,
     )
-    hours: float = dataset("h", "", "duration of the test record multiplied by the number of repetitions")
+    hours: float = dataset("h", "", "time in which the damage accumulates: duration of all test records × repetitions")
 
 
 @record
@@ -235,7 +235,7 @@ class TestSource:
         "zero interval [from, to] of every channel; the mean reading in the interval is subtracted from the "
         "readings; NaN: no zero interval",
     )
-    delay: np.ndarray = dataset("s", "/channel", "corrected time delay of every channel; negative: time advance")
+    delay: np.ndarray = dataset("s", "/channel", "time delay removed from every channel; negative: time advance")
 
 
 @record
@@ -283,7 +283,7 @@ class CampaignRecord:
     """Results common to several records; those of each record are in /record/NAME."""
 
     name: tuple[str, ...] = dataset("1", "/records", "names of the test records, in config order", path="/records")
-    alone: dict[str, np.ndarray] = dataset("unit of <name>", "/records", "most likely <name> from each record alone")
+    alone: dict[str, np.ndarray] = dataset("unit of <name>", "/records", "estimate of <name> from each record alone")
     gain: float = dataset(
         "1",
         "",

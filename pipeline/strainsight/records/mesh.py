@@ -97,7 +97,8 @@ class MeshColumns:
     arms: np.ndarray = dataset(
         "1",
         "arm × 2",
-        "node indices of both ends of every rigid arm: node on a shell face or beam side, and node of the shell or beam",
+        "node indices of both ends of every rigid link from a shell or beam to its surface: node on the surface, node of the "
+        "shell or beam",
     )
     regions: Mapping[int, Region] = group(table(Region, "region", "id"))
     shell_sections: Mapping[int, ShellSection] | None = group(

@@ -73,11 +73,11 @@ class Removals:
     trace: np.ndarray | None = dataset(
         "1",
         "removal + 1",
-        "<what> of the whole pool and after every removal; only for the trace criterion",
+        "<what> with the whole pool and after every removal; only for the trace criterion",
         default=None,
     )
     metric: np.ndarray | None = dataset(
-        "1", "removal + 1", "<what> of the whole pool and after every removal; only for other criteria", default=None
+        "1", "removal + 1", "<what> with the whole pool and after every removal; only for other criteria", default=None
     )
     rise: np.ndarray = dataset("1", "removal", "increase of <what> with every removal, in full precision")
     unknowns: tuple[str, ...] = dataset("1", "/unknowns", "unknowns in the placement criterion: loads, then parameters")
@@ -134,7 +134,7 @@ class Rules:
     rule: tuple[str, ...] = dataset("1", "/rule", "selection rule of every gauge set")
     gauges: np.ndarray = dataset("1", "/rule × row", "gauges of every gauge set, as rows of /pool/gauges; −1: no gauge")
     name: tuple[str, ...] = dataset("1", "/name", "name of every criterion; the first is the criterion of the layout")
-    value: np.ndarray = dataset("1", "/rule × /name", "value of every criterion, a variance, with every gauge set")
+    value: np.ndarray = dataset("1", "/rule × /name", "value of every criterion (a variance) for every gauge set")
     std: dict[str, np.ndarray] = dataset(
         "SI", "/rule", "steady-state σ of <name> with every gauge set; for ranking only"
     )
@@ -200,7 +200,11 @@ class Observed:
         "/excitation",
         "name of every excitation: load case, 'training run' (the simulation of the stage `train`), or frequency",
     )
-    case: tuple[str, ...] = dataset("1", "/case", "group of unknowns: input, E (all moduli), rho (all densities)")
+    case: tuple[str, ...] = dataset(
+        "1",
+        "/case",
+        "group of unknowns: input (loads), E (stiffness parameters), rho (densities), damping; + joins groups",
+    )
     unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns of every group in `case`")
     condition: np.ndarray = dataset(
         "1",
@@ -210,10 +214,12 @@ class Observed:
     condition_raw: np.ndarray = dataset(
         "1",
         "/excitation × /case",
-        "condition number of the unscaled observability (PBH) matrix, as defined in the thesis (Cottone 2022); "
+        "condition number of the unscaled observability (PBH) matrix at λ = 0, as in the thesis (Cottone 2022); "
         "depends on units",
     )
-    sigma_min: np.ndarray = dataset("1", "/excitation × /case", "smallest singular value of the scaled PBH matrix")
+    sigma_min: np.ndarray = dataset(
+        "1", "/excitation × /case", "smallest singular value of the scaled observability (PBH) matrix at λ = 0"
+    )
     lost: np.ndarray = dataset("1", "/excitation × /case", "unobservable or weakly observable unknowns; empty: none")
 
 
@@ -224,13 +230,13 @@ class HotSpots:
     refined: np.ndarray = dataset(
         "1",
         "gauge",
-        "largest strain change at the gauge with a refined local mesh, relative to the RMS strain in the stage "
+        "largest strain change at the gauge after refinement of the local mesh, relative to the RMS strain in the stage "
         "`train`; NaN: not tested",
     )
     spread: np.ndarray = dataset(
         "1",
         "gauge",
-        "strain change at the gauge with nodal forces distributed over facets, relative to the RMS strain in the "
+        "strain change at the gauge if nearby nodal forces are distributed over facets, relative to the RMS strain in the "
         "stage `train`; NaN: not tested",
     )
     share: float = dataset(

@@ -42,7 +42,9 @@ class ChangeTerms:
         "value (0: none); 1 for x = ln θ, otherwise x = θ",
     )
     weights: dict[str, np.ndarray] = dataset(
-        "1", "product of <name>", "<what>: w of all products of the first roots of each parameter"
+        "1",
+        "product of <name>",
+        "<what>: weight w of each product Π (x − root)/scale over the first roots of every parameter",
     )
 
     @classmethod
@@ -171,8 +173,8 @@ class ReadyBasis:
     missed: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "row × input × misalignment",
-        "change of the static response per unit misalignment of a load: only the part outside the span of the reduction basis "
-        "Ψ; row: degree of freedom of the imported matrices",
+        "change of the static displacement under a unit load, per unit misalignment of this load: only the part outside the "
+        "span of the reduction basis Ψ. Row: degree of freedom of the imported matrices",
     )
     notes: tuple[str, ...] = dataset("1", "note", "assumptions made in reading the matrices")
 
@@ -197,13 +199,13 @@ class Misaligned:
     static: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "free unknown × input × misalignment",
-        "change of the static response per unit misalignment of each load",
+        "change of the static displacement under a unit load, per unit misalignment of this load",
     )
     missed: np.ndarray = dataset(
         "m/N/rad or m/N/m",
         "3 nodes × input × misalignment",
-        "change of the static response at the nodes per unit misalignment of each load: only the part outside the span of the "
-        "reduction basis Ψ",
+        "change of the static displacement of the nodes under a unit load, per unit misalignment of this load: only the part "
+        "outside the span of the reduction basis Ψ",
     )
 
 

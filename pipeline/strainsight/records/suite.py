@@ -48,8 +48,8 @@ class UnknownRows:
     error: np.ndarray = dataset(
         "1",
         "/name",
-        "error of the filter estimate (of a parameter at the end, of a load RMS), relative to the true "
-        "parameter, the RMS load (structure) or the largest load (bench)",
+        "error of the filter estimate. Parameter: final error, relative to the true value. Load: RMS error, relative to the "
+        "RMS load (structure) or the largest load (bench)",
     )
     smoothed: np.ndarray = dataset("1", "/name", "error of the smoothed estimate, defined as `error`")
     std: np.ndarray = dataset("1", "/name", "standard deviation of the filter estimate (relative, see `error`)")
@@ -110,8 +110,8 @@ class NumberRows:
     value: np.ndarray = dataset(
         "SI",
         "number",
-        "value of the number, multiplied by `times` of the claim and divided by the value in its reference run "
-        "(`against`)",
+        "value of the number, multiplied by `times` of the claim and divided by the value of the same number, or "
+        "of `against_number`, in the reference run (`against`) of the claim",
     )
 
 

@@ -29,7 +29,8 @@ class GridColumns:
     angle: np.ndarray = dataset(
         "deg",
         "<what>",
-        "angle of the measuring direction from the projected reference axis, counter-clockwise about the outward normal",
+        "configured angle of the measuring direction, counter-clockwise about the outward normal: from the axis projected onto "
+        "the facet, or from the principal strain direction",
     )
     local: np.ndarray = dataset("1", "<what> × 2", "local coordinates of the measuring point on the facet")
     length: np.ndarray = dataset(
@@ -124,7 +125,7 @@ class Training:
     name: tuple[str, ...] = dataset(
         "1",
         "gauge",
-        "name of every gauge in the config; empty: the gauge gets its name in the layout",
+        "name of every bonded gauge in the config; empty: candidate gauge, which is named only in the layout",
         path="/gauges/name",
     )
     rows: np.ndarray = dataset(
@@ -136,15 +137,15 @@ class Training:
     row_change: AffineOperator | None = group(
         ChangeTerms,
         "unit of the row",
-        "contribution of an estimated shell thickness to the strain operator",
+        "part of the strain operator that depends on estimated shell thicknesses",
         path="/gauges/row_change",
         default=None,
     )
     missed: np.ndarray = dataset(
         "strain/N/rad or strain/N/m",
         "channel × input × misalignment",
-        "static strain, or displacement [m], per unit misalignment of a load: only the part outside the span of the reduction "
-        "basis",
+        "change of the static strain, or displacement [m], under a unit load, per unit misalignment of this load: only the "
+        "part outside the span of the reduction basis",
         path="/gauges/missed",
     )
     strain_operator: sparse.csr_array | None = group(StrainOperatorRows, path="/gauges/strain_operator", default=None)
@@ -266,7 +267,7 @@ class Screened:
         "1",
         "gauge",
         "largest ratio of RMS reading to noise, over all load cases and unknowns (each unknown alone). With "
-        "`rank_by: strength`: ratio of the RMS reading in the stage `train` to the noise",
+        "`screen.by: strength`: ratio of the RMS reading in the stage `train` to the noise",
     )
     reason: np.ndarray = dataset("1", "gauge", "reason why screening removed the gauge; empty: the gauge remains")
     clearance: Clearance | None = group(default=None)
@@ -280,7 +281,7 @@ class Screened:
         "case × channel",
         "mean square error of every reading due to installation errors, in every load case (sorted by name) or "
         "under the configured loads. Zero for candidates too close to edges, supports or loads. Only stored with "
-        "`installation: avoid`",
+        "`place.installation: avoid`",
         default=None,
     )
     range: np.ndarray = dataset(

@@ -60,9 +60,9 @@ class Errors:
     """Results of many runs, one for every `<what>`."""
 
     error: dict[str, np.ndarray] = dataset(
-        "1", "run", "error of <name> (of a parameter at the end, of a load RMS) for every <what>"
+        "1", "run", "relative error of <name> (parameter: final; load: RMS) for every <what>"
     )
-    std: dict[str, np.ndarray] = dataset("1", "run", "estimated standard deviation of <name> for every <what>")
+    std: dict[str, np.ndarray] = dataset("1", "run", "estimated relative σ of <name> for every <what>")
 
 
 @record
@@ -75,7 +75,7 @@ class NoiseStudy(Errors):
 @record
 class Starts(Errors):
     start: dict[str, np.ndarray] = dataset(
-        "1", "run", "initial value of <name> for every <what>, relative to its scale (parameters: logarithm)"
+        "1", "run", "initial value of <name> for every <what>: load/amplitude, or ln(parameter/guess)"
     )
 
 
@@ -96,8 +96,8 @@ class SweepTable:
     value: np.ndarray = dataset(
         "1", "/key", "changed time step [s], or factor on the process noise or on the parameter"
     )
-    error: dict[str, np.ndarray] = dataset("1", "/key", "error of <name> (of a parameter at the end, of a load RMS)")
-    std: dict[str, np.ndarray] = dataset("1", "/key", "estimated standard deviation of <name>")
+    error: dict[str, np.ndarray] = dataset("1", "/key", "relative error of <name> (parameter: final; load: RMS)")
+    std: dict[str, np.ndarray] = dataset("1", "/key", "estimated relative σ of <name>")
 
 
 @record

@@ -214,14 +214,14 @@ class Simulate(TimeSpan):
     )
     snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = expert(
         0.005,
-        description="Largest permitted displacement of a body by the projection of its initial pose onto the joint constraints "
-        "[m]. A larger displacement is an error. The permitted change of rotation is 0.02 rad, and that of the "
-        "initial velocity 1 %.",
+        description="Largest permitted displacement of a body when its initial pose is projected onto the joint constraints [m]. "
+        "A larger displacement is an error. The projection may also rotate the body by at most 0.02 rad, and change its "
+        "initial velocity and spin by at most 1 %.",
     )
 
 
 class SurfaceField(OnFlexibleBody):
-    """Displacement, strain and stress of the surface of a flexible body over time, as a grid for ParaView."""
+    """Displacement, strain and stress of the surface of a flexible body over time, stored with its mesh for ParaView (VTKHDF)."""
 
     of: Literal["simulate", "estimate"] = Field(
         "simulate",

@@ -179,7 +179,7 @@ def _masses(config: BenchConfig) -> Iterator[Problem]:
             f"bodies.{odd}.mass",
             f"{masses[odd]:g} kg and the mass of '{other}', {masses[other]:g} kg, differ by more than a factor of "
             f"{MASSES_APART:g}",
-            "check that both masses are in kg; instead of a very heavy body, use the ground",
+            "check that both masses are in kg; to replace a very heavy body by the ground, set body: ground in its frames",
         )
 
 

@@ -53,7 +53,7 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
         yield Problem(
             f"{key}.histories",
             "all load histories are identical: truth.within is 0",
-            f"set {key}.within to the latest start of a history [s]",
+            f"set {key}.within to a value above 0 s, the limit for the start of further histories",
         )
 
 
@@ -148,7 +148,7 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
             estimate,
             sensor,
             name,
-            f"and set {key}.noise to √(noise² + e²), e = σ of the acceleration due to model errors in m/s²",
+            f"and set {key}.noise to √(noise² + e²), e = σ of the acceleration error of the bench model [m/s²]",
         )
         count = channels_of(config, name)
         for field in ("noise", "bias", "drift"):

@@ -43,7 +43,8 @@ class ConstantSection(Section):
 
 
 class RampSection(Section):
-    """Smooth transition between two values, u = a + (b − a)(10s³ − 15s⁴ + 6s⁵), with continuous velocity and acceleration."""
+    """Smooth transition from `start` (a) to `end` (b), u = a + (b − a)(10s³ − 15s⁴ + 6s⁵) with s = (t − `begin`)/`duration`. The
+    first and second time derivatives of u are continuous."""
 
     type: Literal["ramp"] = Field(description="Kind of signal.")
     start: Annotated[float, DRIVEN] = Field(
@@ -52,8 +53,10 @@ class RampSection(Section):
     end: Annotated[float, DRIVEN] = Field(
         description="Final value b [N or N m; for a drive: rad or m, or their rates]."
     )
-    begin: Annotated[NotNegative, DURATION] = Field(0.0, description="Start time of the transition [s].")
-    duration: Duration = Field(description="Duration of the transition [s].")
+    begin: Annotated[NotNegative, DURATION] = Field(
+        0.0, description="Start time of the transition from `start` to `end` [s]."
+    )
+    duration: Duration = Field(description="Duration of the transition from `start` to `end` [s].")
 
 
 Signal = Annotated[
@@ -142,8 +145,8 @@ class Perpendicular(Between):
     type: Literal["perpendicular"] = Field(description="Kind of joint.")
     axis: Axis = Field(description="Axis of the first frame that is perpendicular to `to`.")
     to: Literal["x", "y", "z", "offset"] = Field(
-        description="Axis of the second frame perpendicular to `axis`; `offset`: the line from the origin of the first frame "
-        "to the origin of the second frame."
+        description="Axis of the second frame that is perpendicular to `axis`. With `offset`: instead of an axis, the line from "
+        "the origin of the first frame to the origin of the second frame."
     )
 
 
@@ -188,7 +191,7 @@ class Drive(Section):
                 "start", "has no effect: the signal defines the position at t = 0", "remove the key, or set of: rate"
             )
         if self.of == "rate" and self.signal.type == "sweep":
-            what = "with of: rate, a sweep is not supported: its integral, the position, has no closed form"
+            what = "with of: rate, a sweep is not supported: the position, the integral of a sweep, has no closed form"
             yield Problem(
                 "signal", what, "set of: position, or save the rate in a CSV file and use a signal of type csv"
             )
@@ -210,7 +213,7 @@ class DrivenAngle(Axial, WithDrive):
 
 
 class DrivenDisplacement(Axial, WithDrive):
-    """The origin of the second frame has a prescribed displacement along an axis of the first frame."""
+    """Prescribed displacement of the second origin relative to the first origin, along an axis of the first frame."""
 
     type: Literal["driven_displacement"] = Field(description="Kind of joint.")
 
@@ -300,7 +303,8 @@ Six = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, Not
 
 
 class Bushing(Between):
-    """Linear springs and dampers for the displacements and small rotations of the second frame in the axes of the first frame."""
+    """Linear springs and dampers for the displacements and small rotations of the second frame relative to the first frame, in
+    the axes of the first frame."""
 
     type: Literal["bushing"] = Field(description="Kind of force.")
     stiffness: Annotated[Six, STIFFNESS] = expert(

@@ -90,7 +90,8 @@ class EstimatedParameter(Section):
 
     bearing: BearingName | None = Field(
         None,
-        description="Name of the bearing with this parameter. Null: the parameter is the modulus of this name in a body.",
+        description="Name of the bearing with this parameter. Null: the parameter is the Young's modulus of the same "
+        "name in `bodies.*.moduli`.",
     )
     property: BearingParameter | None = Field(
         None, description="Property of the bearing that is the parameter; null for a modulus."
