@@ -92,7 +92,7 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
     if k > NUMBERS_A_LINE:
         raise error_at(
             where,
-            f"a block has {k} numbers per node, but at most {NUMBERS_A_LINE} are supported",
+            f"a result block has {k} components per node, but at most {NUMBERS_A_LINE} are supported",
             "export the results again, with fewer components in this block",
         )
     width = ID_WIDTH[block.format]
@@ -117,7 +117,7 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
     if file.readline()[:3] != b" -3":
         raise error_at(
             where,
-            f"the block of {plural(block.rows, 'node')} does not end with the line -3",
+            f"the result block of {plural(block.rows, 'node')} does not end with the line -3",
             "export the results again",
         )
     return ids, values

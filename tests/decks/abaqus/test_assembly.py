@@ -207,7 +207,7 @@ test_errors_have_file_and_line = refusal_table(TETRAHEDRON.replace, [
     ("2.1e11, .3", "2.1e11, .5", "Poisson's ratio is 0.5", 13),
     ("7850.", "-7850.", "density is -7850", 15),
     ("** a comment", "*INCLUDE, INPUT=deck.inp", "includes itself", 3),
-    ("** a comment", "*PARAMETER\na=1", "parameters are not supported", 3),
+    ("** a comment", "*PARAMETER\na=1", "named variables are not supported", 3),
     ("** a comment", "*PART, NAME=P", r"\*END PART is missing", 3),
     ("** a comment", "*STEP\n*NODE\n1,2,3,4", "inside a \\*STEP", 4),
     ("*BOUNDARY", "*NSET, NSET=A\n1, 77\n*BOUNDARY", "node 77 is not in the deck", 18),

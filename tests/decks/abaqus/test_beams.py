@@ -169,7 +169,7 @@ def test_general_section_has_moments_and_material(read):
     assert (material.youngs_modulus, material.poisson_ratio, material.density) == pytest.approx((2e11, 0.25, 7000))
     assert str(material) == "material of BAR"
     assert [note.partition(": ")[2] for note in mesh.notes] == [
-        "I12 = 1e-05 is imported as ∫ x1 x2 dA, x1 and x2 along n1 and n2"
+        "I12 = 1e-05 is imported as ∫ x1 x2 dA, with x1 along n1 and x2 along n2"
     ]
     assert mesh.materials[mesh.regions[2].material].youngs_modulus == 2.1e11
     np.testing.assert_allclose(mesh.beams[0].axes[0, :, 1], [0, 0, 1], atol=1e-15)

@@ -136,17 +136,17 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     except UserError:
         tied = 0
     other = pair.second.name
-    left = [f"{plural(shared, 'node')} not bonded (common to both surfaces, so already connected)"] if shared else []
-    dependent = f"{plural(len(nodes) - len(free), 'node')} not bonded (already dependent in another tie or contact)"
+    left = [f"{plural(shared, 'node')} not bonded, because already common to both surfaces"] if shared else []
+    dependent = f"{plural(len(nodes) - len(free), 'node')} not bonded, because dependent in another tie or contact"
     left += [dependent] if len(free) < len(nodes) else []
-    leading = f"{plural(len(free) - len(able), 'node')} not bonded (nodes of {other} depend on them in another tie)"
+    leading = f"{plural(len(free) - len(able), 'node')} not bonded, because nodes of {other} are tied to them"
     left += [leading] if len(able) < len(free) else []
-    far = f"{plural(len(able) - tied, 'node')} not bonded (more than {within:.3g} length units from {other})"
+    far = f"{plural(len(able) - tied, 'node')} not bonded, because farther than {within:.3g} length units from {other}"
     left += [far] if tied < len(able) else []
     second_size = facet_size(mesh, pair.second, pair.first)
     if tied and second_size is not None and second_size > COARSER * size:
         left += [
-            f"some nodes of {other} not bonded, because {other} has a finer mesh: in *CONTACT PAIR, write {other} first"
+            f"some nodes of {other} not bonded, because {other} has the finer mesh: write {other} first in this *CONTACT PAIR"
         ]
     how = "TIED in the deck" if pair.tied else "mesh.contact: bonded"
     bound = "" if pair.tied or not tied else "; the model is too stiff where the contact may open or slide"

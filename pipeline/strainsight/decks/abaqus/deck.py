@@ -73,8 +73,8 @@ OF_CONTACT = re.compile(
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
-    "PARAMETER": ("parameters are not supported", "write values instead of parameters, and remove this keyword"),
-    "MANIFEST": ("assemblies of several files are not supported", "export the deck as one file"),
+    "PARAMETER": ("named variables are not supported", "write a number instead of each <name>, and remove *PARAMETER"),
+    "MANIFEST": ("an assembly of several decks (*MANIFEST) is not supported", "export the complete model as one deck"),
 }
 
 

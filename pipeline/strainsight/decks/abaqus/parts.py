@@ -129,7 +129,7 @@ def _wrong_count_error(keyword: Keyword, counts: IntArray, width: int, type_: st
                 "complete the element; the deck may be truncated here",
             )
         have %= width
-    raise AssertionError("internal error: no element with a wrong number of nodes")
+    raise AssertionError("internal error: the element with a wrong number of nodes was not found")
 
 
 def _invalid_id_error(keyword: Keyword) -> DeckError:
@@ -139,7 +139,7 @@ def _invalid_id_error(keyword: Keyword) -> DeckError:
                 return row.error(
                     f"entry {i + 1} {describe_non_integer(entry.strip())}", "write element id and node ids as integers"
                 )
-    raise AssertionError("internal error: all entries are integers")
+    raise AssertionError("internal error: the entry that is not an integer was not found")
 
 
 def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:

@@ -70,7 +70,7 @@ def beam_section(
                 f"{rows[0].where}: warping constants (entry {warping_entries[0] + 1}) have no effect: warping is not modelled"
             )
         if d[2] != 0:
-            notes.append(f"{rows[0].where}: I12 = {d[2]:g} is imported as ∫ x1 x2 dA, x1 and x2 along n1 and n2")
+            notes.append(f"{rows[0].where}: I12 = {d[2]:g} is imported as ∫ x1 x2 dA, with x1 along n1 and x2 along n2")
         section, centroid = _general(rows[0], d), np.zeros(2)
     else:
         section, centroid = _shape(rows[0], shape, d)
@@ -103,8 +103,8 @@ def section_constants(
     if elastic_fault(E, nu):
         section = section.with_shear(G / (E / 2))
         notes.append(
-            f"{row.where}: Poisson's ratio E/2G - 1 = {nu:.3g} is outside -1 to 0.5; "
-            "J and the shear factors are scaled to obtain this G with ν = 0"
+            f"{row.where}: Poisson's ratio E/2G - 1 = {nu:.3g} is outside -1 to 0.5, so ν = 0 is used. "
+            "J and the shear factors are scaled to preserve the torsional and shear stiffness"
         )
         nu = 0.0
     density = keyword.parameters.get("DENSITY", "")
@@ -205,7 +205,7 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
             "remove OFFSET1 and OFFSET2, or use SECTION=RECT, BOX, PIPE or CIRC",
         )
     share = [
-        keyword.number(name, 0.0, "write the offset along n1 or n2, divided by the section width in this direction")
+        keyword.number(name, 0.0, "write a number: offset divided by section width in the same direction (n1 or n2)")
         for name in ("OFFSET1", "OFFSET2")
     ]
     return np.array(share) * sizes
@@ -378,7 +378,8 @@ def _layer(
             turned = f"rotated by {angle:g}°" if angle else "in a rotated instance"
             raise row.error(
                 f"layer {number} is anisotropic and {turned}, but its section has no ORIENTATION",
-                "add ORIENTATION=… to the section; line 2 of this *ORIENTATION: axis normal to the layers (1-3), angle 0",
+                "add ORIENTATION=… to the section; write line 2 of its *ORIENTATION: number 1, 2 or 3 of the axis normal "
+                "to the layers, then the angle 0",
             )
         return Layer(material, t, Orientation(BASIC, np.eye(3)))
     if not angle:

@@ -80,7 +80,7 @@ def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[Poin
         if lowest < -1e-9 * np.abs(tensor).max():
             raise line.error(
                 f"a principal moment of inertia is {lowest:g}, negative",
-                "correct the six values I11, I22, I33, I12, I13 and I23",
+                "correct I11, I22, I33, I12, I13 and I23 so that the inertia tensor has no negative eigenvalue",
             )
         node, turned = _node_of(assembly, row, rotations), scope.rotation @ tensor @ scope.rotation.T
         i = next((i for i, point in enumerate(points) if point.node == node), None)
@@ -141,7 +141,7 @@ def _node_of(assembly: Assembly, row: int, rotations: Mapping[int, int]) -> int:
         raise assembly.element_error(
             row,
             f"refers to node {assembly.node_ids[nodes[0]]}, the ROT NODE of a *RIGID BODY",
-            f"use the REF NODE {assembly.node_ids[rotations[int(nodes[0])]]}",
+            f"replace this node by the REF NODE {assembly.node_ids[rotations[int(nodes[0])]]} of this body",
         )
     return int(nodes[0])
 
@@ -329,7 +329,7 @@ def _motions(
         if len(term.nodes) not in (1, count):
             raise term.row.error(
                 f"the node set has {plural(len(term.nodes), 'node')}, but the node set of the first term has {count}",
-                "use a node set of the size of the first one, or a single node",
+                f"use a node set of {plural(count, 'node')}, or a single node",
             )
     if terms[0].value == 0:
         raise terms[0].row.error(

@@ -100,7 +100,7 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
                 continue
             rows = assembly.element_rows(row.text(0), scope, row)
             if np.isin(family[rows], ("beam", "rod")).any():
-                assembly.notes.append(f"{row.where}: the beams of surface {name} are left out")
+                assembly.notes.append(f"{row.where}: beams and trusses are left out of surface {name} (no facets)")
             solids, label = rows[family[rows] == "solid"], row.text(1).upper()
             if label:
                 number = parse_integer(label[1:]) if label.startswith("S") else None

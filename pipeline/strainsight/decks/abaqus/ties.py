@@ -339,11 +339,11 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     names = [region.name for number, region in mesh.regions.items() if number + ring.shift in ring.mesh.regions]
     assembly.notes.append(
         f"{first.where}: the sector is expanded to a full ring of {count} sectors with {len(ring.mesh.position)} nodes. "
-        f"Node and element ids of copy j are those of the sector + j × {ring.shift}; "
+        f"Node and element ids of sector k are those of the sector in the deck + (k - 1) × {ring.shift}; "
         f"{merged} nodes on the sector faces and on the axis are merged"
         + f", {loose} are tied to facets of the opposite sector face" * bool(loose)
-        + (f". One region per sector for {', '.join(names)}, such as '{names[0]} (sector 2)'" if names else "")
-        + ". Sets and loads apply to all copies; SECTOR-1, SECTOR-2, … are sets of one copy"
+        + (f". Each sector has its own region of {', '.join(names)}: '{names[0]} (sector 2)'" if names else "")
+        + ". Sets and loads of the deck apply to all sectors; the new sets SECTOR-1, SECTOR-2, … contain one sector each"
     )
     return mesh_with_loose, replace(surfaces, by_name=whole)
 
@@ -383,13 +383,11 @@ def _with_loose(ring: Ring, cuts: list[tuple[Row, Surface, Surface]], assembly: 
             raise row.error(error.what, error.remedy or "") from None
         if tied < len(nodes):
             off = (
-                f"{plural(len(nodes) - tied, 'node')} of sector faces farther than {within:.3g} length units of the deck from "
-                f"{other.name} of the next sector"
+                f"{plural(len(nodes) - tied, 'node')} of sector faces not tied, because farther than {within:.3g} length units "
+                f"of the deck from {other.name} of the next sector"
             )
             assembly.notes.append(
-                Doubt(
-                    f"{row.where}: {off}, therefore not tied: check the number of sectors, and the mesh at the sector faces"
-                )
+                Doubt(f"{row.where}: {off}: check the number of sectors N, and the mesh at the sector faces")
             )
     return mesh
 

@@ -124,12 +124,13 @@ def thin_cells(
         if chunk.type not in THIN_KINDS:
             element, names = int(chunk.ids[0]), ", ".join(TYPES[number].name + "s" for number in THIN_KINDS)
             what = (
-                f"element {element} is a {chunk.kind.name}, but {chosen[dimension, section_tags[0]][0]} has a section"
+                f"element {element} is a {chunk.kind.name}, but elements with a section (mesh.sections: "
+                f"{chosen[dimension, section_tags[0]][0]}) can only be {names}"
             )
             incomplete = "set Mesh.SecondOrderIncomplete = 1 before meshing"
             lower = "set Mesh.ElementOrder = 2 (or 1) before meshing"
             remedy = incomplete if chunk.type == NINE else lower
-            raise entity_error("element", element, f"{what} and may contain only {names}", remedy, file.where)
+            raise entity_error("element", element, what, remedy, file.where)
         groups = tuple(sorted(tag for tag in section_tags if tag is not None))
         chunks.append(replace(chunk, groups=groups))
     left, doubled = merge_doubled(chunks, file.version)
@@ -142,8 +143,8 @@ def thin_cells(
             raise entity_error("element", element, what, remedy, file.where)
     if several:
         notes.append(
-            f"elements such as {several[0][0]} are in several physical groups with a section; their region is the group with the "
-            "lowest tag"
+            f"elements in several physical groups with a section (for example element {several[0][0]}) belong to the region of "
+            "the group with the lowest tag"
         )
     cells = []
     for number, kind in THIN_KINDS.items():

@@ -249,7 +249,7 @@ def mass_scale(deck: Deck) -> float:
         if scale != factors[0]:
             raise card.error(
                 f"the factor WTMASS is {scale:g} here, but {factors[0]:g} at {definitions[0].where}",
-                "keep only one of the two",
+                "keep only one PARAM WTMASS in the deck",
             )
     return factors[0] if factors else 1.0
 

@@ -118,7 +118,7 @@ def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckE
     if isinstance(error, MemoryError):
         return error_at(
             path,
-            f"reading the mesh requires more than 1 GiB, although the file has only {path.stat().st_size} bytes",
+            f"reading the mesh requires more than 1 GiB of memory, although the file has only {path.stat().st_size} bytes",
             INSTEAD,
         )
     reason = " ".join((printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}").split())
@@ -208,15 +208,15 @@ def check_hdf5(path: Path) -> None:
 
     def look(name: str, link: Any) -> None:
         if isinstance(link, h5py.ExternalLink):
-            problems.append((f"{name} is a link to another file ({link.filename})", inside))
+            problems.append((f"the HDF5 object {name} is a link to another file ({link.filename})", inside))
 
     def weigh(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
             if item.external or item.is_virtual:
-                problems.append((f"{name} refers to data in another file", inside))
+                problems.append((f"dataset {name} refers to data in another file", inside))
             elif item.nbytes > LARGEST:
                 problems.append(
-                    (f"{name} has {item.nbytes / 1024**3:.1f} GiB, above the limit of 4 GiB", "export a smaller mesh")
+                    (f"dataset {name} has {item.nbytes / 1024**3:.1f} GiB (limit: 4 GiB)", "export a smaller mesh")
                 )
 
     try:
@@ -241,7 +241,8 @@ COMMAND = python("strainsight.decks.other.load")
 def load_sandboxed(path: Path) -> Loaded:
     """`load` in a child process. Raises the same DeckError, and one if the process fails."""
     limit = TIME_LIMIT + path.stat().st_size / 1e5 if path.is_file() else TIME_LIMIT
-    failure = error_at(path, "reading the file crashed or took too long", f"the file may be damaged: {INSTEAD}")
+    what = f"reading the file crashed or took too long (more than {limit:.0f} s)"
+    failure = error_at(path, what, f"the file may be damaged: {INSTEAD}")
     with child_reader(COMMAND, str(path), failure) as receive:
         record, arrays = receive(limit)
 
