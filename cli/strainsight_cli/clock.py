@@ -23,10 +23,10 @@ class RemainingTime:
     after: float | None = None
 
     def text(self, now: float) -> str:
-        """`about 0:12 left, next stages 1:30`, or nothing."""
+        """`about 0:12 left, 1:30 for the next stages`, or nothing."""
         if self.until is None or self.until <= now:
             return ""
-        then = f", next stages {spelt(self.after)}" if self.after is not None and self.after >= 1.0 else ""
+        then = f", {spelt(self.after)} for the next stages" if self.after is not None and self.after >= 1.0 else ""
         return f"about {spelt(self.until - now)} left{then}"
 
 

@@ -59,7 +59,7 @@ def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: in
 
 
 def sum_of(statuses: Sequence[Status]) -> str:
-    """`5 of 9 stages up to date; last run time of the other 4 stages: 12.3 s`"""
+    """`5 of 9 stages up to date; last run time of the 4 stages to run: 12.3 s`"""
     from strainsight.runner.plan import UP_TO_DATE
 
     pending = [status for status in statuses if status.status != UP_TO_DATE]
@@ -68,7 +68,7 @@ def sum_of(statuses: Sequence[Status]) -> str:
     known = [value for value in seconds if value is not None]
     if not known:
         return text
-    others = f"the other {len(pending)} stages" if len(pending) > 1 else "the other stage"
+    others = f"the {len(pending)} stages to run" if len(pending) > 1 else "the stage to run"
     which = others if len(known) == len(pending) else f"{len(known)} of {others}"
     return f"{text}; last run time of {which}: {sum(known):.1f} s"
 

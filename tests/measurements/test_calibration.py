@@ -84,7 +84,7 @@ def test_missing_samples_are_excluded_from_mean():
     assert np.nanmax(np.abs(values)) < 1e-18
     dead, notes = calibrated(np.full(1000, np.nan), ChannelSettings("um/m", zero=(0, 1)))
     assert np.isnan(dead).all()
-    assert "a: the channel has no samples, so it was not zeroed" in notes
+    assert "a: the channel has no samples, so no mean over the interval `zero` was subtracted" in notes
 
 
 def test_marked_samples_are_excluded_from_mean():

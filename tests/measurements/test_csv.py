@@ -137,7 +137,7 @@ FAULTS = {
     "a date alone": (HEAD + "2024-05-01,1,2\n", 2, r"write the time in seconds, or as clock time: 10:00:00\.01, 2024-05-03", ""),
     "a number below clock times": (HEAD + "12:00:00,1,2\n7,1,2\n", 3, "'7' in column 'time' is not a clock time later than", ""),
     "no such column": ("time [s],aa,b\n0,1,2\n", None, "column 'a' not found", "did you mean aa?"),
-    "twice": ("time [s],a,a,b\n0,1,2,3\n", None, "'a' is the name of several columns, numbers 2,", "unique name"),
+    "twice": ("time [s],a,a,b\n0,1,2,3\n", None, "'a' is the name of the columns 2,", "unique name"),
     "two delimiters": ("time [s];a;b, left\n0;1;2\n", None, "commas and semicolons", "the delimiter"),
     "no names": ("0,1,2\n1,2,3\n", None, "no names", "line of names"),
     "no unit of time": ("time,a,b\n0,1,2\n1,2,3\n", None, "the file does not define the unit of the time", "time [s]"),

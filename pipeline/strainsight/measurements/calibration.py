@@ -168,7 +168,7 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
         notes.append(_subtract_zero(recording, name, settings, values))
     values *= settings.sign * factor
     if settings.sign < 0:
-        notes.append(f"{name}: the sign was reversed")
+        notes.append(f"{name}: all samples were multiplied by −1, as set by `sign: -1`")
     if settings.bridge is not None:
         values = _strain(recording, name, settings.bridge, values)
         notes.append(
@@ -179,7 +179,7 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
         notes.append(f"{name}: converted from {settings.unit} to {SI[settings.quantity]}")
     if settings.scale != 1:
         values *= settings.scale
-        notes.append(f"{name}: multiplied by {settings.scale:g}")
+        notes.append(f"{name}: all samples were multiplied by {settings.scale:g}, the factor `scale` in the config")
     notes.extend(_note_large_strain(name, settings, values))
     return values, tuple(notes)
 
@@ -223,7 +223,7 @@ def _check_size(recording: Recording, name: str, settings: ChannelSettings, valu
     if too_large.size:
         sample = int(too_large[0])
         raise UserError(
-            f"channel {name!r} has the value {values[sample]:g} {settings.unit}, above the limit of {LARGEST:g}",
+            f"channel {name!r} has the value {values[sample]:g} {settings.unit}; magnitudes above {LARGEST:g} are not valid",
             where=recording.place(sample),
             remedy="leave the cell empty for missing samples, or set `text: {missing: [NUMBER]}` to the number that marks them",
         )
@@ -233,7 +233,7 @@ def _subtract_zero(recording: Recording, name: str, settings: ChannelSettings, v
     assert settings.zero is not None
     start, end = settings.zero
     if np.isnan(values).all():
-        return f"{name}: the channel has no samples, so it was not zeroed"
+        return f"{name}: the channel has no samples, so no mean over the interval `zero` was subtracted"
     within = values[(recording.time >= start) & (recording.time <= end)]
     within = within[np.isfinite(within)]
     if not within.size:

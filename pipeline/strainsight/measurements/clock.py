@@ -87,7 +87,7 @@ def uniform_clock(recording: Recording) -> Clock:
     notes = corrected + tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
     if gaps.size > 10:
         notes += (
-            f"{_rows(int(np.sum(whole[gaps[10:]] - 1)))} inserted in {gaps.size - 10} other gap{'s' * (gaps.size > 11)}",
+            f"{_rows(int(np.sum(whole[gaps[10:]] - 1)))} inserted in {gaps.size - 10} later gap{'s' * (gaps.size > 11)}",
         )
     row = np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
     start, step = _fit_line(t, row)
@@ -166,7 +166,7 @@ def _check_order(recording: Recording, between: np.ndarray) -> None:
         return
     i = int(wrong[0])
     t, where = recording.time, recording.place(i + 1)
-    more = f", the first of {wrong.size} such places" if wrong.size > 1 else ""
+    more = f"; {wrong.size} time stamps are not later than the previous one" if wrong.size > 1 else ""
     if between[i] == 0:
         raise UserError(
             f"the time {t[i]:.9g} s occurs twice{more}",

@@ -102,7 +102,7 @@ def _suggest_header_line(error: UserError, block: bytes, first: int, table: _Tab
                 return
             form = table.form
             error.remedy = (
-                f"line {number} contains the name {quote(table.time or table.channels[0])}: "
+                f"line {number} contains the column name {quote(table.time or table.channels[0])}: "
                 + form.remedy_setting("header_line", str(number), "specify it as the line of names")
             )
             return

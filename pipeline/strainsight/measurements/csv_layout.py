@@ -190,7 +190,7 @@ def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str,
         return matches[0]
     if matches:
         raise UserError(
-            f"{wanted!r} is the name of several columns, numbers {', '.join(str(i + 1) for i in matches)}",
+            f"{wanted!r} is the name of the columns {', '.join(str(i + 1) for i in matches)}",
             where=where,
             remedy="use a unique name for every column",
         )

@@ -249,7 +249,7 @@ def check_marks(recording: Recording, name: str, unit: str, remedy: str = "", ne
             continue
         raise UserError(
             f"channel {name!r} has the value {mark:g} {unit} in {len(at)} of {len(values)} samples, but "
-            f"{others.min():.4g} to {others.max():.4g} in the others: this value marks missing samples",
+            f"{others.min():.4g} to {others.max():.4g} in the other samples: this value marks missing samples",
             where=recording.place(int(at[0])),
             remedy=remedy
             or f'set `text: {{missing: ["{mark:g}"]}}` with this value as written in the file, or leave the samples '

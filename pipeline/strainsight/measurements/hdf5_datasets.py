@@ -56,7 +56,7 @@ def declared(path: Path, names: Sequence[str]) -> list[int]:
     require_memory(
         AT_ONCE * np.dtype(float).itemsize * (samples or 0) + largest,
         f"{path}: a channel of {samples} samples",
-        "shorten the record, average samples, or use a larger machine",
+        "shorten the record, reduce its sampling rate, or use a computer with more memory",
     )
     return sizes
 

@@ -39,7 +39,7 @@ def evaluate(formula: str, x: NDArray[np.float64]) -> NDArray[np.float64]:
     Powers bind stronger than signs and are evaluated from right to left: -X^2 is -(X²). Overflow gives infinity,
     undefined values NaN. Raises ValueError for an invalid formula."""
     if len(formula) > LONGEST:
-        raise ValueError(f"it has {len(formula)} characters, more than the limit of {LONGEST}")
+        raise ValueError(f"the formula has {len(formula)} characters, more than the limit of {LONGEST}")
     tokens = list(_split(formula))
     with np.errstate(all="ignore"):
         value, behind = _evaluate_sum(tokens, 0, x, 0)
@@ -85,7 +85,7 @@ def _evaluate_product(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Va
 def _evaluate_signed(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
     """A power, with any number of preceding plus and minus signs."""
     if depth > DEEPEST:
-        raise ValueError(f"it is nested more than {DEEPEST} levels deep")
+        raise ValueError(f"the formula is nested more than {DEEPEST} levels deep")
     if (sign := tokens[at][1]) in ("+", "-"):
         value, at = _evaluate_signed(tokens, at + 1, x, depth + 1)
         return (-value if sign == "-" else value), at
@@ -113,7 +113,7 @@ def _evaluate_atom(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value
         return value, _close(tokens, at)
     if kind == "word":
         raise ValueError(f"{text!r} is neither X1 nor a call of one of these functions: {', '.join(sorted(FUNCTIONS))}")
-    raise ValueError("it is incomplete" if kind == "end" else f"{text!r} is unexpected")
+    raise ValueError("the formula is incomplete" if kind == "end" else f"{text!r} is unexpected")
 
 
 def _apply(function: np.ufunc, name: str, tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:

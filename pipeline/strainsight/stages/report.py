@@ -163,13 +163,14 @@ def run(context: Context[PlacementConfig]) -> Output:
         "/noise/level": Dataset(
             noise.level,
             "1",
-            "noise standard deviation of a gauge over the largest RMS strain of a candidate in the training run",
+            "noise standard deviation of a gauge, divided by the largest RMS strain of all candidates in the training run",
         ),
     }
     for key, by_name in (("error", noise.error), ("std", noise.std)):
         for name, values in by_name.items():
             what, axis = (
-                f"relative {'σ' if key == 'std' else key} of the estimate of {name} with the gauge noise /noise/level",
+                f"relative {'σ' if key == 'std' else 'error (parameter: final, load: RMS)'} of the estimate of {name} "
+                "with the gauge noise /noise/level",
                 ("/noise/level",),
             )
             datasets[f"/noise/{key}/{name}"] = Dataset(values, "1", what, axis)

@@ -63,7 +63,7 @@ def run_modes(context: Context[PlacementConfig]) -> Output:
     modes = modes_of(config, inputs.mesh(context), context)
     frequency, size = modes.frequency, len(modes.shape)
     guesses = {name: reference_value(name, entry.guess, context.files) for name, entry in config.parameters.items()}
-    values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the values of the deck"
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the material data of the deck"
     return Output(
         datasets=written(modes),
         summary={"unknowns": size, "modes": len(frequency), "first": float(frequency[0]), "last": float(frequency[-1])},

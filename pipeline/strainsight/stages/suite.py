@@ -333,7 +333,7 @@ def _layout_cells(run: PlacementRun, mixed: bool) -> tuple[str, ...]:
     if (trend := run.trend) is None:
         return ("", "", "")
     metric = f"{trend.metric.symbol}: " * mixed + f"{trend.value[0]:.3g} → {trend.final:.3g}"
-    return f"{run.gauges} of {run.pool}", metric, _percent(trend.gap)
+    return f"{run.gauges} of {run.pool} candidates", metric, _percent(trend.gap)
 
 
 def _repeats(repeats: Repeats | None) -> str:

@@ -208,7 +208,7 @@ def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) ->
                 *[words for code, words in ((NEAR, spacing), (OVER_RANGE, too_large)) if code in reasons], strict=True
             )
             yield (
-                f"screen.keep requests {settings.keep} candidates of {name}, but only {kept_count} of {clear} are "
+                f"screen.keep requests {settings.keep} candidates of the kind '{name}', but only {kept_count} of {clear} are "
                 f"{' and '.join(faults)}. {' or '.join(remedy).capitalize()}."
             )
 

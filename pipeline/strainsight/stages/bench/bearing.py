@@ -45,7 +45,7 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
     text = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
     if cases:
         worst = max(cases, key=lambda case: case.pressure)
-        text += f"; highest contact pressure {worst.pressure / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
+        text += f"; highest contact pressure {worst.pressure / 1e6:.0f} MPa (bearing {worst.bearing}, load case {worst.case})"
     warnings = [
         words for case in cases for words in beyond_limit(case.title, case.pressure, config.bearings[case.bearing])
     ]

@@ -31,7 +31,7 @@ def statics(context: Context[BenchConfig]) -> Output:
     config, rest = context.config, rest_of(inputs.bench(context), context, balanced=True)
     unstable = [unstable_in_words(rest.growth, rest.body)] if rest.growth > 0 else []
     if unstable and not config.simulate.allow_unstable:
-        remedy = "use an initial pose closer to a stable equilibrium, or set simulate.allow_unstable: true"
+        remedy = "set the initial poses (`pose` of each body) close to a stable equilibrium, or set simulate.allow_unstable: true"
         raise InfeasibleError(unstable[0], key="simulate", remedy=remedy)
     record = at_rest(rest)
     carried = max((float(np.abs(six).max()) for six in record.reactions.values()), default=0.0)

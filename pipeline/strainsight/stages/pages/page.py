@@ -125,7 +125,7 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
             )
     notes += map(capital, disagreements_in_words(validated.compared))
     if lost := int(summary["lost_runs"]):
-        notes.append(f"The medians of repeated filter runs exclude the diverged runs ({lost})")
+        notes.append(f"Diverged repeated filter runs: {lost}; the medians exclude these runs")
     return [f"{note}." for note in notes]
 
 
@@ -136,17 +136,20 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
             "The measurements are simulated under the configured loads, not under the load cases of the placement."
         )
     if config.validation.truth.model == "rom":
-        notes.append("The simulated test uses the model of the filter, so no model error was tested.")
+        notes.append("The simulated test uses the model of the filter, so the effect of model errors was not tested.")
     elif config.validation.truth.model == "modes":
         notes.append(
-            "Damping, gauges and loads are exact in the simulated test; set validate.truth.model: perturbed to test such errors."
+            "The simulated test has no errors of damping, gauge installation and loads; "
+            "to include these errors, set validate.truth.model: perturbed."
         )
     elif read(Training, train).strain_operator is not None:
-        notes.append("Gauge positions are exact: imported rows of the strain operator cannot be moved or rotated.")
+        notes.append(
+            "The simulated gauge positions are exact: imported rows of the strain operator cannot be moved or rotated."
+        )
     errors = tolerances_of(config.tolerances)
     outside = "temperature" * (errors.temperature == 0), "drift" * (errors.drift == 0), "deformation of the supports"
     notes.append(
-        f"{', '.join(filter(None, outside)).capitalize()} and the adhesive bond of the gauges are not part of this model."
+        f"{', '.join(filter(None, outside)).capitalize()} and the adhesive bond of the gauges are not simulated."
     )
     return tuple(notes)
 

@@ -33,7 +33,7 @@ def strain_view(title: str, layout: PictureLayout, strains: Sequence[SurfaceStra
             remedy="use --what layout, or set mesh.materials",
         )
     panels = tuple(Panel(caption(strain), strain.strain * MICRO) for strain in strains)
-    return View(f"{title}: surface strain at the guess of the parameters", layout, panels, QUANTITY, UNIT, FACETS)
+    return View(f"{title}: surface strain at the initial parameter values", layout, panels, QUANTITY, UNIT, FACETS)
 
 
 def strain_shapes(layout: PictureLayout, strains: Sequence[SurfaceStrain]) -> tuple[ShownState, ...]:

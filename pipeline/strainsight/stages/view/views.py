@@ -80,7 +80,7 @@ def _modes(title: str, layout: PictureLayout, mesh: Mesh, part: ReducedBody) -> 
     still = ~np.any([np.any(rows, axis=0) for rows in part.interface.values()], axis=0)
     fixed = np.flatnonzero(still)[: len(part.frequency)]
     shapes = np.moveaxis(part.basis[:, fixed].reshape(len(mesh.position), 3, -1), 2, 0)
-    return modes_view(f"{title}, modes with fixed interfaces", layout, shapes, part.frequency)
+    return modes_view(f"{title}, fixed-interface modes", layout, shapes, part.frequency)
 
 
 def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
@@ -90,7 +90,7 @@ def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
     step[removed] = np.arange(1, len(removed) + 1)
     outside = replace(layout, pool=np.delete(position, pool, axis=0))
     title = f"{title}, {len(position)} candidates, {len(pool)} after screening"
-    return _dotted(title, outside, position[pool], step, "removal step of the candidate (highest: selected)", "–")
+    return _dotted(title, outside, position[pool], step, "elimination step (highest: selected candidates)", "–")
 
 
 def _dotted(
@@ -150,7 +150,7 @@ def placement_view(
     if what == "modes":
         frequency = read(Reduced, up["rom"]).frequency
         shapes = up["rom"]["/VTKHDF/PointData/mode"].reshape(-1, len(mesh.position), 3)[: len(frequency)]
-        return modes_view(f"{name}: mode shapes at the guess of the parameters", bare(mesh, {}), shapes, frequency)
+        return modes_view(f"{name}: mode shapes at the initial parameter values", bare(mesh, {}), shapes, frequency)
     if what == "candidates":
         return _placement_candidates(name, bare(mesh, config.loads), up["train"])
     if what == "strain":
