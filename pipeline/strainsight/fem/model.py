@@ -130,10 +130,9 @@ def soft_springs(mesh: Mesh) -> str:
         return ""
     k = float(f"{mass * (2 * np.pi * first / 10) ** 2:.2g}")
     return (
-        " For a free structure with strain gauges only, set mesh.free: true."
-        " Otherwise add soft springs on a face, or on nodes that do not lie on one line. "
-        f"With `stiffness: {k:g}` [N/m] in mesh.supports, the frequencies of the rigid-body modes are about a tenth "
-        f"of that of the first elastic mode ({first:.3g} Hz)."
+        " For a free structure with strain gauges only, set mesh.free: true. Otherwise add soft springs on a face, or "
+        f"on nodes that do not lie on one line. With `stiffness: {k:g}` [N/m] in mesh.supports, the frequencies of the "
+        f"rigid-body modes are about a tenth of that of the first elastic mode ({first:.3g} Hz)."
     )
 
 

@@ -162,8 +162,7 @@ def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding
         )
         raise UserError(
             f"{int(far.sum())} of {len(rows)} nodes do not have the same position in mesh and results: node "
-            f"{mesh.node_ids[rows[worst]]} is at ({at}) m in the mesh, but at ({results_position}) m in the "
-            "results",
+            f"{mesh.node_ids[rows[worst]]} is at ({at}) m in the mesh, but at ({results_position}) m in the results",
             where=where,
             remedy="use the mesh of the results, with the same position and node numbers; mesh.length_unit applies to both files",
         )

@@ -77,9 +77,8 @@ def uniform_clock(recording: Recording) -> Clock:
     if (count := float(whole.sum()) + 1) > MOST_FILLED * t.size:
         worst = int(np.argmax(whole))
         raise UserError(
-            f"filling the gaps would extend the record from {t.size} to {count:.4g} samples "
-            f"(limit: {MOST_FILLED} times as many); the longest gap begins at {t[worst]:.9g} s and "
-            f"lasts {between[worst]:.6g} s",
+            f"filling the gaps would extend the record from {t.size} to {count:.4g} samples (limit: {MOST_FILLED} "
+            f"times as many); the longest gap begins at {t[worst]:.9g} s and lasts {between[worst]:.6g} s",
             where=recording.place(worst + 1),
             remedy="cut the record at the gap, or correct the time stamp after the gap",
         )
