@@ -203,7 +203,7 @@ def jump(at, size, count=1000, step=1e-3):
         (jump(400, -0.001), r"0.399 s occurs twice", 402),
         (jump(999, 1e6), r"filling the gaps would extend the record from 1000 to 1e\+09", 1001),
         (np.cumsum(np.r_[np.full(500, 1e-3), np.full(499, 1.3e-3)]), "; many other intervals are irregular too", 502),
-        (np.arange(1000)[::-1] * 1e-3, r"the time decreases by 0\.001 s, from 0\.999 to 0\.998 s,", 3),
+        (np.arange(1000)[::-1] * 1e-3, r"the time decreases by 0\.001 s, from 0\.999 to 0\.998 s;", 3),
         (np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700), r"the time 0\.70008 s deviates by 7\.99 %", 702),
     ],
 )

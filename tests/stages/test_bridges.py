@@ -306,7 +306,7 @@ def test_no_opposite_side_is_an_error_with_key_and_remedy(beam):
     with pytest.raises(UserError, match="a half-bending bridge: none of 18 candidate places has an opposite facet") as caught:
         beam[2]({"gauges.bridge": "half-bending", "gauges.exclude": [*UPRIGHT["gauges.exclude"], below, box]})
     assert caught.value.key == "gauges.bridge"
-    assert "both sides (gauges.surface" in caught.value.remedy
+    assert "both sides of the wall (gauges.surface" in caught.value.remedy
 
 
 def test_a_range_limits_the_strain_of_every_arm_and_not_the_output_of_the_bridge(beam):

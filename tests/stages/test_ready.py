@@ -173,7 +173,7 @@ def edited(name, old, new):
         (shrunk, "mesh.matrices.mass.0.file", "60 rows and 60 columns, but rows.csv has 66 unknowns"),
         (triangle, "mesh.matrices.stiffness.0.file", "only the lower triangle"),
         (edited("rows.csv", "\n11,1\n", "\n10,1\n"), "mesh.matrices.numbering", "rows.csv:62"),
-        (edited("beam.yaml", "at: 2.1e+11", "at: 2.1e+5"), "mesh.matrices.stiffness.0.at", "computed at 2.1e+05"),
+        (edited("beam.yaml", "at: 2.1e+11", "at: 2.1e+5"), "mesh.matrices.stiffness.0.at", "computed with 2.1e+05"),
         (edited("beam.bdf", "SPC1,1,123456,1\n", ""), "mesh.matrices", "can move freely (translation x"),
         (edited("beam.yaml", "rows: strain.mtx", "rows: k.npz"), "gauges.strain_operator", "66 rows, but gauges.csv has 20"),
     ],
