@@ -145,11 +145,12 @@ def test_the_robust_layout_loses_least_in_its_worst_failure():
 @pytest.mark.parametrize(
     ("changes", "key", "says"),
     [
-        (("place.metric_over=[dwn]",), "place.metric_over[0]", "no entry of estimate.inputs with the name"),
+        (("place.metric_over=[dwn]",), "place.metric_over[0]", "no entry of estimate.inputs has the name"),
         (("place.prove=1", "place.optimise=worst_failure"), "place.prove", "not for worst_failure"),
         (("place.keep=1", BONDED.replace("direction: [1, 0, 0]", "direction: [1, 0, 0], angles: [0, 90]")),
          "place.keep", "2 gauges are already bonded"),
-        (("place.exclude=[{box: [[1, 1, 1], [0, 2, 2]]}]",), "place.exclude[0].box", "has to be below the second corner"),
+        (("place.exclude=[{box: [[1, 1, 1], [0, 2, 2]]}]",), "place.exclude[0].box",
+         "has to be smaller than that of the second corner"),
         ((BONDED.replace("0.3,", "0.1,"), CLAMPED.replace("count: 1", "count: 0")), "place.at_most.0", "place.fixed"),
         ((BONDED.replace("0.095", "0.195"),), "place.fixed.0", "snap_tolerance"),
     ],

@@ -117,7 +117,7 @@ def duplicate_name_problems(key: str, names: Sequence[str]) -> Iterator[Problem]
 def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
     """Yield a problem unless the first corner is the lower one."""
     if any(low >= high for low, high in zip(*box, strict=True)):
-        what = "the first corner of the box has to be below the second corner in x, y and z"
+        what = "each coordinate of the first corner of the box has to be smaller than that of the second corner"
         yield Problem(key, what, "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]")
 
 
@@ -189,7 +189,7 @@ Marker = Plausible | PlausibleBy | Unbounded
 
 PRICE = Unbounded("a price in any currency")
 READING = Unbounded("a reading in the unit of the measurement file")
-COMPARED = Unbounded("a limit or factor of a result, whose unit is not fixed")
+COMPARED = Unbounded("a limit or factor in the unit of the compared result")
 
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)

@@ -109,7 +109,7 @@ def _estimate(config: PlacementConfig) -> Iterator[Problem]:
     yield from duplicate_name_problems("place.estimate", config.place.estimate)
     for i, name in enumerate(config.place.estimate):
         key = f"place.estimate.{i}"
-        yield from known(key, name, [*config.parameters, *config.loads], "parameter or load")
+        yield from known(key, name, [*config.parameters, *config.loads], "parameter or load has the name")
         if name in config.loads and config.loads[name].known:
             what = f"load '{name}' is known, but place.estimate is a list of unknowns"
             yield Problem(key, what, f"set loads.{name}.known: false, or remove {name} from place.estimate")
@@ -210,7 +210,7 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
         return
     for name in config.estimate.initial_std:
         yield from known(
-            f"estimate.initial_std.{name}", name, config.place.estimate, "entry of place.estimate with the name"
+            f"estimate.initial_std.{name}", name, config.place.estimate, "entry of place.estimate has the name"
         )
     yield from record_problems(config, config.estimate)
     load_names = {f"estimate.inputs.{name}": name for name in config.estimate.inputs}
@@ -273,8 +273,9 @@ def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
     if settings.tune.parts:
         what = "noise levels can be tuned with one record only"
         remedy = (
-            "remove estimate.tune; or tune in a run with estimate.file, and multiply keys of this config by the factors f "
-            "that the tuning run prints: `noise_std`, process_noise.model_error and `process_noise_scale` by √f, `kappa` by f"
+            "remove estimate.tune; or tune in a run with estimate.file, and apply its printed factors f to this config: "
+            "multiply every `noise_std`, process_noise.model_error and parameters.NAME.process_noise_scale by √f, "
+            "and loads.NAME.process_noise.kappa by f"
         )
         yield Problem("estimate.tune.parts", what, remedy)
     if settings.field is not None:

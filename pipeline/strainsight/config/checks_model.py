@@ -294,7 +294,7 @@ def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem("gauges.direction", "missing", remedy, at_key=True)
         return
     if config.mesh.matrices is None:
-        what = "mesh.matrices is missing, but defines the degrees of freedom of the strain operator"
+        what = "the strain operator uses the degrees of freedom of mesh.matrices, but mesh.matrices is missing"
         yield Problem(
             "gauges.strain_operator", what, "set mesh.matrices, or remove gauges.strain_operator", at_key=True
         )

@@ -184,7 +184,9 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
         case "extra_forbidden" if path[-1].isdigit() and first["input"] is None and len(path) > 1:
             # {ratio: 0,01} is {ratio: 0, "01": null}
             return Problem(
-                ".".join(path[:-1]), f"',{path[-1]}' is not a key", "write a number with a decimal point, as in 0.01"
+                ".".join(path[:-1]),
+                f"',{path[-1]}' is read as a separate entry, not as part of a number",
+                "write a number with a decimal point, as in 0.01",
             )
         case "extra_forbidden":
             known = keys_at(model, path[:-1], data)

@@ -247,8 +247,8 @@ class LoadSection(Section):
             )
             yield Problem(kind, what, f"remove `{kind}` or `deck_load`", at_key=True)
         elif kind and self.direction is not None:
-            subjects = {"moment": "a moment has an axis", "bearing": "a bearing load has a vector"}
-            what = f"{subjects.get(kind, 'a pressure acts inward')} and needs no direction"
+            subjects = {"moment": "`moment` is the axis", "bearing": "`bearing` is the direction of the force"}
+            what = f"{subjects.get(kind, 'a pressure acts inward')}, so `direction` is not permitted"
             yield Problem("direction", what, f"remove `direction`, or remove `{kind}` for a force", at_key=True)
         if kind in ("bearing", "pressure") and self.set is None:
             yield Problem(

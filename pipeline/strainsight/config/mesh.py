@@ -307,7 +307,7 @@ Step = Annotated[Id, Field(ge=0)] | Text
 class InResults(Section):
     """File and step of a result of another program."""
 
-    file: Text | None = Field(None, description="Results file of the other program; null: mesh.results.file.")
+    file: Text | None = Field(None, description="Results file that contains this result; null: mesh.results.file.")
     step: Step | None = Field(
         None,
         description="Number or title of the step or subcase in the results file. For a static response: the step in which this "
@@ -381,8 +381,8 @@ class ResultsSection(ResultsFile):
     )
     second: SecondResults | None = Field(
         None,
-        description="A second set of results, from the same model with another value of one parameter of some regions. The "
-        "second set is required for a parameter with `region`.",
+        description="A second set of results, from the same model with another value of the parameter in "
+        "mesh.results.second.parameter. The second set is required for a parameter with `region`.",
     )
 
 

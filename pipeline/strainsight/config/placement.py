@@ -172,9 +172,9 @@ class ReducedModelSection(Section):
         gt=0,
         lt=1,
         description="Truncation tolerance of the reduced basis [-], for modes and static responses (snapshots) of the samples "
-        "away from the guess. Basis vectors with a smaller singular value are omitted; each snapshot is scaled to unit energy. "
-        "The tolerance is approximately the relative strain error at parameters away from the guess. The run time of `place` "
-        "is proportional to the cube of the basis size.",
+        "away from the guess. Basis vectors with a smaller singular value are omitted; each snapshot is scaled to unit strain "
+        "energy. The tolerance is approximately the relative strain error at parameters away from the guess. The run "
+        "time of `place` is proportional to the cube of the basis size.",
     )
 
 
@@ -186,7 +186,7 @@ class Train(TimeSpan):
         "dynamic",
         description="Model of the motion in the stages `train` and `place` and in the filter. With `dynamic`: with inertia. "
         "With `static`: quasi-static response without inertia, for loads far below the first natural frequency. The "
-        "simulated test of `validate` always includes inertia. The stage `train` prints the error of `static`.",
+        "simulated test of `validate` always includes inertia. The stage `train` prints the error of the quasi-static response.",
     )
     settle: Annotated[Settle, DURATION] = expert(
         "auto",
@@ -224,8 +224,9 @@ class ProcessNoise(Section):
     rule: Literal["continuous", "thesis", "as_printed"] = Field(
         "continuous",
         description="Scaling of the process noise of loads with the typical amplitude a and frequency ω. With `continuous`: "
-        "intensity q = κωa². With `thesis`: variance (hωa)² in each step h = train.time_step, independent of κ. With "
-        "`as_printed`: the variances of `thesis` and of the gauges are used as intensities in the Riccati equation.",
+        "intensity q = κωa², with κ = loads.NAME.process_noise.kappa. With `thesis`: variance (hωa)² in each "
+        "step h = train.time_step, independent of κ. With `as_printed`: the variances "
+        "of `thesis` and of the gauges are used as intensities in the Riccati equation.",
     )
     model_error: Annotated[float | None, Plausible(1e-9, 1.0)] = Field(
         None,
@@ -306,9 +307,10 @@ class Filter(Section):
     method: Literal["grid", "extended", "sigma-point"] = Field(
         "grid",
         description="Filter for parameters. With `grid`: multiple-model grid filter. It is exact for up to three constant "
-        "parameters; with more parameters, it assumes normal densities in the additional directions. With `extended`: "
-        "extended Kalman filter of Cottone (2022), overconfident for weakly observable parameters. With `sigma-point`: "
-        "sigma-point filter. The σ of `extended` and `sigma-point` does not include `tolerances`.",
+        "parameters. With more parameters, the grid covers only the most uncertain combination of them; a normal density is "
+        "assumed for all other combinations. With `extended`: extended Kalman filter of Cottone (2022), overconfident "
+        "for weakly observable parameters. With `sigma-point`: sigma-point filter. The σ of `extended` and `sigma-point` does "
+        "not include `tolerances`.",
     )
     drift: bool | None = expert(
         None,
@@ -318,7 +320,7 @@ class Filter(Section):
     )
     compare: bool | None = Field(
         None,
-        description="`true`: compare the grid filter with the extended and the sigma-point filter on the same samples, to "
+        description="`true`: compare the grid filter with the extended and the sigma-point filter on the same measurements, to "
         "detect an overconfident σ. Null: `true` in `validate`, and in `estimate` for up to 20 000 steps (run time about 2 "
         "ms for each step).",
     )

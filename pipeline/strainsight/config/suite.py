@@ -83,7 +83,7 @@ class ClaimSection(Measure, WithReason):
 
 
 class ComparisonSection(WithReason):
-    """A comparison of a published result with runs with the settings of the publication, and with runs with other settings."""
+    """A comparison of a published result with two kinds of runs: with the published settings, and with other settings."""
 
     source: Text = Field(description="Location in the publication, such as figure 2.4.")
     statement: Text = Field(description="Finding of the publication that is compared with the runs, in words.")
@@ -202,7 +202,7 @@ class SuiteConfig(Overriding):
     )
     comparisons: tuple[ComparisonSection, ...] = Field(
         (),
-        description="Comparisons of published results with runs with the settings of the publication, and with runs with other "
+        description="Comparisons of published results with two kinds of runs: with the published settings, and with other "
         "settings.",
     )
 

@@ -135,8 +135,8 @@ class Tolerances(GaugeTolerances):
         "consider",
         description="Treatment of the errors from `tolerances` in the estimation of motion and loads. With `consider`: the "
         "errors increase σ and reduce the filter gains, but are not estimated (Schmidt-Kalman filter). With `estimate`: the "
-        "errors are estimated from the samples; these estimates may include other model errors. The estimation of parameters "
-        "always integrates over all errors.",
+        "errors are estimated from the measurements; these estimates may include other model errors. The estimation of "
+        "parameters always integrates over all errors.",
     )
 
 
@@ -193,8 +193,8 @@ class Sweeps(Section):
 
     time_steps: tuple[TimeStep, ...] = expert(
         (),
-        description="Further time steps of the filter, equal to the sampling interval of the measurements [s]; each in a "
-        "separate filter run.",
+        description="Further time steps of the filter [s], each in a separate filter run. For each time step, measurements "
+        "with this sampling interval are simulated.",
     )
     process_noise: Annotated[tuple[Positive, ...], Plausible(1e-9, 1e9)] = expert(
         (), description="Factors on the whole covariance of the process noise, each in a separate filter run [-]."
@@ -203,8 +203,8 @@ class Sweeps(Section):
         dict[Name, Annotated[tuple[Positive, ...], Field(min_length=1)]], Plausible(0.1, 10.0)
     ] = expert(
         {},
-        description="Factors for deliberately wrong values, in the filter, of parameters that are not estimated, by "
-        "parameter name [-]; 0.9: value 10 % below the value of the simulated test.",
+        description="For parameters that are not estimated: factors on the value in the filter, by parameter name [-]. Example: "
+        "with 0.9, the filter uses a value 10 % below that of the simulated test. Each factor is a separate filter run.",
     )
 
 

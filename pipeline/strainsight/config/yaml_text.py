@@ -65,7 +65,7 @@ def parse(text: str) -> Document:
         root = YAML(typ="safe", pure=True).compose(text)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        words = str(error.problem or error.context or "cannot be read")
+        words = str(error.problem or error.context or "the text cannot be parsed")
         remedy = next((remedy for pattern, remedy in REMEDIES if re.search(pattern, words)), "")
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
         raise YamlProblem(f"not valid YAML: {words}", line, column, remedy=remedy) from error
