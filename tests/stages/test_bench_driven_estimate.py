@@ -123,4 +123,4 @@ def test_the_torque_of_a_motor_is_an_unknown_load_with_the_size_of_its_history(s
     """Without increment: that of the sine, and where it is none the config is asked for it."""
     done = ended("estimate", ARM.replace("SIGNAL", signal))
     assert done.code == code, done.output
-    assert ("estimate.inputs.push: a random walk without increment needs" in done.stderr) == (code == 2)
+    assert ("estimate.inputs.push: a random walk for which increment is not set needs" in done.stderr) == (code == 2)

@@ -61,8 +61,10 @@ class DriveMotion:
 
 @record
 class Violation:
-    position: np.ndarray = dataset("SI", "/time", "largest violation of the joint constraints at every instant")
-    velocity: np.ndarray = dataset("SI", "/time", "largest residual of the velocity constraints at every instant")
+    position: np.ndarray = dataset("SI", "/time", "largest residual of the joint constraints at every instant")
+    velocity: np.ndarray = dataset(
+        "SI", "/time", "largest time derivative of the residuals of the joint constraints at every instant"
+    )
 
 
 @record
@@ -169,7 +171,9 @@ class AtRest:
     """statics.h5: equilibrium under the loads at t = 0."""
 
     q: np.ndarray = dataset("SI", "coordinate", "generalised coordinates of all bodies in equilibrium")
-    growth: float = dataset("1/s", "", "growth rate of a disturbance of the equilibrium; 0: stable equilibrium")
+    growth: float = dataset(
+        "1/s", "", "growth rate of the least stable motion about the equilibrium; 0: stable equilibrium"
+    )
     coordinates: dict[str, np.ndarray] = dataset(
         "1", "2", "entries of body <name> in q: first index, last index plus 1"
     )
@@ -232,7 +236,9 @@ class Coupled:
         "mode shapes: generalised coordinates of all bodies per unit of each modal coordinate",
     )
     q: np.ndarray = dataset("SI", "coordinate", "generalised coordinates of all bodies in equilibrium")
-    growth: float = dataset("1/s", "", "growth rate of a disturbance of the equilibrium; 0: stable equilibrium")
+    growth: float = dataset(
+        "1/s", "", "growth rate of the least stable motion about the equilibrium; 0: stable equilibrium"
+    )
     coordinates: dict[str, np.ndarray] = dataset(
         "1", "2", "entries of body <name> in q: first index, last index plus 1"
     )
@@ -428,7 +434,7 @@ class BenchEstimated:
     violation: np.ndarray = dataset(
         "1",
         "/time",
-        "largest violation of the joint constraints in the estimate, relative to the norm of the coordinates",
+        "largest residual of the joint constraints in the estimate, relative to the mass-weighted norm of the coordinates",
     )
     nis: np.ndarray = dataset(
         "1", "instant", "normalised innovation squared (NIS) at every instant, divided by the number of channels"
@@ -490,10 +496,13 @@ class BenchLayout:
     std: np.ndarray = dataset(
         "SI",
         "/inputs",
-        "σ of every unknown: in the steady state for a load, at the end of the run for a parameter; inf: unobservable load; "
+        "standard deviation of the estimate of every unknown (load: in the steady state, parameter: at the end of the run). "
+        "inf: unobservable load; "
         "NaN: Riccati equation not solved accurately",
     )
-    without: np.ndarray = dataset("SI", "gauge × /inputs", "σ of every unknown after the failure of each gauge")
+    without: np.ndarray = dataset(
+        "SI", "gauge × /inputs", "standard deviation of the estimate of every unknown after the failure of each gauge"
+    )
 
     @property
     def bonded(self) -> np.ndarray:

@@ -14,8 +14,8 @@ from strainsight.records.record import dataset, group, read, record
 class DamageAt:
     """Fatigue damage at some points."""
 
-    position: np.ndarray = dataset("m", "point × 3", "position of every evaluated point")
-    element: np.ndarray = dataset("1", "point", "element id of every evaluated point")
+    position: np.ndarray = dataset("m", "point × 3", "position of every point with a fatigue damage, in global axes")
+    element: np.ndarray = dataset("1", "point", "element id of every point with a fatigue damage")
     of_mean: np.ndarray = dataset("1", "point", "fatigue damage of the smoothed stress history, without uncertainty")
     damage: np.ndarray = dataset("1", "point", "posterior median of the fatigue damage; NaN: no posterior samples")
     low: np.ndarray = dataset("1", "point", "2.5 % quantile of the posterior fatigue damage")
@@ -119,9 +119,11 @@ class ChannelsChecked:
 class ChannelOffsets:
     """Channels with an unknown offset."""
 
-    channel: np.ndarray = dataset("1", "channel", "indices of the channels with unknown offset, in /gauge/label")
-    mean: np.ndarray = dataset("unit of the channel", "channel", "estimated offset of each channel with unknown offset")
-    std: np.ndarray = dataset("unit of the channel", "channel", "standard deviation of every estimated offset")
+    channel: np.ndarray = dataset("1", "channel", "indices of the channels with unknown zero offset, in /gauge/label")
+    mean: np.ndarray = dataset(
+        "unit of the channel", "channel", "estimated offset of each channel with unknown zero offset"
+    )
+    std: np.ndarray = dataset("unit of the channel", "channel", "standard deviation of every estimated zero offset")
 
 
 @record
@@ -222,7 +224,7 @@ class TestSource:
     sign: np.ndarray = dataset("1", "/channel", "polarity of every channel; −1: reversed wiring")
     scale: np.ndarray = dataset("1", "/channel", "factor on the calibrated signal of every channel")
     offset: np.ndarray = dataset(
-        "unit in /source/unit", "/channel", "offset of every channel, subtracted from readings"
+        "unit in /source/unit", "/channel", "zero offset of every channel, subtracted from its readings"
     )
     drift: np.ndarray = dataset(
         "unit in /source/unit, per second",
@@ -266,7 +268,11 @@ class Estimated(UnknownHistories):
         path="/consistency/whitened",
     )
     hold_out: HoldOut | None = group(default=None)
-    trusted: bool = dataset("1", "", "1 if the measurements are consistent with the model; otherwise σ is not reliable")
+    trusted: bool = dataset(
+        "1",
+        "",
+        "1 if the measurements are consistent with the model; otherwise the standard deviations are not reliable",
+    )
     check: ChannelsChecked = group(path="/channel_check")
     bias: ChannelOffsets | None = group(default=None)
     resultant: dict[str, Resultant] = group()

@@ -92,7 +92,7 @@ class Removals:
 class Selection:
     """A set of gauges."""
 
-    gauge: np.ndarray = dataset("1", "gauge", "row in /pool/gauges of every gauge, <what>")
+    gauge: np.ndarray = dataset("1", "gauge", "<what>; every value is a row in /pool/gauges")
     number: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
     channel: np.ndarray = dataset(
         "1", "gauge × most channels", "candidate numbers of the channels of every gauge; −1: no channel"
@@ -100,7 +100,7 @@ class Selection:
     rank: np.ndarray = dataset(
         "1",
         "gauge",
-        "rank of every gauge, from 1, with the gauges <what>; both gauges of a mirrored pair have the same rank",
+        "rank of every gauge in the order of `gauge`, from 1; both gauges of a mirrored pair have the same rank",
     )
     element: np.ndarray = dataset("1", "gauge", "element id of every gauge in the deck")
     facet: np.ndarray = dataset("1", "gauge", "facet number of every gauge in its element, from 1")
@@ -131,12 +131,12 @@ class LayoutBound:
 class Rules:
     """The layout and layouts by other criteria, evaluated with the same covariances."""
 
-    rule: tuple[str, ...] = dataset("1", "/rule", "selection rule of every gauge set")
+    rule: tuple[str, ...] = dataset("1", "/rule", "name of the method that selected each gauge set, such as random")
     gauges: np.ndarray = dataset("1", "/rule × row", "gauges of every gauge set, as rows of /pool/gauges; −1: no gauge")
     name: tuple[str, ...] = dataset("1", "/name", "name of every criterion; the first is the criterion of the layout")
     value: np.ndarray = dataset("1", "/rule × /name", "value of every criterion (a variance) for every gauge set")
     std: dict[str, np.ndarray] = dataset(
-        "SI", "/rule", "steady-state σ of <name> with every gauge set; for ranking only"
+        "SI", "/rule", "steady-state standard deviation of <name> with every gauge set; for ranking only"
     )
 
 
@@ -148,10 +148,10 @@ class PlacedLayout:
     pool: PoolTable = group()
     elimination: Removals = group(what="<what>")
     residual: float = dataset("1", "", "largest relative residual of all Riccati solutions", path="/riccati/residual")
-    greedy: Selection = group(path="/selected/greedy", what="sorted by row in /pool/gauges")
+    greedy: Selection = group(path="/selected/greedy", what="gauges that remain after the backward elimination")
     final: Selection = group(
         path="/selected/final",
-        what="sorted by the increase of the criterion after removal of the gauge, largest increase first",
+        what="gauges of the layout; first the gauge with the largest increase of the criterion after removal",
     )
     loss: np.ndarray = dataset(
         "1",
@@ -257,7 +257,7 @@ class AtGauges:
     in_place: np.ndarray = dataset(
         "1",
         "gauge",
-        "RMS strain change over one σ of the gauge position, relative to the RMS strain in the stage `train`; "
+        "RMS strain change over one standard deviation of the gauge position, relative to the RMS strain in the stage `train`; "
         "NaN: no strain gauge",
     )
     over_grid: np.ndarray = dataset(
@@ -275,7 +275,8 @@ class AtGauges:
     in_place_limit: float = dataset(
         "1",
         "",
-        "limit of the relative strain change over one σ of the gauge position; a larger change is a steep gradient",
+        "limit of the relative strain change over one standard deviation of the gauge position; a larger change is a "
+        "steep gradient",
     )
     over_grid_limit: float = dataset(
         "1", "", "limit of the relative strain change along the measuring grid; a larger change is a steep gradient"
@@ -287,7 +288,7 @@ class AtGauges:
         changes = [
             f"by {100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
             for value, limit, what in (
-                (self.in_place[i], self.in_place_limit, "over one σ of the gauge position"),
+                (self.in_place[i], self.in_place_limit, "over one standard deviation of the gauge position"),
                 (self.over_grid[i], self.over_grid_limit, "along the measuring grid"),
             )
             if value > limit

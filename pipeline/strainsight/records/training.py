@@ -29,8 +29,8 @@ class GridColumns:
     angle: np.ndarray = dataset(
         "deg",
         "<what>",
-        "configured angle of the measuring direction, counter-clockwise about the outward normal: from the axis projected onto "
-        "the facet, or from the principal strain direction",
+        "configured angle of the measuring direction, counter-clockwise about the outward normal: from `gauges.direction.axis` "
+        "projected onto the facet, or from the principal strain direction",
     )
     local: np.ndarray = dataset("1", "<what> × 2", "local coordinates of the measuring point on the facet")
     length: np.ndarray = dataset(

@@ -52,17 +52,18 @@ class PoseSection(Section):
 
     origin: Point = Field(
         (0.0, 0.0, 0.0),
-        description="Position of the origin, in global axes; of a frame on a body, in the axes of the body [m].",
+        description="Position of the origin of the body, in global axes [m]. For a frame on a body: position of the frame origin "
+        "relative to the body origin, in the axes of the body.",
     )
     x_axis: DirectionVector = expert(
         (1.0, 0.0, 0.0),
-        description="Direction of the x axis, in global axes; of a frame on a body, in the axes of the body [-]. The length of "
-        "the vector is not used.",
+        description="Direction of the x axis [-]: in global axes, or for a frame on a body, in the axes of the body. The length "
+        "of the vector is not used.",
     )
     y_axis: DirectionVector = expert(
         (0.0, 1.0, 0.0),
-        description="Direction of the y axis, in global axes; of a frame on a body, in the axes of the body [-]. The component "
-        "of the vector along the x axis is ignored.",
+        description="Direction of the y axis [-]: in global axes, or for a frame on a body, in the axes of the body. The "
+        "component of the vector along the x axis is ignored.",
     )
 
     def problems(self) -> Iterator[Problem]:
@@ -122,7 +123,9 @@ class RigidBodySection(Moving):
 
     type: Literal["rigid"] = Field(description="Kind of body.")
     mass: Annotated[Positive, Plausible(1e-6, 1e8, "kg")] = Field(description="Mass of the body [kg].")
-    centre: Point = Field((0.0, 0.0, 0.0), description="Centre of mass in body axes [m].")
+    centre: Point = Field(
+        (0.0, 0.0, 0.0), description="Position of the centre of mass relative to the body origin, in body axes [m]."
+    )
     inertia: InertiaSection = Field(description="Moments of inertia about the centre of mass.")
 
     def problems(self) -> Iterator[Problem]:
@@ -324,8 +327,8 @@ class CurveSection(OfBearings):
         description="Displacement or tilt of the inner ring that varies along the curve."
     )
     reach: Annotated[Positive, Plausible(1e-9, 1.0, "m or rad")] = Field(
-        description="Largest displacement [m] or tilt [rad]: the curve extends from −`reach` to `reach`. At the pitch "
-        "circle, the displacement must not exceed the ball diameter."
+        description="Largest displacement [m] or tilt [rad]: the curve extends from −`reach` to `reach`. A "
+        "displacement, or tilt × pitch radius, must not exceed the ball diameter."
     )
     points: int = Field(41, ge=3, le=10001, description="Number of points of the curve [-].")
 

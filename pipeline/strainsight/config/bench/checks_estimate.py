@@ -53,7 +53,7 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
         yield Problem(
             f"{key}.histories",
             "all load histories are identical: truth.within is 0",
-            f"set {key}.within to a value above 0 s, the limit for the start of further histories",
+            f"set {key}.within to a value above 0 s: each further history then starts at a random instant before this time",
         )
 
 
@@ -71,7 +71,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         return
     loads = [name for name, force in config.forces.items() if isinstance(force, Load)]
     for name in estimate.inputs:
-        yield from known(f"estimate.inputs.{name}", name, loads, "force or moment in the section forces with the name")
+        yield from known(f"estimate.inputs.{name}", name, loads, "force or moment in the section forces is named")
     yield from _load_models(config, estimate)
     if estimate.method.step_error == "estimated" and config.driven:
         what = "the discretisation error of a step cannot be estimated with driven joints"
@@ -116,7 +116,7 @@ def _load_models(config: BenchConfig, estimate: BenchEstimateSection) -> Iterato
             yield Problem(f"{key}.model", what, remedy)
         if (walks and entry.increment is not None) or not isinstance(force, Load) or force.signal.type == "sine":
             continue
-        need = "a random walk without increment" if walks else f"model: {entry.model}"
+        need = "a random walk for which increment is not set" if walks else f"model: {entry.model}"
         for field in ("frequency", "amplitude"):
             if getattr(entry, field) is None:
                 what = f"{need} needs the typical {field} of the load, because the signal of the load is not a sine"
@@ -148,7 +148,7 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
             estimate,
             sensor,
             name,
-            f"and set {key}.noise to √(noise² + e²), e = σ of the acceleration error of the bench model [m/s²]",
+            f"and set {key}.noise to √(noise² + e²), e = standard deviation of the acceleration error of the bench model [m/s²]",
         )
         count = channels_of(config, name)
         for field in ("noise", "bias", "drift"):
@@ -198,7 +198,7 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
             continue
         nominal = moduli.get(name)
         if bearing is None:
-            yield from known(key, name, moduli, "modulus under bodies.*.moduli with the name")
+            yield from known(key, name, moduli, "modulus under bodies.*.moduli is named")
         else:
             if bearing in config.bearings and bearing not in used:
                 what = f"no force of the bench uses the bearing '{bearing}'"
@@ -325,11 +325,11 @@ def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[
             f"estimate.measured.sensors.{name}",
             name,
             list(estimate.sensors),
-            "sensor in estimate.sensors with the name",
+            "sensor in estimate.sensors is named",
         )
     for name in measured.inputs:
         yield from known(
-            f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "load in estimate.inputs with the name"
+            f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "load in estimate.inputs is named"
         )
     if measured.run == config.name:
         yield Problem(
@@ -345,7 +345,7 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
         )
     for name, channels in measured.channels.items():
         key = f"estimate.measured.channels.{name}"
-        yield from known(key, name, list(estimate.sensors), "sensor in estimate.sensors with the name")
+        yield from known(key, name, list(estimate.sensors), "sensor in estimate.sensors is named")
         count = channels_of(config, name) if name in config.sensors else None
         if count is not None and len(channels) != count:
             what = f"the list length is {len(channels)}, but the number of sensor components is {count}"

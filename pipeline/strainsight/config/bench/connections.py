@@ -38,7 +38,7 @@ class ConstantSection(Section):
 
     type: Literal["constant"] = Field(description="Kind of signal.")
     value: Annotated[float, DRIVEN] = Field(
-        description="Value of the signal [N or N m; for a drive: rad or m, or their rates]."
+        description="Value of the signal [N or N m; for a drive: rad, m, rad/s or m/s]."
     )
 
 
@@ -48,11 +48,9 @@ class RampSection(Section):
 
     type: Literal["ramp"] = Field(description="Kind of signal.")
     start: Annotated[float, DRIVEN] = Field(
-        0.0, description="Initial value a [N or N m; for a drive: rad or m, or their rates]."
+        0.0, description="Initial value a [N or N m; for a drive: rad, m, rad/s or m/s]."
     )
-    end: Annotated[float, DRIVEN] = Field(
-        description="Final value b [N or N m; for a drive: rad or m, or their rates]."
-    )
+    end: Annotated[float, DRIVEN] = Field(description="Final value b [N or N m; for a drive: rad, m, rad/s or m/s].")
     begin: Annotated[NotNegative, DURATION] = Field(
         0.0, description="Start time of the transition from `start` to `end` [s]."
     )

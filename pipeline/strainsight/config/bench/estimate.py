@@ -46,13 +46,13 @@ class MeasuredSensor(Section):
     )
     bias: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = expert(
         0.0,
-        description="Standard deviation of a constant offset of every component [unit of `noise`]. The filter estimates the "
-        "offset. 0: no offset. Simulated measurements have a new random offset for every seed.",
+        description="Standard deviation of a constant zero offset of every sensor component [unit of `noise`]. The filter "
+        "estimates the zero offset. 0: no zero offset. Simulated measurements have a new random zero offset for every seed.",
     )
     drift: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = expert(
         0.0,
-        description="Standard deviation of the change of the offset in one second, modelled as a random walk [unit of "
-        "`noise` per √s]; 0: constant offset.",
+        description="Standard deviation of the change of the zero offset in one second, modelled as a random walk [unit of "
+        "`noise` per √s]; 0: constant zero offset.",
     )
     layout: Literal["place", "random"] | None = expert(
         None,
@@ -85,8 +85,8 @@ class UnknownInput(InputNoise):
 
 
 class EstimatedParameter(Section):
-    """A parameter that the filter estimates, or that differs between filter and simulated test. It is a Young's modulus with
-    its name in `bodies.*.moduli`, or a property of a bearing with any name."""
+    """A parameter that the filter estimates, or that differs between filter and simulated test. It is either a
+    Young's modulus with its name in `bodies.*.moduli`, or a property of a bearing under any name."""
 
     bearing: BearingName | None = Field(
         None,
@@ -170,9 +170,8 @@ class BenchTruth(Section):
     )
     within: Annotated[NotNegative, INSTANT] = Field(
         0.0,
-        description="With `model: independent`: limit for the start of further load histories [s]. Each further history is a "
-        "part of the configured history. It starts at a random instant before this limit; a constant is added to obtain the same "
-        "initial loads.",
+        description="With `model: independent`: latest start of the further load histories [s]. Each further history is a part "
+        "of the configured history from a random instant before `within`. A constant is added to obtain the same initial loads.",
     )
 
 
@@ -186,13 +185,13 @@ class FromRun(Section):
     )
     sensors: dict[Name, Text] = expert(
         {},
-        description="Sensor of this bench → sensor of the bench in `measured.from`. For a sensor that is not listed, both names "
-        "are equal.",
+        description="Mapping: name of a sensor of this bench → name of the sensor in `measured.from`. A sensor that is not "
+        "listed has the same name in both benches.",
     )
     inputs: dict[Name, Text] = expert(
         {},
-        description="Unknown load of this bench → load of the bench in `measured.from`, for comparison with the estimate. For "
-        "a load that is not listed, both names are equal.",
+        description="Mapping: name of an unknown load of this bench → name of the load in `measured.from` with which the "
+        "estimate is compared. A load that is not listed has the same name in both benches.",
     )
     scale: Annotated[Positive, Plausible(1e-3, 1e3)] = Field(
         1.0,
@@ -232,8 +231,8 @@ class Method(Section):
         description="Process noise of the filter. With `before_step`: added to loads, parameters and disturbance at the "
         "start of a step; the joint constraints remain satisfied. With `as_printed`: block-diagonal "
         "matrix Q* of the thesis (Cottone 2022), equations (1.45) and (1.57), added after the step. `disturbance` then acts "
-        "on every velocity, and the velocities can violate the joint constraints. The σ of a load is then at least its "
-        "increment.",
+        "on every velocity, and the velocities can violate the joint constraints. The standard deviation of a load is "
+        "then at least the `increment` of the load.",
     )
     iterations: int = expert(
         10, ge=1, le=100, description="Largest number of iterations of the measurement update in each step [-]."
@@ -241,8 +240,8 @@ class Method(Section):
     parameters: Literal["extended", "grid"] = Field(
         "extended",
         description="Treatment of the estimated parameters. With `extended`: parameters are states of the filter, as in the "
-        "thesis (Cottone 2022). With `grid`: grid filter for up to three constant parameters. The σ of the grid "
-        "filter assumes correct increments of the unknown loads, and the run time is 15 to 30 times longer.",
+        "thesis (Cottone 2022). With `grid`: grid filter for up to three constant parameters. The standard deviations "
+        "of this filter are valid only for correct increments of the unknown loads. The run time is 15 to 30 times longer.",
     )
     step_error: Literal["estimated", "ignored"] | None = expert(
         None,
@@ -280,7 +279,8 @@ class BenchEstimateSection(EstimateOptions):
     tolerances: GaugeTolerances | None = expert(
         None,
         description="Tolerances of the gauge installation. The filter does not estimate installation errors, but the "
-        "tolerances increase σ (to first order). Simulated measurements have new random installation errors for "
+        "tolerances increase the standard deviations of the estimates (to first order). Simulated "
+        "measurements have new random installation errors for "
         "every seed. {}: default values of all tolerances. Null: exact gauges.",
     )
     disturbance: Annotated[NotNegative, Plausible(1e-9, 1e4, "m/s²")] = Field(
@@ -297,6 +297,6 @@ class BenchEstimateSection(EstimateOptions):
     runs: int = Field(1, ge=1, le=10_000, description="Number of runs of the filter, each with another noise seed [-].")
     allow_unresolved_steps: bool = Field(
         False,
-        description="`true`: continue even if the time step is too long to resolve the load histories; σ does not include "
-        "the resulting error.",
+        description="`true`: continue even if the time step is too long to resolve the load histories. The standard "
+        "deviations of the estimates do not include the resulting error.",
     )
