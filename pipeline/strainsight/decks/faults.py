@@ -78,7 +78,7 @@ def note_shared(nodes: IntArray, called: Callable[[int], str], notes: list[str])
     """Add a note on two elements of a kind with the same nodes (m, k), which may be intended; called: row → "S4R 12"."""
     if pair := find_coincident(nodes):
         count = len(nodes) - len(np.unique(np.sort(nodes, axis=1), axis=0))
-        shared = f"{called(pair[1])} has the same nodes as {called(pair[0])} ({plural(count, 'such element')})"
+        shared = f"{called(pair[1])} has the same nodes as {called(pair[0])} ({plural(count, 'duplicate element')})"
         notes.append(Doubt(f"{shared}: the model includes the stiffness and mass of both"))
 
 

@@ -194,7 +194,7 @@ class Includes:
                 "move the included file into the folder of the deck or below it, or add its folder "
                 f"{outside[0].resolve().parent} to the list mesh.include_dirs (relative to the config file)",
             )
-        symbol = "; ~, variables and symbols before a colon are not expanded" if re.search(r"^~|[$%]|\w:", name) else ""
+        symbol = "; ~, variables and SYMBOL:file are not expanded" if re.search(r"^~|[$%]|\w:", name) else ""
         return line.error(
             f"{word} {name!r}: no such file" + symbol,
             "correct the path, or add the folder of the file to the list mesh.include_dirs",

@@ -204,7 +204,7 @@ RECT = "SECTION=RECT\n.2, .1\n"
 
 
 test_errors_have_file_and_line = refusal_table(changed, [
-    ("10, 1, 2", "10, 1, 9", r"B31 10 refers to a node that is not in the deck \(node 2", 6),
+    ("10, 1, 2", "10, 1, 9", r"B31 10 refers to a node that is not in the deck \(position 2 in the node list", 6),
     ("3, 3., 4., 2.", "3, 3., 4., 0.", "T3D2 11 has no length", 8),
     ("0., 0., 2.", "3., 4., 0.", r"is parallel to the first axis n1 \(3, 4, 0\) of its section", 6),
     (RECT, "SECTION=RECT\n.2, -.1\n", "b of SECTION=RECT is -0.1", 15),

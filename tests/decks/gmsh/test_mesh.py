@@ -143,7 +143,7 @@ test_errors_have_line = refusal_table(str.replace, [
     (OLD, "2 7 30 4 5", "2 7 30 4 4", r"element 8 \(tet4\): the element has the same node twice", 21),
     (OLD, "5 1 1 1", "5 1 nan 1", "node 5 has a coordinate that is not a finite", 15),
     (OLD, "7 1 0 0", "7 1 O 0", "'O' is not a number", 12),
-    (OLD, "$Nodes\n5", "$Nodes\n900000000000", "more numbers expected", 11),
+    (OLD, "$Nodes\n5", "$Nodes\n900000000000", "more numbers, but contains only", 11),
     (OLD, "$Elements\n3", "$Elements\n4", "declares 4 elements, but contains only 3", 21),
     (NEW, "2 5 4 30", "2 6 4 30", "declares 6 nodes, but its blocks contain 5", ""),
     (OLD, "8 4 2 9", "8 77 2 9", "element type 77 is unknown", 21),

@@ -218,7 +218,7 @@ test_a_line_that_cannot_be_taken_is_named = refusal_table(str, [
     ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
     ("BEGIN BULK\nENDDATA\n", "no bulk data", "deck.bdf"),
     ("INCLUDE 'there_is_none.bdf'\n", "no such file\n", 1),
-    ("INCLUDE '$HOME/grids.bdf'\n", "; ~, variables and symbols before a colon are not expanded", 1),
+    ("INCLUDE '$HOME/grids.bdf'\n", "; ~, variables and SYMBOL:file are not expanded", 1),
     ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
 ])
 

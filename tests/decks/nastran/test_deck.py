@@ -68,7 +68,7 @@ def test_left_handed_solids_are_corrected(read, kind):
     np.testing.assert_allclose(at, centre * [1, 1, -1], atol=1e-12)
     assert right.notes == ()
     (note,) = left.notes
-    assert note.startswith("left-handed node order corrected in 1 solid element of 1: C")
+    assert note.startswith("1 solid element of 1 had a left-handed node order in the deck; corrected: C")
 
 
 def test_only_left_handed_solids_are_corrected(read, tetrahedron):
@@ -76,7 +76,7 @@ def test_only_left_handed_solids_are_corrected(read, tetrahedron):
     assert mesh.blocks[0].nodes[0].tolist() == [0, 1, 2, 3]
     x = mesh.position[mesh.blocks[0].nodes]
     assert (np.linalg.det(x[:, 1:] - x[:, :1]) > 0).all()
-    assert "left-handed node order corrected in 1 solid element of 2: CTETRA 5 (first at " in mesh.notes[-1]
+    assert "1 solid element of 2 had a left-handed node order in the deck; corrected: CTETRA 5 (first at " in mesh.notes[-1]
 
 
 @pytest.mark.parametrize("form", ["PARAM,WTMASS,.5", "  param, wtmass, .5", "PARAM WTMASS = .5"])

@@ -91,7 +91,7 @@ def test_a_material_system_along_the_normal_is_refused(read):
 
 def test_two_shells_on_the_same_nodes_are_noted(read):
     (note,) = read(FLAT + "CQUAD4,12,1,3,4,1,2\n").doubts
-    assert note.startswith("CQUAD4 12 has the same nodes as CQUAD4 10 (1 such element)")
+    assert note.startswith("CQUAD4 12 has the same nodes as CQUAD4 10 (1 duplicate element)")
 
 
 def test_warped_quadrilateral_is_noted_or_refused(read):

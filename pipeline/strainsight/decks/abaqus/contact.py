@@ -136,7 +136,7 @@ def _bond(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
     except UserError:
         tied = 0
     other = pair.second.name
-    left = [f"{plural(shared, 'node')} not bonded, because already common to both surfaces"] if shared else []
+    left = [f"{plural(shared, 'node')} not bonded, because part of both surfaces"] if shared else []
     dependent = f"{plural(len(nodes) - len(free), 'node')} not bonded, because dependent in another tie or contact"
     left += [dependent] if len(free) < len(nodes) else []
     leading = f"{plural(len(free) - len(able), 'node')} not bonded, because nodes of {other} are tied to them"

@@ -205,8 +205,8 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
             "remove OFFSET1 and OFFSET2, or use SECTION=RECT, BOX, PIPE or CIRC",
         )
     share = [
-        keyword.number(name, 0.0, "write a number: offset divided by section width in the same direction (n1 or n2)")
-        for name in ("OFFSET1", "OFFSET2")
+        keyword.number(name, 0.0, f"write the distance of the nodes from the beam axis along {n}, in section widths")
+        for name, n in (("OFFSET1", "n1"), ("OFFSET2", "n2"))
     ]
     return np.array(share) * sizes
 

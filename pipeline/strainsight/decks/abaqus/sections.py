@@ -324,7 +324,7 @@ def _check_count(assembly: Assembly, rows: IntArray, order: tuple[int, ...]) -> 
             i = int(np.argmin(nodes)) + 1
             raise assembly.element_error(
                 row,
-                f"refers to a node that is not in the deck (node {i} of the element)",
+                f"refers to a node that is not in the deck (position {i} in the node list of the element)",
                 "add the node, or correct the id",
             )
 

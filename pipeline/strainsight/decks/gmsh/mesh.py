@@ -70,9 +70,9 @@ def note_doubled(doubled: Doubled) -> list[str]:
     if not count:
         return []
     return [
-        f"{plural(count, 'repeated element')} (element {doubled.dropped[0]} repeats element {doubled.remaining[0]}), because "
-        "geometric volumes belong to several physical volumes. Each element is imported once: in the region of the physical "
-        "volume with the lowest tag, and in the sets of all its physical volumes"
+        f"the file contains {plural(count, 'repeated element')} (element {doubled.dropped[0]} repeats element "
+        f"{doubled.remaining[0]}), because geometric volumes belong to several physical volumes. Each element is imported once: "
+        "in the region of the physical volume with the lowest tag, and in the sets of all its physical volumes"
     ]
 
 
@@ -267,7 +267,7 @@ def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...],
     if several:
         count, both = sum(len(chunk.ids) for chunk in several), ", ".join(map(str, sorted(several[0].groups)))
         notes.append(
-            f"{plural(count, 'element')} in several physical volumes ({both}); the one with the lowest tag defines the region"
+            f"{plural(count, 'element')} in several physical volumes ({both}); the volume with the lowest tag defines the region"
         )
     blocks = []
     for kind in ELEMENTS:

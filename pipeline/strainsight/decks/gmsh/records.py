@@ -100,7 +100,7 @@ class Text:
         self.start = self.at
         if not 0 <= count <= len(self.values) - self.at:
             left = len(self.values) - self.at
-            raise self.error(f"numbers are missing: {plural(count, 'more number')} expected, but only {left} found")
+            raise self.error(f"the section requires {plural(count, 'more number')}, but contains only {left}")
         self.at += count
         values = self.values[self.start : self.at]
         if kind == "double":
@@ -137,7 +137,7 @@ class Text:
         """Raise DeckError for surplus numbers."""
         if self.at < len(self.values):
             self.start = self.at
-            raise self.error(f"{plural(len(self.values) - self.at, 'surplus number')} at the end of the section")
+            raise self.error(f"the section ends with {plural(len(self.values) - self.at, 'surplus number')}")
 
 
 class Binary:
@@ -172,7 +172,7 @@ class Binary:
     def _raw(self, dtype: np.dtype, count: int) -> np.ndarray:
         left = (len(self.content) - self.at) // dtype.itemsize
         if not 0 <= count <= left:
-            raise self.error(f"numbers are missing: {plural(count, 'more number')} expected, but at most {left} found")
+            raise self.error(f"the section requires {plural(count, 'more number')}, but the file has at most {left}")
         values = np.frombuffer(self.content, dtype, count, self.at) if count else np.zeros(0, dtype)
         self.at += count * dtype.itemsize
         return values
@@ -353,7 +353,7 @@ def _elements_2_binary(source: Binary, count: int) -> list[Chunk]:
         width = 1 + _tags(source, tags) + _nodes_of(source, number)
         if not 1 <= follow <= count - done:
             raise source.error(
-                f"a block declares {plural(follow, 'element')}, but must declare 1 to {count - done} (the rest of the section)"
+                f"a block declares {plural(follow, 'element')}; allowed: 1 to {count - done}, the elements left in the section"
             )
         if follow > 1:
             table = source.take("int", follow * width).reshape(follow, width)

@@ -62,7 +62,7 @@ def _sum(before: str, step: str, what: str, line: Line) -> str:
     x, h = parse_real(before), parse_real(step)
     if x is None or h is None:
         raise line.error(
-            f"{what} adds {step!r} to {before!r}, but both must be numbers", "write values in all fields of the card"
+            f"{what} adds {step!r} to {before!r}, but both must be numbers", "write this card in full, without = and *"
         )
     return repr(x + h)
 

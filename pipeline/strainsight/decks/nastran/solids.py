@@ -66,8 +66,8 @@ def read_solids(
     if turned:
         names = ", ".join(f"{card.name} {card.text(0)}" for card in turned[:3]) + (", …" if turned[3:] else "")
         notes.append(
-            f"left-handed node order corrected in {plural(len(turned), 'solid element')} of {len(elements)}: {names} "
-            f"(first at {turned[0].where})"
+            f"{plural(len(turned), 'solid element')} of {len(elements)} had a left-handed node order in the deck; "
+            f"corrected: {names} (first at {turned[0].where})"
         )
     by_id = dict(zip(ids.tolist(), elements, strict=True))
     check_elements(
@@ -153,7 +153,7 @@ def composite_solid(
             )
         if angle > NOTED:
             notes.append(
-                f"PCOMPS {card.text(0)}: the ply normal of CORDM is up to {angle:.3g}° off the element normal (element "
+                f"PCOMPS {card.text(0)}: the ply normal defined by CORDM is up to {angle:.3g}° off the element normal (element "
                 f"{ids[worst]}); the ply axes follow CORDM and are not projected on the element"
             )
     return CompositeSolid(

@@ -68,8 +68,12 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
         np.add.at(counts, place, directions)
         if counts.max() > 1 or reference in rows:
             raise card.error(
-                "a component is averaged twice, or the reference node is averaged",
-                "list every averaged component of a node once, and remove the reference node from the averaged nodes",
+                f"reference node {card.text(2)} is also an averaged node"
+                if reference in rows
+                else f"a component is averaged twice at node {ids[np.argmax(counts.max(axis=1)[place])]}",
+                "remove the reference node from the averaged nodes"
+                if reference in rows
+                else "list each averaged component of this node only once",
             )
         still = directions[:, 3:].any(axis=1) & ~np.isin(rows, list(turning))
         if still.any():
@@ -314,7 +318,7 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
     if not deck.case_control and len(sets.top) > 1:
         raise sets.card(max(sets.top)).error(
             f"the deck has {len(sets.top)} MPC sets ({', '.join(map(str, sorted(sets.top)))}), but no "
-            "case control, which would select one of the sets",
+            "case control that selects one of these sets",
             "add the line MPC = n before BEGIN BULK, or leave all MPC cards out (mesh.ignore: [MPC, MPCADD])",
         )
     selected = set() if deck.case_control else sets.top

@@ -348,7 +348,7 @@ def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatA
     if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
         nodes = in_order(nodes, kind.mirrored)
         notes.append(
-            f"left-handed node order of format {form} corrected in {plural(len(nodes), kind.name + ' element')}"
+            f"{plural(len(nodes), kind.name + ' element')} had a left-handed node order in the file (format {form}); corrected"
         )
     return nodes
 
