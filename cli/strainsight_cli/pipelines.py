@@ -26,7 +26,7 @@ STAGES = {
     "observe": "Compute which loads and parameters are observable together",
     "place": "Place the gauges",
     "simulate": "Simulate a bench over time",
-    "truth": "Simulate a bench with another integrator, as reference for an estimate",
+    "truth": "Simulate a bench with the Radau method, as reference for its estimate",
     "estimate": "Estimate loads and parameters from the measurements of a test or of a bench",
     "test": "Write test.html, the results page of a test",
     "field": "Write strain and stress of a body of a bench over time",

@@ -41,7 +41,7 @@ class PositionAxes:
     def in_words(self) -> str:
         """The coordinate system in words."""
         if self.is_deck_system:
-            return "the coordinates of the mesh file"
+            return "deck coordinates"
         origin, x, y = (" ".join(f"{round(v, 6) + 0.0:g}" for v in row) for row in (self.origin, *self.axes[:2]))
         return f"datum coordinates: origin ({origin}) {self.unit}, x axis ({x}), y axis ({y}) in deck coordinates"
 

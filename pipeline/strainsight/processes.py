@@ -25,12 +25,15 @@ from typing import IO, Any, Protocol, TypeVar
 from strainsight.imports import FOLDER
 
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-_FILES = "chflags chmod chown link mkdir remove removexattr rename rmdir setxattr symlink truncate utime"
-_PROCESSES = "exec fork forkpty kill killpg posix_spawn spawn startfile system"
+_FILES = (
+    "os.chflags os.chmod os.chown os.link os.mkdir os.remove os.removexattr os.rename os.rmdir os.setxattr os.symlink "
+    "os.truncate os.utime"
+)
+_PROCESSES = "os.exec os.fork os.forkpty os.kill os.killpg os.posix_spawn os.spawn os.startfile os.system"
 _OTHERS = "code.__new__ ctypes.dlopen pickle.find_class pty.spawn signal.pthread_kill sqlite3.connect subprocess.Popen"
-_MODULES = "_winapi ftplib http imaplib poplib smtplib socket syslog telnetlib urllib winreg"
-_REFUSED = {f"os.{name}" for name in f"{_FILES} {_PROCESSES}".split()} | set(_OTHERS.split())
-_REFUSED_MODULES = tuple(f"{name}." for name in _MODULES.split())
+_REFUSED = set(f"{_FILES} {_PROCESSES} {_OTHERS}".split())
+_MAIL = ("imaplib.", "poplib.", "smtplib.")
+_REFUSED_MODULES = ("_winapi.", "ftplib.", "http.", *_MAIL, "socket.", "syslog.", "telnetlib.", "urllib.", "winreg.")
 """Events, and the modules whose events all are."""
 _IMPORTERS = (
     "_frozen_importlib",

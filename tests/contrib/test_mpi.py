@@ -201,9 +201,9 @@ def test_no_answer_in_time(tmp_path, monkeypatch):
         ({}, {LAUNCHER: "no-such-mpiexec -n 2"}, "the MPI launcher no-such-mpiexec was not found", "apt install openmpi-bin"),
         ({}, {LAUNCHER: "mpiexec '-n 2"}, "is not a valid command", "quotes"),
         ({}, {LAUNCHER: "false"}, "`false` ended with exit code 1", "OMPI_ALLOW_RUN_AS_ROOT=1"),
-        ({}, {PYTHON: "no-such-python"}, "no-such-python lacks all packages", "pip install"),
-        ({}, {PYTHON: "false"}, "false lacks all packages", "python3-slepc4py"),
-        ({"slepc": False}, {PYTHON: sys.executable}, f"{sys.executable} lacks slepc4py", ""),
+        ({}, {PYTHON: "no-such-python"}, "no-such-python: does not run", "pip install"),
+        ({}, {PYTHON: "false"}, "false: does not run", "python3-slepc4py"),
+        ({"slepc": False}, {PYTHON: sys.executable}, f"{sys.executable}: no slepc4py", ""),
     ],
 )
 def test_unsuitable_installation_is_refused(tmp_path, monkeypatch, stub, environment, said, remedy):

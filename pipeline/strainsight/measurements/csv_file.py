@@ -103,7 +103,7 @@ def _suggest_header_line(error: UserError, block: bytes, first: int, table: _Tab
             form = table.form
             error.remedy = (
                 f"line {number} contains the column name {quote(table.time or table.channels[0])}: "
-                + form.remedy_setting("header_line", str(number), "specify it as the line of names")
+                + form.remedy_setting("header_line", str(number), "specify it as the line of column names")
             )
             return
 
@@ -173,13 +173,13 @@ class _Table:
     def recording(self, time_unit: str | None, rate: float | None) -> Recording:
         if self.layout is None:
             raise UserError(
-                "the table has no line of names"
+                "the table has no line of column names"
                 if self.form.header_line is None
-                else f"the file has no line {self.form.header_line}, which header_line declares as the line of names",
+                else f"the file has no line {self.form.header_line}, which header_line declares as the line of column names",
                 where=str(self.path),
                 remedy="write the names of the columns above the numbers"
                 if self.form.header_line is None
-                else self.form.remedy_setting("header_line", "LINE", "specify the number of the line of names"),
+                else self.form.remedy_setting("header_line", "LINE", "specify the number of the line of column names"),
             )
         if not self.rows:
             raise UserError("the table has no numbers", where=str(self.path), remedy="export the test data again")

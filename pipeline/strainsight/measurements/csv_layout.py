@@ -89,7 +89,7 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
         raise UserError(
             f"the columns have no names: the first line is {quote(text)}",
             where=where,
-            remedy="write a line of names above the numbers, or "
+            remedy="write a line of column names above the numbers, or "
             + form.remedy_setting("header_line", "LINE", "specify the number of this line"),
         )
     names, units = zip(*(_name_and_unit(cell, time) for cell in cells), strict=True)
@@ -124,7 +124,7 @@ def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
         unit = "" if unit == "-" else unit
         if above and unit and spelling(above) != spelling(unit):
             raise UserError(
-                f"the unit of column {name!r} is {above} in the line of names, but {unit} in the line of units",
+                f"the unit of column {name!r} is {above} in the line of column names, but {unit} in the line of units",
                 where=where,
                 remedy="correct the wrong unit",
             )
@@ -152,8 +152,8 @@ def _delimiter(text: str, where: str, form: TextFormat, single: bool) -> str:
     delimiter_names = {",": "commas", ";": "semicolons", "\t": "tabs"}
     if delimiters:
         raise UserError(
-            f"the line of names contains {' and '.join(delimiter_names[sign] for sign in delimiters)}, so the delimiter is "
-            f"ambiguous: {quote(text)}",
+            f"the line of column names contains {' and '.join(delimiter_names[sign] for sign in delimiters)}, "
+            f"so the delimiter is ambiguous: {quote(text)}",
             where=where,
             remedy=form.remedy_setting("delimiter", f'"{delimiters[-1]}"', "specify the delimiter")
             + (", or the correct delimiter" if form.key else ""),
@@ -161,7 +161,7 @@ def _delimiter(text: str, where: str, form: TextFormat, single: bool) -> str:
     if single:
         return "\t"
     raise UserError(
-        f"the line of names contains no comma, semicolon or tab: {quote(text)}",
+        f"the line of column names contains no comma, semicolon or tab: {quote(text)}",
         where=where,
         remedy="the names of the columns are expected in the first line that is not a comment; "
         + form.remedy_setting("header_line", "LINE", "specify another line")
@@ -190,7 +190,7 @@ def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str,
         return matches[0]
     if matches:
         raise UserError(
-            f"{wanted!r} is the name of the columns {', '.join(str(i + 1) for i in matches)}",
+            f"the columns {', '.join(str(i + 1) for i in matches)} have the same name {wanted!r}",
             where=where,
             remedy="use a unique name for every column",
         )

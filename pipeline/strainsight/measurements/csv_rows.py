@@ -209,7 +209,7 @@ def _remedy_for_cell(cell: str, column: int, layout: Layout, form: TextFormat) -
         if not (form.key and cell[0].isalpha()):
             return _COUNTED
         begin = "".join(sign for sign in cell[:20] if sign.isprintable() and sign not in '`"\\')
-        return f'{_COUNTED}; to skip text lines below the names, set their beginning: `{form.key}.comment: "{begin}"`'
+        return f'{_COUNTED}; to skip text lines below the column names, set their beginning: `{form.key}.comment: "{begin}"`'
     if not cell[0].isalpha() and _DIGIT.search(cell):
         return "write plain numbers with digits, sign, decimal mark and exponent (1.5e-3), without a unit"
     return (

@@ -114,7 +114,7 @@ def format_of(path: Path) -> str:
             return name
     remedy = f"set the key `format`, next to `file`, to one of {', '.join(FORMATS)}"
     if ending in SPREADSHEETS:
-        remedy = "save the table as CSV, with a line of names above the numbers"
+        remedy = "save the table as CSV, with a line of column names above the numbers"
     raise UserError(f"the ending {ending!r} belongs to no known test data format", where=str(path), remedy=remedy)
 
 

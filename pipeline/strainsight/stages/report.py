@@ -169,8 +169,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     for key, by_name in (("error", noise.error), ("std", noise.std)):
         for name, values in by_name.items():
             what, axis = (
-                f"relative {'σ' if key == 'std' else 'error (parameter: final, load: RMS)'} of the estimate of {name} "
-                "with the gauge noise /noise/level",
+                f"relative {'standard deviation σ' if key == 'std' else 'error (parameter: final, load: RMS)'} of the "
+                f"estimate of {name}, for each gauge noise in /noise/level",
                 ("/noise/level",),
             )
             datasets[f"/noise/{key}/{name}"] = Dataset(values, "1", what, axis)

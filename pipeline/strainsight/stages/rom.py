@@ -70,7 +70,7 @@ def run_modes(context: Context[PlacementConfig]) -> Output:
         message=f"{len(frequency)} modes of {size} unknowns, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
         tables=(
             Table(
-                f"natural frequencies at {values}",
+                f"natural frequencies for {values}",
                 ("mode", "Hz"),
                 tuple((str(i), hertz(f, 3)) for i, f in enumerate(frequency, start=1)),
             ),

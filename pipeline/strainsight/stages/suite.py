@@ -339,7 +339,7 @@ def _layout_cells(run: PlacementRun, mixed: bool) -> tuple[str, ...]:
 def _repeats(repeats: Repeats | None) -> str:
     if repeats is None:
         return ""
-    lost = f"{repeats.lost} of {len(repeats.error)} diverged" if repeats.lost else f"worst {_percent(repeats.worst)}"
+    lost = f"{repeats.lost} of {len(repeats.error)} diverged" if repeats.lost else f"max. {_percent(repeats.worst)}"
     return f"RMS {_percent(rms(repeats.error))}, {lost}"
 
 

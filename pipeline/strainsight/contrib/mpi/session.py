@@ -76,7 +76,7 @@ def programs(environment: Mapping[str, str] = os.environ) -> Programs:
         lacks = _lacking(candidate)
         if not lacks:
             return candidate
-        tried.append(f"{python} lacks {lacks}")
+        tried.append(f"{python}: {lacks}")
     raise UserError(
         f"no Python with petsc4py and slepc4py found: {'; '.join(tried)}",
         key="solver",
@@ -122,11 +122,11 @@ def _lacking(programs: Programs) -> str:
             timeout=LIMIT,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return f"all packages, because it does not run ({error})"
+        return f"does not run ({error})"
     return (
-        " and ".join(process.stdout.split())
+        ", ".join(f"no {package}" for package in process.stdout.split())
         if process.returncode == 0
-        else f"all packages, because it does not run (exit code {process.returncode})"
+        else f"does not run (exit code {process.returncode})"
     )
 
 
@@ -184,7 +184,7 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
     ) -> tuple[np.ndarray, np.ndarray]:
         if not mass or mass[0] is not M:
             if mass:
-                raise ValueError("this factorisation belongs to another mass matrix; factorise the stiffness again")
+                raise ValueError("the mass matrix differs from that of the first call; factorise the stiffness again")
             session.matrix("M", scaled_upper(M, scale))
             mass.append(M)
         first, into = session.array((start / scale)[:, None]), session.room(count, len(start))

@@ -65,7 +65,7 @@ class Distributed:
         entries = slice(int(pointers[0]), int(pointers[-1]))
         most = np.iinfo(PETSc.IntType).max
         if pointers[-1] - pointers[0] > most:
-            raise OverflowError(f"{pointers[-1] - pointers[0]} matrix entries exceed the limit of {most}")
+            raise OverflowError(f"{pointers[-1] - pointers[0]} matrix entries exceed the limit of {most} per process")
         X = PETSc.Mat().createSBAIJ(
             ((rows, n), (rows, n)),
             1,

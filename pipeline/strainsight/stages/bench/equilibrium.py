@@ -48,7 +48,7 @@ def statics(context: Context[BenchConfig]) -> Output:
     tables = (
         Table("positions of the frame origins in equilibrium, global axes [m]", ("frame", "x", "y", "z"), tuple(where)),
         Table(
-            "joint loads on the second frame of each joint, in the axes of the first frame",
+            "joint loads on the second frame of each joint, in the axes of its first frame",
             ("joint", "x", "y", "z", "unit"),
             tuple(loads),
         ),

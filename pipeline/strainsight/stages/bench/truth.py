@@ -18,7 +18,7 @@ def run(context: Context[BenchConfig]) -> Output:
     truth = config.estimator.truth
     truths = truths_of(inputs.bench(context), truth, truth.duration or config.filter_duration, context)
     steps, histories = len(truths.time) - 1, len(truths.begin)
-    text = f"{histories} simulated histor{'y' if histories == 1 else 'ies'} of {steps} steps of {truth.step:g} s (Radau method)"
+    text = f"{histories} simulated time histor{'y' if histories == 1 else 'ies'} of {steps} steps of {truth.step:g} s (Radau)"
     return Output(
         datasets=written(truths, {f"input {name}": unit for name, unit in load_units(config, truths.inputs).items()}),
         summary={"histories": histories, "steps": steps},

@@ -243,7 +243,7 @@ def _metric(criterion: Criterion, place: Artefact) -> data.MetricWords:
     """In words, with the unknowns that it covers where these are not all."""
     layout = read(PlacedLayout, place)
     names = layout.elimination.unknowns
-    of = f", for {' and '.join(names)} only" * (len(names) < len(layout.criteria.std))
+    of = f", computed for {' and '.join(names)} only" * (len(names) < len(layout.criteria.std))
     return data.MetricWords(criterion.symbol, criterion.meaning + of)
 
 

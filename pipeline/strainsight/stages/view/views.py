@@ -70,7 +70,7 @@ def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artef
     layout = replace(layout, gauges=_gauges(config, body, mesh, up))
     if what in ("field", "strain"):
         assert config.field is not None
-        how = "as simulated" if config.field.of == "simulate" else "as estimated"
+        how = "simulated motion" if config.field.of == "simulate" else "estimated motion"
         return surface_view(f"{title}, {how}", up["field"], layout, at, strain=what == "strain")
     return View(f"{title}, {len(layout.gauges)} gauges", layout)
 
