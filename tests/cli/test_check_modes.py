@@ -180,7 +180,7 @@ def test_calculix_agrees_on_the_same_bricks_by_its_dat_and_its_frd(tmp_path):
         ("a.f06", "R E A L   E I G E N V A L U E S\n 1 1 x.1 1. 1. 1. 1.\n", "'x.1' is not a finite number"),
         ("a.f06", "C O M P L E X   E I G E N V A L U E   S U M M A R Y\n", "complex eigenvalues"),
         ("a.dat", "E I G E N V A L U E   O U T P U T\n 1 1.E4 1. 1. 2.\n", "complex frequencies"),
-        ("a.f06", "R E A L   E I G E N V A L U E S\0", "does not belong to printed output"),
+        ("a.f06", "R E A L   E I G E N V A L U E S\0", "the file is not printed solver output"),
     ],
 )
 def test_file_without_modes_is_refused(tmp_path, name, text, words):

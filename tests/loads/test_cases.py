@@ -91,7 +91,7 @@ def test_load_modulus_and_density_of_one_material_are_an_exact_null_vector_and_n
     found = at(chain_of(ground=0.0, extra=0.0), ratio)
     assert found["input+E+rho"].result.condition > 1e12
     assert found["input+E+rho"].result.sigma_min < 1e-12
-    expected = "tip, E and rho together: fix or measure one of them"
+    expected = "tip, E and rho together: fix or measure one of these unknowns"
     assert found["input+E+rho"].result.null_direction == expected
     assert all(case.result.condition < 1e8 for label, case in found.items() if label != "input+E+rho")
     assert at(chain_of(), ratio)["input+E+rho"].result.condition < 1e6

@@ -242,7 +242,7 @@ def test_zones_take_rows_and_table_equally(files):
     left = without(given, None, None, [Box((0.15, -1, -1), (0.25, 1, 1)), NearEdges(1.0)])
     assert left.pool.element.tolist() == [7, 5]
     assert np.array_equal(left.rows.toarray(), given.rows.toarray()[[0, 2]])
-    with pytest.raises(InfeasibleError, match=r"excluded zones \(number of gauges: 3\)"):
+    with pytest.raises(InfeasibleError, match=r"excluded zones \(imported gauges: 3\)"):
         without(given, None, None, [Box((-1, -1, -1), (1, 1, 1))])
 
 

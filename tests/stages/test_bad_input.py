@@ -65,7 +65,7 @@ TOGETHER = {
     ("changes", "key", "says"),
     [
         ({"damping.ratio": 0.0, "loads.tip.direction": [0, 0, 1]}, "place.estimate", "add structural damping"),
-        (TOGETHER, "place.estimate", "tip, E and rho together: fix or measure one of them"),
+        (TOGETHER, "place.estimate", "tip, E and rho together: fix or measure one of these unknowns"),
         ({"screen.keep": "all", "place.keep": 80, **PART}, "place.keep", "cannot keep 80 of the"),
     ],
 )

@@ -158,7 +158,9 @@ def modes(
             remedy=f"Request 1 to {massive} modes.",
         )
     if shift > 0 or (shift and relief is not None):
-        raise ValueError("the eigenvalue shift must not be positive, and must be 0 if `rigid` is specified")
+        raise ValueError(
+            f"the eigenvalue shift is {shift:g}; it must be ≤ 0, and 0 if rigid-body modes (`rigid`) are specified"
+        )
     A = K if shift == 0 else sparse.csr_array(K - shift * M)
     inverse, shapes = _lowest_modes(A, M, count, factor, relief, by, near)
     inverse, shapes = inverse[:count], (shapes @ combine_repeated(inverse, shapes))[:, :count]

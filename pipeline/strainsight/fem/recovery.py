@@ -307,8 +307,8 @@ def surface_state(
     r = model.strain.shape[2]
     if covariance is not None and np.shape(covariance) != (r + len(free),) * 2:
         raise ValueError(
-            f"the covariance has the shape {np.shape(covariance)}; required is a square matrix of {r} reduced coordinates and "
-            f"{len(free)} parameters"
+            f"the covariance has the shape {np.shape(covariance)}, not {(r + len(free),) * 2}: {r} reduced coordinates "
+            f"and {len(free)} free parameters"
         )
     B = np.asarray(model.strain + model.change.at(theta))
     strain = (B.reshape(-1, r) @ q).reshape(-1, 6)

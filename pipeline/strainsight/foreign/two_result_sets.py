@@ -250,7 +250,7 @@ def _change_of_stiffness(
     off = float(np.linalg.norm(S) / np.linalg.norm(N))
     if off > FORM:
         raise UserError(
-            f"{off:.0%} (limit {FORM:.0%}) of the difference between the result sets does not fit an isotropic stiffness of "
+            f"{off:.0%} (limit {FORM:.0%}) of the stiffness difference between the two sets does not fit isotropic materials in "
             f"{', '.join(str(mesh.regions[r]) for r in parameter.regions)}",
             key=KEY,
             remedy="change only this parameter in these regions; for anisotropic materials or other changes, "
@@ -263,8 +263,9 @@ def _change_of_stiffness(
     if off <= NOTED:
         return D, []
     return D, [
-        f"{off:.1%} of the effect of {parameter.name} does not fit the element formulation of strainsight. For parameter "
-        f"values between both sets, the relative error of the frequencies is about {off / 100:.0e}"
+        f"{off:.1%} of the stiffness change due to {parameter.name} does not fit the element formulation of strainsight. "
+        f"For values of {parameter.name} between those of the two sets, the relative error of the frequencies is about "
+        f"{off / 100:.0e}"
     ]
 
 

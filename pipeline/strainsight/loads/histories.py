@@ -279,7 +279,7 @@ def motion(signal: Signal, of: Literal["position", "rate"], start: float = 0.0) 
         return lambda t: np.stack([_derivative(signal, np.asarray(t, float), order) for order in range(3)])
     if isinstance(signal, Sweep):
         raise InfeasibleError(
-            "a signal of type sweep cannot define the rate of a motion",
+            "a signal of type sweep cannot define the rate (velocity) of a prescribed motion",
             remedy="Specify the position as a sweep, or the rate as a recorded signal.",
         )
     first = _integral(signal, np.zeros(1))[0]

@@ -105,7 +105,7 @@ def observability(
 def direction_in_words(direction: np.ndarray, names: Sequence[str]) -> str:
     """Describe `unknowns_in_words`, with the remedy if there are several."""
     words = unknowns_in_words(direction, names)
-    return f"{words}: fix or measure one of them" if words.endswith(TOGETHER) else words
+    return f"{words}: fix or measure one of these unknowns" if words.endswith(TOGETHER) else words
 
 
 TOGETHER = " together"

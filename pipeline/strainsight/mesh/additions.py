@@ -91,17 +91,17 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
     """A mesh whose regions (None: all) refer to the material of that number, without unused materials."""
     chosen = set(mesh.regions if regions is None else region_ids(mesh, regions))
     several: dict[str, tuple[Callable[[int], object], str]] = {
-        "a shell whose membrane, bending and shear": (
+        "membrane, bending and shear": (
             mesh.general_shell,
             "the materials of membrane, bending and shear in the deck (MAT1, MAT2, MAT8)",
         ),
-        "a laminate, whose plies": (mesh.laminate, "materials of plies in the deck (MAT8, MAT1)"),
-        "a composite solid, whose layers": (mesh.composites.get, "materials of layers in the deck"),
+        "the plies": (mesh.laminate, "materials of plies in the deck (MAT8, MAT1)"),
+        "the layers": (mesh.composites.get, "materials of layers in the deck"),
     }
     for words, (part_of, where) in several.items():
         if layered := sorted(i for i in chosen if part_of(i)):
             raise UserError(
-                f"{mesh.regions[layered[0]]} is {words} have separate materials",
+                f"{words} of {mesh.regions[layered[0]]} have separate materials",
                 remedy=f"Exclude this region from the material in mesh.materials, and define {where}.",
             )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}

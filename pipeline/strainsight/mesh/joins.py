@@ -87,7 +87,7 @@ class AveragingElement:
         _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
         if len(np.unique(nodes)) < len(first):
             raise DeckError(
-                f"{self}: coincident nodes are averaged in different directions",
+                f"two coincident nodes enter the average of {self} with different components",
                 remedy="Use the same components for both nodes.",
                 entity=("tie", self.id),
             )

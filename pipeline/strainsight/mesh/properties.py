@@ -64,7 +64,10 @@ def value_of(mesh: Mesh, region: int, property: str, material: int | str | None 
     if property in PLY_MODULI or shapes(mesh, region, property):
         value = float(getattr(_ply(mesh, region, property, material), property))
         if value == float("inf"):
-            raise UserError(f"{mesh.regions[region]} is rigid in transverse shear: {property} is infinite")
+            raise UserError(
+                f"{mesh.regions[region]} is rigid in transverse shear: {property} is infinite",
+                remedy="Specify transverse shear moduli of the ply (G1Z, G2Z on MAT8), or estimate another property.",
+            )
         return value
     if what := without_modulus(mesh, region):
         raise UserError(

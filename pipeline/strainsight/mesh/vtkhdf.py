@@ -115,7 +115,7 @@ def _stepped(
         return array.reshape(-1, *array.shape[2:]), np.arange(len(values), dtype=np.int64) * length
     if array.ndim == 0 or array.shape[0] != length:
         raise ValueError(
-            f"{group} {name}: shape {array.shape} does not begin with {length}"
+            f"{group} {name}: the array has the shape {array.shape}, but its shape must begin with {length}"
             + ("" if values is None else f" or ({len(values)}, {length})")
         )
     return array, None if values is None else np.zeros(len(values), dtype=np.int64)

@@ -208,7 +208,7 @@ def without(gauges: ImportedGauges, mesh: Mesh, facets: Facets | None, zones: Se
         selected &= ~inside(zone, mesh, facets, gauges.pool.position, gauges.pool.normal)
     if not selected.any():
         raise InfeasibleError(
-            f"no imported gauge lies outside the excluded zones (number of gauges: {len(selected)})",
+            f"no imported gauge lies outside the excluded zones (imported gauges: {len(selected)})",
             remedy="Remove zones from `gauges.exclude`, or make them smaller.",
         )
     index = np.flatnonzero(selected)

@@ -262,7 +262,7 @@ def points_within(position: np.ndarray, candidates: Candidates, facets: Facets |
                 f"(first: element {grids.element[first]}, facet {grids.facet[first]}, "
                 f"grid {grids.length[first]:.3g} m long)",
                 remedy="Use a shorter measuring grid, or exclude positions near edges: "
-                f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}].",
+                f"gauges.exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}].",
             )
         points = ChannelPoints.joined([points, along])
     if candidates.arms is None:

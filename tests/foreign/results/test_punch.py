@@ -119,5 +119,5 @@ def test_invalid_punch_lines_are_refused(tmp_path, row, columns, text, said, lin
 def test_binary_punch_is_refused(tmp_path, content):
     path = tmp_path / "run.pch"
     path.write_bytes(content)
-    with pytest.raises(DeckError, match="the line does not belong to a"):
+    with pytest.raises(DeckError, match="the file is not a punch file"):
         list(read_responses(path))

@@ -53,7 +53,7 @@ Column = tuple[int, list[int], list[int], Any]
 def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where: str) -> Header:
     matrix_name = name.replace(b"\0", b" ").decode("ascii", "replace").strip()
     if kind in (3, 4):
-        raise error_at(where, f"the matrix {matrix_name} is complex", "use real stiffness and mass matrices")
+        raise error_at(where, f"the matrix {matrix_name} is complex", "export stiffness and mass as real matrices")
     if kind not in (1, 2) or not (0 < columns <= LARGEST and 0 < abs(rows) <= LARGEST):
         raise error_at(
             where,

@@ -92,7 +92,11 @@ def result_lines(path: Path, what: str, remedy: str) -> Iterator[tuple[int, byte
         while line := file.readline(LONGEST):
             number += 1
             if b"\0" in line or len(line) == LONGEST:
-                raise error_at(f"{path}:{number}", f"the line does not belong to {what}", remedy)
+                raise error_at(
+                    f"{path}:{number}",
+                    f"the file is not {what}: the line has a zero byte or at least {LONGEST} bytes",
+                    remedy,
+                )
             yield number, line
 
 
@@ -181,7 +185,7 @@ def printed_modes(path: Path) -> Iterator[Response]:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Number and text of every line."""
-    for number, line in result_lines(path, "printed output", "specify the .f06 or .dat file"):
+    for number, line in result_lines(path, "printed solver output", "specify the .f06 or .dat file"):
         yield number, line.decode("latin-1")
 
 
