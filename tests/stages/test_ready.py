@@ -170,7 +170,7 @@ def edited(name, old, new):
 @pytest.mark.parametrize(
     ("spoil", "key", "says"),
     [
-        (shrunk, "mesh.matrices.mass.0.file", "60 rows and 60 columns, but rows.csv has 66 unknowns"),
+        (shrunk, "mesh.matrices.mass.0.file", "60 rows and 60 columns, but rows.csv has 66 degrees of freedom"),
         (triangle, "mesh.matrices.stiffness.0.file", "only the lower triangle"),
         (edited("rows.csv", "\n11,1\n", "\n10,1\n"), "mesh.matrices.numbering", "rows.csv:62"),
         (edited("beam.yaml", "at: 2.1e+11", "at: 2.1e+5"), "mesh.matrices.stiffness.0.at", "computed with 2.1e+05"),

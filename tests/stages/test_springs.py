@@ -153,7 +153,7 @@ def test_inertia_that_is_left_out_is_named_and_refused_where_it_is_much(tmp_path
         training = {"model": "static", "duration": 1.0, "time_step": 1e-3}
         return {"loads.tip.signal.frequency": frequency, "train": training, "validate.time_step": 1e-3}
 
-    with pytest.warns(UserWarning, match="adds up to 2."):
+    with pytest.warns(UserWarning, match="changes the strain by up to 2."):
         finished(tmp_path / "10", "train", bricks(COUNTS), STATIC | quick(10.0))
     with pytest.raises(StrainsightError, match=r"inertia, neglected by train\.model: static") as caught:
         finished(tmp_path / "40", "train", bricks(COUNTS), STATIC | quick(40.0))

@@ -239,7 +239,7 @@ def build_columns(
                 break
             if len(parts) > MOST_COLUMNS:
                 raise NumericalError(
-                    f"the parameter grid needs more than {MOST_COLUMNS} lines of points to cover the posterior of the parameters",
+                    f"the parameter grid needs more than {MOST_COLUMNS} grid lines to cover the posterior of the parameters",
                     remedy="the measurements hardly distinguish the parameters: estimate fewer parameters, or reduce their "
                     "initial standard deviation (estimate.initial_std, validate.initial_std)",
                 )

@@ -399,7 +399,7 @@ def refuse_lost(problem: GridProblem, point: np.ndarray) -> None:
     if lost.any():
         worst = int(np.argmax(np.where(lost, off, 0.0)))
         raise NumericalError(
-            f"the measurements fit best with {problem.model.unknowns.parameters[worst]} at {np.exp(point[worst]):.3g} times its "
-            "guess, which is not plausible",
+            f"the measurements are fitted best by {np.exp(point[worst]):.3g} times the guess of "
+            f"{problem.model.unknowns.parameters[worst]}, which is not plausible",
             remedy="check the channels (assignment, unit and sign) and the loads",
         )

@@ -238,7 +238,7 @@ def _check_inputs(
     if not len(at) or at.min() < 0 or at.max() >= n or len(np.unique(at)) < len(at):
         raise ConfigError(
             f"`states` is {at.tolist()}, but the system has {n} states",
-            remedy=f"pass different numbers from 0 to {n - 1}",
+            remedy=f"pass the number of each state only once, from 0 to {n - 1}",
         )
     if names and len(names) != n:
         raise ConfigError(f"{n} states have {len(names)} names", remedy="pass one name for each state, or no names")

@@ -170,12 +170,12 @@ def refusal(limits: Limits, detection: Detection, names: Sequence[str]) -> Infea
             f"{limits.keep} gauges requested, but the smallest set that makes every unknown observable{_within(families)}"
             f"{known} has {least}",
             key=KEEP,
-            remedy=f"keep at least {least} gauges, or estimate fewer unknowns",
+            remedy=f"keep at least {least} gauges (place.keep), or estimate fewer unknowns",
         )
     return InfeasibleError(
         f"no layout of {limits.keep} gauges that makes every unknown observable was found{_within(families)}",
         key=KEEP,
-        remedy="keep another number of gauges, or relax the limits",
+        remedy="change the number of gauges (place.keep), or relax the limits",
     )
 
 

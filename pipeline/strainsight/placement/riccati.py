@@ -290,9 +290,13 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     # what doubling has rounded, a step of the filter itself forgets as fast as it forgets all else
     P = updated(_triangle(np.hstack([A @ before, N]).T).T, H)
     if not (error := _error(A, H, before, P)) <= ACCEPTED_IN_STEPS:
-        solved = f"solved with an error of {error:.1e}" if np.isfinite(error) else "not finite: the filter is unstable"
+        solved = (
+            f"solved with an error of {error:.1e}; the tolerance is {ACCEPTED_IN_STEPS:.0e}"
+            if np.isfinite(error)
+            else "not finite: the filter is unstable"
+        )
         raise NumericalError(
-            f"the steady-state covariance of a set of gauges is {solved}; the tolerance is {ACCEPTED_IN_STEPS:.0e}",
+            f"the steady-state covariance of a set of gauges is {solved}",
             remedy="check the units of the noise of gauges and inputs: their magnitudes differ too much for double precision",
         )
     return P

@@ -113,8 +113,8 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
             lost[size - len(units) :] /= units[:, None]
         raise InfeasibleError(
             f"all candidate gauges together cannot observe {undetectable_in_words(lost, names)}",
-            remedy="add candidates (screen.keep; place.pool of a bench), or estimate fewer unknowns: set a load, "
-            "a density or a modulus as known",
+            remedy="add candidates (screen.keep; place.pool of a bench), or estimate fewer unknowns (place.estimate, "
+            "loads.*.known; estimate.inputs and estimate.parameters of a bench)",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
     # rows of Q at unit variance, so that no unit of a state hides the noise of another: the null space is the same

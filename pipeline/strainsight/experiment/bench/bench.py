@@ -325,7 +325,7 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
             return ConfigError(
                 f"at t = {k * h:g} s the joints {why}; the driven motion is {driven} [m or rad]",
                 key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
-                remedy="Reduce the driven motion (joints.*.drive.signal), or move the frames of the joint.",
+                remedy="Reduce the driven motion (joints.*.drive.signal), or move the frames of the driven joints.",
             )
     return None
 

@@ -57,7 +57,8 @@ def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
         ellipse = max(float(ball.semi_axes.max()) for ball in balls)
         if ellipse > bearing.ball_diameter / 2:
             raise ConfigError(
-                f"the contact ellipse is larger than the ball (semi-axis {1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s)",
+                f"the contact ellipse is larger than the ball (semi-axis {1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s, "
+                f"ball radius {500 * bearing.ball_diameter:.4g} mm)",
                 key=f"forces.{name}",
                 remedy="Check the size of the loads and the preload of the bearing.",
             )
@@ -160,9 +161,9 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
         **{f"pressure.{name}": highest for name, highest in pressure.items()},
     }
     text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints "
-    text += f"with position errors up to {worst:.1e} m or rad"
+    text += f"with residuals up to {worst:.1e} m or rad"
     if settings.tolerance is not None:
-        text += f", each divided into up to {most} substeps with a relative tolerance of {settings.tolerance:g}"
+        text += f"; each step is divided into up to {most} substeps with a relative tolerance of {settings.tolerance:g}"
     doubts = []
     if len(record.frequency) and record.frequency[0] > 0:
         summary["first_frequency"] = float(record.frequency[0])

@@ -314,9 +314,9 @@ def _filtered(
         if decision.inconsistent:
             why = error.what if isinstance(error, NumericalError) else error
             raise InconsistentRecordError(
-                f"every filter diverges with the record ({why}): {decision.inconsistent}",
+                f"every filter diverges for this record ({why}): {decision.inconsistent}",
                 key="estimate",
-                remedy="Correct the cause of the inconsistency and run the estimate again.",
+                remedy="Check unit and sign of channels and loads, supports and time step. Then run the stage `estimate` again.",
             ) from error
         if len(filters) == 1:
             raise

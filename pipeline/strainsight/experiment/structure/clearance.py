@@ -267,9 +267,7 @@ def advice_at_gauges(sites: AtGauges | None, labels: Sequence[str], bonded: Sequ
     groups: dict[str, list[str]] = {}
     for i, label in enumerate(labels):
         if words := sites.steep_in_words(i):
-            remedy = (
-                "" if bonded[i] else ". Position it with a template, use a shorter measuring grid, or move the gauge"
-            )
+            remedy = "" if bonded[i] else ". Use a template, a shorter measuring grid or another place for this gauge"
             yield f"{label}: {words}{remedy}."
         if not bonded[i]:
             for words in sites.access(i):

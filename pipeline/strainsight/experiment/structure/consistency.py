@@ -245,7 +245,7 @@ class FaultInWords:
             return f"{name} and {names[int(amount)]} are swapped", f"exchange {key}.channel and {other}.channel"
         if fault.kind == "offset":
             value = "" if entry.bridge is not None else f": {entry.offset + raw:.6g}"
-            remedy = f"set {key}.offset{value}, or {key}.zero or {key}.bias"
+            remedy = f"set {key}.offset{value}, set {key}.zero to an unloaded interval, or set {key}.bias to estimate the offset"
             return f"{name} has an offset of {self._size(fault, estimate, std)}", remedy
         if fault.kind == "drift":
             value = "" if entry.bridge is not None else f": {entry.drift + raw / self._drifted:.6g}"

@@ -205,5 +205,5 @@ def excluded(estimate: Values, other: Values) -> str:
 
 def excluded_in_words(words: str, settled: bool, key: str) -> str:
     """Reason to withhold σ, from `excluded`; settled: whether the estimate starts settled (`key`)."""
-    by = f"for periodic, then unknown initial motion; check {key}" if settled else "of the same model; report a bug"
+    by = f"with periodic or with unknown initial motion; check {key}" if settled else "by the same model; report a bug"
     return f"two estimates exclude each other: {words} ({by})" if words else ""

@@ -407,6 +407,7 @@ def _spacing(signals: Signals, name: str, values: np.ndarray, key: str) -> int:
         raise ConfigError(
             f"the known load '{name}' has missing samples: {np.isnan(values).sum()} in total, {where}",
             key=key,
-            remedy=f"Use a part of the record without missing samples, or set loads.{name}.known: false to estimate the load.",
+            remedy=f"Delete the lines before or after the missing samples from the file, or set loads.{name}.known: false to "
+            "estimate the load.",
         )
     return int(spacing.max())

@@ -105,7 +105,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
         )
     if len(theirs) > massive:
         raise UserError(
-            f"the file has {len(theirs)} modes, but the model has only {massive} unknowns with mass",
+            f"the file has {len(theirs)} modes, but the model has only {massive} degrees of freedom with mass",
             remedy="Use a results file with fewer modes.",
         )
     notes = [

@@ -38,7 +38,9 @@ LONGEST_COMPARED = 20_000
 """Most steps of a record with a comparison of filters and a variance budget by default."""
 FILTER = 0.4
 """Share of the filter in the time of filter and smoother."""
-SHORTER = "Estimate parts of the record one after the other, or use a machine with more memory."
+SHORTER = (
+    "Estimate parts of the record one after the other (divide the measurement file), or use a machine with more memory."
+)
 FEW, TRIED = 20, 1000
 """Samples of the warm-up run, and of the timed run."""
 LONG = 20_000

@@ -120,7 +120,7 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
                 if X.shape != (len(node_ids),) * 2:
                     raise DeckError(
                         f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns, but {path.name} has {len(node_ids)} "
-                        "unknowns",
+                        "degrees of freedom",
                         where=str(files[key]),
                         remedy="Use a matrix and a numbering file of the same model.",
                     )
@@ -317,8 +317,8 @@ def inertia_problems(train: Train, training: Training, first: float) -> Iterator
     if train.model == "static":
         share = neglected_inertia(training, first)
         words = (
-            f"inertia, neglected by train.model: static, adds up to {100 * share:.2g} % to the strain under these loads (first "
-            f"mode {first:.4g} Hz)"
+            f"inertia, neglected by train.model: static, changes the strain by up to {100 * share:.2g} % in the training run "
+            f"(first mode {first:.4g} Hz)"
         )
         if share > INERTIA_MOST:
             raise InfeasibleError(words, key="train.model", remedy="Set train.model: dynamic, or use slower loads.")

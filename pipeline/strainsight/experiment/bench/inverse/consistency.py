@@ -149,7 +149,7 @@ class Evidence:
             )
             yield from (
                 f"{name} is not identified: estimates from different initial values differ by more than 3.2 σ, or σ exceeds half "
-                "of the initial σ, or the error exceeds σ"
+                "of the initial σ, or the estimation error exceeds σ"
                 for name in self.names
                 if self.numbers.get(f"identified.{name}") is False
             )
@@ -159,8 +159,8 @@ class Evidence:
             noises = "small" if nis > 1 else "large"
             tolerances = ". Gauge errors (estimate.tolerances) are included in σ, but not in this check"
             yield (
-                f"the RMS innovation is {np.sqrt(nis):.3g} times the predicted value: the model of the filter differs from the "
-                f"bench of the measurements, or estimate.inputs.*.increment, estimate.disturbance or estimate.sensors.*.noise "
+                f"the RMS innovation is {np.sqrt(nis):.3g} times the predicted value: the model of the filter differs from "
+                f"the measured bench, or estimate.inputs.*.increment, estimate.disturbance or estimate.sensors.*.noise "
                 f"is too {noises}{tolerances * bool(estimate.tolerances)}"
             )
         for name in estimate.sensors if estimate.measured is not None else ():
@@ -180,7 +180,8 @@ class Evidence:
             elif f"ratio_slope.{name}" in of:
                 slope, offset = of[f"ratio_slope.{name}"], of[f"ratio_offset.{name}"]
                 estimates.append(
-                    f"{name} = {slope:.3g} × load of the measured run {'+-'[offset < 0]} {abs(offset):.3g} {units[name]}"
+                    f"estimate of {name} = {slope:.3g} × load of the measured run "
+                    f"{'+-'[offset < 0]} {abs(offset):.3g} {units[name]}"
                 )
             elif f"rms_std.{name}" in of or not with_sigma:
                 kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
