@@ -65,7 +65,7 @@ def test_multiplier_of_the_pivot_is_the_reaction():
     system, q, v = pendulum()
     q, v = state(system, {"bob": Pose(rotation=np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]))})
     run = simulate(system, q, v, np.zeros((2, 0)), 0.01, np.zeros(0))
-    assert system.constraints[7] == "pivot: global y of end relative to wall"
+    assert system.constraints[7] == "pivot: global y position of end relative to wall"
     np.testing.assert_allclose(run.lam[0, 6:9], [0.0, 9.81, 0.0], atol=1e-12)
 
 

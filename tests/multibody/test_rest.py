@@ -165,8 +165,11 @@ def test_projection_of_the_velocity_is_the_nearest_in_kinetic_energy_of_the_scal
 def test_run_from_an_inconsistent_state_is_refused_by_name():
     system = assemble([BALL], [spherical("joint", frame("wall", None), frame("end", "ball"))])
     for pose, told in (
-        (Pose(np.array([0, 0.1, 0])), "residual 0.1 in joint: global y of end relative to wall"),
-        (Pose(velocity=np.array([0, 0, 2.0])), "residual 2 in the time derivative of joint: global z of end relative to wall"),
+        (Pose(np.array([0, 0.1, 0])), "residual 0.1 in joint: global y position of end relative to wall"),
+        (
+            Pose(velocity=np.array([0, 0, 2.0])),
+            "residual 2 in the time derivative of joint: global z position of end relative to wall",
+        ),
         (Pose(rotation=np.diag([1.0, 1.0, 1.2])), "residual 0.44 in body ball: z axis · z axis of the body frame"),
     ):
         with pytest.raises(InfeasibleError, match=told):
@@ -190,8 +193,8 @@ def test_inconsistent_joints_are_named():
     system = assemble([BALL], joints)
     with pytest.raises(InfeasibleError, match="cannot all be satisfied") as refused:
         project_position(system, state(system, {})[0])
-    assert "left: global x of end relative to hook" in str(refused.value)
-    assert "right: global x of nose relative to eye" in str(refused.value)
+    assert "left: global x position of end relative to hook" in str(refused.value)
+    assert "right: global x position of nose relative to eye" in str(refused.value)
 
 
 def test_redundant_joints_are_named_with_what_they_follow_from():

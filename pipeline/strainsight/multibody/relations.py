@@ -26,7 +26,10 @@ class Relation:
 def coincidence(i: Frame, j: Frame, k: int, value: float = 0.0) -> Relation:
     """e_k·(p_j − p_i) = value [m], component k in global axes."""
     return Relation(
-        f"global {'xyz'[k]} of {j.name} relative to {i.name}", (constant(np.eye(3)[k]),), (j.point, -i.point), value
+        f"global {'xyz'[k]} position of {j.name} relative to {i.name}",
+        (constant(np.eye(3)[k]),),
+        (j.point, -i.point),
+        value,
     )
 
 

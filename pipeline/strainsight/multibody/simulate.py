@@ -198,8 +198,8 @@ def _refusal(
             remedy=unsolved.remedy,
         )
     return NumericalError(
-        f"at t = {time:g} s the step of {h:g} s, divided into {parts} substeps, has a relative error of {off:.2g}; "
-        f"the limit is {limit:.2g} (simulate.tolerance / number of time steps)",
+        f"at t = {time:g} s the step of {h:g} s, divided into {parts} substeps, has a relative error of {off:.2g} "
+        f"in the coordinates of a body; the limit is {limit:.2g} (simulate.tolerance / number of time steps)",
         remedy="reduce simulate.time_step, or increase simulate.tolerance",
     )
 

@@ -254,7 +254,9 @@ def _check(bearing: Bearing) -> None:
         )
     if bearing.groove_centres not in ("follow", "fixed"):
         raise UserError(
-            f"unknown groove centres '{bearing.groove_centres}'", remedy="set `groove_centres` to follow or fixed"
+            f"unknown groove centres '{bearing.groove_centres}'",
+            remedy="set `groove_centres` to follow (they move with the ball diameter and the groove radii) or "
+            "fixed (they stay at the nominal position)",
         )
     if bearing.ball_diameter >= bearing.pitch_diameter:
         raise UserError(

@@ -105,7 +105,8 @@ class ParameterCoordinates:
                 bound = f"not above the radius of the ball with preload, {0.5 * ball + unknown.oversize:.6g} m"
             if not inside > 0:
                 raise InfeasibleError(
-                    f"{unknown.name} of {value:.6g} is {bound}", remedy="correct `guess` or `starts` of this parameter"
+                    f"{unknown.name} of {value:.6g} is {bound}",
+                    remedy="correct `guess` or `starts` of this parameter in estimate.parameters",
                 )
             xi[k] = np.log(inside)
         return xi
@@ -223,7 +224,8 @@ def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndar
     *_, K = tangent.matrices
     if len(K) and not np.linalg.cond(K) < 1 / FREE:
         raise InfeasibleError(
-            "a motion of a body is unrestrained in the initial state", remedy="restrain it with a joint or a spring"
+            "the bench can move freely in its initial state",
+            remedy="restrain every motion of every body with a joint or a spring",
         )
     response = tangent.T @ np.linalg.solve(K, tangent.pushes(slopes))
     return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]

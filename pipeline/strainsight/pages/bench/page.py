@@ -131,7 +131,7 @@ def random_figure(placed: BenchPlaced) -> Drawing:
     axes.set_yticks(range(len(names)), [short(name, 16) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("expected σ relative to the chosen layout [–]")
+    axes.set_xlabel("expected σ relative to that of the chosen layout [–]")
     legend_above(axes)
     caption = (
         "Expected σ of every load with random layouts (same number of gauges), divided by that of the chosen layout."
@@ -280,7 +280,7 @@ NAMES = {
     "constraints": ("number of constraints", ""),
     "steps": ("number of time steps", ""),
     "violation": ("largest violation of a constraint (SI units)", ""),
-    "violation_rate": ("largest violation rate of a constraint (SI units)", ""),
+    "violation_rate": ("largest time derivative of a constraint residual (SI units)", ""),
     "first_frequency": ("first natural frequency of the bench", "Hz"),
     "band": ("highest load frequency resolved by the time step", "Hz"),
     "turn": ("largest rotation of a body in a time step", "rad"),

@@ -23,8 +23,8 @@ EDGES = (
     "counter-clockwise as seen from outside. Second line: the same for the nearest edge transverse to the first one."
 )
 BONDED = (
-    "Installation: values that violate an installation limit. Possible values: relative change of strain over one σ of the gauge "
-    "position, relative change of strain over the measuring grid, and free height above the gauge."
+    "Installation: values that violate an installation limit. Possible values: relative change of strain over one standard "
+    "deviation of the gauge position, relative change of strain over the measuring grid, and free height above the gauge."
 )
 REFINED = (
     "Refined mesh: change of the strain at the gauge if the element size around it is halved twice. The change is relative to "

@@ -95,14 +95,14 @@ def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
         yield "measuring grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length unknown"
         if len(sheet.directions) == 1:
             yield (
-                "carrier, as drawn",
+                "drawn carrier size",
                 " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
     yield "datum in mesh file", f"({_numbers(frame.origin)}) {frame.unit}"
     if not np.array_equal(frame.axes, np.eye(3)):
-        yield "x axis in mesh file", _vector(frame.axes[0])
-        yield "y axis in mesh file", _vector(frame.axes[1])
+        yield "datum x axis in mesh", _vector(frame.axes[0])
+        yield "datum y axis in mesh", _vector(frame.axes[1])
 
 
 def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> None:

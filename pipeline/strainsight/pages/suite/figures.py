@@ -131,7 +131,7 @@ def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Seque
     caption = f"Summary numbers of the runs over the config key {study.over}: one panel per number, one line per group of runs."
     if what:
         caption = f"Errors of the {what} over the config key {study.over}; dotted: claimed standard deviation."
-    title = f"{study.name}: {f'errors of {what}' if what else 'numbers'} over {study.over}"
+    title = f"{study.name}: {f'errors of {what}' if what else 'summary numbers'} over {study.over}"
     return Drawing(key, title, caption, f"Line chart over {study.over}. {'; '.join(texts)}.", svg(canvas))
 
 
@@ -179,7 +179,7 @@ def _scale(axes: Axes, values: FloatArray) -> None:
 
 
 COLOURS = (*SERIES, MUTED)
-WRONG = "estimate with a problem"
+WRONG = "unreliable estimate"
 
 
 def suite_figures(report: Suite) -> tuple[Drawing, ...]:

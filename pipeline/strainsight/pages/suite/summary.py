@@ -90,7 +90,7 @@ def observability_section(report: Suite, cards: Mapping[str, str]) -> str:
     if not series:
         return ""
     motions = [[escape(entry.heading), escape(entry.label)] for entry in series]
-    listed = table("excitations", ("excitation of", "label of the first of these runs"), motions)
+    listed = table("excitations", ("excitation of", "label of the run (of several runs: of the first)"), motions)
     missing, rows = [], []
     for group in groups_of(series):
         cases = [entry.cases.get(group) for entry in series]
@@ -233,9 +233,10 @@ def runs_table(report: Suite) -> str:
     )
     caption += (
         "Gap to the optimal layout: largest possible reduction of the metric by another allowed layout. "
-        "Errors of parameters: filtered estimate, mean over the second half of the run, relative to the true value. Errors of "
-        "loads: smoothed estimate, relative to the RMS of the load. Repeats: filter runs with other noise and initial values. σ "
-        "is consistent if the RMS of error / claimed σ is in the 99.73 % interval of χ² (narrower for more samples). "
+        "Errors of parameters: filtered estimate at the end of the run (of a drifting parameter: mean over the second half), "
+        "relative to the true value. Errors of loads: smoothed estimate, relative to the RMS of the load. "
+        "Repeats: filter runs with other noise and initial values. σ is consistent if the RMS of "
+        "error / claimed σ is in the 99.73 % interval of χ² (narrower for more samples). "
         "Above the interval σ is overconfident, below the interval too cautious."
     )
     bodies = [_block(index, run, len(metrics) > 1) for index, run in report.placements]

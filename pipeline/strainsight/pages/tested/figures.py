@@ -203,7 +203,7 @@ def hold_out_section(channels: Sequence[Reading], cards: Iterable[str]) -> str:
     text = table("hold-out", head, rows, caption=caption, numeric=range(1, 5))
     worst = min(map(inside, channels))
     least = "" if np.isnan(worst) else f" Smallest share of samples within ±2σ: {number(100 * worst, 3)} %."
-    return section("Hold-out", text, lead=HOLD_OUT + least) + figures(cards)
+    return section("Prediction of held-out channels", text, lead=HOLD_OUT + least) + figures(cards)
 
 
 WORDS = {

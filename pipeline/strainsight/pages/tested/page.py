@@ -201,7 +201,9 @@ def page_of_test(
     parts = (
         f'<p class="lead">Record {escape(report.record)}. Other records: {links}.</p>' * bool(links),
         findings_screen(report),
-        folded(select_figures(drawings, "reading-"), "multiples", titled("Measured and reconstructed", READINGS)),
+        folded(
+            select_figures(drawings, "reading-"), "multiples", titled("Measured and reconstructed readings", READINGS)
+        ),
         sections.listing_section("Channels predicted from the other channels", report.checked, range(1, 5), CHECKED),
         hold_out_section(report.hold_out, select_figures(drawings, "hold-out-")),
         _residuals(report, drawings),
