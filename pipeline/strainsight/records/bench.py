@@ -496,9 +496,8 @@ class BenchLayout:
     std: np.ndarray = dataset(
         "SI",
         "/inputs",
-        "standard deviation of the estimate of every unknown (load: in the steady state, parameter: at the end of the run). "
-        "inf: unobservable load; "
-        "NaN: Riccati equation not solved accurately",
+        "standard deviation of the estimate of every unknown (load: in the steady state, parameter: at the end of the "
+        "run). inf: unobservable load; NaN: Riccati equation not solved accurately",
     )
     without: np.ndarray = dataset(
         "SI", "gauge × /inputs", "standard deviation of the estimate of every unknown after the failure of each gauge"

@@ -279,9 +279,8 @@ class BenchEstimateSection(EstimateOptions):
     tolerances: GaugeTolerances | None = expert(
         None,
         description="Tolerances of the gauge installation. The filter does not estimate installation errors, but the "
-        "tolerances increase the standard deviations of the estimates (to first order). Simulated "
-        "measurements have new random installation errors for "
-        "every seed. {}: default values of all tolerances. Null: exact gauges.",
+        "tolerances increase the standard deviations of the estimates (to first order). Simulated measurements have "
+        "new random installation errors for every seed. {}: default values of all tolerances. Null: exact gauges.",
     )
     disturbance: Annotated[NotNegative, Plausible(1e-9, 1e4, "m/s²")] = Field(
         0.0,

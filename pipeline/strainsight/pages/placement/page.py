@@ -264,11 +264,10 @@ def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
 
 
 FOOTER = (
-    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or to the true RMS of a load (if "
-    "this RMS is zero: to the configured amplitude). Errors and σ of loads omit the first tenth of the run. "
-    "Claimed σ: computed by the filter. "
-    "Smoothed: estimate of the smoother. Expected σ: predicted by the placement for the filter. Steady-state σ: only for ranking "
-    "layouts."
+    "σ is one standard deviation. Errors and σ are relative to the true value of a parameter or to the true RMS of a "
+    "load (if this RMS is zero: to the configured amplitude). Errors and σ of loads omit the first tenth of the run. "
+    "Claimed σ: computed by the filter. Smoothed: estimate of the smoother. Expected σ: predicted by the placement for "
+    "the filter. Steady-state σ: only for ranking layouts."
 )
 
 RANDOM = markup.titled(
