@@ -40,7 +40,14 @@ def comparisons(numbers: SuiteNumbers) -> str:
         *head("", "thesis", "published", "published settings", "other settings", "result"),
     ]
     for source, says, printed, theirs, ours, verdict, why in zip(
-        rows.source, rows.statement, rows.published, rows.published_settings, rows.other_settings, rows.verdict, rows.why, strict=True
+        rows.source,
+        rows.statement,
+        rows.published,
+        rows.published_settings,
+        rows.other_settings,
+        rows.verdict,
+        rows.why,
+        strict=True,
     ):
         text.append(line([source, says, printed, *without_repetition(theirs, ours), cell(verdict, why)]))
     return "\n".join(text) + "\n"

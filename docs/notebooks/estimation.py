@@ -35,7 +35,7 @@ force, std = test.estimated.smoothed["tip"], test.estimated.smoothed_std["tip"]
 true = training.load[:, 0]
 print(f"force: RMS {np.sqrt(np.mean(force**2)):.0f} N, σ {np.sqrt(np.mean(std**2)):.0f} N")
 print(f"error: {100 * np.linalg.norm(force - true) / np.linalg.norm(true):.1f} % of the force")
-print(test.verdict.text)
+print(test.innovation_check.text)
 
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 axes.fill_between(time, (force - 2 * std) / 1e3, (force + 2 * std) / 1e3, alpha=0.3, label="± 2σ")

@@ -129,7 +129,7 @@ def test_the_filter_takes_all_of_them(mixed, tmp_path):
     chosen = mixed["place"]["/selected/final/channel"]
     assert validate["/gauge/measured"].shape[1] == (chosen >= 0).sum()
     # with no load known E rests on what is stated of the tip's, and no error of it is right or wrong
-    assert "E rests on what process_noise states of tip" in mixed["place"].summary["rests_on_loads"]
+    assert "the estimates of E depend on the process_noise of tip" in mixed["place"].summary["rests_on_loads"]
 
 
 def test_an_array_over_channels_has_the_units_of_what_they_measure(mixed):

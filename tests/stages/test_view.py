@@ -106,7 +106,7 @@ def test_the_field_of_a_bench_is_shown_at_its_worst_or_at_the_instant_asked_for(
     step = int(np.argmax(stress.max(axis=1)))
     moved = field["/VTKHDF/PointData/displacement"].reshape(3, -1, 3)[step]
     np.testing.assert_allclose(shown.panels[0].shift, factor * moved, rtol=1e-5, atol=1e-12)
-    with pytest.raises(UserError, match=r"from 0 to 0\.05 s"):
+    with pytest.raises(UserError, match=r"time range of the field, 0 to 0\.05 s"):
         view("field", at=0.2)
 
 
