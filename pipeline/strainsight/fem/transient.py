@@ -112,7 +112,7 @@ def transient(
     if acceleration_rows is not None and acceleration_rows.shape[0]:
         if not np.all(M.diagonal() > 0):
             raise UserError(
-                "the model has unknowns without mass, so accelerations are undefined",
+                "the model has degrees of freedom without mass, so accelerations are undefined",
                 remedy="Specify a density for all materials, or remove the accelerometers.",
             )
         mass = factorise(M)

@@ -110,7 +110,10 @@ class Relation:
     Names are as "MPC 7", "*EQUATION". yields: the relation is dropped if a support clamps its dependent motion."""
 
     id: Annotated[int, Column("1", "", "number of every relation (MPC, *EQUATION)")]
-    node: Annotated[IntArray, Column("1", "term", "node index of every term of every relation", offset="term_offset")]
+    node: Annotated[
+        IntArray,
+        Column("1", "term", "node index of every term of every constraint equation (MPC)", offset="term_offset"),
+    ]
     component: Annotated[
         IntArray,
         Column(

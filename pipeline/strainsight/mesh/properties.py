@@ -200,7 +200,7 @@ def _require_section(mesh: Mesh, region: int, property: str) -> BeamSection | Sh
         )
     if not applies:
         raise UserError(
-            f"the section of {mesh.regions[region]} has no stiffness that {property} could multiply",
+            f"{property} scales a stiffness that the section of {mesh.regions[region]} does not have",
             remedy="Specify another region or another property.",
         )
     return section

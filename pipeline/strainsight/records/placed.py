@@ -205,7 +205,9 @@ class Observed:
         "/case",
         "group of unknowns: input (loads), E (stiffness parameters), rho (densities), damping; + joins groups",
     )
-    unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns of every group in `case`")
+    unknowns: tuple[str, ...] = dataset(
+        "1", "/case", "names of the unknowns of every combination of unknowns in `case`"
+    )
     condition: np.ndarray = dataset(
         "1",
         "/excitation × /case",

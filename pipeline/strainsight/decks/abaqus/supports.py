@@ -96,7 +96,10 @@ REFUSED = {
         ("NONLINEAR", "ORIENTATION", "COMPLEXSTIFFNESS"),
         "remove the parameter, and specify one constant stiffness along the nodal axes",
     ),
-    "ROTARYINERTIA": (("ORIENTATION",), "remove the parameter, and specify the inertia along the global axes"),
+    "ROTARYINERTIA": (
+        ("ORIENTATION",),
+        "remove ORIENTATION, and specify the moments of inertia about axes parallel to the global axes",
+    ),
     "MASS": ((), ""),
 }
 """Keyword → unsupported parameters and remedy."""
