@@ -97,5 +97,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=17, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=18, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

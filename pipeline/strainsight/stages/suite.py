@@ -401,7 +401,7 @@ def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
 
 SUITE = Stage(
     "suite",
-    version=11,
+    version=12,
     reads=("name", "title", "runs", "studies", "claims", "comparisons"),
     upstream=(),
     files=("runs.*.artefacts.*",),

@@ -123,7 +123,7 @@ def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> 
 
 TRAIN = Stage(
     "train",
-    version=14,
+    version=15,
     reads=(
         "loads.*.signal",
         *KINDS_OF_LOAD,

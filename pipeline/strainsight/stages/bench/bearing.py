@@ -90,4 +90,4 @@ def _tables(cases: list[LoadedBearing]) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-BEARING = Stage("bearing", version=2, reads=("name", "bearings", "cases", "curves"), upstream=(), files=(), run=run)
+BEARING = Stage("bearing", version=3, reads=("name", "bearings", "cases", "curves"), upstream=(), files=(), run=run)

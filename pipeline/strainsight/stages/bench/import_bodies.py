@@ -71,7 +71,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
 
 IMPORT = Stage(
     "import",
-    version=13,
+    version=14,
     reads=("bodies.*.mesh", "bodies.*.scale"),
     upstream=(),
     files=("bodies.*.mesh.file",),
