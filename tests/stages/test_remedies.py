@@ -73,7 +73,7 @@ def followed(message, samples):
         i, j = int(pair[1]), int(pair[2])
         entries[i]["channel"], entries[j]["channel"] = entries[j]["channel"], entries[i]["channel"]
         return channels(*entries), samples
-    if left := re.search(r"leave estimate\.channels\.(\d) out", message):
+    if left := re.search(r"remove estimate\.channels\.(\d)", message):
         remaining = samples.copy()
         remaining[:, int(left[1])] = np.nan
         return STATED, remaining
@@ -117,7 +117,7 @@ FAST = ("sign", "spikes of two channels")
 TIMED = {
     "spikes of two channels": "spikes: G1 at 1.02 s; G3 at 2.42 to 2.44 s",
     "an interference in all channels": "at 1.56 s",
-    "a shift of the zero": "G2 from 3.0",
+    "a shift of the zero": "the zero of G2 shifts by 7.23e+03 µm/m after 3.0",
     "stuck for a time": "G3 is stuck at 2.86e+04 µm/m from 3.02 to 4.40 s",
     "loose for a time": "spikes: G4 at 3.0",
     "a factor between those that are tried": "",
